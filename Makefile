@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+# umbrage: one Makefile for everything. `make help` lists the targets.
+#
+#   config=release|debug|asan|tsan   which build (each in its own folder)
+#   werror=1                         warnings are errors (CI)
+#   BUILD=DIR                        another build folder
+-include Makefile.config
+
+config ?= release
+BUILD  ?= build/$(config)
+CC     ?= gcc
+PREFIX ?= /usr/local
+DESTDIR ?=
+
+.DEFAULT_GOAL := all
+.DELETE_ON_ERROR:
+.SUFFIXES:
+
+VERSION := 0.1.0
+
+opt_release := -O2 -DNDEBUG
+opt_debug   := -O0
+opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+opt_tsan    := -O1 -fsanitize=thread -fno-omit-frame-pointer
+ifeq ($(opt_$(config)),)
+$(error config=$(config) is not one of release debug asan tsan)
+endif
+
+WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla
+CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(WARN) $(if $(werror),-Werror) \
+	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
+	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -DUMB_VERSION='"$(VERSION)"' -MMD -MP $(CFLAGS)
+LDFLAGS_ALL := -pthread $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
+
+# The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.
+ifneq ($(filter x86_64%,$(shell $(CC) -dumpmachine)),)
+AVX2_FLAGS := -mavx2 -mpopcnt -mbmi -mbmi2 -mlzcnt -mno-fma
+endif
+
+all: client daemon bake study ## build every program and library
+
+include client/module.mk
+include proto/module.mk
+include server/module.mk
+include tests/module.mk
+include deploy/module.mk
+
+$(BUILD)/%_avx2.o: %_avx2.c
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS_ALL) $(AVX2_FLAGS) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
+
+$(BUILD)/%.o: %.c
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS_ALL) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
+
+$(BUILD)/%.a:
+	@mkdir -p $(@D)
+	@rm -f $@
+	ar rcsD $@ $^
+
+clean: ## remove every build
+	rm -rf build demo-out
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | awk -F':.*## ' '{printf "  %-14s %s\n", $$1, $$2}'
+
+.PHONY: all clean help
+
+-include $(shell test -d $(BUILD) && find $(BUILD) -name '*.d')

@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_BASE_BYTES_H
+#define UMBRAGE_CORE_BASE_BYTES_H
+/*
+ * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes.
+ * Written with shifts, so that they mean the same on any host; compilers turn them into one move.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+static inline uint16_t umb__load16(const uint8_t *p)
+{
+    return (uint16_t)(p[0] | (p[1] << 8));
+}
+
+static inline uint32_t umb__load32(const uint8_t *p)
+{
+    return (uint32_t)p[0] | ((uint32_t)p[1] << 8) | ((uint32_t)p[2] << 16) | ((uint32_t)p[3] << 24);
+}
+
+static inline uint64_t umb__load64(const uint8_t *p)
+{
+    return (uint64_t)umb__load32(p) | ((uint64_t)umb__load32(p + 4) << 32);
+}
+
+static inline double umb__load_f64(const uint8_t *p)
+{
+    uint64_t bits = umb__load64(p);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* Loads an unsigned number of `width` bytes, 1 to 4. */
+static inline uint32_t umb__load_narrow(const uint8_t *p, unsigned width)
+{
+    uint32_t value = 0;
+    for (unsigned i = 0; i < width; i++) {
+        value |= (uint32_t)p[i] << (8 * i);
+    }
+    return value;
+}
+
+static inline void umb__store16(uint8_t *p, uint16_t v)
+{
+    p[0] = (uint8_t)v;
+    p[1] = (uint8_t)(v >> 8);
+}
+
+static inline void umb__store32(uint8_t *p, uint32_t v)
+{
+    for (unsigned i = 0; i < 4; i++) {
+        p[i] = (uint8_t)(v >> (8 * i));
+    }
+}
+
+static inline void umb__store64(uint8_t *p, uint64_t v)
+{
+    for (unsigned i = 0; i < 8; i++) {
+        p[i] = (uint8_t)(v >> (8 * i));
+    }
+}
+
+static inline void umb__store_f64(uint8_t *p, double v)
+{
+    uint64_t bits;
+    memcpy(&bits, &v, sizeof bits);
+    umb__store64(p, bits);
+}
+
+static inline void umb__store_narrow(uint8_t *p, uint32_t v, unsigned width)
+{
+    for (unsigned i = 0; i < width; i++) {
+        p[i] = (uint8_t)(v >> (8 * i));
+    }
+}
+
+/* Bytes needed for numbers below `count`: 1 to 4. */
+static inline unsigned umb__narrow_width(uint64_t count)
+{
+    return count <= 0x100 ? 1U : count <= 0x10000 ? 2U : count <= 0x1000000 ? 3U : 4U;
+}
+
+/* Takes `count * size` bytes from the front of a range; false if they are not there. */
+static inline bool umb__take(const uint8_t **at, const uint8_t *end, uint64_t count, uint64_t size,
+                             const uint8_t **out)
+{
+    uint64_t bytes;
+    if (__builtin_mul_overflow(count, size, &bytes) || bytes > (uint64_t)(end - *at)) {
+        return false;
+    }
+    *out = *at;
+    *at += bytes;
+    return true;
+}
+
+#endif

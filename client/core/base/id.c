@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Asset ids as text. */
+#include "umbrage/asset.h"
+
+#include <string.h>
+
+void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE])
+{
+    static const char digits[] = "0123456789abcdef";
+    for (size_t i = 0; i < UMB_ID_BYTES; i++) {
+        text[2 * i] = digits[id[i] >> 4];
+        text[2 * i + 1] = digits[id[i] & 15];
+    }
+    text[2 * UMB_ID_BYTES] = '\0';
+}
+
+static int digit_value(char c)
+{
+    if (c >= '0' && c <= '9') {
+        return c - '0';
+    }
+    if (c >= 'a' && c <= 'f') {
+        return c - 'a' + 10;
+    }
+    if (c >= 'A' && c <= 'F') {
+        return c - 'A' + 10;
+    }
+    return -1;
+}
+
+int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES])
+{
+    uint8_t bytes[UMB_ID_BYTES];
+    if (strlen(text) != 2 * UMB_ID_BYTES) {
+        return 0;
+    }
+    for (size_t i = 0; i < UMB_ID_BYTES; i++) {
+        int high = digit_value(text[2 * i]);
+        int low = digit_value(text[2 * i + 1]);
+        if (high < 0 || low < 0) {
+            return 0;
+        }
+        bytes[i] = (uint8_t)(high * 16 + low);
+    }
+    memcpy(id, bytes, sizeof bytes);
+    return 1;
+}

@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See memory.h. */
+#include "base/memory.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void *resize(const struct umb_alloc *alloc, void *block, size_t bytes)
+{
+    if (alloc) {
+        return alloc->resize(alloc->user, block, bytes);
+    }
+    if (bytes == 0) {
+        free(block);
+        return NULL;
+    }
+    return realloc(block, bytes);
+}
+
+void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
+{
+    size_t bytes;
+    if (__builtin_mul_overflow(count, size, &bytes)) {
+        return NULL;
+    }
+    return resize(alloc, NULL, bytes ? bytes : 1);
+}
+
+void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size)
+{
+    void *block = umb__alloc(alloc, count, size);
+    if (block) {
+        memset(block, 0, count * size);
+    }
+    return block;
+}
+
+void umb__free(const struct umb_alloc *alloc, void *block)
+{
+    if (block) {
+        (void)resize(alloc, block, 0);
+    }
+}
+
+bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, size_t needed,
+               size_t size)
+{
+    if (needed <= *capacity) {
+        return true;
+    }
+    size_t wanted = *capacity < 16 ? 16 : *capacity;
+    while (wanted < needed) {
+        if (__builtin_mul_overflow(wanted, (size_t)2, &wanted)) {
+            return false;
+        }
+    }
+    size_t bytes;
+    if (__builtin_mul_overflow(wanted, size, &bytes)) {
+        return false;
+    }
+    void *old;
+    memcpy(&old, array, sizeof old);
+    void *block = resize(alloc, old, bytes);
+    if (!block) {
+        return false;
+    }
+    memcpy(array, &block, sizeof block);
+    *capacity = wanted;
+    return true;
+}

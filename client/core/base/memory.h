@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_BASE_MEMORY_H
+#define UMBRAGE_CORE_BASE_MEMORY_H
+/*
+ * Allocation through a struct umb_alloc (NULL = malloc), with every size product checked, and the
+ * one growing array that the core uses.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/alloc.h"
+
+/* Returns count * size bytes, not zeroed, or NULL (also if the product overflows). */
+void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
+
+/* The same, zeroed. */
+void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size);
+
+/* Frees a block of umb__alloc; NULL is allowed. */
+void umb__free(const struct umb_alloc *alloc, void *block);
+
+/*
+ * Grows *array (elements of `size` bytes) so that `needed` elements fit; capacity at least doubles.
+ * Returns false and leaves everything alone if memory is short.
+ */
+bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, size_t needed,
+               size_t size);
+
+#endif

@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Opening and describing assets; see umbrage/asset.h. */
+#include <string.h>
+
+#include "base/memory.h"
+#include "format/asset_parts.h"
+#include "format/file_map.h"
+#include "format/pack_read.h"
+
+#define DEFAULT_MAX_MEMORY ((uint64_t)64 << 30)
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
+}
+
+static enum umb_status keep_head(struct umb_asset *asset, const struct umb__head *head,
+                                 struct umb_error *error)
+{
+    asset->encoding = head->encoding;
+    asset->file_bytes = head->file_length;
+    memcpy(asset->id, head->id, UMB_ID_BYTES);
+    asset->canonical_length = head->canonical_length;
+    asset->canonical_bytes = umb__alloc(asset->alloc, (size_t)head->canonical_length, 1);
+    asset->notes = umb__alloc(asset->alloc, (size_t)head->info_length + 1, 1);
+    if (!asset->canonical_bytes || !asset->notes) {
+        return no_memory(error);
+    }
+    memcpy(asset->canonical_bytes, head->canonical, (size_t)head->canonical_length);
+    memcpy(asset->notes, head->info, head->info_length);
+    asset->notes[head->info_length] = '\0';
+    return UMB_OK;
+}
+
+static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes,
+                                   const struct umb__head *head, int full, uint64_t max_memory,
+                                   struct umb_error *error)
+{
+    struct umb_octree octree;
+    enum umb_status status = umb__pack_read(bytes, head, &asset->canonical, full, max_memory,
+                                            asset->alloc, &octree, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped,
+                               error);
+    umb_octree_finish(&octree);
+    asset->view = asset->mapped.view;
+    return status;
+}
+
+static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes, size_t size,
+                                  const struct umb_open_options *options, struct umb_error *error)
+{
+    int full = !(options && options->trust == UMB_TRUST_VALIDATED);
+    uint64_t max_memory = options && options->max_memory_bytes ? options->max_memory_bytes
+                                                               : DEFAULT_MAX_MEMORY;
+    struct umb__head head;
+    enum umb_status status = umb__head_parse(bytes, size, &head, error);
+    if (status == UMB_OK) {
+        status = keep_head(asset, &head, error);
+    }
+    if (status == UMB_OK) {
+        status = umb__canonical_decode(head.canonical, head.canonical_length, asset->alloc,
+                                       &asset->canonical, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (head.encoding == UMB_ENCODING_PACKED) {
+        return open_packed(asset, bytes, &head, full, max_memory, error);
+    }
+    if ((uintptr_t)bytes % 64 != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bytes: a mapped asset must be aligned to 64");
+    }
+    return umb__mapped_view(bytes, &head, &asset->canonical.content, full, asset->alloc,
+                            &asset->view, error);
+}
+
+static struct umb_asset *new_asset(const struct umb_open_options *options)
+{
+    const struct umb_alloc *alloc = options ? options->alloc : NULL;
+    struct umb_asset *asset = umb__alloc_zeroed(alloc, 1, sizeof *asset);
+    if (asset) {
+        asset->alloc = alloc;
+    }
+    return asset;
+}
+
+enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
+                                     const struct umb_open_options *options,
+                                     struct umb_asset **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_asset *asset = new_asset(options);
+    if (!asset) {
+        return no_memory(error);
+    }
+    enum umb_status status = open_bytes(asset, bytes, size, options, error);
+    if (status != UMB_OK) {
+        umb_asset_close(asset);
+        return status;
+    }
+    *out = asset;
+    return UMB_OK;
+}
+
+enum umb_status umb_asset_open_file(const char *path, const struct umb_open_options *options,
+                                    struct umb_asset **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_asset *asset = new_asset(options);
+    if (!asset) {
+        return no_memory(error);
+    }
+    enum umb_status status = umb__file_map(path, &asset->map, &asset->map_bytes, error);
+    if (status == UMB_OK) {
+        status = open_bytes(asset, asset->map, asset->map_bytes, options, error);
+    }
+    if (status == UMB_OK && asset->encoding == UMB_ENCODING_PACKED) {
+        umb__file_unmap(asset->map, asset->map_bytes); /* expanded: the file is not needed */
+        asset->map = NULL;
+    }
+    if (status != UMB_OK) {
+        umb_asset_close(asset);
+        return status;
+    }
+    *out = asset;
+    return UMB_OK;
+}
+
+void umb_asset_close(struct umb_asset *asset)
+{
+    if (!asset) {
+        return;
+    }
+    const struct umb_alloc *alloc = asset->alloc;
+    umb__mapped_finish(&asset->mapped);
+    umb__canonical_finish(&asset->canonical, alloc);
+    umb__free(alloc, asset->canonical_bytes);
+    umb__free(alloc, asset->notes);
+    umb__file_unmap(asset->map, asset->map_bytes);
+    umb__free(alloc, asset);
+}
+
+void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *info)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    memset(info, 0, sizeof *info);
+    memcpy(info->id, asset->id, UMB_ID_BYTES);
+    info->encoding = asset->encoding;
+    info->file_bytes = asset->file_bytes;
+    info->grid_bytes = asset->view.grid_count * 4;
+    info->node_bytes = asset->view.node_words * 8;
+    info->brick_bytes = asset->view.brick_count * 64;
+    info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes;
+    info->light_count = content->light_count;
+    info->frustum_count = content->frustum_count;
+    memcpy(info->level_nodes, asset->canonical.counts, sizeof info->level_nodes);
+    info->packed_bytes = asset->encoding == UMB_ENCODING_PACKED ? asset->file_bytes : 0;
+    info->bytes_2014 = content->bytes_2014;
+    memcpy(info->origin, content->origin, sizeof info->origin);
+    info->bounds = content->bounds;
+    memcpy(info->scene_hash, content->scene_hash, UMB_ID_BYTES);
+    info->plan = content->plan;
+    info->settings = content->settings;
+    info->notes = asset->notes;
+}
+
+enum umb_status umb_asset_get_light(const struct umb_asset *asset, uint32_t index,
+                                    struct umb_light_info *info)
+{
+    if (index >= asset->canonical.content.light_count) {
+        return UMB_E_NOT_FOUND;
+    }
+    *info = asset->canonical.content.lights[index];
+    return UMB_OK;
+}
+
+enum umb_status umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index,
+                                      struct umb_frustum_info *info)
+{
+    if (index >= asset->canonical.content.frustum_count) {
+        return UMB_E_NOT_FOUND;
+    }
+    *info = asset->canonical.content.frusta[index];
+    return UMB_OK;
+}

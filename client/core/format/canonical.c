@@ -1,0 +1,344 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See canonical.h; entry layouts in docs/umb-format.md, "Canonical block". */
+#include "format/canonical.h"
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "format/layout.h"
+
+/* The entries in their one order. */
+enum entry {
+    ENTRY_SCENE,
+    ENTRY_LIGHTS,
+    ENTRY_FRUSTA,
+    ENTRY_COUNTS,
+    ENTRY_PLAN,
+    ENTRY_SETTINGS,
+    ENTRY_ROOTS,
+    ENTRY_COUNT,
+};
+
+static const uint32_t entry_tags[ENTRY_COUNT] = {
+    UMB__TAG_SCENE, UMB__TAG_LIGHTS,   UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
+    UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,
+};
+
+static uint64_t padded(uint64_t length)
+{
+    return (length + 7) & ~(uint64_t)7;
+}
+
+/* --- encoding --------------------------------------------------------------------------------- */
+
+static void write_scene(uint8_t *at, const struct umb_content *content)
+{
+    for (size_t i = 0; i < 3; i++) {
+        umb__store_f64(at + 8 * i, content->origin[i]);
+        umb__store_f64(at + 24 + 8 * i, content->bounds.min[i]);
+        umb__store_f64(at + 48 + 8 * i, content->bounds.max[i]);
+    }
+    memcpy(at + 72, content->scene_hash, UMB_ID_BYTES);
+}
+
+static void write_light(uint8_t *at, const struct umb_light_info *light)
+{
+    umb__store32(at, (uint32_t)light->kind);
+    umb__store32(at + 4, light->first_frustum);
+    umb__store32(at + 8, light->frustum_count);
+    for (size_t i = 0; i < 3; i++) {
+        umb__store_f64(at + 16 + 8 * i, light->direction[i]);
+        umb__store_f64(at + 40 + 8 * i, light->position[i]);
+    }
+    umb__store_f64(at + 64, light->extent);
+    size_t length = strlen(light->name);
+    memcpy(at + 72, light->name, length);
+}
+
+static void write_frustum(uint8_t *at, const struct umb_frustum_info *frustum)
+{
+    umb__store32(at, frustum->log2_size);
+    umb__store32(at + 4, frustum->light);
+    umb__store32(at + 8, frustum->closed ? 1U : 0U);
+    for (size_t i = 0; i < 16; i++) {
+        umb__store_f64(at + 16 + 8 * i, frustum->world_to_voxel[i / 4][i % 4]);
+    }
+}
+
+static void write_counts(uint8_t *at, const struct umb__canonical *canonical)
+{
+    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        umb__store64(at + 8 * (level - UMB_LEVEL_BRICK), canonical->counts[level]);
+    }
+    umb__store64(at + UMB__COUNTS_SIZE - 8, canonical->content.bytes_2014);
+}
+
+static void write_entry(uint8_t *at, enum entry entry, const struct umb__canonical *canonical)
+{
+    const struct umb_content *content = &canonical->content;
+    switch (entry) {
+    case ENTRY_SCENE:
+        write_scene(at, content);
+        break;
+    case ENTRY_LIGHTS:
+        for (uint32_t i = 0; i < content->light_count; i++) {
+            write_light(at + (size_t)i * UMB__LIGHT_SIZE, &content->lights[i]);
+        }
+        break;
+    case ENTRY_FRUSTA:
+        for (uint32_t i = 0; i < content->frustum_count; i++) {
+            write_frustum(at + (size_t)i * UMB__FRUSTUM_SIZE, &content->frusta[i]);
+        }
+        break;
+    case ENTRY_COUNTS:
+        write_counts(at, canonical);
+        break;
+    case ENTRY_PLAN:
+        memcpy(at, content->plan, strlen(content->plan));
+        break;
+    case ENTRY_SETTINGS:
+        memcpy(at, content->settings, strlen(content->settings));
+        break;
+    case ENTRY_ROOTS:
+        for (uint32_t i = 0; i < content->frustum_count; i++) {
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE, canonical->roots[i].state);
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 4, canonical->roots[i].page);
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 8, canonical->roots[i].position);
+        }
+        break;
+    case ENTRY_COUNT:
+        break;
+    }
+}
+
+static enum umb_status text_length(const char *text, const char *field, uint64_t *length,
+                                   struct umb_error *error)
+{
+    if (!text) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: missing", field);
+    }
+    *length = strlen(text);
+    if (*length > UMB__TEXT_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: %llu bytes, at most %u", field,
+                        (unsigned long long)*length, UMB__TEXT_MAX);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
+                                      const struct umb_alloc *alloc, uint8_t **bytes,
+                                      uint64_t *length, struct umb_error *error)
+{
+    const struct umb_content *content = &canonical->content;
+    uint64_t lengths[ENTRY_COUNT] = {
+        [ENTRY_SCENE] = UMB__SCENE_SIZE,
+        [ENTRY_LIGHTS] = (uint64_t)content->light_count * UMB__LIGHT_SIZE,
+        [ENTRY_FRUSTA] = (uint64_t)content->frustum_count * UMB__FRUSTUM_SIZE,
+        [ENTRY_COUNTS] = UMB__COUNTS_SIZE,
+        [ENTRY_ROOTS] = (uint64_t)content->frustum_count * UMB__ROOT_SIZE,
+    };
+    enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
+    if (status == UMB_OK) {
+        status = text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    *length = 0;
+    for (size_t i = 0; i < ENTRY_COUNT; i++) {
+        *length += UMB__ENTRY_HEAD + padded(lengths[i]);
+    }
+    *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
+    if (!*bytes) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory for %llu bytes",
+                        (unsigned long long)*length);
+    }
+    uint8_t *at = *bytes;
+    for (size_t i = 0; i < ENTRY_COUNT; i++) {
+        umb__store32(at, entry_tags[i]);
+        umb__store32(at + 4, UMB__MUST_UNDERSTAND);
+        umb__store64(at + 8, lengths[i]);
+        write_entry(at + UMB__ENTRY_HEAD, (enum entry)i, canonical);
+        at += UMB__ENTRY_HEAD + padded(lengths[i]);
+    }
+    return UMB_OK;
+}
+
+/* --- decoding --------------------------------------------------------------------------------- */
+
+struct entries {
+    const uint8_t *bytes[ENTRY_COUNT];
+    uint64_t lengths[ENTRY_COUNT];
+};
+
+static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struct entries *entries,
+                                    struct umb_error *error)
+{
+    const uint8_t *at = bytes, *end = bytes + length, *head, *body;
+    memset(entries, 0, sizeof *entries);
+    while (at < end) {
+        if (!umb__take(&at, end, 1, UMB__ENTRY_HEAD, &head)) {
+            return umb_fail(error, UMB_E_CORRUPT, "canonical block: cut inside an entry");
+        }
+        uint32_t tag = umb__load32(head);
+        uint64_t size = umb__load64(head + 8);
+        if (size > length || !umb__take(&at, end, 1, padded(size), &body)) {
+            return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s of %llu bytes is cut",
+                            (const char *)head, (unsigned long long)size);
+        }
+        size_t i = 0;
+        while (i < ENTRY_COUNT && entry_tags[i] != tag) {
+            i++;
+        }
+        if (i == ENTRY_COUNT) {
+            if (umb__load32(head + 4) & UMB__MUST_UNDERSTAND) {
+                return umb_fail(error, UMB_E_VERSION,
+                                "canonical block: entry 0x%08x needs a newer reader", tag);
+            }
+            continue;
+        }
+        if (entries->bytes[i]) {
+            return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s stands twice",
+                            (const char *)head);
+        }
+        entries->bytes[i] = body;
+        entries->lengths[i] = size;
+    }
+    for (size_t i = 0; i < ENTRY_COUNT; i++) {
+        if (!entries->bytes[i]) {
+            return umb_fail(error, UMB_E_CORRUPT, "canonical block: an entry (0x%08x) is missing",
+                            entry_tags[i]);
+        }
+    }
+    return UMB_OK;
+}
+
+static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_alloc *alloc)
+{
+    char *text = umb__alloc(alloc, (size_t)length + 1, 1);
+    if (text) {
+        memcpy(text, bytes, (size_t)length);
+        text[length] = '\0';
+    }
+    return text;
+}
+
+static void read_light(const uint8_t *at, struct umb_light_info *light)
+{
+    light->kind = (enum umb_light_kind)umb__load32(at);
+    light->first_frustum = umb__load32(at + 4);
+    light->frustum_count = umb__load32(at + 8);
+    for (size_t i = 0; i < 3; i++) {
+        light->direction[i] = umb__load_f64(at + 16 + 8 * i);
+        light->position[i] = umb__load_f64(at + 40 + 8 * i);
+    }
+    light->extent = umb__load_f64(at + 64);
+    memcpy(light->name, at + 72, UMB_NAME_SIZE);
+}
+
+static void read_frustum(const uint8_t *at, struct umb_frustum_info *frustum)
+{
+    frustum->log2_size = umb__load32(at);
+    frustum->light = umb__load32(at + 4);
+    frustum->closed = (int)(umb__load32(at + 8) & 1);
+    for (size_t i = 0; i < 16; i++) {
+        frustum->world_to_voxel[i / 4][i % 4] = umb__load_f64(at + 16 + 8 * i);
+    }
+}
+
+static enum umb_status check_lengths(const struct entries *entries, struct umb_error *error)
+{
+    const uint64_t *lengths = entries->lengths;
+    uint64_t frusta = lengths[ENTRY_FRUSTA] / UMB__FRUSTUM_SIZE;
+    if (lengths[ENTRY_SCENE] != UMB__SCENE_SIZE || lengths[ENTRY_COUNTS] != UMB__COUNTS_SIZE ||
+        lengths[ENTRY_LIGHTS] % UMB__LIGHT_SIZE != 0 ||
+        lengths[ENTRY_FRUSTA] % UMB__FRUSTUM_SIZE != 0 ||
+        lengths[ENTRY_ROOTS] != frusta * UMB__ROOT_SIZE) {
+        return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry lengths do not fit");
+    }
+    if (lengths[ENTRY_PLAN] > UMB__TEXT_MAX || lengths[ENTRY_SETTINGS] > UMB__TEXT_MAX ||
+        memchr(entries->bytes[ENTRY_PLAN], 0, (size_t)lengths[ENTRY_PLAN]) ||
+        memchr(entries->bytes[ENTRY_SETTINGS], 0, (size_t)lengths[ENTRY_SETTINGS])) {
+        return umb_fail(error, UMB_E_CORRUPT, "canonical block: plan or settings is not a text");
+    }
+    return UMB_OK;
+}
+
+static enum umb_status read_entries(const struct entries *entries, const struct umb_alloc *alloc,
+                                    struct umb__canonical *canonical, struct umb_error *error)
+{
+    struct umb_content *content = &canonical->content;
+    const uint8_t *scene = entries->bytes[ENTRY_SCENE];
+    for (size_t i = 0; i < 3; i++) {
+        content->origin[i] = umb__load_f64(scene + 8 * i);
+        content->bounds.min[i] = umb__load_f64(scene + 24 + 8 * i);
+        content->bounds.max[i] = umb__load_f64(scene + 48 + 8 * i);
+    }
+    memcpy(content->scene_hash, scene + 72, UMB_ID_BYTES);
+    content->light_count = (uint32_t)(entries->lengths[ENTRY_LIGHTS] / UMB__LIGHT_SIZE);
+    content->frustum_count = (uint32_t)(entries->lengths[ENTRY_FRUSTA] / UMB__FRUSTUM_SIZE);
+    content->lights = umb__alloc_zeroed(alloc, content->light_count, sizeof *content->lights);
+    content->frusta = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *content->frusta);
+    canonical->roots = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *canonical->roots);
+    content->plan = read_text(entries->bytes[ENTRY_PLAN], entries->lengths[ENTRY_PLAN], alloc);
+    content->settings =
+        read_text(entries->bytes[ENTRY_SETTINGS], entries->lengths[ENTRY_SETTINGS], alloc);
+    if (!content->lights || !content->frusta || !canonical->roots || !content->plan ||
+        !content->settings) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+    }
+    for (uint32_t i = 0; i < content->light_count; i++) {
+        read_light(entries->bytes[ENTRY_LIGHTS] + (size_t)i * UMB__LIGHT_SIZE,
+                   &content->lights[i]);
+    }
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const uint8_t *root = entries->bytes[ENTRY_ROOTS] + (size_t)i * UMB__ROOT_SIZE;
+        read_frustum(entries->bytes[ENTRY_FRUSTA] + (size_t)i * UMB__FRUSTUM_SIZE,
+                     &content->frusta[i]);
+        canonical->roots[i].state = umb__load32(root);
+        canonical->roots[i].page = umb__load32(root + 4);
+        canonical->roots[i].position = umb__load32(root + 8);
+        if (canonical->roots[i].state > UMB_NODE_MIXED) {
+            return umb_fail(error, UMB_E_CORRUPT, "roots[%u].state: %u, allowed 0 to 2", i,
+                            canonical->roots[i].state);
+        }
+    }
+    const uint8_t *counts = entries->bytes[ENTRY_COUNTS];
+    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        canonical->counts[level] = umb__load64(counts + 8 * (level - UMB_LEVEL_BRICK));
+    }
+    content->bytes_2014 = umb__load64(counts + UMB__COUNTS_SIZE - 8);
+    return umb__content_check(content, error);
+}
+
+enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t length,
+                                      const struct umb_alloc *alloc,
+                                      struct umb__canonical *canonical, struct umb_error *error)
+{
+    struct entries entries;
+    memset(canonical, 0, sizeof *canonical);
+    enum umb_status status = find_entries(bytes, length, &entries, error);
+    if (status == UMB_OK) {
+        status = check_lengths(&entries, error);
+    }
+    if (status == UMB_OK) {
+        status = read_entries(&entries, alloc, canonical, error);
+    }
+    if (status != UMB_OK) {
+        umb__canonical_finish(canonical, alloc);
+    }
+    return status;
+}
+
+void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_alloc *alloc)
+{
+    umb__free(alloc, canonical->content.lights);
+    umb__free(alloc, canonical->content.frusta);
+    umb__free(alloc, canonical->content.plan);
+    umb__free(alloc, canonical->content.settings);
+    umb__free(alloc, canonical->roots);
+    memset(canonical, 0, sizeof *canonical);
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_CANONICAL_H
+#define UMBRAGE_CORE_FORMAT_CANONICAL_H
+/*
+ * The canonical block: everything an asset says besides its voxels, as the bytes that its identity
+ * covers. One encoder, one decoder.
+ */
+#include "format/content.h"
+
+/* Where a frustum's root stands in a packed file. */
+struct umb__packed_root {
+    uint32_t state;    /* enum umb_node_state */
+    uint32_t page;     /* if mixed */
+    uint32_t position; /* among the page's nodes of the root's level, if mixed */
+};
+
+/* A decoded canonical block: content plus what only the reader needs. Owns everything. */
+struct umb__canonical {
+    struct umb_content content; /* notes stay NULL here */
+    uint64_t counts[UMB_LEVEL_MAX + 1];
+    struct umb__packed_root *roots; /* [frustum_count] */
+};
+
+/*
+ * Encodes; *bytes is allocated with malloc semantics of alloc.
+ * Fails: E_ARGUMENT (a count, level, name or number out of its range, named), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
+                                                  const struct umb_alloc *alloc, uint8_t **bytes,
+                                                  uint64_t *length, struct umb_error *error);
+
+/* Decodes and checks every field. Trust: safe on hostile bytes. */
+UMB_CHECKED enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t length,
+                                                  const struct umb_alloc *alloc,
+                                                  struct umb__canonical *canonical,
+                                                  struct umb_error *error);
+
+void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_alloc *alloc);
+
+/* Checks lights and frusta and derives voxel_step; shared by both directions. */
+UMB_CHECKED enum umb_status umb__content_check(struct umb_content *content,
+                                               struct umb_error *error);
+
+#endif

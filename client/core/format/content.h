@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_CONTENT_H
+#define UMBRAGE_CORE_FORMAT_CONTENT_H
+/*
+ * What an asset says besides its voxels: lights, frusta, origin, plan, settings. The writer takes
+ * it, the reader gives it back; both encodings carry it as the same canonical block of bytes,
+ * which is part of the identity (docs/umb-format.md, "Canonical block").
+ */
+#include "format/octree.h"
+
+struct umb_content {
+    uint32_t light_count;
+    uint32_t frustum_count;
+    struct umb_light_info *lights;    /* [light_count] */
+    struct umb_frustum_info *frusta;  /* [frustum_count]; voxel_step is derived, not stored */
+    double origin[3];                 /* metres, world space */
+    struct umb_box bounds;            /* metres, world space */
+    uint8_t scene_hash[UMB_ID_BYTES];
+    uint64_t bytes_2014;              /* yardstick, 0 = not computed */
+    char *plan;                       /* NUL-terminated UTF-8, one line an effect */
+    char *settings;                   /* NUL-terminated key=value lines */
+    char *notes;                      /* outside the identity */
+};
+
+/* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
+struct umb_sink {
+    enum umb_status (*write)(void *user, const void *bytes, size_t count);
+    void *user;
+};
+
+/* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake). */
+struct umb_sha256 {
+    /* digest of the concatenation of part_count parts */
+    void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
+                   uint8_t out[UMB_ID_BYTES]);
+    void *user;
+};
+
+/*
+ * Writes a packed asset (.umb) of a canonical octree.
+ *
+ * In:    content, octree: borrowed. sink: gets the file's bytes in order.
+ * Out:   id: the identity: SHA-256(canonical block, page hashes).
+ * Fails: E_ARGUMENT (counts or levels that do not fit each other, text too long), E_NO_MEMORY,
+ *        or what the sink returns.
+ * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
+ * Guaranteed: equal content and octree (up to numbering) give equal bytes but for the notes.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_pack_write(const struct umb_content *content,
+                                                   const struct umb_octree *octree,
+                                                   const struct umb_sha256 *sha256,
+                                                   const struct umb_sink *sink,
+                                                   uint8_t id[UMB_ID_BYTES],
+                                                   struct umb_error *error);
+
+/*
+ * Writes the mapped form (.umbm) of an open asset.
+ *
+ * Fails: what the sink returns.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *asset,
+                                                     const struct umb_sink *sink,
+                                                     struct umb_error *error);
+
+/*
+ * Gives back the octree and content of an open asset, whatever its encoding.
+ *
+ * Out:   octree: numbered in the canonical order; finish with umb_octree_finish.
+ *        content: arrays and strings borrowed from the asset.
+ * Fails: E_NO_MEMORY.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *asset,
+                                                     struct umb_octree *octree,
+                                                     struct umb_content *content,
+                                                     struct umb_error *error);
+
+/*
+ * Proves the identity of a packed asset in memory: the id in its header equals
+ * SHA-256(canonical block, page hashes), and with check_pages each page's uncompressed bytes hash
+ * to its entry. A mapped file is a cache and proves nothing: E_UNSUPPORTED.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
+                                                   const struct umb_sha256 *sha256,
+                                                   struct umb_error *error);
+
+#endif

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See file_map.h. */
+#include "format/file_map.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdint.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struct umb_error *error)
+{
+    *map = NULL;
+    *bytes = 0;
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "%.200s", path);
+    }
+    struct stat facts;
+    enum umb_status status = UMB_OK;
+    if (fstat(fd, &facts) != 0) {
+        status = umb_fail_errno(error, UMB_E_IO, errno, "%.200s", path);
+    } else if (!S_ISREG(facts.st_mode)) {
+        status = umb_fail(error, UMB_E_NO_INPUT, "%.200s: not a regular file", path);
+    } else if (facts.st_size == 0) {
+        status = umb_fail(error, UMB_E_TRUNCATED, "%.200s: empty file", path);
+    } else if ((uint64_t)facts.st_size > SIZE_MAX) {
+        status = umb_fail(error, UMB_E_TOO_LARGE, "%.200s: larger than the address space", path);
+    } else {
+        void *at = mmap(NULL, (size_t)facts.st_size, PROT_READ, MAP_SHARED, fd, 0);
+        if (at == MAP_FAILED) {
+            status = umb_fail_errno(error, UMB_E_IO, errno, "%.200s: cannot be mapped", path);
+        } else {
+            *map = at;
+            *bytes = (size_t)facts.st_size;
+        }
+    }
+    (void)close(fd);
+    return status;
+}
+
+void umb__file_unmap(void *map, size_t bytes)
+{
+    if (map) {
+        (void)munmap(map, bytes);
+    }
+}

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See head.h; offsets in layout.h, normative text in docs/umb-format.md. */
+#include "format/head.h"
+
+#include <string.h>
+#include <xxhash.h>
+
+#include "base/bytes.h"
+#include "format/layout.h"
+
+static uint64_t head_checksum(const uint8_t *bytes, uint64_t head_length)
+{
+    uint64_t parts[2];
+    parts[0] = XXH3_64bits(bytes, UMB__HEAD_CHECK);
+    parts[1] = XXH3_64bits(bytes + UMB__HEAD_SIZE, (size_t)(head_length - UMB__HEAD_SIZE));
+    uint8_t both[16];
+    umb__store64(both, parts[0]);
+    umb__store64(both + 8, parts[1]);
+    return XXH3_64bits(both, sizeof both);
+}
+
+static size_t entry_size_of(enum umb_encoding encoding)
+{
+    return encoding == UMB_ENCODING_PACKED ? UMB__PAGE_ENTRY : UMB__SECTION_ENTRY;
+}
+
+uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
+                          uint32_t info_length)
+{
+    return UMB__HEAD_SIZE + canonical_length + (uint64_t)directory_count * entry_size + info_length;
+}
+
+static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb__head *head,
+                                   struct umb_error *error)
+{
+    size_t seen = size < 8 ? size : 8;
+    if (seen > 0 && memcmp(bytes, UMB__MAGIC_PACKED, seen) == 0) {
+        head->encoding = UMB_ENCODING_PACKED;
+    } else if (seen > 0 && memcmp(bytes, UMB__MAGIC_MAPPED, seen) == 0) {
+        head->encoding = UMB_ENCODING_MAPPED;
+    } else {
+        return umb_fail(error, UMB_E_FORMAT, "magic: the file does not begin as an asset does");
+    }
+    if (size < UMB__HEAD_SIZE) {
+        return umb_fail(error, UMB_E_TRUNCATED, "file: %zu bytes, the head alone takes %d", size,
+                        UMB__HEAD_SIZE);
+    }
+    unsigned major = umb__load16(bytes + UMB__HEAD_VERSION);
+    if (major != UMB__VERSION_MAJOR) {
+        return umb_fail(error, UMB_E_VERSION, "version: %u.%u, this reader knows version %d",
+                        major, umb__load16(bytes + UMB__HEAD_MINOR), UMB__VERSION_MAJOR);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, struct umb__head *head,
+                                     struct umb_error *error)
+{
+    head->file_length = umb__load64(bytes + UMB__HEAD_FILE_LENGTH);
+    head->head_length = umb__load64(bytes + UMB__HEAD_LENGTH);
+    head->canonical_length = umb__load64(bytes + UMB__HEAD_CANONICAL_LENGTH);
+    head->directory_count = umb__load32(bytes + UMB__HEAD_DIRECTORY_COUNT);
+    head->info_length = umb__load32(bytes + UMB__HEAD_INFO_LENGTH);
+    if (head->canonical_length > UMB__CANONICAL_MAX || head->canonical_length % 8 != 0) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "canonical length: %llu, at most %u and a multiple of 8",
+                        (unsigned long long)head->canonical_length, UMB__CANONICAL_MAX);
+    }
+    if (head->info_length > UMB__INFO_MAX) {
+        return umb_fail(error, UMB_E_CORRUPT, "info length: %u, at most %u", head->info_length,
+                        UMB__INFO_MAX);
+    }
+    if (head->head_length != umb__head_length(head->canonical_length, head->directory_count,
+                                              entry_size_of(head->encoding), head->info_length)) {
+        return umb_fail(error, UMB_E_CORRUPT, "head length: %llu does not fit its parts",
+                        (unsigned long long)head->head_length);
+    }
+    if (head->file_length != size) {
+        return umb_fail(error, head->file_length > size ? UMB_E_TRUNCATED : UMB_E_CORRUPT,
+                        "file: %zu bytes, its head says %llu", size,
+                        (unsigned long long)head->file_length);
+    }
+    if (head->head_length > size) {
+        return umb_fail(error, UMB_E_TRUNCATED, "head: %llu bytes, the file has %zu",
+                        (unsigned long long)head->head_length, size);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__head_parse(const uint8_t *bytes, size_t size, struct umb__head *head,
+                                struct umb_error *error)
+{
+    memset(head, 0, sizeof *head);
+    enum umb_status status = parse_magic(bytes, size, head, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = parse_lengths(bytes, size, head, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (head_checksum(bytes, head->head_length) != umb__load64(bytes + UMB__HEAD_CHECK)) {
+        return umb_fail(error, UMB_E_CORRUPT, "head: checksum does not match");
+    }
+    static const uint8_t zeros[UMB__HEAD_CHECK - UMB__HEAD_ZERO];
+    if (umb__load32(bytes + UMB__HEAD_FLAGS) != 0 ||
+        memcmp(bytes + UMB__HEAD_ZERO, zeros, sizeof zeros) != 0) {
+        return umb_fail(error, UMB_E_VERSION, "head: reserved fields are used by a newer writer");
+    }
+    memcpy(head->id, bytes + UMB__HEAD_ID, UMB_ID_BYTES);
+    head->canonical = bytes + UMB__HEAD_SIZE;
+    head->directory = head->canonical + head->canonical_length;
+    head->info = head->directory + (size_t)head->directory_count * entry_size_of(head->encoding);
+    return UMB_OK;
+}
+
+void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes)
+{
+    memset(bytes, 0, UMB__HEAD_SIZE);
+    memcpy(bytes,
+           head->encoding == UMB_ENCODING_PACKED ? UMB__MAGIC_PACKED : UMB__MAGIC_MAPPED, 8);
+    umb__store16(bytes + UMB__HEAD_VERSION, UMB__VERSION_MAJOR);
+    umb__store16(bytes + UMB__HEAD_MINOR, UMB__VERSION_MINOR);
+    umb__store64(bytes + UMB__HEAD_FILE_LENGTH, head->file_length);
+    umb__store64(bytes + UMB__HEAD_LENGTH, head->head_length);
+    umb__store64(bytes + UMB__HEAD_CANONICAL_LENGTH, head->canonical_length);
+    umb__store32(bytes + UMB__HEAD_DIRECTORY_COUNT, head->directory_count);
+    umb__store32(bytes + UMB__HEAD_INFO_LENGTH, head->info_length);
+    memcpy(bytes + UMB__HEAD_ID, head->id, UMB_ID_BYTES);
+    uint8_t *at = bytes + UMB__HEAD_SIZE;
+    memcpy(at, head->canonical, (size_t)head->canonical_length);
+    at += head->canonical_length;
+    memcpy(at, head->directory, head->directory_count * entry_size);
+    at += head->directory_count * entry_size;
+    if (head->info_length > 0) {
+        memcpy(at, head->info, head->info_length);
+    }
+    umb__store64(bytes + UMB__HEAD_CHECK, head_checksum(bytes, head->head_length));
+}

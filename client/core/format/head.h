@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_HEAD_H
+#define UMBRAGE_CORE_FORMAT_HEAD_H
+/* The head that both file kinds begin with: parsed and checked here, once. */
+#include "format/content.h"
+
+/* A parsed head; the pointers lead into the file's bytes. */
+struct umb__head {
+    enum umb_encoding encoding;
+    uint64_t file_length;
+    uint64_t head_length;
+    const uint8_t *canonical;
+    uint64_t canonical_length;
+    const uint8_t *directory;
+    uint32_t directory_count;
+    const uint8_t *info;
+    uint32_t info_length;
+    uint8_t id[UMB_ID_BYTES];
+};
+
+/*
+ * Checks magic, version, lengths against the file's size, zero fields and the head's checksum.
+ * Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
+                                            struct umb__head *head, struct umb_error *error);
+
+/*
+ * Lays out a head of known parts and seals it with its checksum. `bytes` must hold
+ * umb__head_length of the same parts; parts may be NULL where their length is 0.
+ */
+uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
+                          uint32_t info_length);
+void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes);
+
+#endif

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_LAYOUT_H
+#define UMBRAGE_CORE_FORMAT_LAYOUT_H
+/*
+ * Offsets and numbers of the file formats; docs/umb-format.md is the normative text.
+ *
+ * Both files begin with a head, contiguous and checked by one XXH3-64:
+ *
+ *   OFFSET  SIZE  FIELD (head)
+ *   0       8     magic
+ *   8       2     major version
+ *   10      2     minor version
+ *   12      4     flags, 0
+ *   16      8     file length
+ *   24      8     head length: this table, canonical block, directory, info
+ *   32      8     canonical block length (starts at 128)
+ *   40      4     directory entries (the directory follows the canonical block)
+ *   44      4     info length (follows the directory)
+ *   48      32    id: SHA-256(canonical block, page hashes)
+ *   80      40    zero
+ *   120     8     XXH3-64 of head bytes [0,120) and [128, head length)
+ */
+#include <stdint.h>
+
+#define UMB__MAGIC_PACKED "\x89UMB\r\n\x1a\n"
+#define UMB__MAGIC_MAPPED "\x89UMM\r\n\x1a\n"
+#define UMB__VERSION_MAJOR 1
+#define UMB__VERSION_MINOR 0
+
+enum {
+    UMB__HEAD_VERSION = 8,
+    UMB__HEAD_MINOR = 10,
+    UMB__HEAD_FLAGS = 12,
+    UMB__HEAD_FILE_LENGTH = 16,
+    UMB__HEAD_LENGTH = 24,
+    UMB__HEAD_CANONICAL_LENGTH = 32,
+    UMB__HEAD_DIRECTORY_COUNT = 40,
+    UMB__HEAD_INFO_LENGTH = 44,
+    UMB__HEAD_ID = 48,
+    UMB__HEAD_ZERO = 80,
+    UMB__HEAD_CHECK = 120,
+    UMB__HEAD_SIZE = 128,
+};
+
+/* Directory entry of a packed file: one page. */
+enum {
+    UMB__PAGE_OFFSET = 0,         /* u64, from the start of the file */
+    UMB__PAGE_STORED_LENGTH = 8,  /* u32, zstd frame */
+    UMB__PAGE_RAW_LENGTH = 12,    /* u32 */
+    UMB__PAGE_CHECK = 16,         /* u64, XXH3-64 of the stored bytes */
+    UMB__PAGE_LEVEL_HIGH = 24,    /* u8 */
+    UMB__PAGE_LEVEL_LOW = 25,     /* u8 */
+    UMB__PAGE_ZERO = 26,          /* u16 */
+    UMB__PAGE_RECORDS = 28,       /* u32, nodes and bricks in the page */
+    UMB__PAGE_HASH = 32,          /* SHA-256 of the raw bytes */
+    UMB__PAGE_ENTRY = 64,
+};
+
+/* Directory entry of a mapped file: one section. */
+enum {
+    UMB__SECTION_TAG = 0,    /* u32 */
+    UMB__SECTION_ZERO = 4,   /* u32 */
+    UMB__SECTION_OFFSET = 8, /* u64, a multiple of 4096 */
+    UMB__SECTION_LENGTH = 16,
+    UMB__SECTION_CHECK = 24, /* u64, XXH3-64 of the section's bytes */
+    UMB__SECTION_ENTRY = 32,
+};
+
+#define UMB__TAG(a, b, c, d)                                                                       \
+    ((uint32_t)(a) | ((uint32_t)(b) << 8) | ((uint32_t)(c) << 16) | ((uint32_t)(d) << 24))
+
+/* Canonical block entries: u32 tag, u32 flags (bit 0: must be understood), u64 length, bytes,
+ * zero padding to 8. */
+#define UMB__TAG_SCENE    UMB__TAG('S', 'C', 'E', 'N')
+#define UMB__TAG_LIGHTS   UMB__TAG('L', 'G', 'H', 'T')
+#define UMB__TAG_FRUSTA   UMB__TAG('F', 'R', 'U', 'S')
+#define UMB__TAG_COUNTS   UMB__TAG('C', 'N', 'T', 'S')
+#define UMB__TAG_PLAN     UMB__TAG('P', 'L', 'A', 'N')
+#define UMB__TAG_SETTINGS UMB__TAG('B', 'A', 'K', 'E')
+#define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
+
+/* Sections of a mapped file. */
+#define UMB__TAG_TOPS   UMB__TAG('T', 'O', 'P', 'S') /* per frustum: u32 grid log2, u32 0, u64 first cell */
+#define UMB__TAG_LEVELS UMB__TAG('L', 'V', 'L', 'S') /* u64 begin of each wide level's nodes, in words */
+#define UMB__TAG_GRID   UMB__TAG('G', 'R', 'I', 'D')
+#define UMB__TAG_NODES  UMB__TAG('N', 'O', 'D', 'E')
+#define UMB__TAG_BRICKS UMB__TAG('B', 'R', 'I', 'K')
+
+#define UMB__ENTRY_HEAD     16U
+#define UMB__SCENE_SIZE     104U
+#define UMB__LIGHT_SIZE     136U
+#define UMB__FRUSTUM_SIZE   144U
+#define UMB__COUNTS_SIZE    152U /* levels 3..20, then the 2014 bytes */
+#define UMB__ROOT_SIZE      16U
+#define UMB__TOP_SIZE       16U
+#define UMB__MUST_UNDERSTAND 1U
+
+#define UMB__PAGE_ENCODING   1U
+#define UMB__PAGE_RAW_MAX    (1U << 20) /* longest page, uncompressed */
+#define UMB__PAGE_RAW_TARGET (32U << 10) /* where the writer closes a page */
+#define UMB__CANONICAL_MAX   (64U << 20)
+#define UMB__INFO_MAX        (1U << 20)
+#define UMB__TEXT_MAX        (4U << 20) /* plan, settings */
+#define UMB__SECTION_ALIGN   4096U
+#define UMB__GRID_LOG2_MAX   7U
+
+/* Wide levels of the mapped layout: 5, 7, ... 19. */
+#define UMB__WIDE_FIRST 5U
+#define UMB__WIDE_COUNT 8U
+
+#endif

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_MAPPED_H
+#define UMBRAGE_CORE_FORMAT_MAPPED_H
+/* Making, validating and writing the mapped layout. */
+#include "format/canonical.h"
+#include "format/head.h"
+#include "format/view.h"
+
+/* The mapped layout in memory of its own. */
+struct umb__mapped {
+    struct umb__top *tops;
+    uint32_t *grid;
+    uint64_t *nodes;
+    uint64_t (*bricks)[8];
+    struct umb__view view;
+    const struct umb_alloc *alloc;
+};
+
+/*
+ * Lays an octree out for queries. Takes the bricks out of the octree (they are the same bytes).
+ *
+ * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay below a
+ * quarter of the nodes and bricks divided by the number of frusta (at least the smallest grid).
+ * Fails: E_NO_MEMORY, E_TOO_LARGE (over max_memory_bytes or 2^32 words of nodes).
+ */
+UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
+                                              const struct umb_content *content,
+                                              uint64_t max_memory_bytes,
+                                              struct umb__mapped *mapped, struct umb_error *error);
+void umb__mapped_finish(struct umb__mapped *mapped);
+
+/*
+ * Finds the sections of a mapped file and checks them.
+ *
+ * In:    full: checksums of all sections and the whole structure: every child number is the start
+ *        of a node of the level two below, or a brick. Else only lengths and section bounds.
+ * Trust: with full, safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
+                                             const struct umb_content *content, int full,
+                                             const struct umb_alloc *alloc,
+                                             struct umb__view *view, struct umb_error *error);
+
+#endif

@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * From the exchange form to the mapped layout. An octree node of odd level 5, 7, ... becomes one
+ * wide node; the nodes of even levels dissolve into it; what lies above the grid dissolves into
+ * the grid's cells.
+ */
+#include "format/mapped.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+
+struct builder {
+    const struct umb_octree *octree;
+    const struct umb_content *content;
+    struct umb__mapped *mapped;
+    struct umb_error *error;
+    uint32_t *word_of[UMB_LEVEL_MAX + 1]; /* first word of the wide node of an octree node */
+};
+
+/* The 64 grandchildren of an octree node: their masks, and the numbers of the mixed ones. */
+struct wide {
+    uint64_t mixed, lit;
+    uint32_t numbers[64]; /* octree numbers, in bit order */
+};
+
+static unsigned wide_bit(unsigned child, unsigned grandchild)
+{
+    unsigned x = (child & 1) * 2 + (grandchild & 1);
+    unsigned y = (child >> 1 & 1) * 2 + (grandchild >> 1 & 1);
+    unsigned z = (child >> 2) * 2 + (grandchild >> 2);
+    return x + 4 * y + 16 * z;
+}
+
+static void widen(const struct umb_octree *octree, uint32_t level, uint32_t index,
+                  struct wide *wide)
+{
+    const struct umb_octree_level *upper = &octree->level[level];
+    const struct umb_octree_level *lower = &octree->level[level - 1];
+    const uint32_t *child = upper->children + upper->first[index];
+    uint32_t number_at[64];
+    wide->mixed = 0;
+    wide->lit = 0;
+    for (unsigned c = 0; c < 8; c++) {
+        enum umb_node_state state = umb_mask_state(upper->masks[index], c);
+        uint32_t node = state == UMB_NODE_MIXED ? *child++ : 0;
+        const uint32_t *grandchild =
+            state == UMB_NODE_MIXED ? lower->children + lower->first[node] : NULL;
+        for (unsigned g = 0; g < 8; g++) {
+            enum umb_node_state inner =
+                grandchild ? umb_mask_state(lower->masks[node], g) : state;
+            unsigned bit = wide_bit(c, g);
+            if (inner == UMB_NODE_MIXED) {
+                wide->mixed |= (uint64_t)1 << bit;
+                number_at[bit] = *grandchild++;
+            } else {
+                wide->lit |= (uint64_t)(inner == UMB_NODE_LIT) << bit;
+            }
+        }
+    }
+    unsigned count = 0;
+    for (uint64_t rest = wide->mixed; rest; rest &= rest - 1) {
+        wide->numbers[count++] = number_at[__builtin_ctzll(rest)];
+    }
+}
+
+static enum umb_status no_memory(struct builder *b)
+{
+    return umb_fail(b->error, UMB_E_NO_MEMORY, "expanding: out of memory");
+}
+
+/* Gives every wide node its place: level 5 first, in the order of the octree. */
+static enum umb_status place_nodes(struct builder *b)
+{
+    struct umb__view *view = &b->mapped->view;
+    uint64_t words = 0;
+    struct wide wide;
+    for (uint32_t i = 0; i < UMB__WIDE_COUNT; i++) {
+        uint32_t level = UMB__WIDE_FIRST + 2 * i;
+        uint32_t count = b->octree->level[level].count;
+        view->level_begin[i] = words;
+        b->word_of[level] = umb__alloc(b->mapped->alloc, count, sizeof(uint32_t));
+        if (!b->word_of[level]) {
+            return no_memory(b);
+        }
+        for (uint32_t node = 0; node < count; node++) {
+            if (words > UINT32_MAX - 64) {
+                return umb_fail(b->error, UMB_E_TOO_LARGE, "expanding: more than 32 GiB of nodes");
+            }
+            b->word_of[level][node] = (uint32_t)words;
+            widen(b->octree, level, node, &wide);
+            words += umb__wide_words(wide.mixed);
+        }
+    }
+    view->level_begin[UMB__WIDE_COUNT] = words;
+    view->node_words = words;
+    return UMB_OK;
+}
+
+static uint32_t number_of(const struct builder *b, uint32_t level, uint32_t index)
+{
+    return level == UMB_LEVEL_BRICK ? index : b->word_of[level][index];
+}
+
+static void write_nodes(const struct builder *b)
+{
+    struct wide wide;
+    for (uint32_t level = UMB__WIDE_FIRST; level <= UMB_LEVEL_MAX; level += 2) {
+        for (uint32_t node = 0; node < b->octree->level[level].count; node++) {
+            uint64_t *words = b->mapped->nodes + b->word_of[level][node];
+            widen(b->octree, level, node, &wide);
+            words[0] = wide.mixed;
+            words[1] = wide.lit;
+            unsigned count = (unsigned)__builtin_popcountll(wide.mixed);
+            for (unsigned i = 0; i < count; i += 2) {
+                uint64_t low = number_of(b, level - 2, wide.numbers[i]);
+                uint64_t high = i + 1 < count ? number_of(b, level - 2, wide.numbers[i + 1]) : 0;
+                words[2 + i / 2] = low | high << 32;
+            }
+        }
+    }
+}
+
+/* Grid of frustum i: see mapped.h. */
+static uint32_t choose_grid(const struct builder *b, uint32_t frustum)
+{
+    uint32_t n = b->content->frusta[frustum].log2_size;
+    uint64_t bytes = b->mapped->view.node_words * 8 + (uint64_t)b->octree->brick_count * 64;
+    uint64_t budget = bytes / 4 / b->content->frustum_count;
+    uint32_t smallest = n % 2 == 1 ? 0 : 1, grid = smallest;
+    for (uint32_t g = smallest; g <= UMB__GRID_LOG2_MAX && g + UMB_LEVEL_BRICK <= n; g += 2) {
+        if ((uint64_t)4 << (3 * g) <= budget) {
+            grid = g;
+        }
+    }
+    return grid;
+}
+
+struct cube {
+    uint32_t level; /* of the node that fills it */
+    uint32_t x, y, z;
+};
+
+/* Fills the cells under one octree node (or uniform state). */
+static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cube,
+                       enum umb_node_state state, uint32_t index)
+{
+    const struct umb__top *top = &b->mapped->tops[frustum];
+    uint32_t g = top->grid_log2;
+    uint32_t cell_level = b->content->frusta[frustum].log2_size - g;
+    uint32_t *grid = b->mapped->grid + top->first_cell;
+    if (cube.level == cell_level || state != UMB_NODE_MIXED) {
+        uint32_t value = state == UMB_NODE_MIXED
+                             ? number_of(b, cube.level, index) + UMB__CELL_FIRST
+                             : (uint32_t)state;
+        uint32_t side = 1U << (cube.level - cell_level);
+        for (uint32_t z = cube.z; z < cube.z + side; z++) {
+            for (uint32_t y = cube.y; y < cube.y + side; y++) {
+                for (uint32_t x = cube.x; x < cube.x + side; x++) {
+                    grid[x + (y << g) + ((size_t)z << (2 * g))] = value;
+                }
+            }
+        }
+        return;
+    }
+    const struct umb_octree_level *level = &b->octree->level[cube.level];
+    const uint32_t *child = level->children + level->first[index];
+    uint32_t half = 1U << (cube.level - 1 - cell_level);
+    for (unsigned c = 0; c < 8; c++) {
+        enum umb_node_state inner = umb_mask_state(level->masks[index], c);
+        struct cube part = {cube.level - 1, cube.x + (c & 1) * half, cube.y + (c >> 1 & 1) * half,
+                            cube.z + (c >> 2) * half};
+        fill_cells(b, frustum, part, inner, inner == UMB_NODE_MIXED ? *child++ : 0);
+    }
+}
+
+static enum umb_status build_tops(struct builder *b)
+{
+    struct umb__mapped *mapped = b->mapped;
+    uint32_t count = b->content->frustum_count;
+    mapped->tops = umb__alloc_zeroed(mapped->alloc, count, sizeof *mapped->tops);
+    if (!mapped->tops) {
+        return no_memory(b);
+    }
+    uint64_t cells = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        mapped->tops[i].grid_log2 = choose_grid(b, i);
+        mapped->tops[i].first_cell = cells;
+        cells += (uint64_t)1 << (3 * mapped->tops[i].grid_log2);
+    }
+    mapped->view.grid_count = cells;
+    mapped->grid = umb__alloc(mapped->alloc, (size_t)cells, sizeof *mapped->grid);
+    if (!mapped->grid) {
+        return no_memory(b);
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        struct cube cube = {b->octree->roots[i].level, 0, 0, 0};
+        fill_cells(b, i, cube, b->octree->roots[i].state, b->octree->roots[i].index);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_content *content,
+                                  uint64_t max_memory_bytes, struct umb__mapped *mapped,
+                                  struct umb_error *error)
+{
+    memset(mapped, 0, sizeof *mapped);
+    mapped->alloc = octree->alloc;
+    struct builder b = {.octree = octree, .content = content, .mapped = mapped, .error = error};
+    enum umb_status status = place_nodes(&b);
+    if (status == UMB_OK && mapped->view.node_words * 8 > max_memory_bytes) {
+        status = umb_fail(error, UMB_E_TOO_LARGE, "asset: %llu bytes of nodes, the limit is %llu",
+                          (unsigned long long)mapped->view.node_words * 8,
+                          (unsigned long long)max_memory_bytes);
+    }
+    if (status == UMB_OK) {
+        mapped->nodes =
+            umb__alloc(mapped->alloc, (size_t)mapped->view.node_words, sizeof *mapped->nodes);
+        status = mapped->nodes ? UMB_OK : no_memory(&b);
+    }
+    if (status == UMB_OK) {
+        write_nodes(&b);
+        status = build_tops(&b);
+    }
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(mapped->alloc, b.word_of[level]);
+    }
+    if (status != UMB_OK) {
+        umb__mapped_finish(mapped);
+        return status;
+    }
+    mapped->bricks = octree->bricks;
+    mapped->view.brick_count = octree->brick_count;
+    octree->bricks = NULL;
+    octree->brick_count = 0;
+    mapped->view.tops = mapped->tops;
+    mapped->view.grid = mapped->grid;
+    mapped->view.nodes = mapped->nodes;
+    mapped->view.bricks = (const uint64_t(*)[8])mapped->bricks;
+    return UMB_OK;
+}
+
+void umb__mapped_finish(struct umb__mapped *mapped)
+{
+    umb__free(mapped->alloc, mapped->tops);
+    umb__free(mapped->alloc, mapped->grid);
+    umb__free(mapped->alloc, mapped->nodes);
+    umb__free(mapped->alloc, mapped->bricks);
+    memset(mapped, 0, sizeof *mapped);
+}

@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Validating a mapped file, so that queries need no checks: every number a query follows is the
+ * start of a node of the right level or a brick that exists. Node starts are known from walking
+ * each level once; a bit a word remembers them.
+ */
+#include <stdbool.h>
+#include <string.h>
+#include <xxhash.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "format/mapped.h"
+
+#if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "the mapped layout is little-endian and used in place"
+#endif
+
+enum section {
+    SECTION_TOPS,
+    SECTION_LEVELS,
+    SECTION_GRID,
+    SECTION_NODES,
+    SECTION_BRICKS,
+    SECTION_COUNT,
+};
+
+static const uint32_t section_tags[SECTION_COUNT] = {
+    UMB__TAG_TOPS, UMB__TAG_LEVELS, UMB__TAG_GRID, UMB__TAG_NODES, UMB__TAG_BRICKS,
+};
+
+struct sections {
+    const uint8_t *bytes[SECTION_COUNT];
+    uint64_t lengths[SECTION_COUNT];
+};
+
+static enum umb_status find_sections(const uint8_t *file, const struct umb__head *head, int full,
+                                     struct sections *sections, struct umb_error *error)
+{
+    if (head->directory_count != SECTION_COUNT) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: %u sections, a mapped file has %d",
+                        head->directory_count, SECTION_COUNT);
+    }
+    for (size_t i = 0; i < SECTION_COUNT; i++) {
+        const uint8_t *entry = head->directory + i * UMB__SECTION_ENTRY;
+        uint64_t offset = umb__load64(entry + UMB__SECTION_OFFSET);
+        uint64_t length = umb__load64(entry + UMB__SECTION_LENGTH);
+        if (umb__load32(entry + UMB__SECTION_TAG) != section_tags[i] ||
+            offset % UMB__SECTION_ALIGN != 0 || offset < head->head_length ||
+            offset > head->file_length || length > head->file_length - offset) {
+            return umb_fail(error, UMB_E_CORRUPT, "directory: section %zu is not as it should be",
+                            i);
+        }
+        sections->bytes[i] = file + offset;
+        sections->lengths[i] = length;
+        if (full && XXH3_64bits(file + offset, (size_t)length) !=
+                        umb__load64(entry + UMB__SECTION_CHECK)) {
+            return umb_fail(error, UMB_E_CORRUPT, "section %.4s: checksum does not match",
+                            (const char *)entry);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status check_shapes(const struct sections *s, const struct umb_content *content,
+                                    struct umb__view *view, struct umb_error *error)
+{
+    if (s->lengths[SECTION_TOPS] != (uint64_t)content->frustum_count * UMB__TOP_SIZE ||
+        s->lengths[SECTION_LEVELS] != sizeof view->level_begin ||
+        s->lengths[SECTION_GRID] % 4 != 0 || s->lengths[SECTION_NODES] % 8 != 0 ||
+        s->lengths[SECTION_BRICKS] % 64 != 0) {
+        return umb_fail(error, UMB_E_CORRUPT, "sections: a length does not fit its content");
+    }
+    view->tops = (const struct umb__top *)(const void *)s->bytes[SECTION_TOPS];
+    view->grid = (const uint32_t *)(const void *)s->bytes[SECTION_GRID];
+    view->nodes = (const uint64_t *)(const void *)s->bytes[SECTION_NODES];
+    view->bricks = (const uint64_t(*)[8])(const void *)s->bytes[SECTION_BRICKS];
+    view->grid_count = s->lengths[SECTION_GRID] / 4;
+    view->node_words = s->lengths[SECTION_NODES] / 8;
+    view->brick_count = s->lengths[SECTION_BRICKS] / 64;
+    memcpy(view->level_begin, s->bytes[SECTION_LEVELS], sizeof view->level_begin);
+    if (view->level_begin[0] != 0 || view->level_begin[UMB__WIDE_COUNT] != view->node_words) {
+        return umb_fail(error, UMB_E_CORRUPT, "levels: do not span the nodes");
+    }
+    for (size_t i = 0; i < UMB__WIDE_COUNT; i++) {
+        if (view->level_begin[i] > view->level_begin[i + 1]) {
+            return umb_fail(error, UMB_E_CORRUPT, "levels: not in order");
+        }
+    }
+    uint64_t cells = 0;
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const struct umb__top *top = &view->tops[i];
+        uint32_t n = content->frusta[i].log2_size;
+        if (top->grid_log2 > UMB__GRID_LOG2_MAX || top->grid_log2 + UMB_LEVEL_BRICK > n ||
+            (n - top->grid_log2) % 2 == 0 || top->reserved != 0 || top->first_cell != cells) {
+            return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: grid of 2^%u cells does not fit", i,
+                            top->grid_log2);
+        }
+        cells += (uint64_t)1 << (3 * top->grid_log2);
+    }
+    if (cells != view->grid_count) {
+        return umb_fail(error, UMB_E_CORRUPT, "grid: %llu cells, the frusta need %llu",
+                        (unsigned long long)view->grid_count, (unsigned long long)cells);
+    }
+    return UMB_OK;
+}
+
+static bool is_start(const uint64_t *starts, uint64_t word)
+{
+    return starts[word / 64] >> (word % 64) & 1;
+}
+
+/* True if `number` may follow a reference from a level two above `level`. */
+static bool number_is_valid(const struct umb__view *view, const uint64_t *starts, uint32_t level,
+                            uint64_t number)
+{
+    if (level == UMB_LEVEL_BRICK) {
+        return number < view->brick_count;
+    }
+    size_t wide = (level - UMB__WIDE_FIRST) / 2;
+    return number >= view->level_begin[wide] && number < view->level_begin[wide + 1] &&
+           is_start(starts, number);
+}
+
+/* Walks the nodes of one level, checks each and marks its start. */
+static bool check_level(const struct umb__view *view, uint64_t *starts, size_t wide)
+{
+    uint32_t child_level = (uint32_t)(UMB__WIDE_FIRST + 2 * wide - 2);
+    uint64_t word = view->level_begin[wide], end = view->level_begin[wide + 1];
+    while (word < end) {
+        const uint64_t *node = view->nodes + word;
+        if (end - word < 2 || end - word < umb__wide_words(node[0]) || (node[0] & node[1]) != 0) {
+            return false;
+        }
+        unsigned count = (unsigned)__builtin_popcountll(node[0]);
+        for (unsigned i = 0; i < count; i++) {
+            uint64_t number = i % 2 ? node[2 + i / 2] >> 32 : node[2 + i / 2] & 0xffffffffU;
+            if (!number_is_valid(view, starts, child_level, number)) {
+                return false;
+            }
+        }
+        starts[word / 64] |= (uint64_t)1 << (word % 64);
+        word += umb__wide_words(node[0]);
+    }
+    return true;
+}
+
+static enum umb_status check_structure(const struct umb__view *view,
+                                       const struct umb_content *content,
+                                       const struct umb_alloc *alloc, struct umb_error *error)
+{
+    uint64_t *starts = umb__alloc_zeroed(alloc, (size_t)(view->node_words / 64 + 1), 8);
+    if (!starts) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "validating: out of memory");
+    }
+    enum umb_status status = UMB_OK;
+    for (size_t wide = 0; wide < UMB__WIDE_COUNT && status == UMB_OK; wide++) {
+        if (!check_level(view, starts, wide)) {
+            status = umb_fail(error, UMB_E_CORRUPT, "nodes: level %zu is malformed",
+                              UMB__WIDE_FIRST + 2 * wide);
+        }
+    }
+    for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
+        const struct umb__top *top = &view->tops[i];
+        uint32_t level = content->frusta[i].log2_size - top->grid_log2;
+        uint64_t cells = (uint64_t)1 << (3 * top->grid_log2);
+        for (uint64_t c = 0; c < cells && status == UMB_OK; c++) {
+            uint32_t value = view->grid[top->first_cell + c];
+            if (value >= UMB__CELL_FIRST &&
+                !number_is_valid(view, starts, level, value - UMB__CELL_FIRST)) {
+                status = umb_fail(error, UMB_E_CORRUPT, "grid %u: cell %llu leads nowhere", i,
+                                  (unsigned long long)c);
+            }
+        }
+    }
+    umb__free(alloc, starts);
+    return status;
+}
+
+enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
+                                 const struct umb_content *content, int full,
+                                 const struct umb_alloc *alloc, struct umb__view *view,
+                                 struct umb_error *error)
+{
+    struct sections sections;
+    memset(view, 0, sizeof *view);
+    enum umb_status status = find_sections(file, head, full, &sections, error);
+    if (status == UMB_OK) {
+        status = check_shapes(&sections, content, view, error);
+    }
+    if (status == UMB_OK && full) {
+        status = check_structure(view, content, alloc, error);
+    }
+    return status;
+}

@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See pack_order.h. Depth-first traversal with an explicit stack: depth never exceeds the bands. */
+#include "format/pack_order.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "format/layout.h"
+
+/* Lowest level of each band, from the top. */
+static const uint32_t band_lows[] = {13, 8, UMB_LEVEL_BRICK};
+enum {
+    BAND_COUNT = sizeof band_lows / sizeof band_lows[0],
+    STACK_MAX = 8 * UMB_LEVEL_MAX + 8, /* at most 8 pending children a level */
+};
+
+/* A growing list of nodes. */
+struct node_list {
+    struct umb__node_ref *nodes;
+    size_t count, capacity;
+};
+
+struct traversal {
+    const struct umb_octree *octree;
+    struct umb__pack_order *order;
+    struct umb_error *error;
+    size_t page_bytes;                    /* estimate for the open page */
+    uint32_t page_level_counts[UMB_LEVEL_MAX + 1];
+    struct node_list waiting;             /* roots of the next band */
+    uint32_t band_low;
+};
+
+uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level)
+{
+    return level == UMB_LEVEL_BRICK ? octree->brick_count : octree->level[level].count;
+}
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
+}
+
+static enum umb_status allocate(const struct umb_octree *octree, struct umb__pack_order *order,
+                                struct umb_error *error)
+{
+    size_t total = 0;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        size_t count = umb__octree_level_count(octree, level);
+        total += count;
+        order->page_of[level] = umb__alloc(order->alloc, count, sizeof(uint32_t));
+        order->position_of[level] = umb__alloc(order->alloc, count, sizeof(uint32_t));
+        if (!order->page_of[level] || !order->position_of[level]) {
+            return no_memory(error);
+        }
+        memset(order->page_of[level], 0xff, count * sizeof(uint32_t));
+    }
+    order->sequence = umb__alloc(order->alloc, total, sizeof *order->sequence);
+    return order->sequence ? UMB_OK : no_memory(error);
+}
+
+/* Ends the open page, if it holds anything. */
+static enum umb_status close_page(struct traversal *t)
+{
+    struct umb__pack_order *order = t->order;
+    if (t->page_bytes == 0) {
+        return UMB_OK;
+    }
+    if (order->page_count == UINT32_MAX - 1) {
+        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", UINT32_MAX - 1);
+    }
+    if (!umb__grow(order->alloc, &order->page_first, &order->page_capacity,
+                   (size_t)order->page_count + 2, sizeof *order->page_first)) {
+        return no_memory(t->error);
+    }
+    order->page_first[0] = 0;
+    order->page_count++;
+    order->page_first[order->page_count] = order->node_count;
+    memset(t->page_level_counts, 0, sizeof t->page_level_counts);
+    t->page_bytes = 0;
+    return UMB_OK;
+}
+
+/* What a node will take in a page, roughly; only where pages end depends on it. */
+static size_t estimate(const struct traversal *t, struct umb__node_ref node)
+{
+    if (node.level == UMB_LEVEL_BRICK) {
+        const uint64_t *brick = t->octree->bricks[node.index];
+        size_t runs = 1;
+        for (size_t z = 1; z < 8; z++) {
+            runs += brick[z] != brick[z - 1];
+        }
+        return 1 + 3 * runs;
+    }
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    uint32_t children = level->first[node.index + 1] - level->first[node.index];
+    size_t bytes = 2 + (size_t)children;
+    for (uint32_t i = 0; i < children; i++) {
+        uint32_t child = level->children[level->first[node.index] + i];
+        uint32_t page = t->order->page_of[node.level - 1][child];
+        bytes += page != UINT32_MAX && page != t->order->page_count ? 8 : 0;
+    }
+    return bytes;
+}
+
+/* Writes a node at the end of the open page. */
+static enum umb_status place(struct traversal *t, struct umb__node_ref node)
+{
+    struct umb__pack_order *order = t->order;
+    size_t bytes = estimate(t, node);
+    order->page_of[node.level][node.index] = order->page_count;
+    order->position_of[node.level][node.index] = t->page_level_counts[node.level]++;
+    order->sequence[order->node_count++] = node;
+    order->counts[node.level]++;
+    t->page_bytes += bytes;
+    return t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
+}
+
+static enum umb_status check_node(const struct traversal *t, struct umb__node_ref node)
+{
+    if (node.index >= umb__octree_level_count(t->octree, node.level)) {
+        return umb_fail(t->error, UMB_E_ARGUMENT, "octree: node %u of level %u, the level has %u",
+                        node.index, node.level, umb__octree_level_count(t->octree, node.level));
+    }
+    return UMB_OK;
+}
+
+/* Marks a node of a lower band as waiting, once. The mark is a page number no page can have. */
+static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref node)
+{
+    uint32_t *page = &t->order->page_of[node.level][node.index];
+    if (*page != UINT32_MAX) {
+        return UMB_OK;
+    }
+    *page = UINT32_MAX - 1;
+    if (!umb__grow(t->order->alloc, &t->waiting.nodes, &t->waiting.capacity, t->waiting.count + 1,
+                   sizeof *t->waiting.nodes)) {
+        return no_memory(t->error);
+    }
+    t->waiting.nodes[t->waiting.count++] = node;
+    return UMB_OK;
+}
+
+static bool is_placed(const struct traversal *t, struct umb__node_ref node)
+{
+    return t->order->page_of[node.level][node.index] < UINT32_MAX - 1;
+}
+
+/* Visits a subtree down to the band's lowest level. */
+static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
+{
+    struct umb__node_ref stack[STACK_MAX];
+    size_t depth = 0;
+    stack[depth++] = root;
+    while (depth > 0) {
+        struct umb__node_ref node = stack[--depth];
+        if (is_placed(t, node)) {
+            continue;
+        }
+        enum umb_status status = place(t, node);
+        if (status != UMB_OK || node.level == UMB_LEVEL_BRICK) {
+            if (status != UMB_OK) {
+                return status;
+            }
+            continue;
+        }
+        const struct umb_octree_level *level = &t->octree->level[node.level];
+        uint32_t first = level->first[node.index];
+        uint32_t count = level->first[node.index + 1] - first;
+        for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+            /* The stack gives children back in reverse, so push the last one first. */
+            bool below = node.level == t->band_low;
+            uint32_t k = below ? i : count - 1 - i;
+            struct umb__node_ref child = {node.level - 1, level->children[first + k]};
+            status = check_node(t, child);
+            if (status == UMB_OK && below) {
+                status = wait_for_next_band(t, child);
+            } else if (status == UMB_OK) {
+                stack[depth++] = child;
+            }
+        }
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status visit_band(struct traversal *t, uint32_t band_high)
+{
+    struct node_list roots = t->waiting;
+    enum umb_status status = UMB_OK;
+    memset(&t->waiting, 0, sizeof t->waiting);
+    for (uint32_t i = 0; i < t->octree->root_count && status == UMB_OK; i++) {
+        const struct umb_octree_root *root = &t->octree->roots[i];
+        if (root->state == UMB_NODE_MIXED && root->level >= t->band_low &&
+            root->level <= band_high) {
+            struct umb__node_ref node = {root->level, root->index};
+            status = check_node(t, node);
+            status = status == UMB_OK ? visit(t, node) : status;
+        }
+    }
+    for (size_t i = 0; i < roots.count && status == UMB_OK; i++) {
+        status = visit(t, roots.nodes[i]);
+    }
+    umb__free(t->order->alloc, roots.nodes);
+    return status == UMB_OK ? close_page(t) : status;
+}
+
+enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
+                                struct umb_error *error)
+{
+    memset(order, 0, sizeof *order);
+    order->alloc = octree->alloc;
+    struct traversal t = {.octree = octree, .order = order, .error = error};
+    enum umb_status status = allocate(octree, order, error);
+    uint32_t band_high = UMB_LEVEL_MAX;
+    for (size_t band = 0; band < BAND_COUNT && status == UMB_OK; band++) {
+        t.band_low = band_lows[band];
+        status = visit_band(&t, band_high);
+        band_high = t.band_low - 1;
+    }
+    umb__free(order->alloc, t.waiting.nodes);
+    if (status != UMB_OK) {
+        umb__pack_order_finish(order);
+    }
+    return status;
+}
+
+void umb__pack_order_finish(struct umb__pack_order *order)
+{
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(order->alloc, order->page_of[level]);
+        umb__free(order->alloc, order->position_of[level]);
+    }
+    umb__free(order->alloc, order->sequence);
+    umb__free(order->alloc, order->page_first);
+    memset(order, 0, sizeof *order);
+}

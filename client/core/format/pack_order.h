@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_PACK_ORDER_H
+#define UMBRAGE_CORE_FORMAT_PACK_ORDER_H
+/*
+ * The canonical order of a packed file: which page each node stands in, and at which position.
+ *
+ * Levels are cut into bands (13 and up, 8 to 12, 3 to 7). Band after band, from the top, the nodes
+ * are visited depth first from the roots of the band in the order in which the band above first met
+ * them; a node is written where it is first visited, and a page is closed when its estimated size
+ * reaches the target. So a reader of the first pages has all coarse levels, and a subtree of 128^3
+ * voxels stands in few neighbouring pages. The order depends on the tree's content only, never on
+ * its numbering: equal trees give equal files.
+ */
+#include "format/octree.h"
+
+struct umb__node_ref {
+    uint32_t level;
+    uint32_t index; /* in the octree's numbering */
+};
+
+struct umb__pack_order {
+    size_t node_count;
+    struct umb__node_ref *sequence;           /* [node_count], in the order of the file */
+    uint32_t page_count;
+    size_t *page_first;                       /* [page_count + 1], in sequence */
+    size_t page_capacity;
+    uint32_t *page_of[UMB_LEVEL_MAX + 1];     /* [count of the level]; UINT32_MAX: not reached */
+    uint32_t *position_of[UMB_LEVEL_MAX + 1]; /* among the page's nodes of the level */
+    uint64_t counts[UMB_LEVEL_MAX + 1];       /* reached nodes of each level */
+    const struct umb_alloc *alloc;
+};
+
+/* Number of unique nodes of a level (bricks for level 3). */
+uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level);
+
+/* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages). */
+UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,
+                                            struct umb__pack_order *order,
+                                            struct umb_error *error);
+void umb__pack_order_finish(struct umb__pack_order *order);
+
+#endif

@@ -1,0 +1,376 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * See pack_read.h. Two passes: all pages are uncompressed and parsed, which gives every node its
+ * number (level by level, in the order of the file); then nodes are filled in and references to
+ * other pages resolved. The counts announced in the canonical block must be those found.
+ */
+#include "format/pack_read.h"
+
+#include <stdbool.h>
+#include <string.h>
+#include <xxhash.h>
+#include <zstd.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "format/layout.h"
+#include "format/page.h"
+
+struct reader {
+    const uint8_t *file;
+    const struct umb__head *head;
+    const struct umb_alloc *alloc;
+    struct umb_error *error;
+    ZSTD_DCtx *zstd;
+    uint8_t *raw;            /* all pages, uncompressed, one after the other */
+    struct umb__page *pages; /* [page count], pointing into raw */
+    uint32_t (*first)[UMB_LEVEL_MAX + 1]; /* [page count], number of a page's first node of a level */
+};
+
+struct entry {
+    uint64_t offset;
+    uint32_t stored_length, raw_length;
+    uint64_t check;
+    uint32_t level_high, level_low, records;
+};
+
+static struct entry load_entry(const struct umb__head *head, uint32_t page)
+{
+    const uint8_t *at = head->directory + (size_t)page * UMB__PAGE_ENTRY;
+    struct entry entry = {
+        .offset = umb__load64(at + UMB__PAGE_OFFSET),
+        .stored_length = umb__load32(at + UMB__PAGE_STORED_LENGTH),
+        .raw_length = umb__load32(at + UMB__PAGE_RAW_LENGTH),
+        .check = umb__load64(at + UMB__PAGE_CHECK),
+        .level_high = at[UMB__PAGE_LEVEL_HIGH],
+        .level_low = at[UMB__PAGE_LEVEL_LOW],
+        .records = umb__load32(at + UMB__PAGE_RECORDS),
+    };
+    return entry;
+}
+
+/* Adds what went wrong in page `page` in front of the parser's sentence. */
+static enum umb_status in_page(struct umb_error *error, uint32_t page, enum umb_status status)
+{
+    if (error) {
+        char inner[sizeof error->message];
+        memcpy(inner, error->message, sizeof inner);
+        return umb_fail(error, status, "page %u of the file: %.250s", page, inner);
+    }
+    return status;
+}
+
+/* Pages must follow one another without gap or overlap, from the head to the end of the file. */
+static enum umb_status check_directory(const struct umb__head *head, uint64_t *raw_total,
+                                       struct umb_error *error)
+{
+    uint64_t expected = head->head_length;
+    *raw_total = 0;
+    for (uint32_t page = 0; page < head->directory_count; page++) {
+        struct entry entry = load_entry(head, page);
+        if (entry.offset != expected || entry.stored_length > head->file_length - expected) {
+            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u is not where it should be",
+                            page);
+        }
+        if (entry.raw_length > UMB__PAGE_RAW_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
+                            page, entry.raw_length, UMB__PAGE_RAW_MAX);
+        }
+        expected += entry.stored_length;
+        *raw_total += entry.raw_length;
+    }
+    if (expected != head->file_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: %llu bytes follow the last page",
+                        (unsigned long long)(head->file_length - expected));
+    }
+    return UMB_OK;
+}
+
+static enum umb_status expand_page(ZSTD_DCtx *zstd, const uint8_t *file, const struct entry *entry,
+                                   uint32_t page, uint8_t *raw, struct umb_error *error)
+{
+    size_t got = ZSTD_decompressDCtx(zstd, raw, entry->raw_length, file + entry->offset,
+                                     entry->stored_length);
+    if (ZSTD_isError(got) || got != entry->raw_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: does not uncompress to %u bytes",
+                        page, entry->raw_length);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status parse_one(struct reader *r, uint32_t page, int check, uint8_t *raw)
+{
+    struct entry entry = load_entry(r->head, page);
+    if (check && XXH3_64bits(r->file + entry.offset, entry.stored_length) != entry.check) {
+        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
+                        page);
+    }
+    enum umb_status status = expand_page(r->zstd, r->file, &entry, page, raw, r->error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb__page *parsed = &r->pages[page];
+    status = umb__page_parse(raw, entry.raw_length, parsed, r->error);
+    if (status != UMB_OK) {
+        return in_page(r->error, page, status);
+    }
+    uint64_t records = 0;
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        records += parsed->node_count[level];
+    }
+    if (parsed->level_high != entry.level_high || parsed->level_low != entry.level_low ||
+        records != entry.records) {
+        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: not what the directory says",
+                        page);
+    }
+    return UMB_OK;
+}
+
+/* First pass. Afterwards totals[level] nodes are known to be there, backed by real bytes. */
+static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
+                                   uint64_t totals[UMB_LEVEL_MAX + 1])
+{
+    uint32_t count = r->head->directory_count;
+    r->zstd = ZSTD_createDCtx();
+    r->raw = umb__alloc(r->alloc, (size_t)raw_total, 1);
+    r->pages = umb__alloc(r->alloc, count, sizeof *r->pages);
+    r->first = umb__alloc(r->alloc, count, sizeof *r->first);
+    if (!r->zstd || !r->raw || !r->pages || !r->first) {
+        return umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for %u pages", count);
+    }
+    memset(totals, 0, (UMB_LEVEL_MAX + 1) * sizeof *totals);
+    uint8_t *raw = r->raw;
+    for (uint32_t page = 0; page < count; page++) {
+        enum umb_status status = parse_one(r, page, check, raw);
+        if (status != UMB_OK) {
+            return status;
+        }
+        raw += load_entry(r->head, page).raw_length;
+        for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+            r->first[page][level] = (uint32_t)totals[level];
+            totals[level] += r->pages[page].node_count[level];
+            if (totals[level] >= UINT32_MAX) {
+                return umb_fail(r->error, UMB_E_CORRUPT, "level %zu: too many nodes", level);
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status allocate_octree(const struct reader *r, const uint64_t *totals,
+                                       uint32_t root_count, struct umb_octree *octree)
+{
+    octree->alloc = r->alloc;
+    octree->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
+    octree->bricks = umb__alloc(r->alloc, octree->brick_count, sizeof *octree->bricks);
+    octree->root_count = root_count;
+    octree->roots = umb__alloc_zeroed(r->alloc, root_count, sizeof *octree->roots);
+    bool ok = octree->bricks && octree->roots;
+    for (size_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+        struct umb_octree_level *level = &octree->level[l];
+        uint64_t references = 0;
+        for (uint32_t page = 0; page < r->head->directory_count; page++) {
+            references += r->pages[page].reference_count[l];
+        }
+        if (references >= UINT32_MAX) {
+            return umb_fail(r->error, UMB_E_CORRUPT, "level %zu: too many children", l);
+        }
+        level->count = (uint32_t)totals[l];
+        level->masks = umb__alloc(r->alloc, level->count, sizeof *level->masks);
+        level->first = umb__alloc(r->alloc, (size_t)level->count + 1, sizeof *level->first);
+        level->children = umb__alloc(r->alloc, (size_t)references, sizeof *level->children);
+        ok = ok && level->masks && level->first && level->children;
+        if (ok) {
+            level->first[0] = 0;
+        }
+    }
+    return ok ? UMB_OK : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for the nodes");
+}
+
+/* The number of a node in another page. */
+static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
+                               uint32_t position, uint32_t *number)
+{
+    if (page >= r->head->directory_count || position >= r->pages[page].node_count[level]) {
+        return umb_fail(r->error, UMB_E_CORRUPT, "node %u of level %u in page %u: not there",
+                        position, level, page);
+    }
+    *number = r->first[page][level] + position;
+    return UMB_OK;
+}
+
+static enum umb_status fill_nodes(const struct reader *r, uint32_t p, uint32_t l,
+                                  struct umb_octree_level *level)
+{
+    const struct umb__page *page = &r->pages[p];
+    uint32_t at = level->first[r->first[p][l]];
+    uint32_t local = page->node_count[l - 1];
+    for (uint32_t i = 0; i < page->node_count[l]; i++) {
+        uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)i);
+        uint32_t node = r->first[p][l] + i;
+        level->masks[node] = mask;
+        level->first[node + 1] = level->first[node] + umb_mask_mixed_count(mask);
+    }
+    for (uint64_t i = 0; i < page->reference_count[l]; i++) {
+        unsigned width = page->width[l];
+        uint32_t reference = umb__load_narrow(page->references[l] + i * width, width);
+        uint32_t number = r->first[p][l - 1] + reference;
+        if (reference >= local) {
+            size_t k = reference - local;
+            enum umb_status status =
+                resolve(r, l - 1, umb__load32(page->external_pages[l] + 4 * k),
+                        umb__load32(page->external_positions[l] + 4 * k), &number);
+            if (status != UMB_OK) {
+                return in_page(r->error, p, status);
+            }
+        }
+        level->children[at + i] = number;
+    }
+    return UMB_OK;
+}
+
+static void fill_bricks(const struct reader *r, uint32_t p, uint64_t (*bricks)[8])
+{
+    const struct umb__page *page = &r->pages[p];
+    unsigned width = page->width[UMB_LEVEL_BRICK];
+    const uint8_t *number = page->leaf_numbers;
+    for (uint32_t i = 0; i < page->node_count[UMB_LEVEL_BRICK]; i++) {
+        uint64_t *brick = bricks[r->first[p][UMB_LEVEL_BRICK] + i];
+        uint64_t slice = 0;
+        for (unsigned z = 0; z < 8; z++) {
+            if (page->runs[i] >> z & 1) {
+                slice = umb__load64(page->leaves + 8 * (size_t)umb__load_narrow(number, width));
+                number += width;
+            }
+            brick[z] = slice;
+        }
+    }
+}
+
+static enum umb_status fill_octree(const struct reader *r, const struct umb__canonical *canonical,
+                                   struct umb_octree *octree)
+{
+    for (uint32_t p = 0; p < r->head->directory_count; p++) {
+        for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+            enum umb_status status = fill_nodes(r, p, l, &octree->level[l]);
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+        fill_bricks(r, p, octree->bricks);
+    }
+    for (uint32_t i = 0; i < octree->root_count; i++) {
+        const struct umb__packed_root *packed = &canonical->roots[i];
+        struct umb_octree_root *root = &octree->roots[i];
+        root->state = (enum umb_node_state)packed->state;
+        root->level = canonical->content.frusta[i].log2_size;
+        if (root->state == UMB_NODE_MIXED) {
+            enum umb_status status =
+                resolve(r, root->level, packed->page, packed->position, &root->index);
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+/* Memory the octree will take, from the announced counts: at most 8 children a node. */
+static uint64_t announced_bytes(const struct umb__canonical *canonical)
+{
+    uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * 64;
+    for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
+        bytes += canonical->counts[level] * 38;
+    }
+    return bytes;
+}
+
+static enum umb_status check_counts(const struct umb__canonical *canonical,
+                                    uint64_t max_memory_bytes, struct umb_error *error)
+{
+    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        if (canonical->counts[level] >= UINT32_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "counts: level %zu claims %llu nodes", level,
+                            (unsigned long long)canonical->counts[level]);
+        }
+    }
+    if (announced_bytes(canonical) > max_memory_bytes) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "asset: needs about %llu bytes, the limit is %llu",
+                        (unsigned long long)announced_bytes(canonical),
+                        (unsigned long long)max_memory_bytes);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
+                               const struct umb__canonical *canonical, int check,
+                               uint64_t max_memory_bytes, const struct umb_alloc *alloc,
+                               struct umb_octree *octree, struct umb_error *error)
+{
+    struct reader r = {.file = file, .head = head, .alloc = alloc, .error = error};
+    uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
+    memset(octree, 0, sizeof *octree);
+    enum umb_status status = check_counts(canonical, max_memory_bytes, error);
+    if (status == UMB_OK) {
+        status = check_directory(head, &raw_total, error);
+    }
+    if (status == UMB_OK && raw_total > max_memory_bytes) {
+        status = umb_fail(error, UMB_E_TOO_LARGE, "pages: %llu bytes, the limit is %llu",
+                          (unsigned long long)raw_total, (unsigned long long)max_memory_bytes);
+    }
+    if (status == UMB_OK) {
+        status = parse_pages(&r, check, raw_total, totals);
+    }
+    if (status == UMB_OK && memcmp(totals, canonical->counts, sizeof totals) != 0) {
+        status = umb_fail(error, UMB_E_CORRUPT, "counts: not the nodes that the pages hold");
+    }
+    if (status == UMB_OK) {
+        status = allocate_octree(&r, totals, canonical->content.frustum_count, octree);
+    }
+    if (status == UMB_OK) {
+        status = fill_octree(&r, canonical, octree);
+    }
+    ZSTD_freeDCtx(r.zstd);
+    umb__free(alloc, r.raw);
+    umb__free(alloc, r.pages);
+    umb__free(alloc, r.first);
+    if (status != UMB_OK) {
+        octree->alloc = alloc;
+        umb_octree_finish(octree);
+    }
+    return status;
+}
+
+enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
+                                 const struct umb_sha256 *sha256, struct umb_error *error)
+{
+    uint64_t raw_total;
+    enum umb_status status = check_directory(head, &raw_total, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    ZSTD_DCtx *zstd = ZSTD_createDCtx();
+    uint8_t *raw = umb__alloc(NULL, UMB__PAGE_RAW_MAX, 1);
+    if (!zstd || !raw) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
+    }
+    for (uint32_t page = 0; page < head->directory_count && status == UMB_OK; page++) {
+        struct entry entry = load_entry(head, page);
+        status = expand_page(zstd, file, &entry, page, raw, error);
+        if (status == UMB_OK) {
+            const void *part = raw;
+            size_t part_size = entry.raw_length;
+            uint8_t hash[UMB_ID_BYTES];
+            sha256->digest(sha256->user, &part, &part_size, 1, hash);
+            if (memcmp(hash, head->directory + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_HASH,
+                       sizeof hash) != 0) {
+                status = umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
+                                  page);
+            }
+        }
+    }
+    ZSTD_freeDCtx(zstd);
+    umb__free(NULL, raw);
+    return status;
+}

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_PACK_READ_H
+#define UMBRAGE_CORE_FORMAT_PACK_READ_H
+/* Reading the pages of a packed file into the exchange form. */
+#include "format/canonical.h"
+#include "format/head.h"
+
+/*
+ * Expands all pages of a packed file.
+ *
+ * In:    check: verify each page's XXH3 as well (structure is always checked).
+ *        max_memory_bytes: refused before anything of that size is allocated.
+ * Out:   octree: numbered in the file's order; finish with umb_octree_finish.
+ * Fails: E_CORRUPT, E_TRUNCATED, E_TOO_LARGE, E_NO_MEMORY.
+ * Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
+                                           const struct umb__canonical *canonical, int check,
+                                           uint64_t max_memory_bytes,
+                                           const struct umb_alloc *alloc,
+                                           struct umb_octree *octree, struct umb_error *error);
+
+/* Compares each page's uncompressed bytes with its hash in the directory. */
+UMB_CHECKED enum umb_status umb__pages_prove(const uint8_t *file,
+                                             const struct umb__head *head,
+                                             const struct umb_sha256 *sha256,
+                                             struct umb_error *error);
+
+#endif

@@ -1,0 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The query kernel for the baseline instruction set of the target. */
+#define UMB__KERNEL umb__kernel_base
+#include "query/kernel_body.h"

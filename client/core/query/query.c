@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Preparing, checking and running queries; see umbrage/query.h. */
+#include "umbrage/query.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "format/asset_parts.h"
+#include "query/query_parts.h"
+
+#define BIAS_MAX 1e6
+
+static umb__kernel_fn choose_kernel(void)
+{
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&
+        __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")) {
+        return umb__kernel_avx2;
+    }
+#endif
+    return umb__kernel_base;
+}
+
+static double length3(const double v[3])
+{
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+static enum umb_status check_settings(const struct umb_asset *asset,
+                                      const struct umb_query_settings *settings,
+                                      struct umb_error *error)
+{
+    uint32_t lights = asset->canonical.content.light_count;
+    if (settings->light >= lights) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
+                        lights);
+    }
+    if (settings->taps > UMB_TAPS_MAX || (settings->taps % 2 == 0 && settings->taps != 0)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "taps: %u, must be odd and at most %d",
+                        settings->taps, UMB_TAPS_MAX);
+    }
+    if ((unsigned)settings->bias_mode > UMB_BIAS_NONE) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bias_mode: %d, unknown", (int)settings->bias_mode);
+    }
+    if ((unsigned)settings->format > UMB_ANSWER_BIT) {
+        return umb_fail(error, UMB_E_ARGUMENT, "format: %d, unknown", (int)settings->format);
+    }
+    if (!(settings->bias >= 0 && settings->bias <= BIAS_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
+                        BIAS_MAX);
+    }
+    if (asset->canonical.content.lights[settings->light].kind != UMB_LIGHT_DIRECTIONAL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", settings->light);
+    }
+    return UMB_OK;
+}
+
+static void set_bias(struct umb__query *q, const struct umb_query_settings *settings)
+{
+    q->bias_mode = settings->bias_mode;
+    switch (settings->bias_mode) {
+    case UMB_BIAS_AUTO:
+        /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
+        q->no_normal_m = UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) *
+                         length3(q->voxel_step[2]);
+        break;
+    case UMB_BIAS_VOXELS:
+        q->bias_m = settings->bias *
+                    (length3(q->voxel_step[0]) + length3(q->voxel_step[1]) +
+                     length3(q->voxel_step[2])) /
+                    3.0;
+        q->no_normal_m = q->bias_m;
+        break;
+    case UMB_BIAS_METRES:
+        q->bias_m = settings->bias;
+        q->no_normal_m = q->bias_m;
+        break;
+    case UMB_BIAS_NONE:
+        break;
+    }
+}
+
+enum umb_status umb_query_prepare(const struct umb_asset *asset,
+                                  const struct umb_query_settings *settings,
+                                  struct umb_query *query, struct umb_error *error)
+{
+    memset(query, 0, sizeof *query);
+    enum umb_status status = check_settings(asset, settings, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const struct umb_content *content = &asset->canonical.content;
+    const struct umb_light_info *light = &content->lights[settings->light];
+    const struct umb_frustum_info *frustum = &content->frusta[light->first_frustum];
+    const struct umb__top *top = &asset->view.tops[light->first_frustum];
+    struct umb__query q = {
+        .kernel = choose_kernel(),
+        .grid = asset->view.grid + top->first_cell,
+        .nodes = asset->view.nodes,
+        .bricks = asset->view.bricks,
+        .log2_size = frustum->log2_size,
+        .grid_log2 = top->grid_log2,
+        .frustum = light->first_frustum,
+        .taps = settings->taps ? (int32_t)settings->taps : 1,
+        .format = settings->format,
+    };
+    memcpy(q.world_to_voxel, frustum->world_to_voxel, sizeof q.world_to_voxel);
+    memcpy(q.voxel_step, frustum->voxel_step, sizeof q.voxel_step);
+    memcpy(q.direction, light->direction, sizeof q.direction);
+    memcpy(q.origin, content->origin, sizeof q.origin);
+    set_bias(&q, settings);
+    memcpy(query->opaque, &q, sizeof q);
+    return UMB_OK;
+}
+
+enum umb_status umb_points_check(const struct umb_points *points, struct umb_error *error)
+{
+    static const char axes[] = "xyz";
+    for (unsigned axis = 0; axis < 3; axis++) {
+        if (!isfinite(points->origin[axis])) {
+            return umb_fail(error, UMB_E_ARGUMENT, "origin.%c: %g, must be finite", axes[axis],
+                            points->origin[axis]);
+        }
+    }
+    if (points->format != UMB_POINT_F32 && points->format != UMB_POINT_F64) {
+        return umb_fail(error, UMB_E_ARGUMENT, "points: unknown format %d", (int)points->format);
+    }
+    for (size_t i = 0; i < points->count; i++) {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            double value = umb__coordinate(points, i, axis);
+            if (!isfinite(value)) {
+                return umb_fail(error, UMB_E_ARGUMENT, "points[%zu].%c: %g, must be finite", i,
+                                axes[axis], value);
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+void umb_query_run(const struct umb_query *query, const struct umb_points *points, size_t first,
+                   size_t count, struct umb_answers *answers)
+{
+    struct umb__query q;
+    memcpy(&q, query->opaque, sizeof q);
+    q.kernel(&q, points, first, count, answers);
+}
+
+size_t umb_answer_bytes(enum umb_answer_format format, size_t count)
+{
+    switch (format) {
+    case UMB_ANSWER_F32:
+        return count * sizeof(float);
+    case UMB_ANSWER_U8:
+        return count;
+    case UMB_ANSWER_BIT:
+        return count / 8 + (count % 8 != 0);
+    }
+    return 0;
+}

@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_QUERY_PARTS_H
+#define UMBRAGE_CORE_QUERY_QUERY_PARTS_H
+/*
+ * A prepared query as the kernels see it, and the steps that all of them share. One source for
+ * every kernel: the arithmetic of a point is written once, in double, without contraction, so that
+ * all instruction sets give the same bits.
+ */
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+#include "format/view.h"
+#include "umbrage/query.h"
+
+struct umb__query;
+typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_points *points,
+                               size_t first, size_t count, struct umb_answers *answers);
+
+/* What struct umb_query holds. */
+struct umb__query {
+    umb__kernel_fn kernel;
+    const uint32_t *grid;        /* of the light's frustum */
+    const uint64_t *nodes;
+    const uint64_t (*bricks)[8];
+    uint32_t log2_size;          /* n: voxels a side = 1 << n */
+    uint32_t grid_log2;          /* g */
+    uint32_t frustum;
+    int32_t taps;                /* window width */
+    enum umb_bias_mode bias_mode;
+    enum umb_answer_format format;
+    double bias_m;               /* VOXELS and METRES: metres along the normal */
+    double no_normal_m;          /* metres towards the light for points without a normal */
+    double world_to_voxel[3][4];
+    double voxel_step[3][3];
+    double direction[3];         /* the light's */
+    double origin[3];            /* the asset's */
+};
+
+_Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");
+
+/*
+ * Room for rounding on top of the bias that just suffices: 1/64 of it, 0.008 voxels and more. Float
+ * positions err by 6e-8 of their distance from the batch's origin: 0.004 voxels for 1 km at 65536
+ * voxels a side, where they should be given as doubles anyway.
+ */
+#define UMB__BIAS_SLACK (65.0 / 64.0)
+
+/* Window of one point, clipped to the frustum. */
+struct umb__window {
+    int32_t x0, x1, y0, y1; /* inclusive, inside the frustum; empty if x0 > x1 or y0 > y1 */
+    int32_t z;
+    uint32_t outside;       /* texels cut off: lit */
+    bool all_lit;           /* no look-up needed: 1 */
+};
+
+static inline double umb__coordinate(const struct umb_points *points, size_t i, unsigned axis)
+{
+    if (points->format == UMB_POINT_F32) {
+        float value;
+        memcpy(&value, (const uint8_t *)points->positions + (3 * i + axis) * sizeof value,
+               sizeof value);
+        return (double)value;
+    }
+    double value;
+    memcpy(&value, (const uint8_t *)points->positions + (3 * i + axis) * sizeof value,
+           sizeof value);
+    return value;
+}
+
+/*
+ * Moves point i off its surface. Returns false if its normal faces away from the light.
+ *
+ * With unit normal n the plane of the surface stays on the far side of the whole window if the
+ * point moves by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n: the window's voxel centres lie
+ * within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z ez) is
+ * linear. s n = n * (unnormalised sum) / |n|^2, so no root is taken.
+ */
+static inline bool umb__move(const struct umb__query *q, const struct umb_points *points, size_t i,
+                             double p[3])
+{
+    double n[3] = {0, 0, 0}, length2 = 0;
+    if (points->normals) {
+        float raw[3];
+        memcpy(raw, (const uint8_t *)points->normals + 12 * i, sizeof raw);
+        for (unsigned axis = 0; axis < 3; axis++) {
+            n[axis] = (double)raw[axis];
+        }
+        length2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+    }
+    if (!(length2 > 0) || !(length2 <= 1e300)) {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            p[axis] -= q->direction[axis] * q->no_normal_m;
+        }
+        return true;
+    }
+    double facing = n[0] * q->direction[0] + n[1] * q->direction[1] + n[2] * q->direction[2];
+    if (facing >= 0) {
+        return false;
+    }
+    double scale;
+    if (q->bias_mode == UMB_BIAS_AUTO) {
+        double sum[3];
+        for (unsigned axis = 0; axis < 3; axis++) {
+            const double *step = q->voxel_step[axis];
+            sum[axis] = fabs(n[0] * step[0] + n[1] * step[1] + n[2] * step[2]);
+        }
+        scale = 0.5 * UMB__BIAS_SLACK * ((double)q->taps * (sum[0] + sum[1]) + sum[2]) / length2;
+    } else {
+        scale = q->bias_m / sqrt(length2);
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] += n[axis] * scale;
+    }
+    return true;
+}
+
+static inline void umb__to_voxel(const struct umb__query *q, const double p[3], double v[3])
+{
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const double *m = q->world_to_voxel[axis];
+        v[axis] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+    }
+}
+
+/* Clips one axis of the window; returns the number of texels left. */
+static inline int32_t umb__clip(double v, int32_t half, int32_t size, int32_t *low, int32_t *high)
+{
+    int32_t centre = (int32_t)floor(v);
+    *low = centre - half < 0 ? 0 : centre - half;
+    *high = centre + half >= size ? size - 1 : centre + half;
+    return *high >= *low ? *high - *low + 1 : 0;
+}
+
+/* Turns a voxel-space position into the window to look up; counts what is outside. */
+static inline struct umb__window umb__window_at(const struct umb__query *q, const double v[3],
+                                                struct umb_query_stats *stats)
+{
+    struct umb__window w = {0};
+    int32_t size = (int32_t)1 << q->log2_size, half = q->taps / 2;
+    double s = (double)size;
+    bool outside = !(v[0] >= 0 && v[0] < s && v[1] >= 0 && v[1] < s);
+    stats->outside += outside;
+    /* Also true for NaN, which then touches nothing. */
+    if (!(v[0] > -32 && v[0] < s + 32 && v[1] > -32 && v[1] < s + 32)) {
+        w.all_lit = true;
+        return w;
+    }
+    if (!(v[2] >= 0)) {
+        stats->before += !outside;
+        w.all_lit = true;
+        return w;
+    }
+    bool behind = v[2] >= s;
+    stats->behind += behind && !outside;
+    w.z = behind ? size - 1 : (int32_t)v[2];
+    int32_t width = umb__clip(v[0], half, size, &w.x0, &w.x1);
+    int32_t height = umb__clip(v[1], half, size, &w.y0, &w.y1);
+    w.outside = (uint32_t)(q->taps * q->taps - width * height);
+    w.all_lit = width * height == 0;
+    return w;
+}
+
+static inline void umb__store_answer(void *values, enum umb_answer_format format, size_t i,
+                                     uint32_t lit, uint32_t total)
+{
+    switch (format) {
+    case UMB_ANSWER_F32: {
+        float value = (float)lit / (float)total;
+        memcpy((uint8_t *)values + i * sizeof value, &value, sizeof value);
+        break;
+    }
+    case UMB_ANSWER_U8:
+        ((uint8_t *)values)[i] = (uint8_t)((2 * 255 * lit + total) / (2 * total));
+        break;
+    case UMB_ANSWER_BIT: {
+        uint8_t *byte = (uint8_t *)values + i / 8;
+        uint8_t bit = (uint8_t)(1U << (i % 8));
+        *byte = (uint8_t)(lit * 2 >= total ? *byte | bit : *byte & ~bit);
+        break;
+    }
+    }
+}
+
+/* The kernels: one source (kernel_body.h), compiled for each instruction set. */
+void umb__kernel_base(const struct umb__query *query, const struct umb_points *points, size_t first,
+                      size_t count, struct umb_answers *answers);
+void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *points, size_t first,
+                      size_t count, struct umb_answers *answers);
+
+#endif

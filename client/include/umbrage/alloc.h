@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_ALLOC_H
+#define UMBRAGE_ALLOC_H
+/*
+ * The allocator that opening and building take; queries allocate nothing.
+ *
+ * A NULL allocator means malloc, realloc and free. Passing one's own is how a host bounds memory,
+ * and how the tests make the n-th allocation fail.
+ */
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct umb_alloc {
+    /* realloc semantics: (NULL, n) allocates, (p, 0) frees and returns NULL, NULL on failure with
+     * the old block left alone. Alignment as malloc's. Called from the thread that called us. */
+    void *(*resize)(void *user, void *block, size_t bytes);
+    void *user; /* handed back unchanged */
+};
+
+#ifdef __cplusplus
+}
+#endif
+#endif

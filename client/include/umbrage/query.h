@@ -1,0 +1,171 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_QUERY_H
+#define UMBRAGE_QUERY_H
+/*
+ * Queries: how much of a light reaches each of a batch of points.
+ *
+ *     struct umb_query_settings settings = {.light = 0, .taps = 9};
+ *     struct umb_query query;
+ *     umb_query_prepare(asset, &settings, &query, &error);   checks the settings, once
+ *     umb_points_check(&points, &error);                      checks the batch
+ *     umb_query_run(&query, &points, 0, points.count, &answers);   cannot fail
+ *
+ * Answers are the fraction of an n x n window of texels, at the depth of the point's voxel, from
+ * which the light is visible: 0 shadowed, 1 lit (percentage closer filtering; Sintorn et al. 2014,
+ * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
+ * closed rule an answer is unspecified ("defined space", docs/accuracy.md).
+ *
+ * Outside: a texel beyond the frustum in x or y is lit, a point before z = 0 is lit, one behind
+ * the last voxel takes the last voxel's answer. All are counted.
+ *
+ * Precision: a point becomes a voxel index in doubles (53 bits; a coordinate of 1e7 m resolves
+ * 2e-9 m). The window is counted in integers. Answers are bit-equal for every batch size, split,
+ * thread count and instruction set.
+ * Threads: a prepared query is immutable; any number of threads may run it on disjoint ranges.
+ * Cost: no allocation, no I/O, no failure while running.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+#include "umbrage/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define UMB_TAPS_MAX 17 /* widest window, in texels */
+
+/* How a point is moved before the look-up, so that a surface does not shadow itself. */
+enum umb_bias_mode {
+    /* Just enough for the filter: s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the
+     * normal n, where ex, ey, ez are the world vectors of one voxel: the window at the moved
+     * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
+     * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
+     * (1,1,1)/sqrt(3) in voxels, towards the light. */
+    UMB_BIAS_AUTO = 0,
+    UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
+    UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */
+    UMB_BIAS_NONE = 3,   /* look up the point as it is */
+};
+
+enum umb_answer_format {
+    UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
+    UMB_ANSWER_U8 = 1,  /* 0..255, round(255 * count / (taps * taps)), ties up */
+    UMB_ANSWER_BIT = 2, /* 1 if count * 2 >= taps * taps; point i is bit i % 8 of byte i / 8 */
+};
+
+enum umb_point_format {
+    UMB_POINT_F32 = 0,
+    UMB_POINT_F64 = 1,
+};
+
+struct umb_query_settings {
+    uint32_t light;           /* index in the asset */
+    uint32_t taps;            /* window width in texels: odd, 1..17; 0 means 1 */
+    enum umb_bias_mode bias_mode;
+    double bias;              /* for VOXELS and METRES: finite, 0..1e6 */
+    enum umb_answer_format format;
+};
+
+/*
+ * A batch of points; borrowed while a query runs.
+ * Receivers whose normal faces away from the light (n.l <= 0) are shadowed without a look-up.
+ */
+struct umb_points {
+    const void *positions;       /* scalar[3*count], x y z interleaved, metres, world space minus origin,
+                                    little-endian, any alignment, finite */
+    enum umb_point_format format;
+    double origin[3];            /* metres, world space, added to every position; finite */
+    const void *normals;         /* float[3*count], world space, unit length or longer than 0; or NULL.
+                                    A zero or not finite normal counts as no normal for that point. */
+    size_t count;
+};
+
+/* What a run adds up; zero it before the first run. */
+struct umb_query_stats {
+    uint64_t points;
+    uint64_t outside;     /* centre beyond the frustum in x or y: lit there */
+    uint64_t before;      /* before the first voxel in z: lit */
+    uint64_t behind;      /* behind the last voxel in z: clamped */
+    uint64_t facing_away; /* shadowed by their normal */
+    uint64_t nodes;       /* grid cells and nodes read */
+    uint64_t bricks;      /* bricks read */
+};
+
+struct umb_answers {
+    void *values;                 /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
+                                     indexed like the points: a run on [first, first+count) writes there */
+    struct umb_query_stats stats; /* added to */
+};
+
+/* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
+struct umb_query {
+    uint64_t opaque[64];
+};
+
+/*
+ * Checks settings against an asset and makes them ready to run.
+ *
+ * In:    asset: borrowed as long as the query is used.
+ * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range,
+ *        unknown mode or format), E_UNSUPPORTED (a kind of light this version cannot answer).
+ * Cost:  O(1), no allocation.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *asset,
+                                                      const struct umb_query_settings *settings,
+                                                      struct umb_query *query,
+                                                      struct umb_error *error);
+
+/*
+ * Checks that a batch may be run: every position and the origin finite.
+ *
+ * Fails: E_ARGUMENT, naming the index and the value of the first bad coordinate.
+ * Cost:  one pass over the positions.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *points,
+                                                     struct umb_error *error);
+
+/*
+ * Answers points first .. first + count - 1 of a batch.
+ *
+ * In:    first: any; for UMB_ANSWER_BIT a multiple of 8, so that two runs never share a byte.
+ * Out:   answers->values at the same indices, answers->stats added to.
+ * Not guaranteed: a batch that umb_points_check refuses is answered without harm, but those
+ *        answers mean nothing.
+ * Threads: disjoint ranges may run at once, each with its own struct umb_answers whose values
+ *        point to the same array.
+ * Source: Sintorn et al. 2014, section 6.2; masked popcounts over 8x8x1 leaf masks.
+ */
+UMB_API void umb_query_run(const struct umb_query *query, const struct umb_points *points,
+                           size_t first, size_t count, struct umb_answers *answers);
+
+/* Bytes that `count` answers take in a format. */
+UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
+
+/* How one point was answered, for people. */
+struct umb_explanation {
+    int facing_away, outside, before, behind; /* 0 or 1 each */
+    double bias_m;            /* metres moved */
+    double moved[3];          /* metres, world space: where the look-up happened */
+    double voxel[3];          /* the same in voxel space, before flooring */
+    int64_t cell[3];          /* voxel index after flooring and clamping of z */
+    double voxel_size_m;      /* mean voxel edge in metres there */
+    uint32_t lit_taps, taps;  /* of taps * taps */
+    uint32_t frustum;
+    uint32_t nodes, bricks;   /* read */
+    uint32_t step_count;
+    struct {
+        uint32_t level;       /* octree level of the node, its side is 1 << level voxels */
+        uint32_t state;       /* 0 shadowed, 1 lit, 2 mixed: went on */
+        uint64_t index;       /* offset or brick number */
+    } steps[16];              /* path of the centre tap */
+};
+
+/* Explains the answer of point `index`; same rules as umb_query_run. */
+UMB_API void umb_query_explain(const struct umb_query *query, const struct umb_points *points,
+                               size_t index, struct umb_explanation *explanation);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+# libumbrage-core (pure), libumbrage (rpc) and the umbrage command.
+INC_client = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+
+CORE_SRC := $(wildcard client/core/*/*.c)
+CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
+CORE_LIB := $(BUILD)/libumbrage-core.a
+CORE_LIBS := -lxxhash -lzstd -lm
+
+RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
+RPC_LIB := $(BUILD)/libumbrage.a
+RPC_LIBS := -luv -lnghttp2 -lprotobuf-c -lcrypto
+
+CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
+
+$(CORE_LIB): $(CORE_OBJ)
+$(RPC_LIB): $(RPC_OBJ)
+
+$(BUILD)/umbrage: $(CLI_OBJ) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
+	$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
+
+core: $(CORE_LIB) ## the core library alone
+client: $(BUILD)/umbrage ## libumbrage and the umbrage command
+.PHONY: core client

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_GRPC_H
+#define UMBRAGE_WIRE_GRPC_H
+/*
+ * gRPC framing without I/O: message prefixes, timeouts, status messages. Pure functions and one
+ * small state machine; no HTTP/2 here (nghttp2 belongs to rpc and daemon).
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+enum umbw_grpc_code {
+    UMBW_GRPC_OK = 0,
+    UMBW_GRPC_CANCELLED = 1,
+    UMBW_GRPC_UNKNOWN = 2,
+    UMBW_GRPC_INVALID_ARGUMENT = 3,
+    UMBW_GRPC_DEADLINE_EXCEEDED = 4,
+    UMBW_GRPC_NOT_FOUND = 5,
+    UMBW_GRPC_RESOURCE_EXHAUSTED = 8,
+    UMBW_GRPC_UNIMPLEMENTED = 12,
+    UMBW_GRPC_INTERNAL = 13,
+    UMBW_GRPC_UNAVAILABLE = 14,
+    UMBW_GRPC_DATA_LOSS = 15,
+};
+
+/* Name of a code ("NOT_FOUND"), never NULL. */
+const char *umbw_grpc_name(int code);
+
+/*
+ * Parses a grpc-timeout value: 1 to 8 digits and one of H M S m u n.
+ * Out:   nanoseconds: saturated at INT64_MAX; 0 means already expired.
+ * Fails: E_ARGUMENT.
+ */
+UMB_CHECKED enum umb_status umbw_timeout_parse(const char *text, size_t size, int64_t *nanoseconds);
+
+/* Writes a grpc-timeout value (rounded up, at most 8 digits) and returns its length. */
+size_t umbw_timeout_format(int64_t nanoseconds, char text[16]);
+
+/*
+ * Percent-encodes a status message: bytes outside 0x20..0x7e and '%' become %XX; invalid UTF-8
+ * becomes U+FFFD. Returns the length written, cut at a character that fits; always NUL-terminated.
+ */
+size_t umbw_message_escape(const char *message, char *text, size_t capacity);
+
+/* The reverse; bad escapes are kept as they are. */
+size_t umbw_message_unescape(const char *text, size_t size, char *message, size_t capacity);
+
+/*
+ * Collects the messages of one direction of one call from DATA bytes, however they were cut.
+ * Life: umbw_reader_init, umbw_reader_feed with the bytes as they come, umbw_reader_finish.
+ */
+struct umbw_reader {
+    uint8_t prefix[5];
+    unsigned prefix_bytes;
+    int compressed;          /* flag of the current message */
+    uint32_t message_size;   /* of the current message, valid once prefix_bytes == 5 */
+    uint8_t *message;        /* grows as bytes arrive, never sized from the declared length alone */
+    size_t received, capacity;
+    size_t max_message;
+};
+
+/* Called with each whole message; message is borrowed during the call. Non-OK stops the feed. */
+typedef enum umb_status (*umbw_message_fn)(void *user, const uint8_t *message, size_t size,
+                                           int compressed);
+
+void umbw_reader_init(struct umbw_reader *reader, size_t max_message);
+
+/*
+ * Feeds bytes. Fails: E_TOO_LARGE on the prefix of an over-long message (before any of its bytes are
+ * stored), E_NO_MEMORY, E_PROTOCOL (flag above 1), or what the callback returns.
+ */
+UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *bytes,
+                                             size_t count, umbw_message_fn on_message, void *user,
+                                             struct umb_error *error);
+
+/* 1 if the stream may end here, 0 inside a message. */
+int umbw_reader_at_boundary(const struct umbw_reader *reader);
+void umbw_reader_finish(struct umbw_reader *reader);
+
+#endif

@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_MESSAGES_H
+#define UMBRAGE_WIRE_MESSAGES_H
+/*
+ * The messages of umbrage.v1 as plain structs, and their codecs. No I/O. Only this library sees
+ * protobuf-c.
+ *
+ * Reading in place: the large byte fields (points, normals, visibility) are never copied. Decoding
+ * scans the top level of the message, takes pointers to them into the caller's buffer, and gives
+ * only the small rest to protobuf-c. The caller keeps the buffer alive as long as the struct.
+ *
+ * Encoding: writes into a caller's umbw_buffer (growing, one allocation), after room reserved for
+ * the 5-byte gRPC prefix if asked.
+ *
+ * Trust: decoders are safe on hostile bytes; every limit is checked here and named in the error.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/query.h"
+
+#define UMBW_PATH_QUERY    "/umbrage.v1.Shadows/Query"
+#define UMBW_PATH_DESCRIBE "/umbrage.v1.Shadows/Describe"
+#define UMBW_PATH_LIST     "/umbrage.v1.Shadows/List"
+#define UMBW_PATH_CHECK    "/grpc.health.v1.Health/Check"
+#define UMBW_PATH_WATCH    "/grpc.health.v1.Health/Watch"
+#define UMBW_PREFIX_BYTES  5 /* compressed flag and big-endian length before each message */
+#define UMBW_ASSET_NAME_MAX 255
+
+/* A growing byte buffer; zero it before use, umbw_buffer_finish frees it. */
+struct umbw_buffer {
+    uint8_t *bytes;
+    size_t size, capacity;
+};
+void umbw_buffer_finish(struct umbw_buffer *buffer);
+
+struct umbw_query_request {
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    struct umb_query_settings settings;
+    struct umb_points points; /* positions and normals point into the message */
+    int want_stats;
+};
+
+struct umbw_query_reply {
+    const uint8_t *visibility; /* into the message */
+    size_t visibility_bytes;
+    uint8_t asset_id[UMB_ID_BYTES];
+    struct umb_query_stats stats;
+    uint64_t nanoseconds;
+    int has_stats;
+};
+
+struct umbw_asset_summary {
+    char name[UMBW_ASSET_NAME_MAX + 1];
+    uint8_t id[UMB_ID_BYTES];
+    uint64_t packed_bytes, memory_bytes;
+    uint32_t light_count;
+};
+
+struct umbw_light {
+    struct umb_light_info info;
+    uint64_t resolution;
+    double voxel_m[3];
+    int closed;
+};
+
+struct umbw_describe_reply {
+    struct umbw_asset_summary summary;
+    uint32_t light_count;
+    struct umbw_light *lights; /* malloc, owned when decoded */
+    double origin[3];
+    struct umb_box bounds;
+    char *plan, *settings;     /* malloc, owned when decoded */
+    uint8_t scene_hash[UMB_ID_BYTES];
+};
+void umbw_describe_reply_finish(struct umbw_describe_reply *reply);
+
+struct umbw_list_reply {
+    size_t count;
+    struct umbw_asset_summary *assets; /* malloc, owned when decoded */
+};
+void umbw_list_reply_finish(struct umbw_list_reply *reply);
+
+/*
+ * Decoders. In: message: uint8[size] without the 5-byte prefix.
+ * Fails: E_ARGUMENT (not a valid message, a field out of its range: the field is named),
+ *        E_TOO_LARGE (max_points), E_NO_MEMORY. Finiteness is checked later by umb_points_check.
+ */
+UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size,
+                                                      size_t max_points,
+                                                      struct umbw_query_request *request,
+                                                      struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
+                                                    struct umbw_query_reply *reply,
+                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size,
+                                                         char asset[UMBW_ASSET_NAME_MAX + 1],
+                                                         struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
+                                                       struct umbw_describe_reply *reply,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_list_reply(const uint8_t *message, size_t size,
+                                                   struct umbw_list_reply *reply,
+                                                   struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_health_request(const uint8_t *message, size_t size,
+                                                       char service[256], struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_health_reply(const uint8_t *message, size_t size,
+                                                     int *serving_status, struct umb_error *error);
+
+/*
+ * Encoders: append prefix and message to buffer. Fails: E_NO_MEMORY, E_TOO_LARGE (over 4 GiB).
+ *
+ * umbw_encode_query_request writes the whole message, points and normals copied once. The query
+ * reply's `visibility` comes last on the wire and is sent by the caller from where it lies: the
+ * encoder writes everything before it, with both lengths already counting it.
+ */
+UMB_CHECKED enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
+                                                      struct umbw_buffer *buffer,
+                                                      struct umb_error *error);
+/* Writes all of the reply but the `visibility_bytes` bytes that must follow. */
+UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
+                                                         struct umbw_buffer *buffer,
+                                                         struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset,
+                                                         struct umbw_buffer *buffer,
+                                                         struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_describe_reply(const struct umbw_describe_reply *reply,
+                                                       struct umbw_buffer *buffer,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_list_request(struct umbw_buffer *buffer,
+                                                     struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_list_reply(const struct umbw_list_reply *reply,
+                                                   struct umbw_buffer *buffer,
+                                                   struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_health_request(const char *service,
+                                                       struct umbw_buffer *buffer,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_health_reply(int serving_status,
+                                                     struct umbw_buffer *buffer,
+                                                     struct umb_error *error);
+
+#endif

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_PROTO_SCAN_H
+#define UMBRAGE_WIRE_PROTO_SCAN_H
+/*
+ * One look at the top level of a protobuf message before protobuf-c sees it.
+ *
+ * A message type gives a table of its fields. The scan walks the message once and
+ *   - leaves large and checked byte fields in place: pointers into the message, last one wins;
+ *   - counts repeated sub-messages, so that a limit is met before anything is allocated;
+ *   - copies the other known fields to a small scratch block for protobuf-c;
+ *   - drops unknown fields (they may come from a newer peer);
+ *   - names the field when a length or a wire type is wrong.
+ * So protobuf-c never sees more than UMBW_SCRATCH_MAX bytes of the messages that use the scratch.
+ *
+ * Trust: safe on hostile bytes. Cost: O(fields), no allocation.
+ * Source: Protocol Buffers, "Encoding" (varints of at most 10 bytes, wire types 0, 1, 2, 5).
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+#define UMBW_SCRATCH_MAX 4096 /* bytes of small fields in one message; a full request needs 400 */
+
+enum umbw_wire_type {
+    UMBW_WIRE_VARINT = 0,
+    UMBW_WIRE_FIXED64 = 1,
+    UMBW_WIRE_BYTES = 2,
+    UMBW_WIRE_FIXED32 = 5,
+};
+
+enum umbw_field_kind {
+    UMBW_FIELD_SCALAR,   /* goes to the scratch; wire type must be `type` */
+    UMBW_FIELD_PACKED,   /* repeated number: `type` or packed; goes to the scratch */
+    UMBW_FIELD_MESSAGE,  /* sub-message: goes to the scratch, counted */
+    UMBW_FIELD_IN_PLACE, /* bytes or string: left in the message */
+};
+
+struct umbw_field {
+    uint32_t number;
+    enum umbw_field_kind kind;
+    enum umbw_wire_type type; /* of one element */
+    const char *name;         /* as in the .proto file, for errors */
+};
+
+/* What the scan found for the field at the same place of the table. */
+struct umbw_field_found {
+    const uint8_t *bytes; /* in place: the last occurrence, NULL if absent */
+    size_t size;
+    size_t count;         /* occurrences */
+};
+
+/* Fixed storage for the fields that protobuf-c decodes. */
+struct umbw_scratch {
+    uint8_t bytes[UMBW_SCRATCH_MAX];
+    size_t size;
+};
+
+/*
+ * Scans a message.
+ *
+ * In:    fields, field_count: the table. scratch: may be NULL, then scalars and sub-messages are
+ *        only checked and counted (the caller gives the whole message to protobuf-c).
+ * Out:   found: [field_count].
+ * Fails: E_ARGUMENT (not a protobuf message, a wrong wire type, more than the scratch holds).
+ */
+UMB_CHECKED enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
+                                            const struct umbw_field *fields, size_t field_count,
+                                            struct umbw_field_found *found,
+                                            struct umbw_scratch *scratch, struct umb_error *error);
+
+/* Writes a varint (at most 10 bytes) and returns its length. */
+size_t umbw_varint_write(uint64_t value, uint8_t out[10]);
+
+#endif

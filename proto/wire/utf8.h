@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_UTF8_H
+#define UMBRAGE_WIRE_UTF8_H
+/* UTF-8 from strangers: told apart from anything else, byte by byte. Pure functions. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/*
+ * Returns the length (1 to 4) of the well-formed character that starts at bytes, or 0.
+ *
+ * In:     bytes: uint8[size]. Overlong forms, surrogates and values above U+10FFFF are refused.
+ * Source: The Unicode Standard, table 3-7.
+ */
+size_t umbw_utf8_length(const uint8_t *bytes, size_t size);
+
+/* True if all of bytes is well-formed UTF-8 without a NUL. */
+bool umbw_utf8_valid(const uint8_t *bytes, size_t size);
+
+/*
+ * Copies text for people: malformed bytes become '?', control characters a blank; cut at a
+ * character that fits; always NUL-terminated. Returns the length written.
+ *
+ * In: capacity: bytes at out, at least 1.
+ */
+size_t umbw_utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity);
+
+#endif

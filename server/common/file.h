@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_FILE_H
+#define UMBRAGE_SERVER_COMMON_FILE_H
+/*
+ * Files that appear whole or not at all: write a temporary beside the target, fsync, rename, fsync
+ * the folder. A crash at any step leaves the old file or the new one, and at most a stray `.tmp.`
+ * file that the store sweeps. A failed fsync is never tried again: the temporary goes.
+ */
+#include <stdio.h>
+#include "format/content.h"
+
+struct umbs_file {
+    int fd;
+    char *path;      /* the target */
+    char *temporary; /* beside it */
+    int system_error; /* errno of the first failed write, else 0; commit then refuses */
+};
+
+/* Starts a replacement of path. Fails: E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbs_file_begin(const char *path, struct umbs_file *file,
+                                            struct umb_error *error);
+
+/* Appends bytes. Fails: E_IO (disk full and the like); the replacement is still to be abandoned. */
+UMB_CHECKED enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_t count,
+                                            struct umb_error *error);
+
+/* Makes the new content durable and visible. On failure the temporary is removed. */
+UMB_CHECKED enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error);
+
+/* Removes the temporary. Harmless after commit and on a zeroed struct. */
+void umbs_file_abandon(struct umbs_file *file);
+
+/* A core sink that appends to a file being replaced. */
+struct umb_sink umbs_file_sink(struct umbs_file *file);
+
+#endif

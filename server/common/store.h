@@ -1,0 +1,118 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_STORE_H
+#define UMBRAGE_SERVER_COMMON_STORE_H
+/*
+ * The store: a folder of packed assets (NAME.umb), kept open and ready to answer.
+ *
+ *     struct umbs_store *store;
+ *     umbs_store_open(&options, &store, &error);
+ *     umbs_store_rescan(store, &report, &error);          again whenever the folder changed
+ *     struct umbs_entry *entry;
+ *     umbs_store_acquire(store, "city", &entry, &error);
+ *     ... umb_query_run on umbs_entry_asset(entry) ...
+ *     umbs_entry_release(entry);
+ *     umbs_store_close(store);
+ *
+ * Every packed file is proven (SHA-256 of head and pages against the id it carries) before its
+ * first answer, then mapped from a cache file `.umbrage-cache/ID.umbm` that the store makes itself.
+ * The cache is only a faster form: it is rebuilt when missing, damaged or of another id, and where
+ * it cannot be written the packed file is expanded in memory, with a notice.
+ *
+ * A damaged file stays in the list with its reason: asking for it gives E_CORRUPT, and nothing else
+ * is affected. A changed file (inode, size, time of change) is loaded and proven first, then takes
+ * the old one's place; the old version lives until its last batch lets go.
+ *
+ * Threads: acquire, release and list may be called from any thread at any time; they hold a mutex
+ * for a look-up only, never during a batch, a load or an unmap. Rescans exclude one another. An
+ * entry is one version of one asset and immutable. Why a retired version cannot be freed too early:
+ * the table holds one reference to each of its entries and the mutex covers both the look-up and
+ * the count going up, so an entry found in the table cannot reach zero before the finder has it.
+ * Trust: file content is hostile. Names beyond [A-Za-z0-9._-] and what is not a regular file are
+ * skipped. Packed files are read, not mapped, so that one cut short meanwhile is an error and not
+ * a signal. The cache folder must be writable by nobody else: its files are mapped.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "common/log.h"
+#include "umbrage/asset.h"
+
+#define UMBS_STORE_NAME_MAX 251 /* bytes of an asset's name: a file name less ".umb" */
+#define UMBS_STORE_TEMPORARY_AGE_S 3600 /* older `.tmp.*` files belong to nobody */
+#define UMBS_STORE_SETTLE_MS 500 /* a file changed less long ago may still be being copied */
+
+struct umbs_store; /* opaque */
+struct umbs_entry; /* opaque: one version of one asset */
+
+struct umbs_store_options {
+    const char *folder;
+    uint64_t max_memory_bytes;   /* of one asset expanded in memory; 0 = 64 GiB */
+    const struct umbs_log *log;  /* NULL = silent; must outlive the store */
+    int no_cache;                /* 1 = never write cache files, expand in memory */
+    /* Called when a retired version waits to be freed, from whatever thread released it; the owner
+     * then calls umbs_store_reap where blocking is allowed. NULL: it is freed at once. */
+    void (*retired)(void *user);
+    void *retired_user;
+};
+
+/* What a rescan found and did. */
+struct umbs_store_report {
+    size_t loaded, failed, removed, unchanged; /* files */
+    size_t skipped;                            /* names that cannot be asset names */
+    size_t swept;                              /* stray temporaries removed */
+    int unsettled; /* 1 if a file that failed is so young that it should be tried again soon */
+};
+
+struct umbs_store_item {
+    char name[UMBS_STORE_NAME_MAX + 1];
+    uint8_t id[UMB_ID_BYTES];
+    uint64_t packed_bytes, memory_bytes;
+    uint32_t light_count;
+    enum umb_status status; /* UMB_OK, or why it cannot answer */
+};
+
+/* Opens a store's folder. Does not scan yet. Fails: E_NO_INPUT, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *options,
+                                            struct umbs_store **out, struct umb_error *error);
+
+/* Frees a store; entries still held stay valid until released. NULL is allowed. */
+void umbs_store_close(struct umbs_store *store);
+
+/*
+ * Looks at the folder, loads what is new or changed, drops what is gone, sweeps old temporaries.
+ *
+ * Out:   report: filled also on failure; may be NULL.
+ * Fails: E_IO or E_NO_INPUT if the folder cannot be read (the old table stays), E_NO_MEMORY. A bad
+ *        file is not a failure of the scan.
+ * Cost:  blocks on the disk; new files are read and proven.
+ */
+UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
+                                              struct umbs_store_report *report,
+                                              struct umb_error *error);
+
+/* Frees retired versions that nobody holds any more. Blocks on unmapping. */
+void umbs_store_reap(struct umbs_store *store);
+
+/*
+ * Finds an asset by its id (64 hexadecimal digits) or its name and takes a reference.
+ *
+ * Fails: E_NOT_FOUND; E_CORRUPT with the reason if its file is damaged.
+ */
+UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
+                                               struct umbs_entry **out, struct umb_error *error);
+
+/* Gives a reference back. NULL is allowed. */
+void umbs_entry_release(struct umbs_entry *entry);
+
+/* Borrowed until the release. */
+const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry);
+const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry);
+
+/* Copies the list, sorted by name, damaged ones included; free() it. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbs_store_list(struct umbs_store *store,
+                                            struct umbs_store_item **items, size_t *count,
+                                            struct umb_error *error);
+
+/* Assets that answer, and files that do not. */
+void umbs_store_count(struct umbs_store *store, size_t *healthy, size_t *damaged);
+
+#endif

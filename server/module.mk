@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+# umbraged, umbrage-bake and umbrage-study. common and rays are libraries that they share.
+INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
+
+COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
+RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
+DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
+BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
+STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c))
+COMMON_LIB := $(BUILD)/libumbrage-common.a
+RAYS_LIB   := $(BUILD)/libumbrage-rays.a
+BAKE_LIB   := $(BUILD)/libumbrage-bake.a
+DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
+
+$(COMMON_LIB): $(COMMON_OBJ)
+$(RAYS_LIB): $(RAYS_OBJ)
+$(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
+$(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
+
+$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+	$(CC) $(LDFLAGS_ALL) $^ -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS) -o $@
+
+$(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
+	$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lcrypto $(CORE_LIBS) -o $@
+
+$(BUILD)/umbrage-study: $(STUDY_OBJ) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+	$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS) -o $@
+
+daemon: $(BUILD)/umbraged ## umbraged
+bake: $(BUILD)/umbrage-bake ## umbrage-bake
+study: $(BUILD)/umbrage-study ## umbrage-study: render, verify against rays
+.PHONY: daemon bake study

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_RAYS_RAYS_H
+#define UMBRAGE_SERVER_RAYS_RAYS_H
+/*
+ * Ray tracing with Embree 3 (robust mode): the truth that bakes and studies are compared with.
+ * Independent of the bake's coverage predicate: Embree intersects the triangles itself.
+ *
+ * Precision: Embree works in float; triangles are handed over relative to `origin` (the centre of
+ * the scene), so that the error is about 6e-8 of the scene's extent.
+ * Threads: a built scene is immutable; any thread may trace.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+struct umbr_rays; /* opaque */
+
+struct umbr_hit {
+    double distance;     /* along the unit direction, metres; negative if nothing was hit */
+    double normal[3];    /* unit, geometric, by the triangle's winding */
+    uint32_t triangle;
+};
+
+/*
+ * Builds the accelerating structure over world triangles.
+ *
+ * In:    corners: double[count][3][3]; borrowed during the call only.
+ * Fails: E_NO_MEMORY, E_INTERNAL (Embree's message).
+ */
+UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
+                                             struct umbr_rays **out, struct umb_error *error);
+void umbr_rays_destroy(struct umbr_rays *rays);
+
+/* 1 if anything lies on the ray from `from` along unit `direction`, between near and far metres. */
+int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                  double near_m, double far_m);
+
+/* Nearest hit. */
+void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                  double near_m, double far_m, struct umbr_hit *hit);
+
+/*
+ * Sums up the crossings of a whole ray, for "is this point inside a closed solid".
+ *
+ * In:    closed: uint8[triangle count], 1 where the triangle belongs to a closed part.
+ * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
+ *        crossings: all hits of closed triangles.
+ */
+void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                    const uint8_t *closed, int *winding, int *crossings);
+
+#endif

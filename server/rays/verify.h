@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_RAYS_VERIFY_H
+#define UMBRAGE_SERVER_RAYS_VERIFY_H
+/*
+ * Comparing an asset with traced rays (design: "agrees with traced rays except within one voxel of
+ * a shadow boundary").
+ *
+ * Half of the points are uniform in the frustum's box, half within 4 voxels of a shadow boundary
+ * of the asset, found by walking it. Each point is looked up without bias and traced towards the
+ * light. A disagreement is inside the band if the traced truth is not the same at every sample of
+ * a 5x5x5 grid of offsets within one voxel of the point (the voxel's own centre included);
+ * otherwise it is outside, which must not happen. Points inside closed parts of assets baked under
+ * the closed rule are left out (counted): answers there are unspecified.
+ */
+#include "rays/rays.h"
+#include "umbrage/query.h"
+
+struct umbr_verify_options {
+    uint64_t points;     /* 0 = 1 million */
+    uint64_t seed;
+    const uint8_t *closed; /* uint8[triangle count], NULL = no closed parts */
+    unsigned threads;    /* 0 = all */
+};
+
+struct umbr_verify_result {
+    uint64_t points, near_boundary;   /* compared; of them drawn near a boundary */
+    uint64_t skipped_inside;          /* inside closed parts */
+    uint64_t inside_band, outside_band; /* disagreements */
+    double worst_point[3];            /* a point outside the band, world */
+    int has_worst;
+};
+
+/*
+ * Verifies one light of an asset.
+ * Fails: E_ARGUMENT, E_NO_MEMORY. A disagreement is not a failure: see the result.
+ */
+UMB_CHECKED enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
+                                        const struct umbr_rays *rays,
+                                        const struct umbr_verify_options *options,
+                                        struct umbr_verify_result *result, struct umb_error *error);
+
+#endif

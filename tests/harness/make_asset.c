@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See make_asset.h. */
+#include "make_asset.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+#include "format/intern.h"
+
+static void demand(int ok, const char *what)
+{
+    if (!ok) {
+        (void)fprintf(stderr, "harness: %s\n", what);
+        abort();
+    }
+}
+
+static enum umb_status append(void *user, const void *data, size_t count)
+{
+    struct bytes *bytes = user;
+    if (bytes->size + count > bytes->capacity) {
+        size_t capacity = (bytes->size + count) * 2 + 64;
+        uint8_t *grown = aligned_alloc(64, (capacity + 63) / 64 * 64);
+        if (!grown) {
+            return UMB_E_NO_MEMORY;
+        }
+        if (bytes->size > 0) {
+            memcpy(grown, bytes->data, bytes->size);
+        }
+        free(bytes->data);
+        bytes->data = grown;
+        bytes->capacity = capacity;
+    }
+    memcpy(bytes->data + bytes->size, data, count);
+    bytes->size += count;
+    return UMB_OK;
+}
+
+struct umb_sink bytes_sink(struct bytes *bytes)
+{
+    return (struct umb_sink){append, bytes};
+}
+
+void bytes_finish(struct bytes *bytes)
+{
+    free(bytes->data);
+    memset(bytes, 0, sizeof *bytes);
+}
+
+static void digest(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
+                   uint8_t out[UMB_ID_BYTES])
+{
+    (void)user;
+    for (uint64_t k = 0; k < 4; k++) {
+        uint64_t hash = k;
+        for (size_t i = 0; i < part_count; i++) {
+            hash = XXH3_64bits_withSeed(parts[i], sizes[i], hash + k);
+        }
+        memcpy(out + 8 * k, &hash, sizeof hash);
+    }
+}
+
+const struct umb_sha256 test_digest = {digest, NULL};
+
+uint64_t next_random(uint64_t *state)
+{
+    *state ^= *state >> 12;
+    *state ^= *state << 25;
+    *state ^= *state >> 27;
+    return *state * 0x2545f4914f6cdd1dU;
+}
+
+double random_unit(uint64_t *state)
+{
+    return (double)(next_random(state) >> 11) * 0x1p-53;
+}
+
+struct cube {
+    uint32_t frustum, level, x, y, z; /* in voxels */
+};
+
+static void build(const struct voxels *voxels, struct umb_intern *intern, struct cube cube,
+                  struct umb_node_value *value)
+{
+    if (cube.level == UMB_LEVEL_BRICK) {
+        uint64_t brick[8] = {0};
+        for (uint32_t i = 0; i < 512; i++) {
+            uint32_t x = i % 8, y = i / 8 % 8, z = i / 64;
+            uint64_t lit = voxels->lit(voxels->user, cube.frustum, cube.x + x, cube.y + y,
+                                       cube.z + z) != 0;
+            brick[z] |= lit << (x + 8 * y);
+        }
+        demand(umb_intern_brick(intern, brick, value, NULL) == UMB_OK, "brick");
+        return;
+    }
+    struct umb_node_value children[8];
+    uint32_t half = 1U << (cube.level - 1);
+    for (unsigned c = 0; c < 8; c++) {
+        struct cube part = {cube.frustum, cube.level - 1, cube.x + (c & 1) * half,
+                            cube.y + (c >> 1 & 1) * half, cube.z + (c >> 2) * half};
+        build(voxels, intern, part, &children[c]);
+    }
+    demand(umb_intern_node(intern, cube.level, children, value, NULL) == UMB_OK, "node");
+}
+
+void make_octree(const struct voxels *voxels, struct umb_octree *octree)
+{
+    struct umb_intern intern;
+    umb_intern_init(&intern, NULL);
+    struct umb_octree_root *roots = calloc(voxels->frustum_count, sizeof *roots);
+    demand(roots != NULL, "roots");
+    for (uint32_t i = 0; i < voxels->frustum_count; i++) {
+        struct umb_node_value value;
+        struct cube whole = {i, voxels->log2_size, 0, 0, 0};
+        build(voxels, &intern, whole, &value);
+        roots[i].state = value.state;
+        roots[i].level = voxels->log2_size;
+        roots[i].index = value.state == UMB_NODE_MIXED ? value.index : 0;
+    }
+    umb_intern_take(&intern, octree);
+    octree->roots = roots;
+    octree->root_count = voxels->frustum_count;
+}
+
+enum { HARNESS_LIGHTS = 16 };
+
+void make_content(const struct voxels *voxels, double voxel_m, const double origin[3],
+                  struct umb_content *content)
+{
+    static struct umb_light_info lights[HARNESS_LIGHTS];
+    static struct umb_frustum_info frusta[HARNESS_LIGHTS];
+    static char plan[] = "effect=closed state=off reason=\"made for a test\" cost=\"none\"\n";
+    static char settings[] = "resolution=test\n";
+    static char notes[] = "writer=test\n";
+    demand(voxels->frustum_count <= HARNESS_LIGHTS, "too many lights");
+    memset(lights, 0, sizeof lights);
+    memset(frusta, 0, sizeof frusta);
+    memset(content, 0, sizeof *content);
+    for (uint32_t i = 0; i < voxels->frustum_count; i++) {
+        (void)snprintf(lights[i].name, sizeof lights[i].name, "sun%u", i);
+        lights[i].direction[2] = 1;
+        lights[i].first_frustum = i;
+        lights[i].frustum_count = 1;
+        frusta[i].log2_size = voxels->log2_size;
+        frusta[i].light = i;
+        for (size_t k = 0; k < 3; k++) {
+            frusta[i].world_to_voxel[k][k] = 1 / voxel_m;
+        }
+        frusta[i].world_to_voxel[3][3] = 1;
+    }
+    content->light_count = voxels->frustum_count;
+    content->frustum_count = voxels->frustum_count;
+    content->lights = lights;
+    content->frusta = frusta;
+    content->plan = plan;
+    content->settings = settings;
+    content->notes = notes;
+    for (size_t k = 0; k < 3; k++) {
+        content->origin[k] = origin[k];
+        content->bounds.min[k] = origin[k];
+        content->bounds.max[k] = origin[k] + voxel_m * (double)(1U << voxels->log2_size);
+    }
+}
+
+struct bytes make_packed(const struct voxels *voxels, double voxel_m, const double origin[3])
+{
+    struct bytes bytes = {0};
+    struct umb_octree octree;
+    struct umb_content content;
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(voxels, &octree);
+    make_content(voxels, voxel_m, origin, &content);
+    struct umb_sink sink = bytes_sink(&bytes);
+    enum umb_status status =
+        umb_pack_write(&content, &octree, &test_digest, &sink, id, &error);
+    demand(status == UMB_OK, error.message);
+    umb_octree_finish(&octree);
+    return bytes;
+}
+
+struct bytes make_mapped(const struct bytes *packed)
+{
+    struct bytes bytes = {0};
+    struct umb_asset *asset;
+    struct umb_error error = {0};
+    struct umb_sink sink = bytes_sink(&bytes);
+    demand(umb_asset_open_bytes(packed->data, packed->size, NULL, &asset, &error) == UMB_OK,
+           error.message);
+    demand(umb_mapped_write(asset, &sink, &error) == UMB_OK, error.message);
+    umb_asset_close(asset);
+    return bytes;
+}

@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_MAKE_ASSET_H
+#define UMBRAGE_TESTS_MAKE_ASSET_H
+/*
+ * Small assets made straight from voxels, without a bake: a function says which voxels are lit, an
+ * octree is interned bottom-up, packed into memory.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "format/content.h"
+
+/* 1 if voxel (x, y, z) of frustum `frustum` is lit. */
+typedef int (*voxel_fn)(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
+
+struct voxels {
+    voxel_fn lit;
+    const void *user;
+    uint32_t log2_size;
+    uint32_t frustum_count; /* one directional light each */
+};
+
+/* A growing byte string. */
+struct bytes {
+    uint8_t *data;
+    size_t size, capacity;
+};
+struct umb_sink bytes_sink(struct bytes *bytes);
+void bytes_finish(struct bytes *bytes);
+
+/* A digest for tests that need no real SHA-256: 32 bytes of XXH3. */
+extern const struct umb_sha256 test_digest;
+
+/* xorshift64*; any seed but 0. */
+uint64_t next_random(uint64_t *state);
+double random_unit(uint64_t *state); /* [0, 1) */
+
+/* Builds the octree of `voxels`; finish with umb_octree_finish. Aborts the test on failure. */
+void make_octree(const struct voxels *voxels, struct umb_octree *octree);
+
+/*
+ * Content whose light i travels along +z of a frame where one voxel is voxel_m metres, with the
+ * scene origin at `origin`; voxel space is (world - origin) / voxel_m. Static storage inside.
+ */
+void make_content(const struct voxels *voxels, double voxel_m, const double origin[3],
+                  struct umb_content *content);
+
+/* Packs voxels; returns the file's bytes. */
+struct bytes make_packed(const struct voxels *voxels, double voxel_m, const double origin[3]);
+
+/* The mapped form of a packed file; data is 64-byte aligned. */
+struct bytes make_mapped(const struct bytes *packed);
+
+#endif
