@@ -8,7 +8,9 @@
 
 config ?= release
 BUILD  ?= build/$(config)
-CC     ?= gcc
+ifeq ($(origin CC),default)
+CC := gcc
+endif
 PREFIX ?= /usr/local
 DESTDIR ?=
 
@@ -16,7 +18,12 @@ DESTDIR ?=
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
+# Quiet by default: V=1 shows the commands.
+Q := $(if $(V),,@)
+say = $(if $(V),,@echo "  $(1) $(2)")
+
 VERSION := 0.1.0
+CORES := $(shell nproc)
 
 opt_release := -O2 -DNDEBUG
 opt_debug   := -O0
@@ -47,16 +54,19 @@ include deploy/module.mk
 
 $(BUILD)/%_avx2.o: %_avx2.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS_ALL) $(AVX2_FLAGS) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) $(AVX2_FLAGS) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS_ALL) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
 
 $(BUILD)/%.a:
 	@mkdir -p $(@D)
 	@rm -f $@
-	ar rcsD $@ $^
+	$(call say,AR,$@)
+	$(Q)ar rcsD $@ $^
 
 clean: ## remove every build
 	rm -rf build demo-out

@@ -17,7 +17,8 @@ $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
 
 $(BUILD)/umbrage: $(CLI_OBJ) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
-	$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
 
 core: $(CORE_LIB) ## the core library alone
 client: $(BUILD)/umbrage ## libumbrage and the umbrage command

@@ -10,10 +10,12 @@ WIRE_LIB := $(BUILD)/libumbrage-wire.a
 
 $(BUILD)/gen/%.pb-c.c $(BUILD)/gen/%.pb-c.h &: proto/%.proto
 	@mkdir -p $(@D)
-	protoc-c -Iproto --c_out=$(BUILD)/gen $<
+	$(call say,PROTOC,$<)
+	$(Q)protoc-c -Iproto --c_out=$(BUILD)/gen $<
 
 $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
-	$(CC) $(CFLAGS_ALL) -Wno-conversion -Wno-shadow -I$(BUILD)/gen -c $< -o $@
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) -Wno-conversion -Wno-shadow -I$(BUILD)/gen -c $< -o $@
 
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)

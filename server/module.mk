@@ -18,13 +18,16 @@ $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
 $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
 
 $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
-	$(CC) $(LDFLAGS_ALL) $^ -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS) -o $@
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
-	$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lcrypto $(CORE_LIBS) -o $@
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lcrypto $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-study: $(STUDY_OBJ) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-	$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS) -o $@
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS) -o $@
 
 daemon: $(BUILD)/umbraged ## umbraged
 bake: $(BUILD)/umbrage-bake ## umbrage-bake

@@ -26,9 +26,52 @@ define unit_part
 UNIT_BIN_$(1) := $$(patsubst %.c,$$(BUILD)/%,$$(wildcard tests/unit/$(1)/test_*.c))
 UNIT_TESTS += $$(UNIT_BIN_$(1))
 $$(UNIT_BIN_$(1)): $$(BUILD)/%: $$(BUILD)/%.o $$(HARNESS_OBJ) $$(TEST_LIBS_$(1))
-	$$(CC) $$(LDFLAGS_ALL) $$^ $$(TEST_SYS_$(1)) -lcmocka -o $$@
+	$$(call say,LD,$$@)
+	$$(Q)$$(CC) $$(LDFLAGS_ALL) $$^ $$(TEST_SYS_$(1)) -lcmocka -o $$@
 unit-$(1): $$(UNIT_BIN_$(1))
 	@for t in $$(UNIT_BIN_$(1)); do echo "== $$$$t"; timeout 300 $$$$t || exit 1; done
 .PHONY: unit-$(1)
 endef
 $(foreach part,$(UNIT_PARTS),$(eval $(call unit_part,$(part))))
+
+-include tests/scenes/scenes.mk
+-include tests/oracle/oracle.mk
+-include tests/fuzz/fuzz.mk
+-include tests/fault/fault.mk
+-include tests/bench/bench.mk
+
+unit: $(UNIT_TESTS) ## build the unit tests
+RUN := sh tests/harness/run.sh
+SYSTEM_TESTS := $(sort $(wildcard tests/agreement/test_* tests/system/test_* tests/interop/test_*))
+PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study
+
+check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
+	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
+
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check ## real processes on loopback, agreement, interop
+	@BUILD=$(BUILD) $(RUN) $(SYSTEM_TESTS)
+
+# Sanitizer runs: all unit tests under both, and the daemon serving real clients.
+sanitize:
+	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
+	@$(MAKE) --no-print-directory -j$(CORES) config=tsan sanitize-one
+sanitize-one: $(UNIT_TESTS) $(PROGRAMS) $(BUILD)/scenegen
+	@echo "== $(config)"
+	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS) tests/interop/test_grpcio.py tests/system/test_drain.py
+
+test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
+	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BUILD)/scenegen $(BUILD)/oracle_check
+	@$(MAKE) --no-print-directory lint check
+	@$(MAKE) --no-print-directory system
+	@$(MAKE) --no-print-directory sanitize
+
+layers: ## prove the include rules
+	@sh tests/lint/layers.sh
+
+lint: ## banned functions, names, lengths
+	@sh tests/lint/lint.sh
+
+format: ## lay out all sources with clang-format
+	git ls-files '*.c' '*.h' | xargs clang-format -i
+
+.PHONY: unit check system sanitize sanitize-one test layers lint format

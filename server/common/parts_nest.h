@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include "umbrage/geom.h"
 
-/* A binary tree over boxes, kept in the order of `boxes`: node [first, last) is split at its middle. */
+/* A binary tree in the order of `boxes`: node [first, last) is split at its middle. */
 struct umbs_nest {
     struct umb_box *boxes;  /* [count], reordered */
     struct umb_box *unions; /* [count], of the node whose middle is that index */

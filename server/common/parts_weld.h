@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_PARTS_WELD_H
 #define UMBRAGE_SERVER_COMMON_PARTS_WELD_H
-/* Welding: corners of a triangle soup at bit-equal positions (after -0 becomes 0) are one vertex. */
+/* Welding: corners of a triangle soup at bit-equal positions (-0 being 0) are one vertex. */
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/status.h"

@@ -25,17 +25,22 @@ struct umbr_hit {
  * Builds the accelerating structure over world triangles.
  *
  * In:    corners: double[count][3][3]; borrowed during the call only.
- * Fails: E_NO_MEMORY, E_INTERNAL (Embree's message).
+ * Fails: E_NO_MEMORY, E_TOO_LARGE (above 1431655765 triangles), E_INTERNAL (Embree's message).
  */
 UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
                                              struct umbr_rays **out, struct umb_error *error);
 void umbr_rays_destroy(struct umbr_rays *rays);
 
-/* 1 if anything lies on the ray from `from` along unit `direction`, between near and far metres. */
+/*
+ * 1 if anything lies on the ray from `from` along unit `direction`, between near and far metres.
+ *
+ * In: from, direction: finite. near_m: below 0 counts as 0. far_m: may be infinite; a range with
+ *     far_m < near_m is empty.
+ */
 int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m);
 
-/* Nearest hit. */
+/* Nearest hit, with the same arguments. */
 void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m, struct umbr_hit *hit);
 
@@ -44,7 +49,10 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
  *
  * In:    closed: uint8[triangle count], 1 where the triangle belongs to a closed part.
  * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
- *        crossings: all hits of closed triangles.
+ *        crossings: all hits of closed triangles. A ray through an edge or a corner that facets
+ *        share crosses there once.
+ * Not guaranteed: a point within float rounding of a surface may count as either side.
+ * Caveat: facing is by winding as built; turn parts that umbs_parts_find calls `flipped` first.
  */
 void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
                     const uint8_t *closed, int *winding, int *crossings);

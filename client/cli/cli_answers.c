@@ -1,0 +1,161 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writing answers, see cli_answers.h. */
+#include "cli_answers.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
+                                   struct umbc_answers *answers, struct umb_error *error)
+{
+    memset(answers, 0, sizeof *answers);
+    answers->options = options;
+    enum umb_status status = umbc_output_begin(options->out, &answers->output, error);
+    if (status == UMB_OK && options->json) {
+        answers->json.file = answers->output.file;
+        umbc_json_begin(&answers->json, NULL, '{');
+        umbc_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
+    }
+    return status;
+}
+
+static void put_text(FILE *file, const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        (void)fprintf(file, "%.9g\n", (double)values[i]);
+    }
+}
+
+static void put_json(struct umbc_json *json, const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (json->needs_comma) {
+            (void)fputc(',', json->file);
+        }
+        (void)fprintf(json->file, "%.9g", (double)values[i]);
+        json->needs_comma = true;
+    }
+}
+
+bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count)
+{
+    FILE *file = answers->output.file;
+    if (answers->options->json) {
+        put_json(&answers->json, values, count);
+    } else if (answers->options->encoding == UMBC_ENCODING_TEXT) {
+        put_text(file, values, count);
+    } else {
+        (void)fwrite(values, 1, umb_answer_bytes(answers->options->settings.format, count), file);
+    }
+    return !ferror(file);
+}
+
+static const char *state_name(uint32_t state)
+{
+    return state == 0 ? "shadowed" : state == 1 ? "lit" : "mixed";
+}
+
+static void explain_text(FILE *file, uint64_t number, float value, const struct umb_explanation *e)
+{
+    (void)fprintf(file,
+                  "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s\n"
+                  "  moved %.6g m to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64 " %" PRId64
+                  " %" PRId64 ") of frustum %" PRIu32 ", %.6g m a voxel, %" PRIu32
+                  " nodes and %" PRIu32 " bricks read\n",
+                  number, (double)value, e->lit_taps, e->taps * e->taps,
+                  e->facing_away ? ", faces away" : "", e->outside ? ", outside" : "",
+                  e->before ? ", before the first voxel" : "",
+                  e->behind ? ", behind the last voxel" : "", e->bias_m, e->moved[0], e->moved[1],
+                  e->moved[2], e->voxel[0], e->voxel[1], e->voxel[2], e->cell[0], e->cell[1],
+                  e->cell[2], e->frustum, e->voxel_size_m, e->nodes, e->bricks);
+    size_t limit = sizeof e->steps / sizeof e->steps[0];
+    for (size_t i = 0; i < e->step_count && i < limit; i++) {
+        (void)fprintf(file, "  level %2" PRIu32 ": %-8s %" PRIu64 "\n", e->steps[i].level,
+                      state_name(e->steps[i].state), e->steps[i].index);
+    }
+}
+
+static void explain_json(struct umbc_json *json, uint64_t number, float value,
+                         const struct umb_explanation *e)
+{
+    umbc_json_begin(json, NULL, '{');
+    umbc_json_integer(json, "point", number);
+    umbc_json_number(json, "answer", (double)value);
+    umbc_json_integer(json, "lit_taps", e->lit_taps);
+    umbc_json_integer(json, "taps", e->taps);
+    umbc_json_bool(json, "facing_away", e->facing_away != 0);
+    umbc_json_bool(json, "outside", e->outside != 0);
+    umbc_json_bool(json, "before", e->before != 0);
+    umbc_json_bool(json, "behind", e->behind != 0);
+    umbc_json_number(json, "bias_m", e->bias_m);
+    umbc_json_vector(json, "moved", e->moved);
+    umbc_json_vector(json, "voxel", e->voxel);
+    umbc_json_begin(json, "cell", '[');
+    for (int axis = 0; axis < 3; axis++) {
+        umbc_json_signed(json, NULL, e->cell[axis]);
+    }
+    umbc_json_end(json, ']');
+    umbc_json_number(json, "voxel_size_m", e->voxel_size_m);
+    umbc_json_integer(json, "frustum", e->frustum);
+    umbc_json_integer(json, "nodes", e->nodes);
+    umbc_json_integer(json, "bricks", e->bricks);
+    umbc_json_begin(json, "steps", '[');
+    size_t limit = sizeof e->steps / sizeof e->steps[0];
+    for (size_t i = 0; i < e->step_count && i < limit; i++) {
+        umbc_json_begin(json, NULL, '{');
+        umbc_json_integer(json, "level", e->steps[i].level);
+        umbc_json_text(json, "state", state_name(e->steps[i].state));
+        umbc_json_integer(json, "index", e->steps[i].index);
+        umbc_json_end(json, '}');
+    }
+    umbc_json_end(json, ']');
+    umbc_json_end(json, '}');
+}
+
+void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float value,
+                          const struct umb_explanation *explanation)
+{
+    if (answers->options->json) {
+        explain_json(&answers->json, number, value, explanation);
+    } else {
+        explain_text(answers->output.file, number, value, explanation);
+    }
+}
+
+static void end_json(struct umbc_answers *answers, const struct umbc_query_total *total)
+{
+    struct umbc_json *json = &answers->json;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(total->asset_id, id);
+    umbc_json_end(json, ']');
+    umbc_json_text(json, "asset", id);
+    umbc_json_integer(json, "light", answers->options->settings.light);
+    umbc_json_integer(json, "taps", answers->options->settings.taps);
+    umbc_json_integer(json, "points", total->points);
+    umbc_json_begin(json, "stats", '{');
+    umbc_json_integer(json, "outside", total->stats.outside);
+    umbc_json_integer(json, "before", total->stats.before);
+    umbc_json_integer(json, "behind", total->stats.behind);
+    umbc_json_integer(json, "facing_away", total->stats.facing_away);
+    umbc_json_integer(json, "nodes", total->stats.nodes);
+    umbc_json_integer(json, "bricks", total->stats.bricks);
+    umbc_json_end(json, '}');
+    umbc_json_number(json, "seconds", total->seconds);
+    umbc_json_number(json, "server_seconds", (double)total->server_ns * 1e-9);
+    umbc_json_end(json, '}');
+    (void)fputc('\n', json->file);
+}
+
+enum umb_status umbc_answers_end(struct umbc_answers *answers,
+                                 const struct umbc_query_total *total, struct umb_error *error)
+{
+    if (answers->options->json) {
+        end_json(answers, total);
+    }
+    return umbc_output_commit(&answers->output, error);
+}
+
+void umbc_answers_abandon(struct umbc_answers *answers)
+{
+    umbc_output_abandon(&answers->output);
+}

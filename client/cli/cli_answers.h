@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_ANSWERS_H
+#define UMBRAGE_CLI_CLI_ANSWERS_H
+/*
+ * Writes answers in order: text, raw bytes, JSON or explanations. Write errors stay in the stream
+ * until umbc_answers_end looks.
+ */
+#include "cli_json.h"
+#include "cli_output.h"
+#include "cli_query_options.h"
+
+/* What a whole query added up to. */
+struct umbc_query_total {
+    struct umb_query_stats stats;
+    uint8_t asset_id[UMB_ID_BYTES];
+    uint64_t server_ns; /* CPU time of the daemon, 0 for a file */
+    double seconds;     /* from the first batch to the last */
+    uint64_t points;
+};
+
+struct umbc_answers {
+    const struct umbc_query_options *options;
+    struct umbc_output output;
+    struct umbc_json json;
+};
+
+UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
+                                               struct umbc_answers *answers,
+                                               struct umb_error *error);
+
+/* Writes `count` answers; values in the encoding's format, float for text. False: cannot write. */
+bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count);
+
+/* Writes how point `number` was answered. */
+void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float value,
+                          const struct umb_explanation *explanation);
+
+/* Ends the output and makes it visible. */
+UMB_CHECKED enum umb_status umbc_answers_end(struct umbc_answers *answers,
+                                             const struct umbc_query_total *total,
+                                             struct umb_error *error);
+void umbc_answers_abandon(struct umbc_answers *answers);
+
+#endif

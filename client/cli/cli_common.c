@@ -1,0 +1,209 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shared pieces of the sub-commands, see cli_common.h. */
+#include "cli_common.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+static void print_help(const struct umbc_command *command)
+{
+    (void)printf("usage: %s\n\n%s\n\noptions:\n", command->usage, command->summary);
+    for (size_t i = 0; i < command->option_count; i++) {
+        const struct umbc_option *option = &command->options[i];
+        char left[48];
+        char letter[4] = "";
+        if (option->letter != '\0') {
+            (void)snprintf(letter, sizeof letter, "-%c,", option->letter);
+        }
+        (void)snprintf(left, sizeof left, "%3s --%s%s%s", letter, option->name,
+                       option->value != NULL ? " " : "", option->value != NULL ? option->value : "");
+        (void)printf("  %-28s %s\n", left, option->help);
+    }
+    (void)printf("  %-28s %s\n", "    --help", "this text");
+}
+
+int umbc_usage_error(const char *format, ...)
+{
+    va_list arguments;
+    (void)fputs("umbrage: ", stderr);
+    va_start(arguments, format);
+    (void)vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    (void)fputs(" (try --help)\n", stderr);
+    return UMBC_EXIT_USAGE;
+}
+
+int umbc_complain(const struct umb_error *error)
+{
+    (void)fprintf(stderr, "umbrage: %s\n",
+                  error->message[0] != '\0' ? error->message : umb_status_text(error->status));
+    return umb_status_exit(error->status);
+}
+
+int umbc_complain_as(enum umb_status status, const char *format, ...)
+{
+    va_list arguments;
+    (void)fputs("umbrage: ", stderr);
+    va_start(arguments, format);
+    (void)vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    (void)fputc('\n', stderr);
+    return umb_status_exit(status);
+}
+
+/* Finds "--name" or "--name=value"; *value is what follows '=', or NULL. -1 if unknown. */
+static int find_long(const struct umbc_command *command, const char *text, const char **value)
+{
+    const char *equals = strchr(text, '=');
+    size_t length = equals == NULL ? strlen(text) : (size_t)(equals - text);
+    *value = equals == NULL ? NULL : equals + 1;
+    for (size_t i = 0; i < command->option_count; i++) {
+        const char *name = command->options[i].name;
+        if (strlen(name) == length && strncmp(name, text, length) == 0) {
+            return (int)i;
+        }
+    }
+    return -1;
+}
+
+/* Finds "-o" or "-oVALUE". */
+static int find_short(const struct umbc_command *command, const char *text, const char **value)
+{
+    *value = text[1] == '\0' ? NULL : text + 1;
+    for (size_t i = 0; i < command->option_count; i++) {
+        if (command->options[i].letter == text[0]) {
+            return (int)i;
+        }
+    }
+    return -1;
+}
+
+/* Takes the option at argv[*at]; moves *at over a value in the next argument. */
+static int take_option(const struct umbc_command *command, int argc, char **argv, int *at,
+                       struct umbc_parsed *parsed)
+{
+    const char *text = argv[*at];
+    const char *value;
+    int found = text[1] == '-' ? find_long(command, text + 2, &value)
+                               : find_short(command, text + 1, &value);
+    if (found < 0) {
+        return umbc_usage_error("%s: unknown option '%s'", argv[0], text);
+    }
+    const struct umbc_option *option = &command->options[found];
+    if (option->value == NULL) {
+        if (value != NULL) {
+            return umbc_usage_error("%s: --%s takes no value", argv[0], option->name);
+        }
+        parsed->values[found] = "";
+        return -1;
+    }
+    if (value == NULL) {
+        if (*at + 1 >= argc) {
+            return umbc_usage_error("%s: --%s needs a value: %s", argv[0], option->name,
+                                    option->value);
+        }
+        value = argv[++*at];
+    }
+    parsed->values[found] = value;
+    return -1;
+}
+
+int umbc_parse(const struct umbc_command *command, int argc, char **argv,
+               struct umbc_parsed *parsed)
+{
+    bool options_over = false;
+    memset(parsed, 0, sizeof *parsed);
+    for (int at = 1; at < argc; at++) {
+        const char *text = argv[at];
+        if (!options_over && strcmp(text, "--") == 0) {
+            options_over = true;
+        } else if (!options_over && (strcmp(text, "--help") == 0 || strcmp(text, "-h") == 0)) {
+            print_help(command);
+            return umbc_finish_stdout(0);
+        } else if (!options_over && text[0] == '-' && text[1] != '\0') {
+            int code = take_option(command, argc, argv, &at, parsed);
+            if (code >= 0) {
+                return code;
+            }
+        } else if (parsed->word_count == command->max_words) {
+            return umbc_usage_error("%s: unexpected argument '%s'", argv[0], text);
+        } else {
+            parsed->words[parsed->word_count++] = text;
+        }
+    }
+    if (parsed->word_count < command->min_words) {
+        return umbc_usage_error("%s: an argument is missing; usage: %s", argv[0], command->usage);
+    }
+    return -1;
+}
+
+bool umbc_is_file(const char *word)
+{
+    struct stat info;
+    size_t length = strlen(word);
+    if (strchr(word, '/') != NULL || (length > 4 && strcmp(word + length - 4, ".umb") == 0) ||
+        (length > 5 && strcmp(word + length - 5, ".umbm") == 0)) {
+        return true;
+    }
+    return stat(word, &info) == 0 && !S_ISDIR(info.st_mode);
+}
+
+enum umb_status umbc_connect(const char *address, struct umb_client **client,
+                             struct umb_error *error)
+{
+    if (address == NULL) {
+        address = getenv("UMBRAGE_ADDRESS");
+    }
+    if (address == NULL || address[0] == '\0') {
+        address = UMBC_DEFAULT_ADDRESS;
+    }
+    return umb_client_open(address, NULL, client, error);
+}
+
+bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value)
+{
+    char *end;
+    if (text[0] < '0' || text[0] > '9') {
+        return false;
+    }
+    errno = 0;
+    *value = strtoull(text, &end, 10);
+    return errno == 0 && *end == '\0' && *value <= max;
+}
+
+bool umbc_parse_number(const char *text, double *value)
+{
+    char *end;
+    /* strtod also knows hexadecimal, inf and nan; none of them is a coordinate anybody means. The
+     * program never calls setlocale, so that the decimal point is a point. */
+    if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0') {
+        return false;
+    }
+    *value = strtod(text, &end);
+    return *end == '\0' && isfinite(*value);
+}
+
+int umbc_finish_stdout(int code)
+{
+    if (fflush(stdout) != 0 || ferror(stdout)) {
+        return umbc_complain_as(UMB_E_IO, "cannot write to stdout");
+    }
+    return code;
+}
+
+void umbc_format_bytes(unsigned long long bytes, char text[32])
+{
+    static const char *const units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
+    double value = (double)bytes;
+    size_t unit = 0;
+    while (value >= 1024 && unit + 1 < sizeof units / sizeof units[0]) {
+        value /= 1024;
+        unit++;
+    }
+    (void)snprintf(text, 32, unit == 0 ? "%.0f %s" : "%.2f %s", value, units[unit]);
+}

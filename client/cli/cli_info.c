@@ -1,0 +1,359 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage info: what an asset is, from a file or from a daemon, for people or as JSON. */
+#include "cli_common.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "cli_json.h"
+
+enum info_option {
+    OPTION_ADDRESS,
+    OPTION_JSON,
+    OPTION_QUIET,
+    OPTION_COUNT,
+};
+
+static const struct umbc_option OPTIONS[OPTION_COUNT] = {
+    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
+    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
+    [OPTION_QUIET] = {"quiet", NULL, "print the id alone", 'q'},
+};
+
+static const struct umbc_command COMMAND = {
+    .usage = "umbrage info FILE|ASSET [options]",
+    .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
+               ".umb or .umbm is a file; anything else is an asset of the daemon.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+    .min_words = 1,
+    .max_words = 1,
+};
+
+static const char *light_kind(enum umb_light_kind kind)
+{
+    switch (kind) {
+    case UMB_LIGHT_DIRECTIONAL:
+        return "directional";
+    case UMB_LIGHT_SPOT:
+        return "spot";
+    case UMB_LIGHT_POINT:
+        return "point";
+    }
+    return "unknown";
+}
+
+static void voxel_metres(const struct umb_frustum_info *frustum, double metres[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        const double *step = frustum->voxel_step[axis];
+        metres[axis] = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    }
+}
+
+/* key=value lines, indented under a title. */
+static void print_lines(const char *title, const char *text)
+{
+    (void)printf("%s\n", title);
+    while (*text != '\0') {
+        size_t length = strcspn(text, "\n");
+        (void)printf("  %.*s\n", (int)length, text);
+        text += length + (text[length] == '\n');
+    }
+}
+
+static void print_place(const double origin[3], const struct umb_box *bounds)
+{
+    (void)printf("origin         %.9g %.9g %.9g m\n", origin[0], origin[1], origin[2]);
+    (void)printf("bounds         %.9g %.9g %.9g to %.9g %.9g %.9g m\n", bounds->min[0],
+                 bounds->min[1], bounds->min[2], bounds->max[0], bounds->max[1], bounds->max[2]);
+}
+
+static void print_light(uint32_t index, const struct umb_light_info *light)
+{
+    (void)printf("light %-8" PRIu32 " %s '%s'", index, light_kind(light->kind), light->name);
+    if (light->kind != UMB_LIGHT_POINT) {
+        (void)printf(", towards %.6g %.6g %.6g", light->direction[0], light->direction[1],
+                     light->direction[2]);
+    }
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        (void)printf(", at %.9g %.9g %.9g m", light->position[0], light->position[1],
+                     light->position[2]);
+    }
+    if (light->extent > 0) {
+        (void)printf(", extent %.4g %s", light->extent,
+                     light->kind == UMB_LIGHT_DIRECTIONAL ? "rad" : "m");
+    }
+    (void)putchar('\n');
+}
+
+static void json_light(struct umbc_json *json, const struct umb_light_info *light)
+{
+    umbc_json_text(json, "name", light->name);
+    umbc_json_text(json, "kind", light_kind(light->kind));
+    umbc_json_vector(json, "direction", light->direction);
+    umbc_json_vector(json, "position", light->position);
+    umbc_json_number(json, "extent", light->extent);
+}
+
+static void json_box(struct umbc_json *json, const struct umb_box *bounds)
+{
+    umbc_json_begin(json, "bounds", '{');
+    umbc_json_vector(json, "min", bounds->min);
+    umbc_json_vector(json, "max", bounds->max);
+    umbc_json_end(json, '}');
+}
+
+static void json_id(struct umbc_json *json, const char *key, const uint8_t id[UMB_ID_BYTES])
+{
+    char text[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(id, text);
+    umbc_json_text(json, key, text);
+}
+
+/* --- a file --- */
+
+static void print_frusta(const struct umb_asset *asset, const struct umb_light_info *light)
+{
+    for (uint32_t i = 0; i < light->frustum_count; i++) {
+        struct umb_frustum_info frustum;
+        double metres[3];
+        if (umb_asset_get_frustum(asset, light->first_frustum + i, &frustum) != UMB_OK) {
+            return;
+        }
+        voxel_metres(&frustum, metres);
+        (void)printf("  frustum %-4" PRIu32 " %llu^3 voxels of %.4g x %.4g x %.4g m, %s\n",
+                     light->first_frustum + i, 1ULL << frustum.log2_size, metres[0], metres[1],
+                     metres[2], frustum.closed ? "closed" : "open");
+    }
+}
+
+static void print_file_sizes(const struct umb_asset_info *info)
+{
+    char file[32];
+    char memory[32];
+    char grid[32];
+    char node[32];
+    char brick[32];
+    umbc_format_bytes(info->file_bytes, file);
+    umbc_format_bytes(info->memory_bytes, memory);
+    umbc_format_bytes(info->grid_bytes, grid);
+    umbc_format_bytes(info->node_bytes, node);
+    umbc_format_bytes(info->brick_bytes, brick);
+    (void)printf("file           %s (%" PRIu64 " bytes), %s\n", file, info->file_bytes,
+                 info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
+    (void)printf("memory         %s: grids %s, nodes %s, bricks %s\n", memory, grid, node, brick);
+    if (info->packed_bytes != 0) {
+        umbc_format_bytes(info->packed_bytes, file);
+        (void)printf("packed form    %s (%" PRIu64 " bytes)\n", file, info->packed_bytes);
+    }
+    if (info->bytes_2014 != 0) {
+        umbc_format_bytes(info->bytes_2014, file);
+        (void)printf("2014 encoding  %s (%" PRIu64 " bytes)\n", file, info->bytes_2014);
+    }
+}
+
+static void print_file(const struct umb_asset *asset, const struct umb_asset_info *info)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    char scene[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(info->id, id);
+    umb_id_to_text(info->scene_hash, scene);
+    (void)printf("asset          %s\nscene          %s\n", id, scene);
+    print_file_sizes(info);
+    print_place(info->origin, &info->bounds);
+    for (uint32_t i = 0; i < info->light_count; i++) {
+        struct umb_light_info light;
+        if (umb_asset_get_light(asset, i, &light) == UMB_OK) {
+            print_light(i, &light);
+            print_frusta(asset, &light);
+        }
+    }
+    (void)printf("unique nodes  ");
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        if (info->level_nodes[level] != 0) {
+            (void)printf(" level %" PRIu32 ": %" PRIu64, level, info->level_nodes[level]);
+        }
+    }
+    (void)putchar('\n');
+    print_lines("plan", info->plan);
+    print_lines("settings", info->settings);
+    print_lines("notes", info->notes);
+}
+
+static void json_frusta(struct umbc_json *json, const struct umb_asset *asset,
+                        const struct umb_light_info *light)
+{
+    umbc_json_begin(json, "frusta", '[');
+    for (uint32_t i = 0; i < light->frustum_count; i++) {
+        struct umb_frustum_info frustum;
+        double metres[3];
+        if (umb_asset_get_frustum(asset, light->first_frustum + i, &frustum) != UMB_OK) {
+            break;
+        }
+        voxel_metres(&frustum, metres);
+        umbc_json_begin(json, NULL, '{');
+        umbc_json_integer(json, "resolution", 1ULL << frustum.log2_size);
+        umbc_json_vector(json, "voxel_m", metres);
+        umbc_json_bool(json, "closed", frustum.closed != 0);
+        umbc_json_end(json, '}');
+    }
+    umbc_json_end(json, ']');
+}
+
+static void json_sizes(struct umbc_json *json, const struct umb_asset_info *info)
+{
+    umbc_json_text(json, "encoding", info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
+    umbc_json_integer(json, "file_bytes", info->file_bytes);
+    umbc_json_integer(json, "packed_bytes", info->packed_bytes);
+    umbc_json_integer(json, "bytes_2014", info->bytes_2014);
+    umbc_json_integer(json, "memory_bytes", info->memory_bytes);
+    umbc_json_integer(json, "grid_bytes", info->grid_bytes);
+    umbc_json_integer(json, "node_bytes", info->node_bytes);
+    umbc_json_integer(json, "brick_bytes", info->brick_bytes);
+    umbc_json_begin(json, "level_nodes", '[');
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umbc_json_integer(json, NULL, info->level_nodes[level]);
+    }
+    umbc_json_end(json, ']');
+}
+
+static void print_file_json(const struct umb_asset *asset, const struct umb_asset_info *info)
+{
+    struct umbc_json json = {.file = stdout};
+    umbc_json_begin(&json, NULL, '{');
+    json_id(&json, "asset", info->id);
+    json_id(&json, "scene", info->scene_hash);
+    json_sizes(&json, info);
+    umbc_json_vector(&json, "origin", info->origin);
+    json_box(&json, &info->bounds);
+    umbc_json_begin(&json, "lights", '[');
+    for (uint32_t i = 0; i < info->light_count; i++) {
+        struct umb_light_info light;
+        if (umb_asset_get_light(asset, i, &light) == UMB_OK) {
+            umbc_json_begin(&json, NULL, '{');
+            json_light(&json, &light);
+            json_frusta(&json, asset, &light);
+            umbc_json_end(&json, '}');
+        }
+    }
+    umbc_json_end(&json, ']');
+    umbc_json_text(&json, "plan", info->plan);
+    umbc_json_text(&json, "settings", info->settings);
+    umbc_json_text(&json, "notes", info->notes);
+    umbc_json_end(&json, '}');
+    (void)putchar('\n');
+}
+
+static int info_file(const char *path, const struct umbc_parsed *parsed)
+{
+    struct umb_error error = {.status = UMB_OK};
+    struct umb_asset *asset;
+    struct umb_asset_info info;
+    if (umb_asset_open_file(path, NULL, &asset, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    umb_asset_get_info(asset, &info);
+    if (parsed->values[OPTION_JSON] != NULL) {
+        print_file_json(asset, &info);
+    } else if (parsed->values[OPTION_QUIET] != NULL) {
+        char id[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(info.id, id);
+        (void)puts(id);
+    } else {
+        print_file(asset, &info);
+    }
+    umb_asset_close(asset);
+    return umbc_finish_stdout(0);
+}
+
+/* --- an asset of a daemon --- */
+
+static void print_description(const struct umb_client_description *about)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    char packed[32];
+    char memory[32];
+    umb_id_to_text(about->asset.id, id);
+    (void)printf("asset          %s\nname           %s\n", id, about->asset.name);
+    umb_id_to_text(about->scene_hash, id);
+    umbc_format_bytes(about->asset.packed_bytes, packed);
+    umbc_format_bytes(about->asset.memory_bytes, memory);
+    (void)printf("scene          %s\npacked form    %s\nmemory         %s\n", id, packed, memory);
+    print_place(about->origin, &about->bounds);
+    for (uint32_t i = 0; i < about->light_count; i++) {
+        const struct umb_client_light *light = &about->lights[i];
+        print_light(i, &light->info);
+        (void)printf("  %" PRIu64 "^3 voxels of %.4g x %.4g x %.4g m, %s\n", light->resolution,
+                     light->voxel_m[0], light->voxel_m[1], light->voxel_m[2],
+                     light->closed ? "closed" : "open");
+    }
+    print_lines("plan", about->plan);
+    print_lines("settings", about->settings);
+}
+
+static void print_description_json(const struct umb_client_description *about)
+{
+    struct umbc_json json = {.file = stdout};
+    umbc_json_begin(&json, NULL, '{');
+    json_id(&json, "asset", about->asset.id);
+    umbc_json_text(&json, "name", about->asset.name);
+    json_id(&json, "scene", about->scene_hash);
+    umbc_json_integer(&json, "packed_bytes", about->asset.packed_bytes);
+    umbc_json_integer(&json, "memory_bytes", about->asset.memory_bytes);
+    umbc_json_vector(&json, "origin", about->origin);
+    json_box(&json, &about->bounds);
+    umbc_json_begin(&json, "lights", '[');
+    for (uint32_t i = 0; i < about->light_count; i++) {
+        const struct umb_client_light *light = &about->lights[i];
+        umbc_json_begin(&json, NULL, '{');
+        json_light(&json, &light->info);
+        umbc_json_integer(&json, "resolution", light->resolution);
+        umbc_json_vector(&json, "voxel_m", light->voxel_m);
+        umbc_json_bool(&json, "closed", light->closed != 0);
+        umbc_json_end(&json, '}');
+    }
+    umbc_json_end(&json, ']');
+    umbc_json_text(&json, "plan", about->plan);
+    umbc_json_text(&json, "settings", about->settings);
+    umbc_json_end(&json, '}');
+    (void)putchar('\n');
+}
+
+static int info_asset(const char *name, const struct umbc_parsed *parsed)
+{
+    struct umb_error error = {.status = UMB_OK};
+    struct umb_client *client;
+    struct umb_client_description *about;
+    if (umbc_connect(parsed->values[OPTION_ADDRESS], &client, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    enum umb_status status = umb_client_describe(client, name, &about, &error);
+    umb_client_close(client);
+    if (status != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    if (parsed->values[OPTION_JSON] != NULL) {
+        print_description_json(about);
+    } else if (parsed->values[OPTION_QUIET] != NULL) {
+        char id[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(about->asset.id, id);
+        (void)puts(id);
+    } else {
+        print_description(about);
+    }
+    umb_client_description_free(about);
+    return umbc_finish_stdout(0);
+}
+
+int umbc_info(int argc, char **argv)
+{
+    struct umbc_parsed parsed;
+    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    if (code >= 0) {
+        return code;
+    }
+    return umbc_is_file(parsed.words[0]) ? info_file(parsed.words[0], &parsed)
+                                         : info_asset(parsed.words[0], &parsed);
+}

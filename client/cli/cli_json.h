@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_JSON_H
+#define UMBRAGE_CLI_CLI_JSON_H
+/*
+ * A JSON writer over stdio: it puts the commas. Write errors stay in the stream (ferror).
+ *
+ *     umbc_json_begin(&json, NULL, '{');
+ *     umbc_json_text(&json, "asset", id);
+ *     umbc_json_end(&json, '}');
+ *
+ * In every function `key` is NULL inside an array or at the top.
+ */
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+
+struct umbc_json {
+    FILE *file;
+    bool needs_comma;
+};
+
+void umbc_json_begin(struct umbc_json *json, const char *key, char bracket); /* '{' or '[' */
+void umbc_json_end(struct umbc_json *json, char bracket);                    /* '}' or ']' */
+void umbc_json_text(struct umbc_json *json, const char *key, const char *text); /* UTF-8 */
+void umbc_json_integer(struct umbc_json *json, const char *key, uint64_t value);
+void umbc_json_signed(struct umbc_json *json, const char *key, int64_t value);
+void umbc_json_number(struct umbc_json *json, const char *key, double value); /* not finite: null */
+void umbc_json_bool(struct umbc_json *json, const char *key, bool value);
+void umbc_json_vector(struct umbc_json *json, const char *key, const double values[3]);
+
+#endif

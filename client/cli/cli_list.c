@@ -1,0 +1,93 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage list: the assets that a daemon answers for. */
+#include "cli_common.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include "cli_json.h"
+
+enum list_option {
+    OPTION_ADDRESS,
+    OPTION_JSON,
+    OPTION_QUIET,
+    OPTION_COUNT,
+};
+
+static const struct umbc_option OPTIONS[OPTION_COUNT] = {
+    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
+    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
+    [OPTION_QUIET] = {"quiet", NULL, "names only", 'q'},
+};
+
+static const struct umbc_command COMMAND = {
+    .usage = "umbrage list [options]",
+    .summary = "Lists the assets of a daemon, by name.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+};
+
+static void print_json(const struct umb_client_asset *assets, size_t count)
+{
+    struct umbc_json json = {.file = stdout};
+    char id[UMB_ID_TEXT_SIZE];
+    umbc_json_begin(&json, NULL, '{');
+    umbc_json_begin(&json, "assets", '[');
+    for (size_t i = 0; i < count; i++) {
+        umb_id_to_text(assets[i].id, id);
+        umbc_json_begin(&json, NULL, '{');
+        umbc_json_text(&json, "name", assets[i].name);
+        umbc_json_text(&json, "asset", id);
+        umbc_json_integer(&json, "packed_bytes", assets[i].packed_bytes);
+        umbc_json_integer(&json, "memory_bytes", assets[i].memory_bytes);
+        umbc_json_integer(&json, "lights", assets[i].light_count);
+        umbc_json_end(&json, '}');
+    }
+    umbc_json_end(&json, ']');
+    umbc_json_end(&json, '}');
+    (void)putchar('\n');
+}
+
+static void print_table(const struct umb_client_asset *assets, size_t count, bool names_only)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (names_only) {
+            (void)puts(assets[i].name);
+            continue;
+        }
+        char id[UMB_ID_TEXT_SIZE];
+        char packed[32];
+        char memory[32];
+        umb_id_to_text(assets[i].id, id);
+        umbc_format_bytes(assets[i].packed_bytes, packed);
+        umbc_format_bytes(assets[i].memory_bytes, memory);
+        (void)printf("%-32s %s  %12s packed %12s in memory %5" PRIu32 " lights\n", assets[i].name,
+                     id, packed, memory, assets[i].light_count);
+    }
+}
+
+int umbc_list(int argc, char **argv)
+{
+    struct umbc_parsed parsed;
+    struct umb_error error = {.status = UMB_OK};
+    struct umb_client *client;
+    struct umb_client_asset *assets;
+    size_t count;
+    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    if (code >= 0) {
+        return code;
+    }
+    if (umbc_connect(parsed.values[OPTION_ADDRESS], &client, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    enum umb_status status = umb_client_list(client, &assets, &count, &error);
+    if (status == UMB_OK) {
+        if (parsed.values[OPTION_JSON] != NULL) {
+            print_json(assets, count);
+        } else {
+            print_table(assets, count, parsed.values[OPTION_QUIET] != NULL);
+        }
+        umb_client_assets_free(assets);
+    }
+    umb_client_close(client);
+    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);
+}

@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Atomic output files of the command line, see cli_output.h. */
+#include "cli_output.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/* Length of the folder part of a path with its slash, 0 if there is none. */
+static size_t folder_length(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash == NULL ? 0 : (size_t)(slash - path) + 1;
+}
+
+static enum umb_status begin_special(const char *path, struct umbc_output *output,
+                                     struct umb_error *error)
+{
+    output->file = fopen(path, "wb");
+    return output->file != NULL
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot write '%.200s'", path);
+}
+
+static enum umb_status begin_temporary(const char *path, struct umbc_output *output,
+                                       struct umb_error *error)
+{
+    size_t folder = folder_length(path);
+    size_t capacity = folder + sizeof ".umbrage-out.XXXXXX";
+    output->temporary = malloc(capacity);
+    if (output->temporary == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
+    }
+    (void)snprintf(output->temporary, capacity, "%.*s.umbrage-out.XXXXXX", (int)folder, path);
+    int file = mkstemp(output->temporary);
+    if (file < 0) {
+        int code = errno;
+        free(output->temporary);
+        output->temporary = NULL;
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'", path);
+    }
+    output->file = fdopen(file, "wb");
+    if (output->file == NULL) {
+        int code = errno;
+        (void)close(file);
+        umbc_output_abandon(output);
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'", path);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbc_output_begin(const char *path, struct umbc_output *output,
+                                  struct umb_error *error)
+{
+    struct stat info;
+    memset(output, 0, sizeof *output);
+    output->path = path;
+    if (strcmp(path, "-") == 0) {
+        output->file = stdout;
+        return UMB_OK;
+    }
+    if (stat(path, &info) == 0 && S_ISDIR(info.st_mode)) {
+        return umb_fail(error, UMB_E_CANNOT_CREATE, "cannot create '%.200s': it is a folder", path);
+    }
+    if (path[folder_length(path)] == '\0') {
+        return umb_fail(error, UMB_E_CANNOT_CREATE, "cannot create '%.200s': no file name", path);
+    }
+    if (stat(path, &info) == 0 && !S_ISREG(info.st_mode)) {
+        return begin_special(path, output, error);
+    }
+    return begin_temporary(path, output, error);
+}
+
+/* The rename itself is durable only once the folder is. */
+static enum umb_status sync_folder(const char *path, struct umb_error *error)
+{
+    size_t folder = folder_length(path);
+    char *name = folder == 0 ? strdup(".") : strndup(path, folder);
+    if (name == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
+    }
+    int file = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int code = file < 0 || fsync(file) != 0 ? errno : 0;
+    if (file >= 0) {
+        (void)close(file);
+    }
+    free(name);
+    /* Some file systems cannot sync folders; they say EINVAL. */
+    return code == 0 || code == EINVAL
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_IO, code, "cannot sync the folder of '%.180s'", path);
+}
+
+/* Permissions of an ordinary new file; mkstemp's are for its owner alone. */
+static mode_t file_mode(const char *path)
+{
+    struct stat info;
+    if (stat(path, &info) == 0) {
+        return info.st_mode & 0777;
+    }
+    mode_t mask = umask(0);
+    (void)umask(mask);
+    return 0666 & ~mask;
+}
+
+enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error *error)
+{
+    bool temporary = output->temporary != NULL;
+    bool bad = ferror(output->file) != 0 || fflush(output->file) != 0;
+    bad = bad || (temporary && (fchmod(fileno(output->file), file_mode(output->path)) != 0 ||
+                                fsync(fileno(output->file)) != 0));
+    int code = bad ? errno : 0;
+    if (output->file != stdout) {
+        if (fclose(output->file) != 0 && !bad) {
+            code = errno;
+            bad = true;
+        }
+    }
+    output->file = NULL;
+    if (bad) {
+        umbc_output_abandon(output);
+        return umb_fail_errno(error, UMB_E_IO, code, "cannot write '%.200s'", output->path);
+    }
+    if (!temporary) {
+        return UMB_OK;
+    }
+    if (rename(output->temporary, output->path) != 0) {
+        code = errno;
+        umbc_output_abandon(output);
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'",
+                              output->path);
+    }
+    free(output->temporary);
+    output->temporary = NULL;
+    return sync_folder(output->path, error);
+}
+
+void umbc_output_abandon(struct umbc_output *output)
+{
+    if (output->file != NULL && output->file != stdout) {
+        (void)fclose(output->file);
+    }
+    output->file = NULL;
+    if (output->temporary != NULL) {
+        (void)unlink(output->temporary);
+        free(output->temporary);
+        output->temporary = NULL;
+    }
+}
+
+static enum umb_status write_bytes(void *user, const void *bytes, size_t count)
+{
+    struct umbc_output *output = user;
+    return count == 0 || fwrite(bytes, 1, count, output->file) == count ? UMB_OK : UMB_E_IO;
+}
+
+struct umb_sink umbc_output_sink(struct umbc_output *output)
+{
+    struct umb_sink sink = {.write = write_bytes, .user = output};
+    return sink;
+}

@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_OUTPUT_H
+#define UMBRAGE_CLI_CLI_OUTPUT_H
+/*
+ * Output files that appear whole or not at all: a temporary beside the target, fsync, rename, fsync
+ * of the folder. "-" is stdout, which is only flushed. A device, pipe or other special file is
+ * written to directly: renaming would replace it.
+ */
+#include <stdbool.h>
+#include <stdio.h>
+#include "format/content.h"
+
+struct umbc_output {
+    FILE *file;
+    const char *path; /* borrowed */
+    char *temporary;  /* NULL for stdout and special files */
+};
+
+/* Starts an output. Fails: E_CANNOT_CREATE, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbc_output_begin(const char *path, struct umbc_output *output,
+                                              struct umb_error *error);
+
+/* Makes it durable and visible; abandons it on failure. Fails: E_IO, E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error *error);
+
+/* Removes the temporary. Harmless after commit and on a zeroed struct. */
+void umbc_output_abandon(struct umbc_output *output);
+
+/* A core sink that appends to the output; the output must stay where it is. */
+struct umb_sink umbc_output_sink(struct umbc_output *output);
+
+#endif

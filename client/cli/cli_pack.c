@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * umbrage pack and unpack: one content, the other encoding. The identity is made again while
+ * packing and must come out the same, so that a bad file or a bug never replaces a good one.
+ */
+#include "cli_common.h"
+
+#include <stdio.h>
+#include <string.h>
+#include "../rpc/rpc_sha256.h"
+#include "cli_json.h"
+#include "cli_output.h"
+#include "format/content.h"
+
+enum pack_option {
+    OPTION_OUTPUT,
+    OPTION_JSON,
+    OPTION_QUIET,
+    OPTION_COUNT,
+};
+
+static const struct umbc_option OPTIONS[OPTION_COUNT] = {
+    [OPTION_OUTPUT] = {"output", "FILE", "where to write; replaced atomically; needed", 'o'},
+    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
+    [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
+};
+
+static const struct umbc_command PACK = {
+    .usage = "umbrage pack FILE -o OUT.umb [options]",
+    .summary = "Writes the packed form of an asset, whatever form FILE has.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+    .min_words = 1,
+    .max_words = 1,
+};
+
+static const struct umbc_command UNPACK = {
+    .usage = "umbrage unpack FILE -o OUT.umbm [options]",
+    .summary = "Writes the mapped form of an asset, which opens at once, whatever form FILE has.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+    .min_words = 1,
+    .max_words = 1,
+};
+
+static enum umb_status write_packed(const struct umb_asset *asset, struct umbc_output *output,
+                                    struct umb_error *error)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    struct umb_asset_info info;
+    struct umb_sink sink = umbc_output_sink(output);
+    uint8_t id[UMB_ID_BYTES];
+    enum umb_status status = umb_asset_export(asset, &octree, &content, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb_pack_write(&content, &octree, &umb__client_sha256, &sink, id, error);
+    umb_octree_finish(&octree);
+    umb_asset_get_info(asset, &info);
+    if (status == UMB_OK && memcmp(id, info.id, sizeof id) != 0) {
+        status = umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
+    }
+    return status;
+}
+
+static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,
+                                  struct umb_error *error)
+{
+    struct umbc_output output;
+    enum umb_status status = umbc_output_begin(path, &output, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    error->message[0] = '\0';
+    if (packed) {
+        status = write_packed(asset, &output, error);
+    } else {
+        struct umb_sink sink = umbc_output_sink(&output);
+        status = umb_mapped_write(asset, &sink, error);
+    }
+    if (status != UMB_OK) {
+        if (error->message[0] == '\0') {
+            (void)umb_fail(error, status, "cannot write '%.200s': %s", path, umb_status_text(status));
+        }
+        umbc_output_abandon(&output);
+        return status;
+    }
+    return umbc_output_commit(&output, error);
+}
+
+static void report(const struct umbc_parsed *parsed, const struct umb_asset *asset, const char *path)
+{
+    struct umb_asset_info info;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_asset_get_info(asset, &info);
+    umb_id_to_text(info.id, id);
+    if (parsed->values[OPTION_JSON] != NULL) {
+        struct umbc_json json = {.file = stdout};
+        umbc_json_begin(&json, NULL, '{');
+        umbc_json_text(&json, "asset", id);
+        umbc_json_text(&json, "output", path);
+        umbc_json_end(&json, '}');
+        (void)putchar('\n');
+    } else if (parsed->values[OPTION_QUIET] == NULL) {
+        (void)fprintf(stderr, "%s: asset %s\n", path, id);
+    }
+}
+
+static int convert(const struct umbc_command *command, bool packed, int argc, char **argv)
+{
+    struct umbc_parsed parsed;
+    struct umb_error error = {.status = UMB_OK};
+    struct umb_asset *asset;
+    int code = umbc_parse(command, argc, argv, &parsed);
+    if (code >= 0) {
+        return code;
+    }
+    const char *path = parsed.values[OPTION_OUTPUT];
+    if (path == NULL) {
+        return umbc_usage_error("%s: -o FILE is needed", argv[0]);
+    }
+    if (strcmp(path, "-") == 0 && parsed.values[OPTION_JSON] != NULL) {
+        return umbc_usage_error("%s: -o - and --json both want stdout", argv[0]);
+    }
+    if (umb_asset_open_file(parsed.words[0], NULL, &asset, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    enum umb_status status = write_file(asset, packed, path, &error);
+    if (status == UMB_OK) {
+        report(&parsed, asset, path);
+    }
+    umb_asset_close(asset);
+    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);
+}
+
+int umbc_pack(int argc, char **argv)
+{
+    return convert(&PACK, true, argc, argv);
+}
+
+int umbc_unpack(int argc, char **argv)
+{
+    return convert(&UNPACK, false, argc, argv);
+}

@@ -1,0 +1,331 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading points, see cli_points.h. */
+#include "cli_points.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include "cli_common.h"
+
+#define SHOWN 60 /* bytes of a bad line in the message */
+
+enum umb_status umbc_points_open(const char *path, enum umbc_points_format format,
+                                 bool with_normals, struct umbc_points *points,
+                                 struct umb_error *error)
+{
+    struct stat info;
+    memset(points, 0, sizeof *points);
+    points->format = format;
+    points->with_normals = with_normals;
+    if (strcmp(path, "-") == 0) {
+        points->file = stdin;
+        points->name = "stdin";
+        return UMB_OK;
+    }
+    points->name = path;
+    points->file = fopen(path, "rb");
+    if (points->file == NULL) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
+    }
+    if (fstat(fileno(points->file), &info) == 0) {
+        if (S_ISDIR(info.st_mode)) {
+            umbc_points_close(points);
+            return umb_fail(error, UMB_E_NO_INPUT, "cannot read '%.200s': it is a folder", path);
+        }
+        points->size = S_ISREG(info.st_mode) ? (uint64_t)info.st_size : 0;
+    }
+    return UMB_OK;
+}
+
+void umbc_points_close(struct umbc_points *points)
+{
+    if (points->file != NULL && points->file != stdin) {
+        (void)fclose(points->file);
+    }
+    points->file = NULL;
+}
+
+static enum umb_status read_failed(const struct umbc_points *points, struct umb_error *error)
+{
+    return umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", points->name);
+}
+
+/* Moves what is unread to the front and reads more behind it. */
+static enum umb_status fill_buffer(struct umbc_points *points, struct umb_error *error)
+{
+    memmove(points->buffer, points->buffer + points->begin, points->end - points->begin);
+    points->end -= points->begin;
+    points->begin = 0;
+    size_t count =
+        fread(points->buffer + points->end, 1, UMBC_LINE_MAX - points->end, points->file);
+    if (count == 0) {
+        if (ferror(points->file)) {
+            return read_failed(points, error);
+        }
+        points->ended = true;
+    }
+    points->end += count;
+    points->offset += count;
+    return UMB_OK;
+}
+
+/*
+ * Finds the next line; *text is NUL-terminated in the buffer, NULL at the end of the input.
+ * *length tells a line with a NUL inside from one that ends there.
+ */
+static enum umb_status next_line(struct umbc_points *points, char **text, size_t *length,
+                                 struct umb_error *error)
+{
+    *text = NULL;
+    for (;;) {
+        char *start = points->buffer + points->begin;
+        size_t unread = points->end - points->begin;
+        char *newline = memchr(start, '\n', unread);
+        if (newline != NULL || (points->ended && unread > 0)) {
+            *length = newline != NULL ? (size_t)(newline - start) : unread;
+            points->begin += *length + (newline != NULL);
+            if (*length > 0 && start[*length - 1] == '\r') {
+                --*length;
+            }
+            start[*length] = '\0'; /* the buffer has one byte more than is ever filled */
+            points->line++;
+            *text = start;
+            return UMB_OK;
+        }
+        if (points->ended) {
+            return UMB_OK;
+        }
+        if (unread == UMBC_LINE_MAX) {
+            return umb_fail(error, UMB_E_FORMAT, "%.120s:%llu: line is over the limit of %d bytes",
+                            points->name, (unsigned long long)(points->line + 1), UMBC_LINE_MAX);
+        }
+        enum umb_status status = fill_buffer(points, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+}
+
+/* Bytes of a line as they may stand in a message: printable ASCII, cut. */
+static void show_text(const char *text, size_t length, char shown[SHOWN + 4])
+{
+    size_t count = length < SHOWN ? length : SHOWN;
+    for (size_t i = 0; i < count; i++) {
+        shown[i] = (char)(text[i] >= ' ' && text[i] <= '~' ? text[i] : '?');
+    }
+    (void)snprintf(shown + count, 4, "%s", length > SHOWN ? "..." : "");
+}
+
+static enum umb_status bad_line(const struct umbc_points *points, const char *line, size_t length,
+                                size_t column, const char *what, struct umb_error *error)
+{
+    char shown[SHOWN + 4];
+    show_text(line, length, shown);
+    return umb_fail(error, UMB_E_FORMAT, "%.100s:%llu:%zu: %s in '%s'", points->name,
+                    (unsigned long long)points->line, column + 1, what, shown);
+}
+
+/* One token; the bytes behind it are put back after strtod has looked. */
+static bool parse_token(char *token, size_t length, double *value)
+{
+    char after = token[length];
+    token[length] = '\0';
+    bool good = umbc_parse_number(token, value);
+    token[length] = after;
+    return good;
+}
+
+/* Reads the numbers of a line; *count is 0 for a blank one. */
+static enum umb_status parse_line(const struct umbc_points *points, char *line, size_t length,
+                                  double values[6], size_t *count, struct umb_error *error)
+{
+    char *comment = memchr(line, '#', length);
+    size_t end = comment != NULL ? (size_t)(comment - line) : length;
+    size_t at = 0;
+    *count = 0;
+    for (;;) {
+        while (at < end && (line[at] == ' ' || line[at] == '\t')) {
+            at++;
+        }
+        if (at == end) {
+            break;
+        }
+        size_t token = at;
+        while (at < end && line[at] != ' ' && line[at] != '\t') {
+            at++;
+        }
+        if (*count == 6) {
+            return bad_line(points, line, length, token, "more than six numbers", error);
+        }
+        if (!parse_token(line + token, at - token, &values[*count])) {
+            return bad_line(points, line, length, token, "not a finite decimal number", error);
+        }
+        ++*count;
+    }
+    if (*count != 0 && *count != 3 && *count != 6) {
+        return bad_line(points, line, length, at, "must have 3 or 6 numbers", error);
+    }
+    return UMB_OK;
+}
+
+/* Adds a text point; a batch gets normals as soon as one point has one, and a zero normal means
+ * none (query.h). */
+static void add_point(struct umbc_batch *batch, const double values[6], bool has_normal)
+{
+    size_t at = 3 * batch->count++;
+    for (size_t i = 0; i < 3; i++) {
+        batch->wide[at + i] = values[i];
+        batch->normals[at + i] = has_normal ? (float)values[3 + i] : 0.0F;
+    }
+    batch->has_normals = batch->has_normals || has_normal;
+}
+
+static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *batch,
+                                 struct umb_error *error)
+{
+    while (batch->count < batch->capacity) {
+        char *line;
+        size_t length;
+        double values[6];
+        size_t count;
+        enum umb_status status = next_line(points, &line, &length, error);
+        if (status != UMB_OK || line == NULL) {
+            return status;
+        }
+        status = parse_line(points, line, length, values, &count, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (count > 0) {
+            add_point(batch, values, count == 6);
+        }
+    }
+    return UMB_OK;
+}
+
+static double load_f64(const unsigned char *bytes)
+{
+    uint64_t bits = 0;
+    double value;
+    for (unsigned i = 0; i < 8; i++) {
+        bits |= (uint64_t)bytes[i] << (8 * i);
+    }
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static float load_f32(const unsigned char *bytes)
+{
+    uint32_t bits = 0;
+    float value;
+    for (unsigned i = 0; i < 4; i++) {
+        bits |= (uint32_t)bytes[i] << (8 * i);
+    }
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* Takes one record of numbers; false if a coordinate is not finite. */
+static bool add_record(const struct umbc_points *points, const unsigned char *bytes,
+                       struct umbc_batch *batch)
+{
+    bool wide = points->format == UMBC_POINTS_F64;
+    size_t step = wide ? 8 : 4;
+    size_t at = 3 * batch->count++;
+    bool finite = true;
+    for (size_t i = 0; i < 3; i++) {
+        double value = wide ? load_f64(bytes + i * step) : (double)load_f32(bytes + i * step);
+        finite = finite && isfinite(value);
+        if (wide) {
+            batch->wide[at + i] = value;
+        } else {
+            batch->narrow[at + i] = (float)value;
+        }
+        if (points->with_normals) {
+            const unsigned char *normal = bytes + (3 + i) * step;
+            batch->normals[at + i] = wide ? (float)load_f64(normal) : load_f32(normal);
+        }
+    }
+    batch->has_normals = points->with_normals;
+    return finite;
+}
+
+static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *batch,
+                                struct umb_error *error)
+{
+    size_t record =
+        (points->with_normals ? 6U : 3U) * (points->format == UMBC_POINTS_F64 ? 8U : 4U);
+    while (batch->count < batch->capacity) {
+        if (points->end - points->begin < record) {
+            if (!points->ended) {
+                enum umb_status status = fill_buffer(points, error);
+                if (status != UMB_OK) {
+                    return status;
+                }
+                continue;
+            }
+            size_t left = points->end - points->begin;
+            return left == 0 ? UMB_OK
+                             : umb_fail(error, UMB_E_TRUNCATED,
+                                        "%.120s: the last %zu bytes are no whole point of %zu bytes",
+                                        points->name, left, record);
+        }
+        const unsigned char *bytes = (const unsigned char *)points->buffer + points->begin;
+        points->begin += record;
+        if (!add_record(points, bytes, batch)) {
+            return umb_fail(error, UMB_E_FORMAT, "%.120s: point %llu has a coordinate that is not finite",
+                            points->name,
+                            (unsigned long long)(batch->first + batch->count - 1));
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
+                                 struct umb_error *error)
+{
+    batch->count = 0;
+    batch->has_normals = false;
+    batch->first = points->count;
+    enum umb_status status = points->format == UMBC_POINTS_TEXT ? read_text(points, batch, error)
+                                                                : read_raw(points, batch, error);
+    points->count += batch->count;
+    return status;
+}
+
+enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity, struct umb_error *error)
+{
+    memset(batch, 0, sizeof *batch);
+    batch->wide = calloc(capacity, 3 * sizeof *batch->wide);
+    batch->narrow = calloc(capacity, 3 * sizeof *batch->narrow);
+    batch->normals = calloc(capacity, 3 * sizeof *batch->normals);
+    if (batch->wide == NULL || batch->narrow == NULL || batch->normals == NULL) {
+        umbc_batch_finish(batch);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch of %zu points", capacity);
+    }
+    batch->capacity = capacity;
+    return UMB_OK;
+}
+
+void umbc_batch_finish(struct umbc_batch *batch)
+{
+    free(batch->wide);
+    free(batch->narrow);
+    free(batch->normals);
+    memset(batch, 0, sizeof *batch);
+}
+
+struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
+                                  const double origin[3])
+{
+    struct umb_points view = {
+        .positions = format == UMBC_POINTS_F32 ? (const void *)batch->narrow : batch->wide,
+        .format = format == UMBC_POINTS_F32 ? UMB_POINT_F32 : UMB_POINT_F64,
+        .normals = batch->has_normals ? batch->normals : NULL,
+        .count = batch->count,
+    };
+    memcpy(view.origin, origin, sizeof view.origin);
+    return view;
+}

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_POINTS_H
+#define UMBRAGE_CLI_CLI_POINTS_H
+/*
+ * Points from a file or stdin, a batch at a time, in bounded memory.
+ *
+ * Text: one point a line, `x y z` or `x y z nx ny nz`, separated by blanks or tabs; '#' starts a
+ * comment, blank lines are skipped. Numbers are decimal with a point, whatever the locale, and are
+ * kept as doubles. Raw: little-endian float32 or float64, three a point, or six with normals.
+ *
+ * Errors name the line, the column and the text, or the byte offset; their status leads to exit
+ * code 65: a file's content is never a usage error.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include "umbrage/query.h"
+
+enum umbc_points_format {
+    UMBC_POINTS_TEXT,
+    UMBC_POINTS_F32,
+    UMBC_POINTS_F64,
+};
+
+#define UMBC_LINE_MAX 65536 /* bytes of one line of text */
+
+struct umbc_points {
+    FILE *file;
+    const char *name; /* borrowed; "stdin" for "-" */
+    enum umbc_points_format format;
+    bool with_normals; /* raw: six numbers a point */
+    uint64_t line;     /* text: number of the last line read */
+    uint64_t offset;   /* bytes read */
+    uint64_t size;     /* of the file, 0 = not known */
+    uint64_t count;    /* points given out */
+    size_t begin, end; /* of what lies unread in buffer */
+    bool ended;
+    char buffer[UMBC_LINE_MAX + 1];
+};
+
+/* Points and what belongs to them; memory for `capacity` points. */
+struct umbc_batch {
+    size_t capacity, count;
+    double *wide;      /* [3 * capacity] text and f64 */
+    float *narrow;     /* [3 * capacity] f32 */
+    float *normals;    /* [3 * capacity] */
+    bool has_normals;
+    uint64_t first;    /* number of the first point, from 0 */
+};
+
+/* Opens path ("-" is stdin). Fails: E_NO_INPUT. */
+UMB_CHECKED enum umb_status umbc_points_open(const char *path, enum umbc_points_format format,
+                                             bool with_normals, struct umbc_points *points,
+                                             struct umb_error *error);
+void umbc_points_close(struct umbc_points *points);
+
+/*
+ * Reads up to batch->capacity points.
+ *
+ * Out:   batch->count: 0 at the end of the input.
+ * Fails: E_FORMAT (a bad line, a number that is not finite), E_TRUNCATED (raw bytes left over), E_IO.
+ */
+UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
+                                             struct umb_error *error);
+
+UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,
+                                            struct umb_error *error);
+void umbc_batch_finish(struct umbc_batch *batch);
+
+/* The batch as the library wants it; borrowed. origin: metres, added to every point. */
+struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
+                                  const double origin[3]);
+
+#endif

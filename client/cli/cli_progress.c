@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The progress line, see cli_progress.h. */
+#include "cli_progress.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <time.h>
+#include <unistd.h>
+
+#define FIRST_AFTER_S 1.0
+#define REDRAW_S      0.2
+#define BAR_WIDTH     30
+
+double umbc_clock_s(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
+}
+
+void umbc_progress_begin(struct umbc_progress *progress, bool quiet)
+{
+    progress->wanted = !quiet && isatty(STDERR_FILENO) == 1;
+    progress->drawn = false;
+    progress->started_s = umbc_clock_s();
+    progress->drawn_s = 0;
+}
+
+void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction)
+{
+    if (!progress->wanted) {
+        return;
+    }
+    double now = umbc_clock_s();
+    double elapsed = now - progress->started_s;
+    if (elapsed < FIRST_AFTER_S || now - progress->drawn_s < REDRAW_S) {
+        return;
+    }
+    progress->drawn = true;
+    progress->drawn_s = now;
+    double rate = (double)points / elapsed;
+    if (fraction > 0 && fraction <= 1) {
+        char bar[BAR_WIDTH + 1];
+        for (int i = 0; i < BAR_WIDTH; i++) {
+            bar[i] = (double)i < fraction * BAR_WIDTH ? '#' : '.';
+        }
+        bar[BAR_WIDTH] = '\0';
+        (void)fprintf(stderr, "\r[%s] %3.0f %%  %.3g points/s  %.0f s left \033[K", bar,
+                      fraction * 100, rate, elapsed * (1 - fraction) / fraction);
+    } else {
+        (void)fprintf(stderr, "\r%" PRIu64 " points  %.3g points/s \033[K", points, rate);
+    }
+    (void)fflush(stderr);
+}
+
+void umbc_progress_end(struct umbc_progress *progress)
+{
+    if (progress->drawn) {
+        (void)fputs("\r\033[K", stderr);
+        progress->drawn = false;
+    }
+}

@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_PROGRESS_H
+#define UMBRAGE_CLI_CLI_PROGRESS_H
+/* One line on a terminal's stderr for work of more than a second: done, rate, time left. */
+#include <stdbool.h>
+#include <stdint.h>
+
+struct umbc_progress {
+    bool wanted; /* stderr is a terminal and nobody asked for quiet */
+    bool drawn;
+    double started_s, drawn_s;
+};
+
+/* Seconds on a clock that only moves forward. */
+double umbc_clock_s(void);
+
+void umbc_progress_begin(struct umbc_progress *progress, bool quiet);
+
+/* Redraws at most five times a second. fraction: 0..1, or negative if not known. */
+void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction);
+
+/* Removes the line. */
+void umbc_progress_end(struct umbc_progress *progress);
+
+#endif

@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The options of `umbrage query`, see cli_query_options.h. */
+#include "cli_query_options.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define BATCH_DEFAULT 65536
+#define BATCH_MAX     (16U << 20) /* points; 384 MiB as doubles */
+
+enum query_option {
+    OPTION_POINTS,
+    OPTION_FORMAT,
+    OPTION_NORMALS,
+    OPTION_ORIGIN,
+    OPTION_LIGHT,
+    OPTION_TAPS,
+    OPTION_BIAS,
+    OPTION_ADDRESS,
+    OPTION_BATCH,
+    OPTION_OUT,
+    OPTION_ENCODING,
+    OPTION_EXPLAIN,
+    OPTION_JSON,
+    OPTION_QUIET,
+    OPTION_COUNT,
+};
+
+static const struct umbc_option OPTIONS[OPTION_COUNT] = {
+    [OPTION_POINTS] = {"points", "FILE|-", "points to ask for; - is stdin; needed", 0},
+    [OPTION_FORMAT] = {"format", "FORMAT", "text (default), f32 or f64: raw little-endian x y z", 0},
+    [OPTION_NORMALS] = {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", 0},
+    [OPTION_ORIGIN] = {"origin", "X,Y,Z", "metres, added to every point", 0},
+    [OPTION_LIGHT] = {"light", "N", "index of the light, default 0", 0},
+    [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
+    [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
+    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
+    [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8", 0},
+    [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
+    [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
+    [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},
+    [OPTION_JSON] = {"json", NULL, "one object: asset, points, answers, stats", 0},
+    [OPTION_QUIET] = {"quiet", NULL, "no summary and no progress on stderr", 'q'},
+};
+
+static const struct umbc_command COMMAND = {
+    .usage = "umbrage query FILE|ASSET --points FILE|- [options]",
+    .summary =
+        "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to 1 (lit),\n"
+        "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
+        ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
+        "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+    .min_words = 1,
+    .max_words = 1,
+};
+
+/* Index of a word in a list, or -1. */
+static int find_word(const char *text, const char *const *words, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(text, words[i]) == 0) {
+            return (int)i;
+        }
+    }
+    return -1;
+}
+
+static int take_formats(const struct umbc_parsed *parsed, struct umbc_query_options *options)
+{
+    static const char *const formats[] = {"text", "f32", "f64"};
+    static const char *const encodings[] = {"text", "f32", "u8", "bit"};
+    static const enum umb_answer_format answers[] = {UMB_ANSWER_F32, UMB_ANSWER_F32, UMB_ANSWER_U8,
+                                                     UMB_ANSWER_BIT};
+    const char *format = parsed->values[OPTION_FORMAT];
+    const char *encoding = parsed->values[OPTION_ENCODING];
+    int found = format == NULL ? 0 : find_word(format, formats, 3);
+    if (found < 0) {
+        return umbc_usage_error("query: --format '%s' is not text, f32 or f64", format);
+    }
+    options->format = (enum umbc_points_format)found;
+    found = encoding == NULL ? 0 : find_word(encoding, encodings, 4);
+    if (found < 0) {
+        return umbc_usage_error("query: --encoding '%s' is not text, f32, u8 or bit", encoding);
+    }
+    options->encoding = (enum umbc_encoding)found;
+    options->settings.format = answers[found];
+    options->with_normals = parsed->values[OPTION_NORMALS] != NULL;
+    if (options->with_normals && options->format == UMBC_POINTS_TEXT) {
+        return umbc_usage_error("query: --normals belongs to --format f32 or f64; text lines with "
+                                "six numbers have normals");
+    }
+    return -1;
+}
+
+static int take_origin(const char *text, double origin[3])
+{
+    char copy[128];
+    size_t length = strlen(text);
+    char *at = copy;
+    if (length < sizeof copy) {
+        memcpy(copy, text, length + 1);
+        for (int axis = 0; axis < 3; axis++) {
+            char *comma = strchr(at, ',');
+            if ((comma == NULL) != (axis == 2)) {
+                break;
+            }
+            if (comma != NULL) {
+                *comma = '\0';
+            }
+            if (!umbc_parse_number(at, &origin[axis])) {
+                break;
+            }
+            if (axis == 2) {
+                return -1;
+            }
+            at = comma + 1;
+        }
+    }
+    return umbc_usage_error("query: --origin '%s' is not three finite numbers X,Y,Z", text);
+}
+
+static int take_bias(const char *text, struct umb_query_settings *settings)
+{
+    char copy[64];
+    size_t length = strlen(text);
+    if (strcmp(text, "auto") == 0) {
+        settings->bias_mode = UMB_BIAS_AUTO;
+        return -1;
+    }
+    if (strcmp(text, "none") == 0) {
+        settings->bias_mode = UMB_BIAS_NONE;
+        return -1;
+    }
+    if (length < sizeof copy) {
+        memcpy(copy, text, length + 1);
+        if (length > 3 && strcmp(copy + length - 3, "vox") == 0) {
+            copy[length - 3] = '\0';
+            settings->bias_mode = UMB_BIAS_VOXELS;
+        } else if (length > 1 && copy[length - 1] == 'm') {
+            copy[length - 1] = '\0';
+            settings->bias_mode = UMB_BIAS_METRES;
+        } else {
+            copy[0] = '\0';
+        }
+        if (umbc_parse_number(copy, &settings->bias)) {
+            return -1;
+        }
+    }
+    return umbc_usage_error("query: --bias '%s' is not auto, none, or a length as 1.5vox or 0.02m",
+                            text);
+}
+
+static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_options *options)
+{
+    unsigned long long value;
+    const char *text = parsed->values[OPTION_LIGHT];
+    if (text != NULL) {
+        if (!umbc_parse_count(text, UINT32_MAX, &value)) {
+            return umbc_usage_error("query: --light '%s' is not the index of a light", text);
+        }
+        options->settings.light = (uint32_t)value;
+    }
+    options->settings.taps = 1;
+    text = parsed->values[OPTION_TAPS];
+    if (text != NULL) {
+        if (!umbc_parse_count(text, UMB_TAPS_MAX, &value) || value % 2 == 0) {
+            return umbc_usage_error("query: --taps '%s' is not odd and within 1..%d", text,
+                                    UMB_TAPS_MAX);
+        }
+        options->settings.taps = (uint32_t)value;
+    }
+    options->batch = BATCH_DEFAULT;
+    text = parsed->values[OPTION_BATCH];
+    if (text != NULL) {
+        if (!umbc_parse_count(text, BATCH_MAX, &value) || value == 0) {
+            return umbc_usage_error("query: --batch '%s' is not within 1..%u", text, BATCH_MAX);
+        }
+        /* Bits of two batches never share a byte. */
+        options->batch = ((size_t)value + 7) / 8 * 8;
+    }
+    return -1;
+}
+
+static int check_together(const struct umbc_query_options *options)
+{
+    if (options->json && options->encoding != UMBC_ENCODING_TEXT) {
+        return umbc_usage_error("query: --json needs --encoding text");
+    }
+    if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
+        return umbc_usage_error("query: --explain needs --encoding text");
+    }
+    if (options->explain && !umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --explain works on files only, '%s' is an asset",
+                                options->target);
+    }
+    return -1;
+}
+
+int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *options)
+{
+    struct umbc_parsed parsed;
+    memset(options, 0, sizeof *options);
+    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    if (code >= 0) {
+        return code;
+    }
+    options->target = parsed.words[0];
+    options->address = parsed.values[OPTION_ADDRESS];
+    options->points = parsed.values[OPTION_POINTS];
+    options->out = parsed.values[OPTION_OUT] != NULL ? parsed.values[OPTION_OUT] : "-";
+    options->explain = parsed.values[OPTION_EXPLAIN] != NULL;
+    options->json = parsed.values[OPTION_JSON] != NULL;
+    options->quiet = parsed.values[OPTION_QUIET] != NULL;
+    if (options->points == NULL) {
+        return umbc_usage_error("query: --points FILE or --points - is needed");
+    }
+    code = take_formats(&parsed, options);
+    if (code < 0 && parsed.values[OPTION_ORIGIN] != NULL) {
+        code = take_origin(parsed.values[OPTION_ORIGIN], options->origin);
+    }
+    if (code < 0 && parsed.values[OPTION_BIAS] != NULL) {
+        code = take_bias(parsed.values[OPTION_BIAS], &options->settings);
+    }
+    if (code < 0) {
+        code = take_counts(&parsed, options);
+    }
+    return code < 0 ? check_together(options) : code;
+}

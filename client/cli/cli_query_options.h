@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_QUERY_OPTIONS_H
+#define UMBRAGE_CLI_CLI_QUERY_OPTIONS_H
+/* The options of `umbrage query`, read and checked. */
+#include "cli_common.h"
+#include "cli_points.h"
+
+enum umbc_encoding {
+    UMBC_ENCODING_TEXT, /* "%.9g" a line */
+    UMBC_ENCODING_F32,
+    UMBC_ENCODING_U8,
+    UMBC_ENCODING_BIT,
+};
+
+struct umbc_query_options {
+    const char *target;  /* FILE or ASSET */
+    const char *address; /* NULL = default */
+    const char *points;  /* file or "-" */
+    enum umbc_points_format format;
+    bool with_normals;
+    struct umb_query_settings settings;
+    double origin[3];
+    size_t batch; /* points, a multiple of 8 */
+    const char *out;
+    enum umbc_encoding encoding;
+    bool explain, json, quiet;
+};
+
+/* Reads arguments. Returns -1 to go on, else the exit code. */
+int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *options);
+
+#endif

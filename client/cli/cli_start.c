@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Programs of the server side, found beside this one and started in its place. Only the running
+ * program's own folder is looked at, so that a stray file of the same name in PATH is never run.
+ */
+#include "cli_common.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#define PATH_SIZE 4096
+
+/* Folder of the running program, without the last slash; false if it cannot be told. */
+static bool own_folder(char folder[PATH_SIZE])
+{
+    ssize_t length = readlink("/proc/self/exe", folder, PATH_SIZE - 1);
+    if (length <= 0 || length >= PATH_SIZE - 1) {
+        return false;
+    }
+    folder[length] = '\0';
+    char *slash = strrchr(folder, '/');
+    if (slash == NULL) {
+        return false;
+    }
+    *slash = '\0';
+    return true;
+}
+
+static size_t count_words(const char *const *words)
+{
+    size_t count = 0;
+    while (words != NULL && words[count] != NULL) {
+        count++;
+    }
+    return count;
+}
+
+/* program, prefix words, arguments, NULL; the strings are borrowed. */
+static char **make_arguments(const char *program, const char *const *prefix, char **arguments)
+{
+    size_t prefix_count = count_words(prefix);
+    size_t argument_count = 0;
+    while (arguments[argument_count] != NULL) {
+        argument_count++;
+    }
+    const char **all = calloc(prefix_count + argument_count + 2, sizeof *all);
+    if (all == NULL) {
+        return NULL;
+    }
+    all[0] = program;
+    for (size_t i = 0; i < prefix_count; i++) {
+        all[1 + i] = prefix[i];
+    }
+    for (size_t i = 0; i < argument_count; i++) {
+        all[1 + prefix_count + i] = arguments[i];
+    }
+    return (char **)all;
+}
+
+int umbc_start_program(const char *command, const char *program, const char *const *prefix,
+                       char **arguments)
+{
+    char folder[PATH_SIZE];
+    char path[PATH_SIZE + 64];
+    if (!own_folder(folder)) {
+        return umbc_complain_as(UMB_E_INTERNAL, "%s: cannot tell where this program lies", command);
+    }
+    (void)snprintf(path, sizeof path, "%s/%s", folder, program);
+    if (access(path, X_OK) != 0) {
+        (void)umbc_complain_as(
+            UMB_E_UNSUPPORTED,
+            "%s: needs the program %s beside this one in %s; this is a client-only install",
+            command, program, folder);
+        return UMBC_EXIT_MISSING;
+    }
+    char **all = make_arguments(path, prefix, arguments);
+    if (all == NULL) {
+        return umbc_complain_as(UMB_E_NO_MEMORY, "%s: out of memory", command);
+    }
+    (void)execv(path, all);
+    int code = errno;
+    free(all);
+    return umbc_complain_as(UMB_E_UNSUPPORTED, "%s: cannot start %s: %s", command, path,
+                            strerror(code));
+}

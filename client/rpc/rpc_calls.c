@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Calls: made on any thread, queued, completed on the loop thread. See rpc_client.h. */
+#include "rpc_connection.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void list_remove(struct umb__call *call)
+{
+    struct umb__call_list *list = call->list;
+    if (list == NULL) {
+        return;
+    }
+    if (call->previous != NULL) {
+        call->previous->next = call->next;
+    } else {
+        list->first = call->next;
+    }
+    if (call->next != NULL) {
+        call->next->previous = call->previous;
+    } else {
+        list->last = call->previous;
+    }
+    call->list = NULL;
+    call->next = NULL;
+    call->previous = NULL;
+}
+
+void umb__call_move(struct umb__call *call, struct umb__call_list *list)
+{
+    list_remove(call);
+    call->list = list;
+    call->previous = list->last;
+    if (list->last != NULL) {
+        list->last->next = call;
+    } else {
+        list->first = call;
+    }
+    list->last = call;
+}
+
+static void call_free(struct umb__call *call)
+{
+    umbw_buffer_finish(&call->body);
+    umb__reply_finish(&call->reply);
+    free(call);
+}
+
+/* Takes a place and queues, or says why not. */
+static enum umb_status enqueue(struct umb_client *client, struct umb__call *call,
+                               struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    pthread_mutex_lock(&client->lock);
+    if (client->closing) {
+        status = umb_fail(error, UMB_E_CANCELLED, "the client is closing");
+    } else if (client->pending >= client->options.max_calls) {
+        status = umb_fail(error, UMB_E_BUSY, "calls: %lu are under way, the limit is %lu",
+                          (unsigned long)client->pending, (unsigned long)client->options.max_calls);
+    } else {
+        client->pending++;
+        umb__call_move(call, &client->inbox);
+        /* Under the lock, so that a closing client has not closed the handle yet. */
+        (void)uv_async_send(&client->wake);
+    }
+    pthread_mutex_unlock(&client->lock);
+    return status;
+}
+
+enum umb_status umb__call_start(struct umb_client *client, const char *path,
+                                struct umbw_buffer *body, uint32_t timeout_ms, umb__done_fn done,
+                                void *user, struct umb_error *error)
+{
+    struct umb__call *call = calloc(1, sizeof *call);
+    if (call == NULL) {
+        umbw_buffer_finish(body);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
+    }
+    call->path = path;
+    call->body = *body;
+    memset(body, 0, sizeof *body);
+    call->timeout_ms = timeout_ms != 0 ? timeout_ms : client->options.call_timeout_ms;
+    call->deadline_ns = uv_hrtime() + (uint64_t)call->timeout_ms * 1000000U;
+    call->done = done;
+    call->user = user;
+    umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
+    enum umb_status status = enqueue(client, call, error);
+    if (status != UMB_OK) {
+        call_free(call);
+    }
+    return status;
+}
+
+void umb__call_complete(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                        const struct umb_error *error)
+{
+    list_remove(call);
+    if (call->connection != NULL && call->connection->session != NULL) {
+        /* Fails harmlessly if the stream is gone. */
+        (void)nghttp2_session_set_stream_user_data(call->connection->session, call->stream_id,
+                                                   NULL);
+    }
+    if (status == UMB_OK) {
+        call->done(call->user, UMB_OK, call->reply.message, call->reply.message_size, NULL);
+    } else {
+        call->done(call->user, status, NULL, 0, error);
+    }
+    call_free(call);
+    pthread_mutex_lock(&client->lock);
+    client->pending--;
+    pthread_mutex_unlock(&client->lock);
+}
+
+bool umb__call_retry(struct umb_client *client, struct umb__call *call)
+{
+    if (call->retries >= UMB__RETRIES_MAX || client->stopped) {
+        return false;
+    }
+    call->retries++;
+    call->connection = NULL;
+    call->stream_id = 0;
+    call->headers_sent = false;
+    call->body_sent = 0;
+    umb__reply_finish(&call->reply);
+    umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
+    umb__call_move(call, &client->waiting);
+    return true;
+}
+
+void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
+                     const struct umb_error *error)
+{
+    /* done may start new calls, but those go to the inbox, so that the list only shrinks. */
+    while (list->first != NULL) {
+        umb__call_complete(client, list->first, error->status, error);
+    }
+}

@@ -1,0 +1,318 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The client object: its thread, its loop, deadlines, the pause between connection attempts.
+ *
+ * All signals are blocked in the loop thread: the host's handlers never run there, and a write to
+ * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
+ */
+#include "rpc_connection.h"
+
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CONNECT_TIMEOUT_MS 5000
+#define CALL_TIMEOUT_MS    60000
+#define MAX_CALLS          1024
+#define MAX_REPLY_BYTES    ((uint64_t)64 << 20)
+#define BACKOFF_FIRST_MS   50
+#define BACKOFF_MAX_MS     1000
+
+void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
+{
+    if (client->options.log != NULL) {
+        char message[400];
+        va_list arguments;
+        va_start(arguments, format);
+        (void)vsnprintf(message, sizeof message, format, arguments);
+        va_end(arguments);
+        client->options.log(client->options.log_user, level, message);
+    }
+}
+
+void umb__client_backoff(struct umb_client *client, bool failed)
+{
+    if (!failed) {
+        client->backoff_ms = 0;
+        client->backoff_until_ns = 0;
+        return;
+    }
+    client->backoff_ms = client->backoff_ms == 0 ? BACKOFF_FIRST_MS : client->backoff_ms * 2;
+    if (client->backoff_ms > BACKOFF_MAX_MS) {
+        client->backoff_ms = BACKOFF_MAX_MS;
+    }
+    client->backoff_until_ns = uv_hrtime() + client->backoff_ms * 1000000U;
+}
+
+static void on_backoff_over(uv_timer_t *timer)
+{
+    umb__client_dispatch(timer->data);
+}
+
+/* Submits every waiting call; false if the connection became full and another is needed. */
+static bool submit_waiting(struct umb_client *client, struct umb__connection *connection)
+{
+    while (client->waiting.first != NULL) {
+        if (!umb__session_submit(connection, client->waiting.first)) {
+            client->current = NULL;
+            return false;
+        }
+    }
+    umb__connection_flush(connection);
+    return true;
+}
+
+void umb__client_dispatch(struct umb_client *client)
+{
+    /* A connection that is full is replaced once; a new one takes at least one call. */
+    while (client->waiting.first != NULL && !client->stopped) {
+        struct umb__connection *connection = client->current;
+        if (connection != NULL) {
+            if (!connection->ready || submit_waiting(client, connection)) {
+                return;
+            }
+            continue;
+        }
+        uint64_t now = uv_hrtime();
+        if (now < client->backoff_until_ns) {
+            uv_update_time(&client->loop);
+            (void)uv_timer_start(&client->backoff_timer, on_backoff_over,
+                                 (client->backoff_until_ns - now) / 1000000U + 1, 0);
+            return;
+        }
+        umb__connection_open(client);
+        return;
+    }
+}
+
+/* Earliest deadline of a list and what is known. */
+static uint64_t earliest(const struct umb__call_list *list, uint64_t known)
+{
+    for (const struct umb__call *call = list->first; call != NULL; call = call->next) {
+        known = call->deadline_ns < known ? call->deadline_ns : known;
+    }
+    return known;
+}
+
+static void expire_list(struct umb_client *client, struct umb__call_list *list, uint64_t now)
+{
+    struct umb__call *next;
+    for (struct umb__call *call = list->first; call != NULL; call = next) {
+        next = call->next;
+        if (call->deadline_ns > now) {
+            continue;
+        }
+        struct umb_error error;
+        enum umb_status status = umb_fail(
+            &error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
+            call->connection != NULL ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
+        if (call->connection != NULL) {
+            umb__session_cancel(call->connection, call);
+        }
+        umb__call_complete(client, call, status, &error);
+    }
+}
+
+static void arm_deadline(struct umb_client *client);
+
+static void on_deadline(uv_timer_t *timer)
+{
+    struct umb_client *client = timer->data;
+    uint64_t now = uv_hrtime();
+    client->deadline_armed_ns = 0;
+    expire_list(client, &client->waiting, now);
+    struct umb__connection *next;
+    for (struct umb__connection *at = client->connections; at != NULL; at = next) {
+        next = at->next;
+        expire_list(client, &at->active, now);
+        umb__connection_flush(at);
+    }
+    arm_deadline(client);
+}
+
+static void set_deadline(struct umb_client *client, uint64_t deadline_ns)
+{
+    uint64_t now = uv_hrtime();
+    uint64_t wait_ms = deadline_ns > now ? (deadline_ns - now) / 1000000U + 1 : 0;
+    uv_update_time(&client->loop);
+    client->deadline_armed_ns = deadline_ns;
+    (void)uv_timer_start(&client->deadline_timer, on_deadline, wait_ms, 0);
+}
+
+/* Looks at all calls; runs only when the timer has fired. */
+static void arm_deadline(struct umb_client *client)
+{
+    uint64_t deadline_ns = earliest(&client->waiting, UINT64_MAX);
+    for (struct umb__connection *at = client->connections; at != NULL; at = at->next) {
+        deadline_ns = earliest(&at->active, deadline_ns);
+    }
+    if (deadline_ns != UINT64_MAX) {
+        set_deadline(client, deadline_ns);
+    }
+}
+
+static void stop_everything(struct umb_client *client)
+{
+    struct umb_error error;
+    client->stopped = true;
+    (void)umb_fail(&error, UMB_E_CANCELLED, "the client was closed");
+    umb__calls_fail(client, &client->waiting, &error);
+    while (client->connections != NULL) {
+        /* Sent calls are completed by the loss, and none is put back once stopped is set. */
+        umb__connection_lose(client->connections, &error);
+    }
+    uv_close((uv_handle_t *)&client->deadline_timer, NULL);
+    uv_close((uv_handle_t *)&client->backoff_timer, NULL);
+    uv_close((uv_handle_t *)&client->wake, NULL);
+}
+
+static void on_wake(uv_async_t *wake)
+{
+    struct umb_client *client = wake->data;
+    uint64_t deadline_ns = UINT64_MAX;
+    pthread_mutex_lock(&client->lock);
+    bool closing = client->closing;
+    while (client->inbox.first != NULL) {
+        struct umb__call *call = client->inbox.first;
+        deadline_ns = call->deadline_ns < deadline_ns ? call->deadline_ns : deadline_ns;
+        umb__call_move(call, &client->waiting);
+    }
+    pthread_mutex_unlock(&client->lock);
+    if (client->stopped) {
+        return;
+    }
+    if (closing) {
+        stop_everything(client);
+        return;
+    }
+    if (deadline_ns != UINT64_MAX &&
+        (client->deadline_armed_ns == 0 || deadline_ns < client->deadline_armed_ns)) {
+        set_deadline(client, deadline_ns);
+    }
+    umb__client_dispatch(client);
+}
+
+static void *run_loop(void *user)
+{
+    struct umb_client *client = user;
+    (void)uv_run(&client->loop, UV_RUN_DEFAULT); /* ends when stop_everything closed it all */
+    return NULL;
+}
+
+/* Starts the thread with all signals blocked, so that it inherits that. */
+static int start_thread(struct umb_client *client)
+{
+    sigset_t all;
+    sigset_t before;
+    sigfillset(&all);
+    int code = pthread_sigmask(SIG_SETMASK, &all, &before);
+    if (code != 0) {
+        return code;
+    }
+    code = pthread_create(&client->thread, NULL, run_loop, client);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return code;
+}
+
+static void fill_options(const struct umb_client_options *options, struct umb_client_options *out)
+{
+    if (options != NULL) {
+        *out = *options;
+    }
+    out->connect_timeout_ms =
+        out->connect_timeout_ms == 0 ? CONNECT_TIMEOUT_MS : out->connect_timeout_ms;
+    out->call_timeout_ms = out->call_timeout_ms == 0 ? CALL_TIMEOUT_MS : out->call_timeout_ms;
+    out->max_calls = out->max_calls == 0 ? MAX_CALLS : out->max_calls;
+    out->max_reply_bytes = out->max_reply_bytes == 0 ? MAX_REPLY_BYTES : out->max_reply_bytes;
+    if (out->max_reply_bytes > UINT32_MAX) {
+        out->max_reply_bytes = UINT32_MAX; /* what a gRPC message can have */
+    }
+}
+
+/* Makes loop and handles; on failure nothing of them is left. */
+static int open_loop(struct umb_client *client)
+{
+    int code = uv_loop_init(&client->loop);
+    if (code < 0) {
+        return code;
+    }
+    client->wake.data = client;
+    client->deadline_timer.data = client;
+    client->backoff_timer.data = client;
+    code = uv_async_init(&client->loop, &client->wake, on_wake);
+    if (code < 0) {
+        (void)uv_loop_close(&client->loop);
+        return code;
+    }
+    (void)uv_timer_init(&client->loop, &client->deadline_timer); /* cannot fail */
+    (void)uv_timer_init(&client->loop, &client->backoff_timer);
+    return 0;
+}
+
+enum umb_status umb_client_open(const char *address, const struct umb_client_options *options,
+                                struct umb_client **out, struct umb_error *error)
+{
+    enum umb_status status;
+    *out = NULL;
+    struct umb_client *client = calloc(1, sizeof *client);
+    if (client == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+    }
+    fill_options(options, &client->options);
+    status = umb__address_parse(address, &client->address, error);
+    if (status != UMB_OK) {
+        goto fail_address;
+    }
+    client->receive_buffer = malloc(UMB__RECEIVE_BYTES);
+    if (client->receive_buffer == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+        goto fail_address;
+    }
+    int code = pthread_mutex_init(&client->lock, NULL);
+    if (code != 0) {
+        status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot make the client's lock");
+        goto fail_lock;
+    }
+    code = open_loop(client);
+    if (code < 0) {
+        status = umb_fail_errno(error, UMB_E_INTERNAL, -code, "cannot make the client's loop");
+        goto fail_loop;
+    }
+    code = start_thread(client);
+    if (code != 0) {
+        status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot start the client's thread");
+        goto fail_thread;
+    }
+    *out = client;
+    return UMB_OK;
+
+fail_thread:
+    stop_everything(client);
+    (void)uv_run(&client->loop, UV_RUN_DEFAULT);
+    (void)uv_loop_close(&client->loop);
+fail_loop:
+    (void)pthread_mutex_destroy(&client->lock);
+fail_lock:
+    free(client->receive_buffer);
+fail_address:
+    free(client);
+    return status;
+}
+
+void umb_client_close(struct umb_client *client)
+{
+    if (client == NULL) {
+        return;
+    }
+    pthread_mutex_lock(&client->lock);
+    client->closing = true;
+    (void)uv_async_send(&client->wake);
+    pthread_mutex_unlock(&client->lock);
+    (void)pthread_join(client->thread, NULL);
+    (void)uv_loop_close(&client->loop);
+    (void)pthread_mutex_destroy(&client->lock);
+    free(client->receive_buffer);
+    free(client);
+}

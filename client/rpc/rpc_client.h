@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_RPC_RPC_CLIENT_H
+#define UMBRAGE_RPC_RPC_CLIENT_H
+/*
+ * The inside of a client: one loop thread, calls, connections.
+ *
+ * A call is made and encoded on the caller's thread, put into the inbox under the lock, and from
+ * then on belongs to the loop thread until its `done` has run. It is in exactly one list: the
+ * inbox, the waiting calls, or the active calls of one connection.
+ *
+ *     inbox -> waiting -> active on a connection -> done
+ *                 ^------------'  refused, or never sent: at most twice
+ *
+ * Threads: `lock` guards inbox, pending and closing; everything else is the loop thread's alone
+ * once umb_client_open has returned. No lock is held while a caller's function runs.
+ * A connection that got GOAWAY finishes its calls beside the next one.
+ */
+#include <netdb.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <nghttp2/nghttp2.h>
+#include <uv.h>
+#include "rpc_address.h"
+#include "rpc_reply.h"
+#include "umbrage/client.h"
+#include "wire/messages.h"
+
+#define UMB__RETRIES_MAX   2                   /* of a call the server did not process */
+#define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* read buffer; measured in reference/protocol.md */
+#define UMB__SEND_BYTES    ((size_t)1 << 20)   /* gathered before one write */
+#define UMB__FRAME_BYTES   (1 << 20)           /* largest DATA frame sent and accepted */
+
+struct umb__call;
+struct umb__connection;
+
+/* Status UMB_OK: message is the reply, borrowed during the call; else error is set. */
+typedef void (*umb__done_fn)(void *user, enum umb_status status, const uint8_t *message,
+                             size_t size, const struct umb_error *error);
+
+struct umb__call_list {
+    struct umb__call *first, *last;
+};
+
+struct umb__call {
+    struct umb__call *next, *previous;
+    struct umb__call_list *list;
+    const char *path; /* static */
+    struct umbw_buffer body;
+    size_t body_sent;
+    uint64_t deadline_ns; /* uv_hrtime's clock */
+    uint32_t timeout_ms;
+    umb__done_fn done;
+    void *user;
+    struct umb__connection *connection; /* NULL while waiting */
+    int32_t stream_id;
+    bool headers_sent; /* on the present connection */
+    unsigned retries;
+    struct umb__reply reply;
+};
+
+struct umb_client {
+    struct umb_client_options options; /* defaults filled in */
+    struct umb__address address;
+    pthread_mutex_t lock;
+    struct umb__call_list inbox;
+    uint32_t pending; /* calls from start to done */
+    bool closing;
+    pthread_t thread;
+    uv_loop_t loop;
+    uv_async_t wake;
+    uv_timer_t deadline_timer;
+    uint64_t deadline_armed_ns; /* what the timer is set for; 0 = off */
+    uv_timer_t backoff_timer;
+    uint64_t backoff_ms;       /* 0 = none; doubles with each failure */
+    uint64_t backoff_until_ns; /* no connection is tried before */
+    bool stopped;              /* everything is closed or closing */
+    struct umb__call_list waiting;
+    struct umb__connection *current;     /* the one that takes new calls, or NULL */
+    struct umb__connection *connections; /* all that are not lost */
+    uint8_t *receive_buffer;             /* [UMB__RECEIVE_BYTES] */
+};
+
+/* --- calls (rpc_calls.c) --- */
+
+/*
+ * Starts a call whose request is encoded.
+ *
+ * In:    body: taken over, also on failure. timeout_ms: 0 = the client's.
+ * Fails: E_BUSY, E_CANCELLED (closing), E_NO_MEMORY; done does not run then.
+ * Threads: any.
+ */
+UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client, const char *path,
+                                            struct umbw_buffer *body, uint32_t timeout_ms,
+                                            umb__done_fn done, void *user, struct umb_error *error);
+
+/* Moves a call to the end of a list. */
+void umb__call_move(struct umb__call *call, struct umb__call_list *list);
+
+/* Ends a call: runs done, frees it. message may be NULL. Loop thread. */
+void umb__call_complete(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                        const struct umb_error *error);
+
+/* Puts an unprocessed call back to the waiting ones; false if it was retried often enough. */
+bool umb__call_retry(struct umb_client *client, struct umb__call *call);
+
+/* Completes all calls of a list with one error. */
+void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
+                     const struct umb_error *error);
+
+/* --- loop (rpc_client.c) --- */
+
+/* Gives waiting calls to a connection, opening one if needed. */
+void umb__client_dispatch(struct umb_client *client);
+
+/* Notes a failed or successful connection for the pause before the next try. */
+void umb__client_backoff(struct umb_client *client, bool failed);
+
+void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
+    UMB_PRINTF(3, 4);
+
+/* Runs a call and waits; decode turns the reply into *out on the loop thread. */
+typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,
+                                          struct umb_error *error);
+UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client, const char *path,
+                                           struct umbw_buffer *body, uint32_t timeout_ms,
+                                           umb__decode_fn decode, void *out,
+                                           struct umb_error *error);
+
+/* A reply that cannot be decoded is the server's fault: E_ARGUMENT becomes E_PROTOCOL. */
+enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,
+                                 struct umb_error *error);
+
+#endif

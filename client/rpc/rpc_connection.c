@@ -1,0 +1,441 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Sockets under the HTTP/2 session: resolve, connect, read, write, loss. See rpc_connection.h. */
+#include "rpc_connection.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include "wire/wire_buffer.h"
+
+/* libuv's text of an error, without its allocation for unknown codes. */
+static const char *uv_text(int code, char text[96])
+{
+    return uv_strerror_r(code, text, 96);
+}
+
+static void free_if_done(struct umb__connection *connection)
+{
+    if (connection->lost && connection->handles == 0 && !connection->resolving) {
+        uv_freeaddrinfo(connection->addresses);
+        umbw_buffer_finish(&connection->out);
+        free(connection);
+    }
+}
+
+static void on_handle_closed(uv_handle_t *handle)
+{
+    struct umb__connection *connection = handle->data;
+    connection->handles--;
+    free_if_done(connection);
+}
+
+static void unlink_connection(struct umb__connection *connection)
+{
+    struct umb_client *client = connection->client;
+    if (client->current == connection) {
+        client->current = NULL;
+    }
+    if (connection->previous != NULL) {
+        connection->previous->next = connection->next;
+    } else {
+        client->connections = connection->next;
+    }
+    if (connection->next != NULL) {
+        connection->next->previous = connection->previous;
+    }
+}
+
+/* Gives unsent calls back, fails the others. */
+static void release_calls(struct umb__connection *connection, const struct umb_error *reason)
+{
+    struct umb__call *next;
+    for (struct umb__call *call = connection->active.first; call != NULL; call = next) {
+        next = call->next;
+        if (call->headers_sent || !umb__call_retry(connection->client, call)) {
+            umb__call_complete(connection->client, call, reason->status, reason);
+        }
+    }
+}
+
+void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason)
+{
+    if (connection->lost) {
+        return;
+    }
+    struct umb_client *client = connection->client;
+    bool opening = !connection->ready;
+    connection->lost = true;
+    unlink_connection(connection);
+    umb__client_log(client, UMB_LOG_INFO, "connection ended: %s", reason->message);
+    release_calls(connection, reason);
+    nghttp2_session_del(connection->session);
+    connection->session = NULL;
+    (void)uv_timer_stop(&connection->timer);
+    uv_close((uv_handle_t *)&connection->timer, on_handle_closed);
+    if (connection->socket_open) {
+        connection->socket_open = false;
+        uv_close(&connection->socket.handle, on_handle_closed);
+    }
+    if (connection->resolving) {
+        (void)uv_cancel((uv_req_t *)&connection->resolve); /* may be too late: it then comes back */
+    }
+    if (opening && !client->stopped) {
+        umb__client_backoff(client, true);
+        umb__calls_fail(client, &client->waiting, reason);
+    }
+    if (!client->stopped) {
+        (void)uv_async_send(&client->wake); /* waiting calls need another connection */
+    }
+}
+
+static void lose_uv(struct umb__connection *connection, int code, const char *what)
+{
+    char text[96];
+    struct umb_error error;
+    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s: %s", connection->client->address.text,
+                   what, uv_text(code, text));
+    umb__connection_lose(connection, &error);
+}
+
+/* Why a session ended, as well as it is known. */
+static void lose_session(struct umb__connection *connection, const char *what)
+{
+    struct umb_error error;
+    const char *address = connection->client->address.text;
+    if (connection->http1) {
+        (void)umb_fail(&error, UMB_E_PROTOCOL, "%.180s: the server speaks HTTP/1, not HTTP/2",
+                       address);
+    } else if (connection->detail[0] != '\0') {
+        (void)umb_fail(&error, UMB_E_PROTOCOL, "%.120s: %s (%s)", address, what,
+                       connection->detail);
+    } else {
+        (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s", address, what);
+    }
+    umb__connection_lose(connection, &error);
+}
+
+/* Collects frames until a good mouthful is there; false if the session is broken. */
+static bool fill_output(struct umb__connection *connection)
+{
+    connection->out.size = 0;
+    while (connection->out.size < UMB__SEND_BYTES) {
+        const uint8_t *bytes;
+        ssize_t count = nghttp2_session_mem_send(connection->session, &bytes);
+        if (count < 0) {
+            return false;
+        }
+        if (count == 0) {
+            return true;
+        }
+        if (umbw_buffer_reserve(&connection->out, (size_t)count, NULL) != UMB_OK) {
+            return false;
+        }
+        memcpy(connection->out.bytes + connection->out.size, bytes, (size_t)count);
+        connection->out.size += (size_t)count;
+    }
+    return true;
+}
+
+static void on_written(uv_write_t *request, int code)
+{
+    struct umb__connection *connection = request->data;
+    connection->writing = false;
+    if (connection->lost) {
+        return;
+    }
+    if (code < 0) {
+        lose_uv(connection, code, "connection lost");
+        return;
+    }
+    umb__connection_flush(connection);
+}
+
+/* Writes out at once what the socket takes and leaves the rest to libuv. */
+static int write_output(struct umb__connection *connection)
+{
+    struct umbw_buffer *out = &connection->out;
+    uv_buf_t piece = {.base = (char *)out->bytes, .len = out->size};
+    int written = uv_try_write(&connection->socket.stream, &piece, 1);
+    if (written == UV_EAGAIN) {
+        written = 0;
+    }
+    if (written < 0) {
+        return written;
+    }
+    if ((size_t)written == out->size) {
+        return 0;
+    }
+    piece.base += written;
+    piece.len -= (size_t)written;
+    connection->write.data = connection;
+    int code = uv_write(&connection->write, &connection->socket.stream, &piece, 1, on_written);
+    connection->writing = code == 0;
+    return code;
+}
+
+/* True if nothing will come or go any more: a broken session, or the last call of a draining one. */
+static bool is_over(const struct umb__connection *connection)
+{
+    if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
+        return false;
+    }
+    return !nghttp2_session_want_read(connection->session) ||
+           (connection->draining && connection->active.first == NULL);
+}
+
+void umb__connection_flush(struct umb__connection *connection)
+{
+    while (!connection->lost && !connection->writing && connection->session != NULL) {
+        if (!fill_output(connection)) {
+            lose_session(connection, "cannot send: out of memory");
+            return;
+        }
+        if (connection->out.size == 0) {
+            break;
+        }
+        int code = write_output(connection);
+        if (code < 0) {
+            lose_uv(connection, code, "connection lost");
+            return;
+        }
+    }
+    if (!connection->lost && !connection->writing && is_over(connection)) {
+        lose_session(connection, "the server closed the connection");
+    }
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
+{
+    (void)suggested;
+    struct umb__connection *connection = handle->data;
+    /* One buffer serves all connections: libuv reads and calls back before the next alloc. */
+    buffer->base = (char *)connection->client->receive_buffer;
+    buffer->len = UMB__RECEIVE_BYTES;
+}
+
+/* Draining: new calls go elsewhere, those that were never sent too. */
+static void start_draining(struct umb__connection *connection)
+{
+    struct umb_client *client = connection->client;
+    if (client->current == connection) {
+        client->current = NULL;
+        umb__client_log(client, UMB_LOG_INFO, "%s: the server is going away", client->address.text);
+    }
+    umb__session_give_back(connection);
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct umb__connection *connection = stream->data;
+    struct umb_client *client = connection->client;
+    if (connection->lost || count == 0) {
+        return;
+    }
+    if (count < 0) {
+        if (count == UV_EOF) {
+            lose_session(connection, "connection closed by the server before the reply came");
+        } else {
+            lose_uv(connection, (int)count, "connection lost");
+        }
+        return;
+    }
+    if (!connection->saw_bytes) {
+        connection->saw_bytes = true;
+        connection->http1 = count >= 5 && memcmp(buffer->base, "HTTP/", 5) == 0;
+    }
+    ssize_t taken = nghttp2_session_mem_recv(connection->session, (const uint8_t *)buffer->base,
+                                             (size_t)count);
+    if (taken < 0) {
+        lose_session(connection, nghttp2_strerror((int)taken));
+        return;
+    }
+    if (connection->draining) {
+        start_draining(connection);
+    }
+    umb__connection_flush(connection);
+    umb__client_dispatch(client);
+}
+
+static void on_timeout(uv_timer_t *timer)
+{
+    struct umb__connection *connection = timer->data;
+    struct umb_error error;
+    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no HTTP/2 connection within %lu ms%s%.80s",
+                   connection->client->address.text,
+                   (unsigned long)connection->client->options.connect_timeout_ms,
+                   connection->last_error.message[0] != '\0' ? ", last: " : "",
+                   connection->last_error.message);
+    umb__connection_lose(connection, &error);
+}
+
+static void start_session(struct umb__connection *connection)
+{
+    struct umb_error error;
+    if (!connection->client->address.is_unix) {
+        (void)uv_tcp_nodelay(&connection->socket.tcp, 1);
+    }
+    if (umb__session_create(connection, &error) != UMB_OK) {
+        umb__connection_lose(connection, &error);
+        return;
+    }
+    int code = uv_read_start(&connection->socket.stream, on_alloc, on_read);
+    if (code < 0) {
+        lose_uv(connection, code, "cannot read");
+        return;
+    }
+    umb__connection_flush(connection);
+}
+
+static void try_next_address(struct umb__connection *connection);
+
+static void on_socket_retired(uv_handle_t *handle)
+{
+    struct umb__connection *connection = handle->data;
+    connection->handles--;
+    if (connection->lost) {
+        free_if_done(connection);
+    } else {
+        try_next_address(connection);
+    }
+}
+
+/* One address did not answer: the next, or the end. */
+static void connect_failed(struct umb__connection *connection, int code)
+{
+    char text[96];
+    (void)umb_fail(&connection->last_error, UMB_E_UNAVAILABLE, "%.180s: cannot connect: %s",
+                   connection->client->address.text, uv_text(code, text));
+    if (connection->next_address == NULL) {
+        struct umb_error error = connection->last_error;
+        umb__connection_lose(connection, &error);
+        return;
+    }
+    connection->socket_open = false;
+    uv_close(&connection->socket.handle, on_socket_retired);
+}
+
+static void on_connected(uv_connect_t *request, int code)
+{
+    struct umb__connection *connection = request->data;
+    if (connection->lost || !connection->socket_open) {
+        return;
+    }
+    if (code < 0) {
+        connect_failed(connection, code);
+        return;
+    }
+    start_session(connection);
+}
+
+static void connect_tcp(struct umb__connection *connection, const struct sockaddr *address)
+{
+    int code = uv_tcp_init(&connection->client->loop, &connection->socket.tcp);
+    if (code < 0) {
+        lose_uv(connection, code, "cannot connect");
+        return;
+    }
+    connection->socket.handle.data = connection;
+    connection->socket_open = true;
+    connection->handles++;
+    connection->connect.data = connection;
+    code = uv_tcp_connect(&connection->connect, &connection->socket.tcp, address, on_connected);
+    if (code < 0) {
+        connect_failed(connection, code);
+    }
+}
+
+/* Called again from on_socket_retired until the addresses are used up. */
+static void try_next_address(struct umb__connection *connection)
+{
+    struct addrinfo *entry = connection->next_address;
+    connection->next_address = entry->ai_next;
+    connect_tcp(connection, entry->ai_addr);
+}
+
+static void on_resolved(uv_getaddrinfo_t *request, int code, struct addrinfo *addresses)
+{
+    struct umb__connection *connection = request->data;
+    connection->resolving = false;
+    connection->addresses = addresses;
+    if (connection->lost) {
+        free_if_done(connection);
+        return;
+    }
+    if (code < 0 || addresses == NULL) {
+        lose_uv(connection, code < 0 ? code : UV_EAI_NODATA, "cannot resolve the host");
+        return;
+    }
+    connection->next_address = addresses;
+    try_next_address(connection);
+}
+
+static void connect_unix(struct umb__connection *connection)
+{
+    int code = uv_pipe_init(&connection->client->loop, &connection->socket.pipe, 0);
+    if (code < 0) {
+        lose_uv(connection, code, "cannot connect");
+        return;
+    }
+    connection->socket.handle.data = connection;
+    connection->socket_open = true;
+    connection->handles++;
+    connection->connect.data = connection;
+    uv_pipe_connect(&connection->connect, &connection->socket.pipe,
+                    connection->client->address.path, on_connected);
+}
+
+/* Numbers are connected to at once; only names cost a resolver thread. */
+static void connect_host(struct umb__connection *connection)
+{
+    const struct umb__address *address = &connection->client->address;
+    int port = (int)strtol(address->port, NULL, 10);
+    union {
+        struct sockaddr any;
+        struct sockaddr_in v4;
+        struct sockaddr_in6 v6;
+    } socket_address;
+    if (uv_ip4_addr(address->host, port, &socket_address.v4) == 0 ||
+        uv_ip6_addr(address->host, port, &socket_address.v6) == 0) {
+        connect_tcp(connection, &socket_address.any);
+        return;
+    }
+    struct addrinfo hints;
+    memset(&hints, 0, sizeof hints);
+    hints.ai_family = AF_UNSPEC;
+    hints.ai_socktype = SOCK_STREAM;
+    connection->resolve.data = connection;
+    int code = uv_getaddrinfo(&connection->client->loop, &connection->resolve, on_resolved,
+                              address->host, address->port, &hints);
+    connection->resolving = code == 0;
+    if (code < 0) {
+        lose_uv(connection, code, "cannot resolve the host");
+    }
+}
+
+void umb__connection_open(struct umb_client *client)
+{
+    struct umb__connection *connection = calloc(1, sizeof *connection);
+    if (connection == NULL) {
+        struct umb_error error;
+        (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a connection");
+        umb__calls_fail(client, &client->waiting, &error);
+        return;
+    }
+    connection->client = client;
+    (void)uv_timer_init(&client->loop, &connection->timer); /* cannot fail */
+    connection->timer.data = connection;
+    connection->handles = 1;
+    connection->next = client->connections;
+    if (client->connections != NULL) {
+        client->connections->previous = connection;
+    }
+    client->connections = connection;
+    client->current = connection;
+    uv_update_time(&client->loop);
+    (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
+    if (client->address.is_unix) {
+        connect_unix(connection);
+    } else {
+        connect_host(connection);
+    }
+}

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_RPC_RPC_CONNECTION_H
+#define UMBRAGE_RPC_RPC_CONNECTION_H
+/*
+ * One connection: resolve, connect, HTTP/2 session, loss. Loop thread only.
+ *
+ * Life: resolving -> connecting -> settings awaited -> ready [-> draining] -> lost -> freed.
+ * Lost is final: the calls are given back or failed at once, the memory goes when libuv has
+ * returned every handle and request. nghttp2_session_del closes no streams by itself, so that the
+ * calls are always handled first.
+ */
+#include "rpc_client.h"
+
+struct umb__connection {
+    struct umb__connection *next, *previous; /* in client->connections */
+    struct umb_client *client;
+    union {
+        uv_handle_t handle;
+        uv_stream_t stream;
+        uv_tcp_t tcp;
+        uv_pipe_t pipe;
+    } socket;
+    bool socket_open;
+    uv_timer_t timer; /* until the peer's settings came */
+    unsigned handles; /* not yet closed */
+    uv_getaddrinfo_t resolve;
+    bool resolving;
+    struct addrinfo *addresses, *next_address;
+    uv_connect_t connect;
+    uv_write_t write;
+    bool writing;
+    struct umbw_buffer out; /* given to uv_write while writing */
+    nghttp2_session *session;
+    struct umb__call_list active;
+    bool ready;       /* settings came: takes calls */
+    bool draining;    /* GOAWAY came, or stream numbers ran out: takes no more calls */
+    bool lost;
+    bool http1;       /* the first bytes were an HTTP/1 answer */
+    bool saw_bytes;
+    char detail[160]; /* what nghttp2 said about a broken peer */
+    struct umb_error last_error; /* of the last address tried */
+};
+
+/* Opens a connection and makes it client->current. On failure the waiting calls have been failed. */
+void umb__connection_open(struct umb_client *client);
+
+/* Ends a connection for a reason. Never from inside an nghttp2 call-back. */
+void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason);
+
+/* Sends what the session has to send; may lose the connection. */
+void umb__connection_flush(struct umb__connection *connection);
+
+/* --- the HTTP/2 side (rpc_session.c) --- */
+
+/* Makes the session and queues its settings. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umb__session_create(struct umb__connection *connection,
+                                                struct umb_error *error);
+
+/*
+ * Submits a waiting call on a ready connection; it is in connection->active then, or completed.
+ * Returns false if the connection takes no more streams; the call still waits.
+ */
+bool umb__session_submit(struct umb__connection *connection, struct umb__call *call);
+
+/* Resets a call's stream because nobody waits for it any more. */
+void umb__session_cancel(struct umb__connection *connection, struct umb__call *call);
+
+/* Puts the calls of a draining connection that were never sent back to the waiting ones. */
+void umb__session_give_back(struct umb__connection *connection);
+
+#endif

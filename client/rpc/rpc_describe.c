@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shadows.List, Shadows.Describe and the health check: small blocking calls. */
+#include "rpc_client.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define HEALTH_SERVING 1 /* grpc.health.v1.HealthCheckResponse.ServingStatus */
+
+_Static_assert(sizeof((struct umb_client_asset *)0)->name ==
+                   sizeof((struct umbw_asset_summary *)0)->name,
+               "names are copied whole");
+
+static void copy_summary(const struct umbw_asset_summary *summary, struct umb_client_asset *asset)
+{
+    memcpy(asset->name, summary->name, sizeof asset->name);
+    memcpy(asset->id, summary->id, sizeof asset->id);
+    asset->packed_bytes = summary->packed_bytes;
+    asset->memory_bytes = summary->memory_bytes;
+    asset->light_count = summary->light_count;
+}
+
+static enum umb_status decode_list(void *out, const uint8_t *message, size_t size,
+                                   struct umb_error *error)
+{
+    return umbw_decode_list_reply(message, size, out, error);
+}
+
+enum umb_status umb_client_list(struct umb_client *client, struct umb_client_asset **assets,
+                                size_t *count, struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umbw_list_reply reply = {0, NULL};
+    *assets = NULL;
+    *count = 0;
+    enum umb_status status = umbw_encode_list_request(&body, error);
+    if (status == UMB_OK) {
+        status = umb__call_wait(client, UMBW_PATH_LIST, &body, 0, decode_list, &reply, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb_client_asset *list = calloc(reply.count + 1, sizeof *list);
+    if (list == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu assets", reply.count);
+    } else {
+        for (size_t i = 0; i < reply.count; i++) {
+            copy_summary(&reply.assets[i], &list[i]);
+        }
+        *assets = list;
+        *count = reply.count;
+    }
+    umbw_list_reply_finish(&reply);
+    return status;
+}
+
+void umb_client_assets_free(struct umb_client_asset *assets)
+{
+    free(assets);
+}
+
+static enum umb_status decode_description(void *out, const uint8_t *message, size_t size,
+                                          struct umb_error *error)
+{
+    return umbw_decode_describe_reply(message, size, out, error);
+}
+
+/* Moves the texts of a reply and copies the rest. NULL if memory is short. */
+static struct umb_client_description *make_description(struct umbw_describe_reply *reply)
+{
+    struct umb_client_description *out = calloc(1, sizeof *out);
+    struct umb_client_light *lights = calloc((size_t)reply->light_count + 1, sizeof *lights);
+    if (out == NULL || lights == NULL) {
+        free(lights);
+        free(out);
+        return NULL;
+    }
+    for (uint32_t i = 0; i < reply->light_count; i++) {
+        lights[i].info = reply->lights[i].info;
+        lights[i].resolution = reply->lights[i].resolution;
+        memcpy(lights[i].voxel_m, reply->lights[i].voxel_m, sizeof lights[i].voxel_m);
+        lights[i].closed = reply->lights[i].closed;
+    }
+    copy_summary(&reply->summary, &out->asset);
+    out->light_count = reply->light_count;
+    out->lights = lights;
+    memcpy(out->origin, reply->origin, sizeof out->origin);
+    out->bounds = reply->bounds;
+    memcpy(out->scene_hash, reply->scene_hash, sizeof out->scene_hash);
+    out->plan = reply->plan;
+    out->settings = reply->settings;
+    reply->plan = NULL;
+    reply->settings = NULL;
+    return out;
+}
+
+enum umb_status umb_client_describe(struct umb_client *client, const char *asset,
+                                    struct umb_client_description **description,
+                                    struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umbw_describe_reply reply;
+    memset(&reply, 0, sizeof reply);
+    *description = NULL;
+    enum umb_status status = umbw_encode_describe_request(asset, &body, error);
+    if (status == UMB_OK) {
+        status = umb__call_wait(client, UMBW_PATH_DESCRIBE, &body, 0, decode_description, &reply,
+                                error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    *description = make_description(&reply);
+    umbw_describe_reply_finish(&reply);
+    return *description != NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a description");
+}
+
+void umb_client_description_free(struct umb_client_description *description)
+{
+    if (description != NULL) {
+        free(description->lights);
+        free(description->plan);
+        free(description->settings);
+        free(description);
+    }
+}
+
+static enum umb_status decode_health(void *out, const uint8_t *message, size_t size,
+                                     struct umb_error *error)
+{
+    return umbw_decode_health_reply(message, size, out, error);
+}
+
+enum umb_status umb_client_health(struct umb_client *client, const char *service, int *serving,
+                                  struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    int answer = 0;
+    *serving = 0;
+    enum umb_status status = umbw_encode_health_request(service == NULL ? "" : service, &body,
+                                                        error);
+    if (status == UMB_OK) {
+        status = umb__call_wait(client, UMBW_PATH_CHECK, &body, 0, decode_health, &answer, error);
+    }
+    *serving = status == UMB_OK && answer == HEALTH_SERVING;
+    return status;
+}

@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shadows.Query, asynchronous and blocking. */
+#include "rpc_client.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* What an asynchronous query remembers until its reply comes. */
+struct query_call {
+    umb_client_query_fn done;
+    void *user;
+    size_t value_bytes; /* that the answers must have */
+};
+
+/* Encodes a request after checking it. */
+static enum umb_status encode(const struct umb_client_query_request *request,
+                              struct umbw_buffer *body, struct umb_error *error)
+{
+    struct umbw_query_request wire = {
+        .settings = request->settings,
+        .points = request->points,
+        .want_stats = request->want_stats,
+    };
+    size_t length = request->asset == NULL ? 0 : strlen(request->asset);
+    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
+                        UMBW_ASSET_NAME_MAX);
+    }
+    memcpy(wire.asset, request->asset, length + 1);
+    enum umb_status status = umbw_encode_query_request(&wire, body, error);
+    if (status != UMB_OK) {
+        umbw_buffer_finish(body);
+    }
+    return status;
+}
+
+/* Reads a reply and checks that it answers as many points as were asked. */
+static enum umb_status decode(const uint8_t *message, size_t size, size_t value_bytes,
+                              struct umb_client_query_reply *reply, struct umb_error *error)
+{
+    struct umbw_query_reply wire;
+    enum umb_status status = umbw_decode_query_reply(message, size, &wire, error);
+    memset(reply, 0, sizeof *reply);
+    if (status == UMB_OK && wire.visibility_bytes != value_bytes) {
+        status = umb_fail(error, UMB_E_PROTOCOL, "visibility: length is %zu bytes, must be %zu",
+                          wire.visibility_bytes, value_bytes);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    reply->values = wire.visibility;
+    reply->value_bytes = wire.visibility_bytes;
+    memcpy(reply->asset_id, wire.asset_id, sizeof reply->asset_id);
+    reply->stats = wire.stats;
+    reply->nanoseconds = wire.nanoseconds;
+    return UMB_OK;
+}
+
+static void on_query_done(void *user, enum umb_status status, const uint8_t *message, size_t size,
+                          const struct umb_error *error)
+{
+    struct query_call *call = user;
+    struct umb_client_query_reply reply;
+    struct umb_error detail = {.status = UMB_OK};
+    struct umb_error fault;
+    if (status == UMB_OK) {
+        status = decode(message, size, call->value_bytes, &reply, &detail);
+        if (status != UMB_OK) {
+            status = umb__reply_fault(status, &detail, &fault);
+            error = &fault;
+        }
+    }
+    call->done(call->user, status, status == UMB_OK ? &reply : NULL,
+               status == UMB_OK ? NULL : error);
+    free(call);
+}
+
+enum umb_status umb_client_query_start(struct umb_client *client,
+                                       const struct umb_client_query_request *request,
+                                       umb_client_query_fn done, void *user,
+                                       struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    enum umb_status status = encode(request, &body, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct query_call *call = malloc(sizeof *call);
+    if (call == NULL) {
+        umbw_buffer_finish(&body);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
+    }
+    call->done = done;
+    call->user = user;
+    call->value_bytes = umb_answer_bytes(request->settings.format, request->points.count);
+    status = umb__call_start(client, UMBW_PATH_QUERY, &body, request->timeout_ms, on_query_done,
+                             call, error);
+    if (status != UMB_OK) {
+        free(call);
+    }
+    return status;
+}
+
+/* Where a blocking query wants its reply. */
+struct query_target {
+    void *values;
+    size_t value_bytes;
+    struct umb_client_query_reply *reply; /* may be NULL */
+};
+
+static enum umb_status decode_to_target(void *out, const uint8_t *message, size_t size,
+                                        struct umb_error *error)
+{
+    struct query_target *target = out;
+    struct umb_client_query_reply reply;
+    enum umb_status status = decode(message, size, target->value_bytes, &reply, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (reply.value_bytes > 0) {
+        memcpy(target->values, reply.values, reply.value_bytes);
+    }
+    if (target->reply != NULL) {
+        *target->reply = reply;
+        target->reply->values = target->values;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb_client_query(struct umb_client *client,
+                                 const struct umb_client_query_request *request, void *values,
+                                 struct umb_client_query_reply *reply, struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    if (reply != NULL) {
+        memset(reply, 0, sizeof *reply);
+    }
+    enum umb_status status = encode(request, &body, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct query_target target = {
+        .values = values,
+        .value_bytes = umb_answer_bytes(request->settings.format, request->points.count),
+        .reply = reply,
+    };
+    return umb__call_wait(client, UMBW_PATH_QUERY, &body, request->timeout_ms, decode_to_target,
+                          &target, error);
+}

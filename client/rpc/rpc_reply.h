@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_RPC_RPC_REPLY_H
+#define UMBRAGE_RPC_RPC_REPLY_H
+/*
+ * What came back for one unary call so far: headers, one message, trailers; and the verdict.
+ *
+ *     umb__reply_init, then umb__reply_header and umb__reply_data as they come,
+ *     umb__reply_verdict at the end of the stream, umb__reply_finish.
+ *
+ * No I/O and no HTTP/2 here. Trust: safe on whatever a server sends; header bytes, message bytes
+ * and message count are bounded.
+ * Source: "gRPC over HTTP2", Responses; "HTTP to gRPC status code mapping".
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+#include "wire/grpc.h"
+
+#define UMB__HEADER_BYTES_MAX 65536 /* names and values of one reply; nghttp2 has no such limit */
+
+struct umb__reply {
+    unsigned http_status; /* 0 = none yet */
+    bool is_grpc;         /* content-type begins with application/grpc */
+    bool has_grpc_status;
+    int grpc_status;      /* -1 = not a number */
+    char content_type[64];
+    char grpc_message[1024]; /* still escaped */
+    size_t grpc_message_size;
+    size_t header_bytes;
+    struct umbw_reader reader;
+    uint8_t *message; /* the one message, owned */
+    size_t message_size;
+    unsigned message_count;
+};
+
+void umb__reply_init(struct umb__reply *reply, size_t max_message);
+void umb__reply_finish(struct umb__reply *reply);
+
+/* Takes one header or trailer. Fails: E_PROTOCOL (too many header bytes). */
+UMB_CHECKED enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
+                                              size_t name_size, const uint8_t *value,
+                                              size_t value_size, struct umb_error *error);
+
+/* Takes DATA bytes; those of a reply that is not gRPC are dropped. Fails: E_TOO_LARGE,
+ * E_NO_MEMORY, E_PROTOCOL. */
+UMB_CHECKED enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes,
+                                            size_t count, struct umb_error *error);
+
+/* Judges an ended stream: UMB_OK if message and message_size are the answer, else what failed. */
+UMB_CHECKED enum umb_status umb__reply_verdict(const struct umb__reply *reply,
+                                               struct umb_error *error);
+
+#endif

@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shared helpers of the message codecs, see codec.h. */
+#include "wire/codec.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+#include "wire/utf8.h"
+#include "wire/wire_buffer.h"
+
+#define EXPANSION_FACTOR 16              /* a Light of 150 bytes takes about 450 */
+#define EXPANSION_BASE   ((size_t)1 << 20)
+
+/* Counts what protobuf-c allocates during one unpack. */
+struct budget {
+    size_t left;
+    bool refused;
+};
+
+static void *budget_alloc(void *user, size_t size)
+{
+    struct budget *budget = user;
+    void *block = NULL;
+    if (size <= budget->left) {
+        budget->left -= size;
+        block = malloc(size == 0 ? 1 : size);
+    }
+    if (block == NULL) {
+        budget->refused = true;
+    }
+    return block;
+}
+
+static void budget_free(void *user, void *block)
+{
+    (void)user;
+    free(block);
+}
+
+enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor,
+                                    const uint8_t *bytes, size_t size, ProtobufCMessage **out,
+                                    struct umb_error *error)
+{
+    static const uint8_t nothing;
+    struct budget budget = {.left = EXPANSION_BASE, .refused = false};
+    if (size < (SIZE_MAX - EXPANSION_BASE) / EXPANSION_FACTOR) {
+        budget.left += size * EXPANSION_FACTOR;
+    }
+    ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
+    *out = protobuf_c_message_unpack(descriptor, &allocator, size, size == 0 ? &nothing : bytes);
+    if (*out != NULL) {
+        return UMB_OK;
+    }
+    if (budget.refused) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
+                        descriptor->name, size);
+    }
+    return umb_fail(error, UMB_E_ARGUMENT, "message: %zu bytes are not a valid %s", size,
+                    descriptor->name);
+}
+
+void umbw_message_free(ProtobufCMessage *message)
+{
+    if (message != NULL) {
+        struct budget budget = {0, false};
+        ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
+        protobuf_c_message_free_unpacked(message, &allocator);
+    }
+}
+
+enum umb_status umbw_message_append(const ProtobufCMessage *message, struct umbw_buffer *buffer,
+                                    struct umb_error *error)
+{
+    size_t size = protobuf_c_message_get_packed_size(message);
+    enum umb_status status = umbw_buffer_begin_message(buffer, size, size, error);
+    if (status == UMB_OK) {
+        buffer->size += protobuf_c_message_pack(message, buffer->bytes + buffer->size);
+    }
+    return status;
+}
+
+enum umb_status umbw_text_copy(const char *name, const uint8_t *bytes, size_t size, size_t max,
+                               char *out, struct umb_error *error)
+{
+    out[0] = '\0';
+    if (size > max) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: %zu bytes are over the limit of %zu bytes", name,
+                        size, max);
+    }
+    if (!umbw_utf8_valid(bytes, size)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: not UTF-8 text without NUL", name);
+    }
+    if (size > 0) {
+        memcpy(out, bytes, size);
+    }
+    out[size] = '\0';
+    return UMB_OK;
+}
+
+enum umb_status umbw_id_copy(const char *name, const uint8_t *bytes, size_t size,
+                             uint8_t out[UMB_ID_BYTES], struct umb_error *error)
+{
+    if (size != UMB_ID_BYTES) {
+        memset(out, 0, UMB_ID_BYTES);
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be %d", name, size,
+                        UMB_ID_BYTES);
+    }
+    memcpy(out, bytes, UMB_ID_BYTES);
+    return UMB_OK;
+}
+
+enum umb_status umbw_vector_copy(const char *name, const double *values, size_t count,
+                                 double out[3], struct umb_error *error)
+{
+    memset(out, 0, 3 * sizeof *out);
+    if (count != 0 && count != 3) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: has %zu numbers, must have none or three", name,
+                        count);
+    }
+    if (count == 3) {
+        memcpy(out, values, 3 * sizeof *out);
+    }
+    return UMB_OK;
+}

@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The texts of gRPC's headers: code names, grpc-timeout values, grpc-message escapes.
+ *
+ * Source: "gRPC over HTTP2" (PROTOCOL-HTTP2.md): timeouts are 1 to 8 digits and a unit; a status
+ * message is UTF-8 with every byte outside 0x20..0x7e and '%' percent-encoded.
+ */
+#include "wire/grpc.h"
+
+#include <string.h>
+#include "wire/utf8.h"
+
+#define TIMEOUT_DIGITS_MAX 8
+#define TIMEOUT_VALUE_MAX  99999999 /* eight digits */
+
+struct timeout_unit {
+    char letter;
+    int64_t nanoseconds;
+};
+
+/* Finest first: formatting takes the first unit in which the value fits eight digits. */
+static const struct timeout_unit TIMEOUT_UNITS[] = {
+    {'n', 1},
+    {'u', 1000},
+    {'m', 1000000},
+    {'S', 1000000000},
+    {'M', 60 * (int64_t)1000000000},
+    {'H', 3600 * (int64_t)1000000000},
+};
+#define TIMEOUT_UNIT_COUNT (sizeof TIMEOUT_UNITS / sizeof TIMEOUT_UNITS[0])
+
+const char *umbw_grpc_name(int code)
+{
+    static const char *const names[] = {
+        "OK",
+        "CANCELLED",
+        "UNKNOWN",
+        "INVALID_ARGUMENT",
+        "DEADLINE_EXCEEDED",
+        "NOT_FOUND",
+        "ALREADY_EXISTS",
+        "PERMISSION_DENIED",
+        "RESOURCE_EXHAUSTED",
+        "FAILED_PRECONDITION",
+        "ABORTED",
+        "OUT_OF_RANGE",
+        "UNIMPLEMENTED",
+        "INTERNAL",
+        "UNAVAILABLE",
+        "DATA_LOSS",
+        "UNAUTHENTICATED",
+    };
+    if (code < 0 || (size_t)code >= sizeof names / sizeof names[0]) {
+        return "UNRECOGNISED";
+    }
+    return names[code];
+}
+
+enum umb_status umbw_timeout_parse(const char *text, size_t size, int64_t *nanoseconds)
+{
+    *nanoseconds = 0;
+    if (size < 2 || size > TIMEOUT_DIGITS_MAX + 1) {
+        return UMB_E_ARGUMENT;
+    }
+    int64_t value = 0;
+    for (size_t i = 0; i + 1 < size; i++) {
+        if (text[i] < '0' || text[i] > '9') {
+            return UMB_E_ARGUMENT;
+        }
+        value = value * 10 + (text[i] - '0');
+    }
+    for (size_t i = 0; i < TIMEOUT_UNIT_COUNT; i++) {
+        if (TIMEOUT_UNITS[i].letter == text[size - 1]) {
+            if (__builtin_mul_overflow(value, TIMEOUT_UNITS[i].nanoseconds, nanoseconds)) {
+                *nanoseconds = INT64_MAX;
+            }
+            return UMB_OK;
+        }
+    }
+    return UMB_E_ARGUMENT;
+}
+
+static size_t format_decimal(uint64_t value, char *text)
+{
+    char digits[20];
+    size_t count = 0;
+    do {
+        digits[count++] = (char)('0' + value % 10);
+        value /= 10;
+    } while (value != 0);
+    for (size_t i = 0; i < count; i++) {
+        text[i] = digits[count - 1 - i];
+    }
+    return count;
+}
+
+size_t umbw_timeout_format(int64_t nanoseconds, char text[16])
+{
+    if (nanoseconds < 0) {
+        nanoseconds = 0;
+    }
+    size_t unit = 0;
+    int64_t value = nanoseconds;
+    /* INT64_MAX ns are 2562048 hours, so that the last unit always fits. */
+    while (value > TIMEOUT_VALUE_MAX && unit + 1 < TIMEOUT_UNIT_COUNT) {
+        unit++;
+        int64_t step = TIMEOUT_UNITS[unit].nanoseconds;
+        value = nanoseconds / step + (nanoseconds % step != 0);
+    }
+    size_t length = format_decimal((uint64_t)value, text);
+    text[length++] = TIMEOUT_UNITS[unit].letter;
+    text[length] = '\0';
+    return length;
+}
+
+/* Writes the escaped form of the bytes of one character; at most 12 bytes. */
+static size_t escape_character(const uint8_t *bytes, size_t count, char out[12])
+{
+    static const char digits[] = "0123456789ABCDEF";
+    size_t length = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (bytes[i] >= 0x20 && bytes[i] <= 0x7e && bytes[i] != '%') {
+            out[length++] = (char)bytes[i];
+        } else {
+            out[length++] = '%';
+            out[length++] = digits[bytes[i] >> 4];
+            out[length++] = digits[bytes[i] & 15];
+        }
+    }
+    return length;
+}
+
+size_t umbw_message_escape(const char *message, char *text, size_t capacity)
+{
+    static const uint8_t replacement[] = {0xef, 0xbf, 0xbd}; /* U+FFFD */
+    if (capacity == 0) {
+        return 0;
+    }
+    const uint8_t *bytes = (const uint8_t *)message;
+    size_t size = strlen(message);
+    size_t at = 0;
+    size_t written = 0;
+    while (at < size) {
+        char escaped[12];
+        size_t taken = umbw_utf8_length(bytes + at, size - at);
+        size_t length = taken == 0 ? escape_character(replacement, sizeof replacement, escaped)
+                                   : escape_character(bytes + at, taken, escaped);
+        if (length >= capacity - written) {
+            break;
+        }
+        memcpy(text + written, escaped, length);
+        written += length;
+        at += taken == 0 ? 1 : taken;
+    }
+    text[written] = '\0';
+    return written;
+}
+
+static int hex_value(char c)
+{
+    if (c >= '0' && c <= '9') {
+        return c - '0';
+    }
+    if (c >= 'A' && c <= 'F') {
+        return c - 'A' + 10;
+    }
+    if (c >= 'a' && c <= 'f') {
+        return c - 'a' + 10;
+    }
+    return -1;
+}
+
+/* Value of the escape at text, or -1 if it is none. An escaped NUL would end the text early and is
+ * treated as a bad escape. */
+static int escape_value(const char *text, size_t size)
+{
+    if (size < 3 || text[0] != '%') {
+        return -1;
+    }
+    int high = hex_value(text[1]);
+    int low = hex_value(text[2]);
+    if (high < 0 || low < 0 || high + low == 0) {
+        return -1;
+    }
+    return high * 16 + low;
+}
+
+size_t umbw_message_unescape(const char *text, size_t size, char *message, size_t capacity)
+{
+    if (capacity == 0) {
+        return 0;
+    }
+    size_t written = 0;
+    size_t at = 0;
+    while (at < size && written + 1 < capacity) {
+        int value = escape_value(text + at, size - at);
+        message[written++] = value < 0 ? text[at] : (char)value;
+        at += value < 0 ? 1 : 3;
+    }
+    if (at < size) {
+        /* Cut: drop the beginning of a character whose end did not fit. */
+        size_t back = 0;
+        while (back < 3 && back < written && ((uint8_t)message[written - 1 - back] & 0xc0) == 0x80) {
+            back++;
+        }
+        if (back < written && (uint8_t)message[written - 1 - back] >= 0xc0 &&
+            umbw_utf8_length((const uint8_t *)message + written - 1 - back, back + 1) == 0) {
+            written -= back + 1;
+        }
+    }
+    message[written] = '\0';
+    return written;
+}

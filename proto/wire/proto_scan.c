@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The top-level scan of protobuf messages, see proto_scan.h. */
+#include "wire/proto_scan.h"
+
+#include <string.h>
+
+#define FIELD_NUMBER_MAX 536870911U /* 2^29 - 1 */
+
+/* One field as it lies in the message. */
+struct item {
+    uint32_t number;
+    uint32_t type;
+    const uint8_t *start;   /* of its tag */
+    const uint8_t *payload; /* of its value */
+    size_t payload_size;
+};
+
+/* Reads a varint and moves *at behind it; false if it ends too early or has more than 64 bits. */
+static bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t *value)
+{
+    uint64_t result = 0;
+    for (unsigned i = 0; i < 10; i++) {
+        if (*at == end) {
+            return false;
+        }
+        uint8_t byte = *(*at)++;
+        if (i == 9 && byte > 1) {
+            return false;
+        }
+        result |= (uint64_t)(byte & 0x7f) << (7 * i);
+        if (byte < 0x80) {
+            *value = result;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Finds the payload of an item whose tag is read; false if it does not fit or is a group. */
+static bool read_payload(struct item *item, const uint8_t **at, const uint8_t *end)
+{
+    uint64_t value;
+    uint64_t size;
+    item->payload = *at;
+    switch (item->type) {
+    case UMBW_WIRE_VARINT:
+        if (!read_varint(at, end, &value)) {
+            return false;
+        }
+        item->payload_size = (size_t)(*at - item->payload);
+        return true;
+    case UMBW_WIRE_FIXED64:
+        size = 8;
+        break;
+    case UMBW_WIRE_FIXED32:
+        size = 4;
+        break;
+    case UMBW_WIRE_BYTES:
+        if (!read_varint(at, end, &size)) {
+            return false;
+        }
+        break;
+    default:
+        return false;
+    }
+    if (size > (uint64_t)(end - *at)) {
+        return false;
+    }
+    item->payload = *at;
+    item->payload_size = (size_t)size;
+    *at += size;
+    return true;
+}
+
+static enum umb_status read_item(struct item *item, const uint8_t *message, const uint8_t **at,
+                                 const uint8_t *end, struct umb_error *error)
+{
+    uint64_t tag;
+    size_t offset = (size_t)(*at - message);
+    item->start = *at;
+    if (!read_varint(at, end, &tag) || (tag >> 3) == 0 || (tag >> 3) > FIELD_NUMBER_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "message: no valid field tag at byte %zu", offset);
+    }
+    item->number = (uint32_t)(tag >> 3);
+    item->type = (uint32_t)(tag & 7);
+    if (!read_payload(item, at, end)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "message: field %lu at byte %zu (wire type %lu) is broken or cut short",
+                        (unsigned long)item->number, offset, (unsigned long)item->type);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status keep_item(const struct item *item, const struct umbw_field *field,
+                                 struct umbw_field_found *found, const uint8_t *item_end,
+                                 struct umbw_scratch *scratch, struct umb_error *error)
+{
+    bool packed = field->kind == UMBW_FIELD_PACKED && item->type == UMBW_WIRE_BYTES;
+    if (item->type != (uint32_t)field->type && !packed) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: wire type is %lu, must be %d", field->name,
+                        (unsigned long)item->type, (int)field->type);
+    }
+    found->count++;
+    if (field->kind == UMBW_FIELD_IN_PLACE) {
+        found->bytes = item->payload;
+        found->size = item->payload_size;
+        return UMB_OK;
+    }
+    if (scratch == NULL) {
+        return UMB_OK;
+    }
+    size_t size = (size_t)(item_end - item->start);
+    if (size > sizeof scratch->bytes - scratch->size) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "%s: the small fields of the message are over the limit of %zu bytes",
+                        field->name, sizeof scratch->bytes);
+    }
+    memcpy(scratch->bytes + scratch->size, item->start, size);
+    scratch->size += size;
+    return UMB_OK;
+}
+
+enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
+                                const struct umbw_field *fields, size_t field_count,
+                                struct umbw_field_found *found, struct umbw_scratch *scratch,
+                                struct umb_error *error)
+{
+    memset(found, 0, field_count * sizeof *found);
+    if (scratch != NULL) {
+        scratch->size = 0;
+    }
+    if (size == 0) {
+        return UMB_OK; /* message may be NULL */
+    }
+    const uint8_t *at = message;
+    const uint8_t *end = message + size;
+    while (at < end) {
+        struct item item = {0};
+        enum umb_status status = read_item(&item, message, &at, end, error);
+        for (size_t i = 0; status == UMB_OK && i < field_count; i++) {
+            if (fields[i].number == item.number) {
+                status = keep_item(&item, &fields[i], &found[i], at, scratch, error);
+                break;
+            }
+        }
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+size_t umbw_varint_write(uint64_t value, uint8_t out[10])
+{
+    size_t length = 0;
+    while (value >= 0x80) {
+        out[length++] = (uint8_t)(value | 0x80);
+        value >>= 7;
+    }
+    out[length++] = (uint8_t)value;
+    return length;
+}

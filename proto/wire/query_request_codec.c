@@ -1,0 +1,329 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * umbrage.v1.QueryRequest between its bytes and struct umbw_query_request.
+ *
+ * The points and normals stay where they are in the message; everything small goes through
+ * protobuf-c. Both directions apply the same checks, so that a client says what is wrong before it
+ * sends, in the words the server would use.
+ */
+#include "wire/messages.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+#include "umbrage/v1/shadows.pb-c.h"
+#include "wire/codec.h"
+#include "wire/proto_scan.h"
+
+#define BIAS_MAX 1e6 /* voxels or metres; shadows.proto */
+
+enum request_field {
+    FIELD_ASSET,
+    FIELD_LIGHT,
+    FIELD_TAPS,
+    FIELD_BIAS_MODE,
+    FIELD_BIAS,
+    FIELD_FORMAT,
+    FIELD_ORIGIN,
+    FIELD_WANT_STATS,
+    FIELD_NORMALS,
+    FIELD_POINTS,
+    FIELD_POINTS_F64,
+    FIELD_COUNT,
+};
+
+static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
+    [FIELD_ASSET] = {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset"},
+    [FIELD_LIGHT] = {2, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "light"},
+    [FIELD_TAPS] = {3, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "taps"},
+    [FIELD_BIAS_MODE] = {4, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "bias_mode"},
+    [FIELD_BIAS] = {5, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "bias"},
+    [FIELD_FORMAT] = {6, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "format"},
+    [FIELD_ORIGIN] = {7, UMBW_FIELD_PACKED, UMBW_WIRE_FIXED64, "origin"},
+    [FIELD_WANT_STATS] = {8, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "want_stats"},
+    [FIELD_NORMALS] = {11, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "normals"},
+    [FIELD_POINTS] = {12, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points"},
+    [FIELD_POINTS_F64] = {13, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points_f64"},
+};
+
+/* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
+struct format_pair {
+    enum umb_answer_format ours;
+    Umbrage__V1__AnswerFormat wire;
+};
+
+static const struct format_pair FORMATS[] = {
+    {UMB_ANSWER_U8, UMBRAGE__V1__ANSWER_FORMAT__ANSWER_U8},
+    {UMB_ANSWER_F32, UMBRAGE__V1__ANSWER_FORMAT__ANSWER_F32},
+    {UMB_ANSWER_BIT, UMBRAGE__V1__ANSWER_FORMAT__ANSWER_BIT},
+};
+
+struct bias_pair {
+    enum umb_bias_mode ours;
+    Umbrage__V1__BiasMode wire;
+};
+
+static const struct bias_pair BIAS_MODES[] = {
+    {UMB_BIAS_AUTO, UMBRAGE__V1__BIAS_MODE__BIAS_AUTO},
+    {UMB_BIAS_VOXELS, UMBRAGE__V1__BIAS_MODE__BIAS_VOXELS},
+    {UMB_BIAS_METRES, UMBRAGE__V1__BIAS_MODE__BIAS_METRES},
+    {UMB_BIAS_NONE, UMBRAGE__V1__BIAS_MODE__BIAS_NONE},
+};
+
+static enum umb_status format_from_wire(int wire, enum umb_answer_format *format,
+                                        struct umb_error *error)
+{
+    for (size_t i = 0; i < sizeof FORMATS / sizeof FORMATS[0]; i++) {
+        if ((int)FORMATS[i].wire == wire) {
+            *format = FORMATS[i].ours;
+            return UMB_OK;
+        }
+    }
+    return umb_fail(error, UMB_E_ARGUMENT, "format: %d is not one of 0 (U8), 1 (F32), 2 (BIT)", wire);
+}
+
+static enum umb_status bias_mode_from_wire(int wire, enum umb_bias_mode *mode,
+                                           struct umb_error *error)
+{
+    for (size_t i = 0; i < sizeof BIAS_MODES / sizeof BIAS_MODES[0]; i++) {
+        if ((int)BIAS_MODES[i].wire == wire) {
+            *mode = BIAS_MODES[i].ours;
+            return UMB_OK;
+        }
+    }
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "bias_mode: %d is not one of 0 (AUTO), 1 (VOXELS), 2 (METRES), 3 (NONE)", wire);
+}
+
+static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
+{
+    if (taps % 2 == 0 || taps > UMB_TAPS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "taps: %lu is not odd and within 1..%d",
+                        (unsigned long)taps, UMB_TAPS_MAX);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status check_bias(double bias, struct umb_error *error)
+{
+    if (!isfinite(bias) || bias < 0 || bias > BIAS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias,
+                        BIAS_MAX);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status check_origin(const double origin[3], struct umb_error *error)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        if (!isfinite(origin[axis])) {
+            return umb_fail(error, UMB_E_ARGUMENT, "origin: number %d is %g, must be finite", axis,
+                            origin[axis]);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status take_settings(const Umbrage__V1__QueryRequest *message,
+                                     struct umbw_query_request *request, struct umb_error *error)
+{
+    struct umb_query_settings *settings = &request->settings;
+    settings->light = message->light;
+    settings->taps = message->taps == 0 ? 1 : message->taps;
+    settings->bias = message->bias;
+    request->want_stats = message->want_stats != 0;
+    enum umb_status status = check_taps(settings->taps, error);
+    if (status == UMB_OK) {
+        status = bias_mode_from_wire((int)message->bias_mode, &settings->bias_mode, error);
+    }
+    if (status == UMB_OK) {
+        status = check_bias(settings->bias, error);
+    }
+    if (status == UMB_OK) {
+        status = format_from_wire((int)message->format, &settings->format, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_vector_copy("origin", message->origin, message->n_origin,
+                                  request->points.origin, error);
+    }
+    return status == UMB_OK ? check_origin(request->points.origin, error) : status;
+}
+
+static enum umb_status take_points(const struct umbw_field_found found[FIELD_COUNT],
+                                   size_t max_points, struct umb_points *points,
+                                   struct umb_error *error)
+{
+    const struct umbw_field_found *single = &found[FIELD_POINTS];
+    const struct umbw_field_found *twice = &found[FIELD_POINTS_F64];
+    if (single->size > 0 && twice->size > 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "points: %zu bytes, and points_f64: %zu bytes; give only one of them",
+                        single->size, twice->size);
+    }
+    bool wide = twice->size > 0;
+    const struct umbw_field_found *field = wide ? twice : single;
+    const char *name = wide ? "points_f64" : "points";
+    size_t point_bytes = 3 * (wide ? sizeof(double) : sizeof(float));
+    if (field->size % point_bytes != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be a multiple of %zu",
+                        name, field->size, point_bytes);
+    }
+    points->count = field->size / point_bytes;
+    if (points->count > max_points) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "%s: %zu is over the limit of %zu points", name,
+                        points->count, max_points);
+    }
+    points->positions = points->count > 0 ? field->bytes : NULL;
+    points->format = wide ? UMB_POINT_F64 : UMB_POINT_F32;
+    const struct umbw_field_found *normals = &found[FIELD_NORMALS];
+    if (normals->size > 0 && normals->size != points->count * 3 * sizeof(float)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "normals: length is %zu bytes, must be 0 or %zu for %zu points",
+                        normals->size, points->count * 3 * sizeof(float), points->count);
+    }
+    points->normals = normals->size > 0 ? normals->bytes : NULL;
+    return UMB_OK;
+}
+
+static enum umb_status take_asset(const struct umbw_field_found *field,
+                                  char asset[UMBW_ASSET_NAME_MAX + 1], struct umb_error *error)
+{
+    if (field->size == 0) {
+        asset[0] = '\0';
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
+    }
+    return umbw_text_copy("asset", field->bytes, field->size, UMBW_ASSET_NAME_MAX, asset, error);
+}
+
+enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, size_t max_points,
+                                          struct umbw_query_request *request,
+                                          struct umb_error *error)
+{
+    struct umbw_field_found found[FIELD_COUNT];
+    struct umbw_scratch scratch;
+    memset(request, 0, sizeof *request);
+    enum umb_status status =
+        umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, &scratch, error);
+    if (status == UMB_OK) {
+        status = take_asset(&found[FIELD_ASSET], request->asset, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    ProtobufCMessage *rest;
+    status = umbw_message_unpack(&umbrage__v1__query_request__descriptor, scratch.bytes,
+                                 scratch.size, &rest, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = take_settings((const Umbrage__V1__QueryRequest *)rest, request, error);
+    umbw_message_free(rest);
+    return status == UMB_OK ? take_points(found, max_points, &request->points, error) : status;
+}
+
+/* Settings as the wire has them; the checks are the decoder's. */
+static enum umb_status put_settings(const struct umbw_query_request *request,
+                                    Umbrage__V1__QueryRequest *message, struct umb_error *error)
+{
+    const struct umb_query_settings *settings = &request->settings;
+    message->light = settings->light;
+    message->taps = settings->taps == 0 ? 1 : settings->taps;
+    message->bias = settings->bias;
+    message->want_stats = request->want_stats != 0;
+    enum umb_status status = check_taps(message->taps, error);
+    if (status == UMB_OK) {
+        status = check_bias(settings->bias, error);
+    }
+    if (status == UMB_OK) {
+        status = check_origin(request->points.origin, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    size_t format = 0;
+    while (format < sizeof FORMATS / sizeof FORMATS[0] &&
+           FORMATS[format].ours != settings->format) {
+        format++;
+    }
+    size_t mode = 0;
+    while (mode < sizeof BIAS_MODES / sizeof BIAS_MODES[0] &&
+           BIAS_MODES[mode].ours != settings->bias_mode) {
+        mode++;
+    }
+    if (format == sizeof FORMATS / sizeof FORMATS[0]) {
+        return umb_fail(error, UMB_E_ARGUMENT, "format: %d is unknown", (int)settings->format);
+    }
+    if (mode == sizeof BIAS_MODES / sizeof BIAS_MODES[0]) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bias_mode: %d is unknown",
+                        (int)settings->bias_mode);
+    }
+    message->format = FORMATS[format].wire;
+    message->bias_mode = BIAS_MODES[mode].wire;
+    return UMB_OK;
+}
+
+/* protobuf-c has no const bytes; pack only reads them. */
+static ProtobufCBinaryData bytes_view(const void *bytes, size_t size)
+{
+    ProtobufCBinaryData view = {.len = size, .data = NULL};
+    memcpy(&view.data, &bytes, sizeof view.data);
+    return view;
+}
+
+static enum umb_status put_points(const struct umb_points *points,
+                                  Umbrage__V1__QueryRequest *message, struct umb_error *error)
+{
+    if (points->format != UMB_POINT_F32 && points->format != UMB_POINT_F64) {
+        return umb_fail(error, UMB_E_ARGUMENT, "points: format %d is unknown", (int)points->format);
+    }
+    bool wide = points->format == UMB_POINT_F64;
+    size_t point_bytes = 3 * (wide ? sizeof(double) : sizeof(float));
+    if (points->count > UINT32_MAX / point_bytes) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "points: %zu is over the limit of %zu points",
+                        points->count, (size_t)(UINT32_MAX / point_bytes));
+    }
+    if (points->count > 0 && points->positions == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "points: no positions for %zu points",
+                        points->count);
+    }
+    ProtobufCBinaryData view = bytes_view(points->positions, points->count * point_bytes);
+    if (wide) {
+        message->points_f64 = view;
+    } else {
+        message->points = view;
+    }
+    if (points->normals != NULL) {
+        message->normals = bytes_view(points->normals, points->count * 3 * sizeof(float));
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
+                                          struct umbw_buffer *buffer, struct umb_error *error)
+{
+    Umbrage__V1__QueryRequest message = UMBRAGE__V1__QUERY_REQUEST__INIT;
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    double origin[3];
+    struct umbw_field_found name = {
+        .bytes = (const uint8_t *)request->asset,
+        .size = strnlen(request->asset, sizeof request->asset),
+        .count = 1,
+    };
+    enum umb_status status = take_asset(&name, asset, error);
+    if (status == UMB_OK) {
+        status = put_settings(request, &message, error);
+    }
+    if (status == UMB_OK) {
+        status = put_points(&request->points, &message, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    message.asset = asset;
+    memcpy(origin, request->points.origin, sizeof origin);
+    if (origin[0] != 0 || origin[1] != 0 || origin[2] != 0) {
+        message.origin = origin;
+        message.n_origin = 3;
+    }
+    return umbw_message_append(&message.base, buffer, error);
+}

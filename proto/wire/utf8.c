@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* UTF-8 checks, see utf8.h. */
+#include "wire/utf8.h"
+
+#include <string.h>
+
+/* The bounds of the second byte depend on the first (Unicode, table 3-7); all later ones are the
+ * same. */
+static size_t multibyte_length(const uint8_t *bytes, size_t size)
+{
+    uint8_t first = bytes[0];
+    uint8_t low = 0x80;
+    uint8_t high = 0xbf;
+    size_t length;
+    if (first >= 0xc2 && first <= 0xdf) {
+        length = 2;
+    } else if (first >= 0xe0 && first <= 0xef) {
+        length = 3;
+        low = first == 0xe0 ? 0xa0 : low;
+        high = first == 0xed ? 0x9f : high;
+    } else if (first >= 0xf0 && first <= 0xf4) {
+        length = 4;
+        low = first == 0xf0 ? 0x90 : low;
+        high = first == 0xf4 ? 0x8f : high;
+    } else {
+        return 0;
+    }
+    if (size < length || bytes[1] < low || bytes[1] > high) {
+        return 0;
+    }
+    for (size_t i = 2; i < length; i++) {
+        if ((bytes[i] & 0xc0) != 0x80) {
+            return 0;
+        }
+    }
+    return length;
+}
+
+size_t umbw_utf8_length(const uint8_t *bytes, size_t size)
+{
+    if (size == 0) {
+        return 0;
+    }
+    return bytes[0] < 0x80 ? 1 : multibyte_length(bytes, size);
+}
+
+bool umbw_utf8_valid(const uint8_t *bytes, size_t size)
+{
+    size_t at = 0;
+    while (at < size) {
+        size_t length = umbw_utf8_length(bytes + at, size - at);
+        if (length == 0 || bytes[at] == 0) {
+            return false;
+        }
+        at += length;
+    }
+    return true;
+}
+
+size_t umbw_utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity)
+{
+    size_t written = 0;
+    size_t at = 0;
+    while (at < size) {
+        size_t length = umbw_utf8_length(bytes + at, size - at);
+        size_t needed = length == 0 ? 1 : length;
+        if (needed >= capacity - written) {
+            break;
+        }
+        if (length == 0) {
+            out[written] = '?';
+        } else if (length == 1 && (bytes[at] < 0x20 || bytes[at] == 0x7f)) {
+            out[written] = ' ';
+        } else {
+            memcpy(out + written, bytes + at, length);
+        }
+        written += needed;
+        at += needed;
+    }
+    out[written] = '\0';
+    return written;
+}

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The growing byte buffer of the encoders. */
+#include "wire/wire_buffer.h"
+
+#include <stdlib.h>
+
+void umbw_buffer_finish(struct umbw_buffer *buffer)
+{
+    free(buffer->bytes);
+    buffer->bytes = NULL;
+    buffer->size = 0;
+    buffer->capacity = 0;
+}
+
+enum umb_status umbw_buffer_reserve(struct umbw_buffer *buffer, size_t count,
+                                    struct umb_error *error)
+{
+    size_t needed;
+    if (__builtin_add_overflow(buffer->size, count, &needed)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", count);
+    }
+    if (needed <= buffer->capacity) {
+        return UMB_OK;
+    }
+    size_t capacity = buffer->capacity > SIZE_MAX / 2 ? needed : buffer->capacity * 2;
+    if (capacity < needed) {
+        capacity = needed;
+    }
+    uint8_t *bytes = realloc(buffer->bytes, capacity);
+    if (bytes == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", count);
+    }
+    buffer->bytes = bytes;
+    buffer->capacity = capacity;
+    return UMB_OK;
+}
+
+enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t message_size,
+                                          size_t room, struct umb_error *error)
+{
+    if (message_size > UINT32_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "message: %llu bytes are over the limit of %lu bytes",
+                        (unsigned long long)message_size, (unsigned long)UINT32_MAX);
+    }
+    if (room > SIZE_MAX - UMBW_PREFIX_BYTES) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", room);
+    }
+    enum umb_status status = umbw_buffer_reserve(buffer, UMBW_PREFIX_BYTES + room, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    uint8_t *p = buffer->bytes + buffer->size;
+    p[0] = 0; /* not compressed */
+    for (unsigned i = 0; i < 4; i++) {
+        p[1 + i] = (uint8_t)(message_size >> (24 - 8 * i));
+    }
+    buffer->size += UMBW_PREFIX_BYTES;
+    return UMB_OK;
+}

@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Flattening, dropping what has no area, parts, bounds, materials. Memory is asked for only after
+ * the number of triangles has met --memory.
+ */
+#include "bake/analysis/analysis.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/analysis/light_choice.h"
+#include "bake/analysis/light_frame.h"
+#include "bake/depth/tile.h"
+#include "common/parts.h"
+
+void umbb_analysis_finish(struct umbb_analysis *analysis)
+{
+    free(analysis->corners);
+    free(analysis->kinds);
+    free(analysis->degenerate);
+    free(analysis->notices);
+    memset(analysis, 0, sizeof *analysis);
+}
+
+/* Moves the triangles that are not degenerate to the front. */
+static void compact(struct umbb_analysis *analysis)
+{
+    size_t to = 0;
+    for (size_t i = 0; i < analysis->flat_count; i++) {
+        if (!analysis->degenerate[i]) {
+            memmove(analysis->corners[to++], analysis->corners[i], sizeof analysis->corners[i]);
+        }
+    }
+}
+
+static void count_material(struct umbb_material_use *use, uint8_t *seen, uint32_t material)
+{
+    use->triangles++;
+    if (!seen[material]) {
+        seen[material] = 1;
+        use->first = use->materials == 0 ? material : use->first;
+        use->materials++;
+    }
+}
+
+/* Counts triangles of materials that are not opaque. */
+static enum umb_status count_materials(struct umbb_analysis *analysis,
+                                       const struct umbs_scene_view *view,
+                                       const uint32_t *materials, struct umb_error *error)
+{
+    if (view->material_count == 0) {
+        return UMB_OK;
+    }
+    uint8_t *seen = calloc(view->material_count, 1);
+    if (seen == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %u materials refused",
+                        view->material_count);
+    }
+    for (size_t i = 0; i < analysis->flat_count; i++) {
+        const uint32_t material = materials[i];
+        if (analysis->degenerate[i] || material >= view->material_count) {
+            continue;
+        }
+        const uint32_t mode = view->materials[material].alpha_mode;
+        if (mode == UMBS_ALPHA_MASK) {
+            count_material(&analysis->mask, seen, material);
+        } else if (mode == UMBS_ALPHA_BLEND) {
+            count_material(&analysis->blend, seen, material);
+        }
+    }
+    free(seen);
+    return UMB_OK;
+}
+
+static uint8_t kind_of(const struct umbs_part *part, enum umbb_closed_mode mode)
+{
+    if (mode == UMBB_CLOSED_OFF || (mode == UMBB_CLOSED_AUTO && !part->closed)) {
+        return UMBB_CASTER_OPEN;
+    }
+    return part->closed && part->flipped ? UMBB_CASTER_CLOSED_FLIPPED : UMBB_CASTER_CLOSED;
+}
+
+/* Takes over what the parts say. Allocates degenerate and kinds. */
+static enum umb_status take_parts(struct umbb_analysis *analysis, const struct umbs_parts *parts,
+                                  enum umbb_closed_mode mode, struct umb_error *error)
+{
+    analysis->degenerate_count = parts->degenerate_count;
+    analysis->duplicate_count = parts->duplicate_triangles;
+    analysis->closed_triangles = parts->closed_triangles;
+    analysis->part_count = parts->part_count;
+    analysis->degenerate = calloc(analysis->flat_count, 1);
+    analysis->kinds = calloc(analysis->flat_count, 1);
+    if (analysis->degenerate == NULL || analysis->kinds == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %zu triangles refused",
+                        analysis->flat_count);
+    }
+    for (size_t i = 0; i < analysis->flat_count; i++) {
+        if (parts->part_of[i] == UINT32_MAX) {
+            analysis->degenerate[i] = 1;
+        } else {
+            analysis->kinds[analysis->count++] = kind_of(&parts->parts[parts->part_of[i]], mode);
+        }
+    }
+    const struct umbs_part *largest_open = NULL;
+    for (size_t i = 0; i < parts->part_count; i++) {
+        const struct umbs_part *part = &parts->parts[i];
+        analysis->closed_part_count += part->closed != 0;
+        if (!part->closed &&
+            (largest_open == NULL || part->triangle_count > largest_open->triangle_count)) {
+            largest_open = part;
+            analysis->open_reason_part = i;
+        }
+    }
+    if (largest_open != NULL) {
+        umbs_part_reason(largest_open, analysis->open_reason, sizeof analysis->open_reason);
+    }
+    analysis->closed_rule =
+        mode == UMBB_CLOSED_ON || (mode == UMBB_CLOSED_AUTO && analysis->closed_part_count > 0);
+    return UMB_OK;
+}
+
+static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_closed_mode mode,
+                                  struct umb_error *error)
+{
+    struct umbs_parts parts;
+    memset(&parts, 0, sizeof parts);
+    enum umb_status status = umbs_parts_find((const double(*)[3][3])analysis->corners,
+                                             analysis->flat_count, &parts, error);
+    if (status == UMB_OK) {
+        status = take_parts(analysis, &parts, mode, error);
+        umbs_parts_finish(&parts);
+    }
+    if (status == UMB_OK && analysis->count == 0) {
+        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles has an area",
+                          analysis->flat_count);
+    }
+    return status;
+}
+
+/* Bounds of the casters and the origin of the asset. */
+static void measure(struct umbb_analysis *analysis)
+{
+    struct umb_box *box = &analysis->bounds;
+    for (int axis = 0; axis < 3; axis++) {
+        box->min[axis] = INFINITY;
+        box->max[axis] = -INFINITY;
+    }
+    for (size_t i = 0; i < analysis->count; i++) {
+        for (int k = 0; k < 9; k++) {
+            const double value = analysis->corners[i][k / 3][k % 3];
+            box->min[k % 3] = fmin(box->min[k % 3], value);
+            box->max[k % 3] = fmax(box->max[k % 3], value);
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        box->min[axis] += 0.0; /* -0 becomes 0 */
+        box->max[axis] += 0.0;
+        analysis->origin[axis] = rint(0.5 * box->min[axis] + 0.5 * box->max[axis]) + 0.0;
+    }
+}
+
+static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
+                               uint32_t **materials, struct umb_error *error)
+{
+    enum umb_status status =
+        umbs_scene_flatten(view, &analysis->corners, materials, &analysis->flat_count, error);
+    if (status == UMB_OK && analysis->flat_count == 0) {
+        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
+    }
+    if (status == UMB_OK && analysis->flat_count >= UINT32_MAX) {
+        status = umb_fail(error, UMB_E_LIMIT, "scene: %zu triangles are more than %u",
+                          analysis->flat_count, UINT32_MAX - 1U);
+    }
+    return status;
+}
+
+enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
+                                  const struct umbb_options *options,
+                                  struct umbb_analysis *analysis, struct umb_error *error)
+{
+    memset(analysis, 0, sizeof *analysis);
+    uint32_t *materials = NULL;
+    enum umb_status status;
+    if (view->world_triangle_count > options->memory_bytes / UMBB_TRIANGLE_BYTES) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: %llu triangles need about %llu MiB, %llu MiB are allowed",
+                        (unsigned long long)view->world_triangle_count,
+                        (unsigned long long)(view->world_triangle_count / 1048576U + 1U) *
+                            UMBB_TRIANGLE_BYTES,
+                        (unsigned long long)(options->memory_bytes >> 20));
+    }
+    status = flatten(analysis, view, &materials, error);
+    if (status != UMB_OK) {
+        goto done;
+    }
+    status = find_parts(analysis, options->closed, error);
+    if (status != UMB_OK) {
+        goto done;
+    }
+    status = count_materials(analysis, view, materials, error);
+    if (status != UMB_OK) {
+        goto done;
+    }
+    compact(analysis);
+    measure(analysis);
+    analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
+    status = umbb_light_choose(view, options, analysis->z_up, &analysis->light, &analysis->notices,
+                               &analysis->notice_bytes, error);
+    if (status != UMB_OK) {
+        goto done;
+    }
+    status = umbb_light_frame_fit((const double(*)[3][3])analysis->corners, analysis->count,
+                                  analysis->light.direction, analysis->origin,
+                                  options->resolution_log2, &analysis->frustum, error);
+    analysis->frustum.closed = analysis->closed_rule;
+done:
+    free(materials);
+    if (status != UMB_OK) {
+        umbb_analysis_finish(analysis);
+    }
+    return status;
+}
+
+void umbb_analysis_to_voxels(struct umbb_analysis *analysis)
+{
+    umbb_light_frame_apply(&analysis->frustum, analysis->origin, analysis->corners,
+                           analysis->count);
+}
+
+enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
+                                       const struct umbs_scene_view *view, struct umb_error *error)
+{
+    size_t count = 0;
+    free(analysis->corners);
+    analysis->corners = NULL;
+    const enum umb_status status =
+        umbs_scene_flatten(view, &analysis->corners, NULL, &count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (count != analysis->flat_count) {
+        return umb_fail(error, UMB_E_INTERNAL, "scene: %zu triangles became %zu",
+                        analysis->flat_count, count);
+    }
+    compact(analysis);
+    return UMB_OK;
+}

@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_ANALYSIS_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_ANALYSIS_H
+/*
+ * What a scene holds, as far as its shadows go: world triangles, closed parts, bounds, the light.
+ *
+ *     umbb_analysis_run(&scene->view, &options, &analysis, &error);
+ *     ... plan, bake: umbb_analysis_to_voxels ... umbb_analysis_to_world, verify ...
+ *     umbb_analysis_finish(&analysis);
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "bake/bake_options.h"
+#include "common/scene.h"
+
+/* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
+#define UMBB_TRIANGLE_BYTES 280U
+
+/* Triangles that do not cast as the file's materials say. */
+struct umbb_material_use {
+    size_t triangles;
+    size_t materials;
+    uint32_t first; /* number of the first such material */
+};
+
+struct umbb_analysis {
+    double (*corners)[3][3]; /* [count]; world, or voxel space after umbb_analysis_to_voxels */
+    uint8_t *kinds;          /* [count] enum umbb_caster */
+    uint8_t *degenerate;     /* [flat_count] 1 where the flattened triangle was dropped */
+    size_t count;            /* triangles that can cast */
+    size_t flat_count;       /* before dropping */
+    size_t degenerate_count;
+    size_t duplicate_count; /* same three corners as an earlier one */
+    size_t part_count, closed_part_count;
+    size_t closed_triangles;
+    char open_reason[256];   /* why the largest part that is not closed is not; may be empty */
+    size_t open_reason_part; /* its number */
+    int closed_rule;
+    int z_up;
+    struct umb_box bounds; /* of the casters */
+    double origin[3];      /* centre of the bounds in whole metres */
+    struct umbb_material_use mask, blend;
+    struct umb_light_info light;
+    struct umb_frustum_info frustum;
+    char *notices; /* lines for people */
+    size_t notice_bytes;
+};
+
+/*
+ * Looks at a scene.
+ *
+ * Fails: E_BAD_SCENE (no triangle with an area, coordinates out of reach), E_ARGUMENT (--light
+ *        names none), E_UNSUPPORTED (--light names one of another kind), E_LIMIT (--memory),
+ *        E_NO_MEMORY. analysis is zeroed then.
+ */
+UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
+                                              const struct umbb_options *options,
+                                              struct umbb_analysis *analysis,
+                                              struct umb_error *error);
+void umbb_analysis_finish(struct umbb_analysis *analysis);
+
+/* Moves the corners to voxel space. Once. */
+void umbb_analysis_to_voxels(struct umbb_analysis *analysis);
+
+/* Gets the corners in world space again, from the scene. Fails: E_NO_MEMORY, E_INTERNAL. */
+UMB_CHECKED enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
+                                                   const struct umbs_scene_view *view,
+                                                   struct umb_error *error);
+
+#endif

@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The light's axes, its box, and the transform between world and voxels.
+ */
+#include "bake/analysis/light_frame.h"
+
+#include <math.h>
+#include <string.h>
+
+/* An axis is at least this share of the longest one: a flat scene still gets voxels of some depth.
+ */
+#define EXTENT_SHARE_MIN (1.0 / 1024.0)
+
+/* Sine and cosine of 0..45 degrees by their series; the terms left out are below 1e-19. */
+static void small_sin_cos(double degrees, double *sine, double *cosine)
+{
+    const double x = degrees * 0.017453292519943295, square = x * x;
+    double s = 0.0, c = 0.0;
+    for (int n = 19; n >= 3; n -= 2) { /* Horner: 1 - x^2/(2*3) (1 - x^2/(4*5) (...)) */
+        s = square / (double)(n * (n - 1)) * (1.0 - s);
+        c = square / (double)((n - 1) * (n - 2)) * (1.0 - c);
+    }
+    *sine = x * (1.0 - s);
+    *cosine = 1.0 - c;
+}
+
+void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine)
+{
+    double angle = fmod(degrees, 360.0); /* exact */
+    angle = angle < 0.0 ? angle + 360.0 : angle;
+    const int quadrant = (int)(angle / 90.0) & 3;
+    const double rest = fmin(fmax(angle - 90.0 * (int)(angle / 90.0), 0.0), 90.0);
+    double s, c;
+    if (rest <= 45.0) {
+        small_sin_cos(rest, &s, &c);
+    } else {
+        small_sin_cos(90.0 - rest, &c, &s);
+    }
+    *sine = quadrant == 0 ? s : quadrant == 1 ? c : quadrant == 2 ? -s : -c;
+    *cosine = quadrant == 0 ? c : quadrant == 1 ? -s : quadrant == 2 ? -c : s;
+    *sine += 0.0; /* -0 becomes 0 */
+    *cosine += 0.0;
+}
+
+void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, double direction[3])
+{
+    double sin_a, cos_a, sin_e, cos_e;
+    umbb_sin_cos_degrees(azimuth_deg, &sin_a, &cos_a);
+    umbb_sin_cos_degrees(elevation_deg, &sin_e, &cos_e);
+    const double east = sin_a * cos_e, north = cos_a * cos_e;
+    direction[0] = -east + 0.0;
+    direction[1] = (z_up ? -north : -sin_e) + 0.0;
+    direction[2] = (z_up ? -sin_e : north) + 0.0;
+    umbb_direction_normalise(direction);
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) {
+        const int k = (i + 1) % 3, l = (i + 2) % 3;
+        out[i] = a[k] * b[l] - a[l] * b[k];
+        out[i] += 0.0; /* -0 becomes 0 */
+    }
+}
+
+int umbb_direction_normalise(double direction[3])
+{
+    const double most = fmax(fmax(fabs(direction[0]), fabs(direction[1])), fabs(direction[2]));
+    if (!(most > 1e-300) || !isfinite(most)) {
+        return 0;
+    }
+    for (int i = 0; i < 3; i++) {
+        direction[i] /= most;
+    }
+    const double length = sqrt(dot(direction, direction));
+    for (int i = 0; i < 3; i++) {
+        direction[i] = direction[i] / length + 0.0;
+    }
+    return 1;
+}
+
+/* u and v from w: u is across w and the world axis that w leans on least. */
+static void axes_of_light(const double w[3], double axes[3][3])
+{
+    int least = 0;
+    for (int i = 1; i < 3; i++) {
+        least = fabs(w[i]) < fabs(w[least]) ? i : least;
+    }
+    double helper[3] = {0.0, 0.0, 0.0};
+    helper[least] = 1.0;
+    cross(helper, w, axes[0]);
+    umbb_direction_normalise(axes[0]); /* its length is at least sqrt(2/3) */
+    cross(w, axes[0], axes[1]);
+    memcpy(axes[2], w, sizeof axes[2]);
+}
+
+/* Least and greatest coordinate along an axis. */
+struct extent {
+    double low, high;
+};
+
+static enum umb_status measure(const double (*corners)[3][3], size_t count, double axes[3][3],
+                               const double origin[3], struct extent extents[3],
+                               struct umb_error *error)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        extents[axis] = (struct extent){INFINITY, -INFINITY};
+    }
+    for (size_t i = 0; i < count; i++) {
+        for (int k = 0; k < 3; k++) {
+            const double *p = corners[i][k];
+            if (!(fabs(p[0]) <= UMBB_WORLD_MAX && fabs(p[1]) <= UMBB_WORLD_MAX &&
+                  fabs(p[2]) <= UMBB_WORLD_MAX)) {
+                return umb_fail(error, UMB_E_BAD_SCENE,
+                                "scene: corner (%g, %g, %g) lies beyond %g metres", p[0], p[1],
+                                p[2], UMBB_WORLD_MAX);
+            }
+            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+            for (int axis = 0; axis < 3; axis++) {
+                const double along = dot(axes[axis], at);
+                struct extent *e = &extents[axis];
+                e->low = along < e->low ? along : e->low;
+                e->high = along > e->high ? along : e->high;
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
+                                     const double direction[3], const double origin[3],
+                                     uint32_t log2_size, struct umb_frustum_info *frustum,
+                                     struct umb_error *error)
+{
+    memset(frustum, 0, sizeof *frustum);
+    double axes[3][3];
+    struct extent extents[3];
+    axes_of_light(direction, axes);
+    const enum umb_status status = measure(corners, count, axes, origin, extents, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    double most = 0.0;
+    for (int axis = 0; axis < 3; axis++) {
+        most = fmax(most, extents[axis].high - extents[axis].low);
+    }
+    if (!(most > 1e-9)) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "scene: its extent of %g metres is below the least of 1e-9", most);
+    }
+    const double size = (double)((uint32_t)1 << log2_size);
+    frustum->log2_size = log2_size;
+    for (int axis = 0; axis < 3; axis++) {
+        const double length = fmax(extents[axis].high - extents[axis].low, most * EXTENT_SHARE_MIN);
+        const double middle = 0.5 * (extents[axis].low + extents[axis].high);
+        const double scale = (size - 2.0) / length; /* one voxel of margin on either side */
+        for (int i = 0; i < 3; i++) {
+            frustum->world_to_voxel[axis][i] = axes[axis][i] * scale;
+            frustum->voxel_step[axis][i] = axes[axis][i] / scale;
+        }
+        frustum->world_to_voxel[axis][3] = 0.5 * size - middle * scale;
+    }
+    frustum->world_to_voxel[3][3] = 1.0;
+    return UMB_OK;
+}
+
+void umbb_light_frame_apply(const struct umb_frustum_info *frustum, const double origin[3],
+                            double (*corners)[3][3], size_t count)
+{
+    const double(*m)[4] = frustum->world_to_voxel;
+    for (size_t i = 0; i < count; i++) {
+        for (int k = 0; k < 3; k++) {
+            double *p = corners[i][k];
+            const double x = p[0] - origin[0], y = p[1] - origin[1], z = p[2] - origin[2];
+            for (int axis = 0; axis < 3; axis++) {
+                p[axis] = m[axis][0] * x + m[axis][1] * y + m[axis][2] * z + m[axis][3];
+            }
+        }
+    }
+}

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
+/*
+ * Light space of a directional light: where the voxels lie.
+ *
+ * The frame's axes are u, v across the light and w along it, right handed (u x v = w). The box of
+ * all casters is fitted on each axis by itself, so voxels are boxes, not cubes. No caster comes
+ * nearer to the border than about one voxel.
+ * Only additions, multiplications, divisions and square roots of doubles: the same bits on every
+ * machine.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+
+/* No coordinate may be larger (metres): a voxel must stay far above what doubles resolve. */
+#define UMBB_WORLD_MAX 1e12
+
+/*
+ * Turns degrees into sine and cosine, exact at multiples of 90.
+ * libm is not used: its last bit differs between machines, and the direction is part of what an
+ * asset's id is made from.
+ */
+void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine);
+
+/* The direction in which light from the sun travels: unit length. */
+void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, double direction[3]);
+
+/* Normalises a direction. Returns 0 if it has no usable length. */
+int umbb_direction_normalise(double direction[3]);
+
+/*
+ * Fits the frustum of a directional light to world triangles.
+ *
+ * In:    corners: double[count][3][3], count > 0. direction: unit. origin: the asset's origin.
+ * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
+ * Fails: E_BAD_SCENE (not finite or beyond UMBB_WORLD_MAX, or no extent at all).
+ */
+UMB_CHECKED enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
+                                                 const double direction[3], const double origin[3],
+                                                 uint32_t log2_size,
+                                                 struct umb_frustum_info *frustum,
+                                                 struct umb_error *error);
+
+/* Moves world triangles to voxel space in place. */
+void umbb_light_frame_apply(const struct umb_frustum_info *frustum, const double origin[3],
+                            double (*corners)[3][3], size_t count);
+
+#endif

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_PLAN_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_PLAN_H
+/*
+ * The plan in words, the settings in canonical form, the facts of the scene.
+ * All texts are functions of scene and settings alone: plan and settings are part of the identity.
+ */
+#include <stdio.h>
+#include "bake/analysis/analysis.h"
+
+/*
+ * One line an effect that the scene calls for or that was overruled:
+ * effect=NAME state=on|off reason="..." cost="...".
+ * Out: text: malloced. Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
+                                           const struct umbs_scene_view *view,
+                                           const struct umbb_options *options, char **text,
+                                           struct umb_error *error);
+
+/*
+ * The settings that the voxels depend on, one key=value a line, numbers that read back exactly.
+ * Out: text: malloced. Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
+                                               const struct umbb_options *options, char **text,
+                                               struct umb_error *error);
+
+/* Prints what the scene holds, one key=value a line, then the plan. */
+void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
+                     const struct umbs_scene_view *view, const char *plan);
+
+/* The same as one JSON object. */
+void umbb_plan_print_json(FILE *to, const struct umbb_analysis *analysis,
+                          const struct umbs_scene_view *view, const char *plan);
+
+#endif

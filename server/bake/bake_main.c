@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage-bake: the command, and the importer's process that it starts of itself. */
+#include <stdio.h>
+#include <string.h>
+
+#include "bake/bake_options.h"
+#include "bake/bake_run.h"
+#include "bake/import/import_child.h"
+
+int main(int argc, char **argv)
+{
+    if (argc > 1 && strcmp(argv[1], "import-child") == 0) {
+        return umbb_import_child(argc, argv);
+    }
+    struct umbb_options options;
+    struct umb_error error = {0};
+    enum umb_status status = umbb_options_parse(argc, argv, &options, &error);
+    if (status == UMB_OK && options.help) {
+        return fputs(umbb_options_help, stdout) < 0 || fflush(stdout) != 0;
+    }
+    if (status == UMB_OK && options.version) {
+        return puts("umbrage-bake " UMB_VERSION) < 0 || fflush(stdout) != 0;
+    }
+    if (status == UMB_OK) {
+        status = umbb_run(&options, &error);
+    }
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage-bake: %s\n",
+                error.message[0] != '\0' ? error.message : umb_status_text(status));
+    }
+    return umb_status_exit(status);
+}

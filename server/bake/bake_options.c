@@ -1,0 +1,365 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A table of options, one small reader each. `--name value` and `--name=value` are the same.
+ */
+#include "bake/bake_options.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+const char umbb_options_help[] =
+    "umbrage-bake SCENE -o OUT.umb [options]     bake the shadows of a scene\n"
+    "umbrage-bake SCENE --plan [options]         print what would be baked and why; write nothing\n"
+    "\n"
+    "SCENE is a glTF, GLB, OBJ, PLY or STL file.\n"
+    "\n"
+    "  -o, --output FILE      the asset to write, replaced atomically\n"
+    "  --resolution N         voxels a side, a power of two, 64 to 262144 (16384)\n"
+    "  --sun AZ,EL            sun from azimuth AZ (degrees clockwise from north: +y in z-up "
+    "scenes,\n"
+    "                         -z in y-up ones) and elevation EL (degrees above the horizon)\n"
+    "  --light NAME           the file's directional light of that name\n"
+    "                         (neither: the file's first directional light, else --sun 135,45)\n"
+    "  --up y|z               the up axis (y for glTF, z for OBJ, PLY and STL)\n"
+    "  --closed auto|on|off   leave the inside of closed solids undefined: of those that are "
+    "closed\n"
+    "                         (auto), of everything on your word (on), never (off)\n"
+    "  --threads N            1 to 256 (the processors there are)\n"
+    "  --memory SIZE          stay within this, for example 900MiB (4GiB)\n"
+    "  --tile N               texels a side baked at a time, a power of two from 64 (4096)\n"
+    "  --depth auto|embree|raster   how depth is found; all give the same bits (auto: raster)\n"
+    "  --verify N             compare N points with traced rays before publishing; 0 = off "
+    "(100000)\n"
+    "  --plan                 print the plan and its reasons only\n"
+    "  --json                 print one JSON object\n"
+    "  --quiet                no notices, no progress, no summary\n"
+    "  --help, --version\n"
+    "\n"
+    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 70 failed check, 73 cannot "
+    "create,\n"
+    "74 input or output error, 75 out of memory or interrupted.\n";
+
+/* What went wrong with the value being read. */
+static enum umb_status refuse(struct umb_error *error, const char *option, const char *value,
+                              const char *limit)
+{
+    return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is not %s", option, value, limit);
+}
+
+/* Decimal digits only, no sign, no blanks; 1 if they fit. */
+static int read_count(const char *text, const char **rest, uint64_t *value)
+{
+    uint64_t number = 0;
+    const char *at = text;
+    for (; *at >= '0' && *at <= '9'; at++) {
+        if (__builtin_mul_overflow(number, (uint64_t)10, &number) ||
+            __builtin_add_overflow(number, (uint64_t)(*at - '0'), &number)) {
+            return 0;
+        }
+    }
+    *rest = at;
+    *value = number;
+    return at != text;
+}
+
+/* A finite decimal number; 1 if text starts with one. */
+static int read_number(const char *text, const char **rest, double *value)
+{
+    char *end;
+    if (strchr("+-.0123456789", text[0]) == NULL || text[0] == '\0') {
+        return 0;
+    }
+    errno = 0;
+    *value = strtod(text, &end);
+    *rest = end;
+    return end != text && isfinite(*value);
+}
+
+/* log2 of a power of two between 2^low and 2^high; -1 for anything else. */
+static int read_power(const char *text, uint32_t low, uint32_t high)
+{
+    uint64_t value;
+    const char *rest;
+    if (!read_count(text, &rest, &value) || *rest != '\0' || value == 0 ||
+        (value & (value - 1)) != 0) {
+        return -1;
+    }
+    const int log2 = __builtin_ctzll(value);
+    return log2 >= (int)low && log2 <= (int)high ? log2 : -1;
+}
+
+/* Index of text in names, or -1. */
+static int read_choice(const char *text, const char *const *names, int count)
+{
+    for (int i = 0; i < count; i++) {
+        if (strcmp(text, names[i]) == 0) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+static enum umb_status set_output(struct umbb_options *o, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    if (value[0] == '\0') {
+        return refuse(error, option, value, "a file name");
+    }
+    o->output = value;
+    return UMB_OK;
+}
+
+static enum umb_status set_resolution(struct umbb_options *o, const char *option, const char *value,
+                                      struct umb_error *error)
+{
+    const int log2 = read_power(value, UMBB_RESOLUTION_LOG2_MIN, UMBB_RESOLUTION_LOG2_MAX);
+    if (log2 < 0) {
+        return refuse(error, option, value, "a power of two from 64 to 262144");
+    }
+    o->resolution_log2 = (uint32_t)log2;
+    return UMB_OK;
+}
+
+static enum umb_status set_sun(struct umbb_options *o, const char *option, const char *value,
+                               struct umb_error *error)
+{
+    const char *rest;
+    if (!read_number(value, &rest, &o->sun_azimuth_deg) || *rest != ',' ||
+        !read_number(rest + 1, &rest, &o->sun_elevation_deg) || *rest != '\0' ||
+        fabs(o->sun_azimuth_deg) > 360.0 || o->sun_elevation_deg < 0.0 ||
+        o->sun_elevation_deg > 90.0) {
+        return refuse(error, option, value,
+                      "AZIMUTH,ELEVATION in degrees, -360 to 360 and 0 to 90");
+    }
+    o->has_sun = 1;
+    return UMB_OK;
+}
+
+static enum umb_status set_light(struct umbb_options *o, const char *option, const char *value,
+                                 struct umb_error *error)
+{
+    if (value[0] == '\0') {
+        return refuse(error, option, value, "the name of a light");
+    }
+    o->light = value;
+    return UMB_OK;
+}
+
+static enum umb_status set_up(struct umbb_options *o, const char *option, const char *value,
+                              struct umb_error *error)
+{
+    static const char *const names[] = {"y", "z"};
+    const int choice = read_choice(value, names, 2);
+    if (choice < 0) {
+        return refuse(error, option, value, "y or z");
+    }
+    o->up = choice == 0 ? UMBB_UP_Y : UMBB_UP_Z;
+    return UMB_OK;
+}
+
+static enum umb_status set_closed(struct umbb_options *o, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    static const char *const names[] = {"auto", "on", "off"};
+    const int choice = read_choice(value, names, 3);
+    if (choice < 0) {
+        return refuse(error, option, value, "auto, on or off");
+    }
+    o->closed = (enum umbb_closed_mode)choice;
+    return UMB_OK;
+}
+
+static enum umb_status set_threads(struct umbb_options *o, const char *option, const char *value,
+                                   struct umb_error *error)
+{
+    uint64_t count;
+    const char *rest;
+    if (!read_count(value, &rest, &count) || *rest != '\0' || count < 1 ||
+        count > UMBB_THREADS_MAX) {
+        return refuse(error, option, value, "a number from 1 to 256");
+    }
+    o->threads = (unsigned)count;
+    return UMB_OK;
+}
+
+static enum umb_status set_memory(struct umbb_options *o, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    static const struct {
+        const char *suffix;
+        uint32_t shift;
+    } units[] = {{"", 0}, {"KiB", 10}, {"MiB", 20}, {"GiB", 30}, {"TiB", 40}};
+    uint64_t count;
+    const char *rest;
+    if (read_count(value, &rest, &count)) {
+        for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
+            if (strcmp(rest, units[i].suffix) == 0 && count <= UINT64_MAX >> units[i].shift) {
+                count <<= units[i].shift;
+                if (count >= (uint64_t)16 << 20 && count <= (uint64_t)1 << 50) {
+                    o->memory_bytes = count;
+                    return UMB_OK;
+                }
+            }
+        }
+    }
+    return refuse(error, option, value,
+                  "a size in bytes, KiB, MiB, GiB or TiB from 16MiB to 1024TiB");
+}
+
+static enum umb_status set_tile(struct umbb_options *o, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    const int log2 = read_power(value, UMBB_TILE_LOG2_MIN, UMBB_TILE_LOG2_MAX);
+    if (log2 < 0) {
+        return refuse(error, option, value,
+                      "a power of two from 64 to 65536 and no larger than --resolution");
+    }
+    o->tile_log2 = (uint32_t)log2;
+    o->tile_given = 1;
+    return UMB_OK;
+}
+
+static enum umb_status set_depth(struct umbb_options *o, const char *option, const char *value,
+                                 struct umb_error *error)
+{
+    static const char *const names[] = {"auto", "embree", "raster"};
+    const int choice = read_choice(value, names, 3);
+    if (choice < 0) {
+        return refuse(error, option, value, "auto, embree or raster");
+    }
+    o->depth = (enum umbb_depth_path)choice;
+    return UMB_OK;
+}
+
+static enum umb_status set_verify(struct umbb_options *o, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    uint64_t count;
+    const char *rest;
+    if (!read_count(value, &rest, &count) || *rest != '\0' || count > UMBB_VERIFY_POINTS_MAX) {
+        return refuse(error, option, value, "a number of points from 0 to 1000000000");
+    }
+    o->verify_points = count;
+    return UMB_OK;
+}
+
+/* Options with a value. */
+static const struct {
+    const char *name;
+    enum umb_status (*set)(struct umbb_options *, const char *option, const char *value,
+                           struct umb_error *);
+} valued[] = {
+    {"-o", set_output},       {"--output", set_output},   {"--resolution", set_resolution},
+    {"--sun", set_sun},       {"--light", set_light},     {"--up", set_up},
+    {"--closed", set_closed}, {"--threads", set_threads}, {"--memory", set_memory},
+    {"--tile", set_tile},     {"--depth", set_depth},     {"--verify", set_verify},
+};
+
+/* Options without one. */
+static const struct {
+    const char *name;
+    size_t offset; /* of an int in struct umbb_options */
+} flags[] = {
+    {"--plan", offsetof(struct umbb_options, plan)},
+    {"--json", offsetof(struct umbb_options, json)},
+    {"--quiet", offsetof(struct umbb_options, quiet)},
+    {"--help", offsetof(struct umbb_options, help)},
+    {"-h", offsetof(struct umbb_options, help)},
+    {"--version", offsetof(struct umbb_options, version)},
+};
+
+/* Sets a flag; 0 if there is none of that name. */
+static int take_flag(struct umbb_options *options, const char *name)
+{
+    for (size_t i = 0; i < sizeof flags / sizeof flags[0]; i++) {
+        if (strcmp(name, flags[i].name) == 0) {
+            *(int *)(void *)((char *)options + flags[i].offset) = 1;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Reads the option at argv[*at] with its value; moves *at to the last word used. */
+static enum umb_status take_valued(struct umbb_options *options, int argc, char *const argv[],
+                                   int *at, struct umb_error *error)
+{
+    const char *word = argv[*at];
+    const char *equals = strchr(word, '=');
+    const size_t length = equals != NULL ? (size_t)(equals - word) : strlen(word);
+    for (size_t i = 0; i < sizeof valued / sizeof valued[0]; i++) {
+        if (strlen(valued[i].name) != length || strncmp(word, valued[i].name, length) != 0 ||
+            (equals != NULL && word[1] != '-')) {
+            continue;
+        }
+        if (equals == NULL && *at + 1 >= argc) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: needs a value", valued[i].name);
+        }
+        const char *value = equals != NULL ? equals + 1 : argv[++*at];
+        return valued[i].set(options, valued[i].name, value, error);
+    }
+    return umb_fail(error, UMB_E_ARGUMENT, "unknown option '%.64s'; see --help", word);
+}
+
+/* What no option can check alone. */
+static enum umb_status check_together(struct umbb_options *o, struct umb_error *error)
+{
+    if (o->scene == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: no scene file given; see --help");
+    }
+    if (o->output == NULL && !o->plan) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
+    }
+    if (o->has_sun && o->light != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--sun and --light '%.64s': give one of them",
+                        o->light);
+    }
+    if (o->tile_log2 > o->resolution_log2) {
+        if (o->tile_given) {
+            return umb_fail(error, UMB_E_ARGUMENT, "--tile: '%u' is larger than --resolution %u",
+                            1U << o->tile_log2, 1U << o->resolution_log2);
+        }
+        o->tile_log2 = o->resolution_log2;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_options *options,
+                                   struct umb_error *error)
+{
+    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    *options = (struct umbb_options){
+        .resolution_log2 = 14,
+        .threads = processors < 1                        ? 1
+                   : processors > (long)UMBB_THREADS_MAX ? UMBB_THREADS_MAX
+                                                         : (unsigned)processors,
+        .memory_bytes = (uint64_t)4 << 30,
+        .tile_log2 = 12,
+        .verify_points = 100000,
+    };
+    int only_names = 0; /* after -- */
+    for (int at = 1; at < argc; at++) {
+        const char *word = argv[at];
+        if (!only_names && strcmp(word, "--") == 0) {
+            only_names = 1;
+        } else if (!only_names && word[0] == '-') {
+            if (!take_flag(options, word)) {
+                const enum umb_status status = take_valued(options, argc, argv, &at, error);
+                if (status != UMB_OK) {
+                    return status;
+                }
+            }
+        } else if (word[0] == '\0') {
+            return umb_fail(error, UMB_E_ARGUMENT, "SCENE: an empty name");
+        } else if (options->scene != NULL) {
+            return umb_fail(error, UMB_E_ARGUMENT, "SCENE: '%.64s' is a second one after '%.64s'",
+                            word, options->scene);
+        } else {
+            options->scene = word;
+        }
+    }
+    return options->help || options->version ? UMB_OK : check_together(options, error);
+}

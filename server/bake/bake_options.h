@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
+/*
+ * The command line of umbrage-bake, checked.
+ *
+ * Every refusal names the option, the value and what it may be. Only what somebody typed is
+ * checked here; what the scene holds is not.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+enum umbb_closed_mode {
+    UMBB_CLOSED_AUTO = 0, /* parts that are closed */
+    UMBB_CLOSED_ON = 1,   /* every part, on the caller's word */
+    UMBB_CLOSED_OFF = 2,  /* none */
+};
+
+enum umbb_depth_path {
+    UMBB_DEPTH_AUTO = 0, /* the rasteriser */
+    UMBB_DEPTH_EMBREE = 1,
+    UMBB_DEPTH_RASTER = 2,
+};
+
+enum umbb_up_axis {
+    UMBB_UP_OF_FORMAT = 0, /* y for glTF, z for OBJ, PLY and STL */
+    UMBB_UP_Y = 1,
+    UMBB_UP_Z = 2,
+};
+
+#define UMBB_RESOLUTION_LOG2_MIN 6U
+#define UMBB_RESOLUTION_LOG2_MAX 18U
+#define UMBB_TILE_LOG2_MIN       6U
+#define UMBB_TILE_LOG2_MAX       16U
+#define UMBB_THREADS_MAX         256U
+#define UMBB_VERIFY_POINTS_MAX   1000000000U
+
+struct umbb_options {
+    const char *scene;  /* borrowed from argv */
+    const char *output; /* NULL with plan */
+    uint32_t resolution_log2;
+    int has_sun;
+    double sun_azimuth_deg;   /* clockwise from north */
+    double sun_elevation_deg; /* above the horizon */
+    const char *light;        /* name, or NULL */
+    enum umbb_up_axis up;
+    enum umbb_closed_mode closed;
+    unsigned threads; /* 1.. */
+    uint64_t memory_bytes;
+    uint32_t tile_log2;
+    int tile_given; /* --tile was typed */
+    enum umbb_depth_path depth;
+    uint64_t verify_points; /* 0 = off */
+    int plan, json, quiet, help, version;
+};
+
+/*
+ * Reads argv[1..].
+ *
+ * Out:   options: complete; with help or version nothing else need be there.
+ * Fails: E_ARGUMENT.
+ */
+UMB_CHECKED enum umb_status umbb_options_parse(int argc, char *const argv[],
+                                               struct umbb_options *options,
+                                               struct umb_error *error);
+
+/* The text of --help. */
+extern const char umbb_options_help[];
+
+#endif

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Key figures of a bake. */
+#include "bake/bake_report.h"
+
+#include "bake/print_text.h"
+
+/* Bytes of a 16-bit shadow map of the same resolution. */
+static double shadow_map_bytes(const struct umbb_report *r)
+{
+    return 2.0 * (double)((uint64_t)1 << (2 * r->options->resolution_log2));
+}
+
+void umbb_report_print(FILE *to, const struct umbb_report *r)
+{
+    const struct umbb_analysis *a = r->analysis;
+    const struct umbr_verify_result *v = &r->publish->verified;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(r->publish->id, id);
+    fprintf(to, "asset       %s\n", id);
+    fprintf(to, "file        %s: %llu bytes, %.3g %% of a 16-bit shadow map\n", r->options->output,
+            (unsigned long long)r->publish->bytes,
+            100.0 * (double)r->publish->bytes / shadow_map_bytes(r));
+    fprintf(to, "scene       %zu triangles, %zu degenerate dropped, %zu of %zu parts closed\n",
+            a->count, a->degenerate_count, a->closed_part_count, a->part_count);
+    fprintf(to, "resolution  %u, closed rule %s\n", 1U << r->options->resolution_log2,
+            a->closed_rule ? "on" : "off");
+    fprintf(to, "nodes       %llu bricks",
+            (unsigned long long)r->publish->info.level_nodes[UMB_LEVEL_BRICK]);
+    for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= r->options->resolution_log2; level++) {
+        fprintf(to, ", %llu", (unsigned long long)r->publish->info.level_nodes[level]);
+    }
+    fprintf(to, "\n");
+    fprintf(to,
+            "seconds     %.2f: import %.2f, analysis %.2f, bake %.2f, write %.2f, verify %.2f\n",
+            r->seconds_total, r->seconds_import, r->seconds_analysis, r->seconds_bake,
+            r->seconds_write, r->seconds_verify);
+    fprintf(to, "rate        %.1f Mtexel/s, depth by %s\n",
+            1e-6 * (double)r->figures.texels / (r->seconds_bake > 0.0 ? r->seconds_bake : 1e-9),
+            r->depth_path);
+    if (v->points > 0) {
+        fprintf(to,
+                "verified    %llu points against rays: %llu differ within a voxel of a boundary, "
+                "%llu elsewhere\n",
+                (unsigned long long)v->points, (unsigned long long)v->inside_band,
+                (unsigned long long)v->outside_band);
+    }
+}
+
+static void print_scene_json(FILE *to, const struct umbb_report *r)
+{
+    const struct umbb_analysis *a = r->analysis;
+    fprintf(to,
+            "\"triangles\":%zu,\"degenerate\":%zu,\"duplicate\":%zu,\"parts\":%zu,"
+            "\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",\"resolution\":%u,\"light\":",
+            a->count, a->degenerate_count, a->duplicate_count, a->part_count, a->closed_part_count,
+            a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y',
+            1U << r->options->resolution_log2);
+    umbb_json_string(to, a->light.name);
+    fprintf(to, ",\"direction\":[%.17g,%.17g,%.17g],", a->light.direction[0], a->light.direction[1],
+            a->light.direction[2]);
+}
+
+void umbb_report_print_json(FILE *to, const struct umbb_report *r)
+{
+    const struct umb_asset_info *info = &r->publish->info;
+    const struct umbr_verify_result *v = &r->publish->verified;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(r->publish->id, id);
+    fprintf(to, "{\"asset\":\"%s\",\"output\":", id);
+    umbb_json_string(to, r->options->output);
+    fputc(',', to);
+    print_scene_json(to, r);
+    fprintf(to,
+            "\"bytes\":%llu,\"share_of_shadow_map\":%.9g,\"memory_bytes\":%llu,\"level_nodes\":{",
+            (unsigned long long)r->publish->bytes, (double)r->publish->bytes / shadow_map_bytes(r),
+            (unsigned long long)info->memory_bytes);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= r->options->resolution_log2; level++) {
+        fprintf(to, "%s\"%u\":%llu", level == UMB_LEVEL_BRICK ? "" : ",", level,
+                (unsigned long long)info->level_nodes[level]);
+    }
+    fprintf(to,
+            "},\"texels\":%llu,\"tile\":%u,\"depth\":\"%s\",\"seconds\":{\"import\":%.6f,"
+            "\"analysis\":%.6f,\"bake\":%.6f,\"depth_wait\":%.6f,\"build\":%.6f,\"write\":%.6f,"
+            "\"verify\":%.6f,\"total\":%.6f},",
+            (unsigned long long)r->figures.texels, 1U << r->tile_log2, r->depth_path,
+            r->seconds_import, r->seconds_analysis, r->seconds_bake, r->figures.seconds_depth,
+            r->figures.seconds_build, r->seconds_write, r->seconds_verify, r->seconds_total);
+    fprintf(to,
+            "\"verify\":{\"points\":%llu,\"near_boundary\":%llu,\"skipped_inside\":%llu,"
+            "\"inside_band\":%llu,\"outside_band\":%llu}}\n",
+            (unsigned long long)v->points, (unsigned long long)v->near_boundary,
+            (unsigned long long)v->skipped_inside, (unsigned long long)v->inside_band,
+            (unsigned long long)v->outside_band);
+}

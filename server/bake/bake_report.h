@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BAKE_REPORT_H
+#define UMBRAGE_SERVER_BAKE_BAKE_REPORT_H
+/* What a finished bake tells: for people, or as one JSON object. */
+#include <stdio.h>
+#include "bake/analysis/analysis.h"
+#include "bake/build/tile_loop.h"
+#include "bake/write/publish.h"
+
+struct umbb_report {
+    const struct umbb_options *options;
+    const struct umbb_analysis *analysis;
+    const struct umbb_publish *publish;
+    struct umbb_bake_figures figures;
+    uint32_t tile_log2;
+    const char *depth_path;
+    double seconds_import, seconds_analysis, seconds_bake, seconds_write, seconds_verify;
+    double seconds_total;
+};
+
+void umbb_report_print(FILE *to, const struct umbb_report *report);
+void umbb_report_print_json(FILE *to, const struct umbb_report *report);
+
+#endif

@@ -1,0 +1,277 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The pipeline. Each step frees what the next does not need, so that --memory holds.
+ */
+#include "bake/bake_run.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+
+#include "bake/analysis/analysis.h"
+#include "bake/analysis/plan.h"
+#include "bake/bake_report.h"
+#include "bake/build/tile_loop.h"
+#include "bake/depth/depth_embree.h"
+#include "bake/depth/depth_raster.h"
+#include "bake/interrupt.h"
+#include "bake/memory_plan.h"
+#include "bake/progress.h"
+#include "bake/write/publish.h"
+#include "common/scene.h"
+
+/* A run under way. */
+struct run {
+    const struct umbb_options *options;
+    struct umbs_scene *scene;
+    struct umbb_analysis analysis;
+    char *plan, *settings;
+    struct umb_octree octree;
+    struct umbb_publish publish;
+    struct umbb_report report;
+    double start_s;
+};
+
+/* Prints lines with a prefix each. */
+static void print_notices(const char *lines)
+{
+    while (lines != NULL && *lines != '\0') {
+        const size_t length = strcspn(lines, "\n");
+        fprintf(stderr, "umbrage-bake: notice: %.*s\n", (int)(length < 500 ? length : 500), lines);
+        lines += length + (lines[length] == '\n');
+    }
+}
+
+/* An output that is the scene itself would destroy it. */
+static enum umb_status check_output(const struct umbb_options *options, struct umb_error *error)
+{
+    struct stat scene, output;
+    if (options->output != NULL && stat(options->scene, &scene) == 0 &&
+        stat(options->output, &output) == 0 && scene.st_dev == output.st_dev &&
+        scene.st_ino == output.st_ino) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: '%.200s' is the scene itself", options->output);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status import_and_analyse(struct run *run, struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    const struct umbs_import_options import = {.max_memory_bytes = o->memory_bytes};
+    double start = umbb_clock_s();
+    enum umb_status status = umbs_scene_import(o->scene, &import, &run->scene, error);
+    run->report.seconds_import = umbb_clock_s() - start;
+    if (status != UMB_OK) {
+        return status;
+    }
+    start = umbb_clock_s();
+    const struct umbs_scene_view *view = &run->scene->view;
+    status = umbb_analysis_run(view, o, &run->analysis, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (!o->quiet) {
+        print_notices(view->warnings);
+        print_notices(run->analysis.notices);
+    }
+    status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
+    if (status == UMB_OK) {
+        status = umbb_settings_text(&run->analysis, o, &run->settings, error);
+    }
+    run->report.seconds_analysis = umbb_clock_s() - start;
+    return status;
+}
+
+static enum umb_status open_depth(struct run *run, const struct umbb_casters *casters,
+                                  const struct umbb_memory_plan *memory, struct umbb_depth *depth,
+                                  struct umb_error *error)
+{
+    const struct umbb_depth_options options = {.tile_log2 = memory->tile_log2,
+                                               .threads = run->options->threads};
+    if (run->options->depth == UMBB_DEPTH_EMBREE) {
+        run->report.depth_path = "embree";
+        return umbb_depth_embree_create(casters, &options, depth, error);
+    }
+    run->report.depth_path = "raster";
+    return umbb_depth_raster_create(casters, &options, depth, error);
+}
+
+static enum umb_status bake(struct run *run, struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    const struct umbb_memory_input input = {
+        .memory_bytes = o->memory_bytes,
+        .scene_bytes = run->scene->map_bytes,
+        .triangles = run->analysis.count,
+        .log2_size = o->resolution_log2,
+        .tile_log2 = o->tile_log2,
+        .threads = o->threads,
+        .closed_rule = run->analysis.closed_rule,
+        .traced = o->depth == UMBB_DEPTH_EMBREE,
+    };
+    struct umbb_memory_plan memory;
+    enum umb_status status = umbb_memory_divide(&input, &memory, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    run->report.tile_log2 = memory.tile_log2;
+    const double start = umbb_clock_s();
+    umbb_analysis_to_voxels(&run->analysis);
+    const struct umbb_casters casters = {
+        .corners = (const double(*)[3][3])run->analysis.corners,
+        .kinds = run->analysis.kinds,
+        .count = run->analysis.count,
+        .size = (int32_t)1 << o->resolution_log2,
+        .closed_rule = run->analysis.closed_rule,
+    };
+    struct umbb_depth depth;
+    status = open_depth(run, &casters, &memory, &depth, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbb_progress progress;
+    umbb_progress_start(&progress, stderr, o->quiet, (uint64_t)1 << (2 * o->resolution_log2));
+    const struct umbb_bake_options options = {
+        .log2_size = o->resolution_log2,
+        .tile_log2 = memory.tile_log2,
+        .threads = o->threads,
+        .closed_rule = run->analysis.closed_rule,
+        .octree_max_bytes = memory.octree_max_bytes,
+        .cancelled = umbb_interrupted,
+        .progress = umbb_progress_update,
+        .progress_user = &progress,
+    };
+    status = umbb_bake_frustum(&depth, &options, &run->octree, &run->report.figures, error);
+    umbb_progress_end(&progress);
+    depth.destroy(depth.state);
+    run->report.seconds_bake = umbb_clock_s() - start;
+    return status;
+}
+
+/* The facts that stay out of the identity. */
+static void write_notes(const struct run *run, char *text, size_t size)
+{
+    const time_t now = time(NULL);
+    struct tm utc;
+    char stamp[32] = "unknown";
+    if (gmtime_r(&now, &utc) != NULL) {
+        strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", &utc);
+    }
+    snprintf(text, size, "seconds=%.3f\ntime=%s\nwriter=umbrage-bake %s\n",
+             umbb_clock_s() - run->start_s, stamp, UMB_VERSION);
+}
+
+static enum umb_status write_asset(struct run *run, struct umb_error *error)
+{
+    char notes[160];
+    const double start = umbb_clock_s();
+    write_notes(run, notes, sizeof notes);
+    struct umb_content content = {
+        .light_count = 1,
+        .frustum_count = 1,
+        .lights = &run->analysis.light,
+        .frusta = &run->analysis.frustum,
+        .bounds = run->analysis.bounds,
+        .plan = run->plan,
+        .settings = run->settings,
+        .notes = notes,
+    };
+    memcpy(content.origin, run->analysis.origin, sizeof content.origin);
+    umbs_scene_hash(&run->scene->view, content.scene_hash);
+    const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
+    umb_octree_finish(&run->octree);
+    run->report.seconds_write = umbb_clock_s() - start;
+    return status;
+}
+
+static enum umb_status check_asset(struct run *run, struct umb_error *error)
+{
+    const double start = umbb_clock_s();
+    if (run->options->verify_points > 0) {
+        const enum umb_status status =
+            umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    for (size_t i = 0; i < run->analysis.count; i++) { /* from here on: closed or not */
+        run->analysis.kinds[i] = run->analysis.kinds[i] != UMBB_CASTER_OPEN;
+    }
+    const struct umbb_check check = {
+        .corners = (const double(*)[3][3])run->analysis.corners,
+        .closed = run->analysis.closed_rule ? run->analysis.kinds : NULL,
+        .count = run->analysis.count,
+        .points = run->options->verify_points,
+        .threads = run->options->threads,
+        .max_memory_bytes = run->options->memory_bytes,
+    };
+    const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
+    run->report.seconds_verify = umbb_clock_s() - start;
+    return status;
+}
+
+static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
+{
+    umbb_interrupt_install();
+    enum umb_status status = umbb_publish_begin(&run->publish, run->options->output, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = bake(run, error);
+    if (status == UMB_OK) {
+        status = write_asset(run, error);
+    }
+    if (status == UMB_OK) {
+        status = check_asset(run, error);
+    }
+    if (status == UMB_OK) {
+        status = umbb_publish_commit(&run->publish, error);
+    }
+    return status;
+}
+
+static void print_report(struct run *run)
+{
+    run->report.options = run->options;
+    run->report.analysis = &run->analysis;
+    run->report.publish = &run->publish;
+    run->report.seconds_total = umbb_clock_s() - run->start_s;
+    if (run->options->json) {
+        umbb_report_print_json(stdout, &run->report);
+    } else if (!run->options->quiet) {
+        umbb_report_print(stdout, &run->report);
+    }
+}
+
+enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error)
+{
+    struct run run = {.options = options, .start_s = umbb_clock_s()};
+    enum umb_status status = check_output(options, error);
+    if (status == UMB_OK) {
+        status = import_and_analyse(&run, error);
+    }
+    if (status == UMB_OK && options->plan) {
+        if (options->json) {
+            umbb_plan_print_json(stdout, &run.analysis, &run.scene->view, run.plan);
+        } else {
+            umbb_plan_print(stdout, &run.analysis, &run.scene->view, run.plan);
+        }
+    } else if (status == UMB_OK) {
+        status = bake_and_publish(&run, error);
+        if (status == UMB_OK) {
+            print_report(&run);
+        }
+    }
+    if (status == UMB_OK && fflush(stdout) != 0) {
+        status = umb_fail(error, UMB_E_IO, "cannot write to standard output");
+    }
+    umbb_publish_abandon(&run.publish);
+    umb_octree_finish(&run.octree);
+    free(run.plan);
+    free(run.settings);
+    umbb_analysis_finish(&run.analysis);
+    umbs_scene_destroy(run.scene);
+    return status;
+}

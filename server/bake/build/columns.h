@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BUILD_COLUMNS_H
+#define UMBRAGE_SERVER_BAKE_BUILD_COLUMNS_H
+/*
+ * From texels to nodes, one column of the octree at a time.
+ *
+ * A column is all nodes of a level over one square of texels, listed along the light as runs of
+ * equal nodes. With M the greatest lit and m the least end of the square, a node over voxels
+ * [z0, z1) is shadowed if z0 >= M (nothing in it is lit), else lit if z1 <= m (nothing in it is
+ * shadow), else mixed; what is wholly undefined is shadowed, or whatever its parent is (Sintorn et
+ * al. 2014, section 6.1). A mixed node holds a lit and a shadowed voxel by construction, so none
+ * ever turns out uniform.
+ *
+ * Runs make long shadow walls cheap: where no lit and no end lies, a node equals its neighbour
+ * along z, and is built once. The work is proportional to the number of different nodes of a
+ * column, not to its length.
+ *
+ * The nodes depend on lit and end only: not on tiles, their order, or threads.
+ */
+#include "bake/build/node_pool.h"
+#include "bake/depth/tile.h"
+
+/* Nodes z_before .. z_end - 1 are `ref`; z_before is the run before's end. */
+struct umbb_run {
+    uint32_t z_end;
+    uint32_t ref;
+};
+
+/* A column: lit before `mixed_first`, runs in [mixed_first, mixed_end), shadowed from there on. */
+struct umbb_column {
+    uint32_t mixed_first, mixed_end; /* equal: no mixed node */
+    size_t run_first, run_count;     /* in the stack's runs */
+};
+
+/* Working memory: runs of the columns that are under way. Start zeroed. */
+struct umbb_runs {
+    struct umbb_run *items;
+    size_t count, capacity;
+};
+
+void umbb_runs_finish(struct umbb_runs *runs);
+
+/* Appends a column's runs, which lie in `from`, to `to`; the column then names those. */
+UMB_CHECKED enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
+                                           struct umbb_column *column, struct umb_error *error);
+
+/* The bounds of a column's mixed range from the pyramid's values. */
+struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit, int32_t min_end);
+
+/*
+ * Builds the column over a whole tile (level tile->log2_size).
+ *
+ * In:    tile: texels and pyramid filled.
+ * Out:   column: its runs are the last of `runs`.
+ * Fails: as umbb_pool_brick.
+ */
+UMB_CHECKED enum umb_status umbb_column_of_tile(struct umbb_pool *pool,
+                                                const struct umbb_tile *tile,
+                                                struct umbb_runs *runs, struct umbb_column *column,
+                                                struct umb_error *error);
+
+/*
+ * Joins four columns (x + 2 * y) of level - 1 into one.
+ *
+ * In:    column: bounds set; the four's runs are the last of `runs`, from runs_mark on.
+ * Out:   column: its runs replace the four's.
+ */
+UMB_CHECKED enum umb_status umbb_column_join(struct umbb_pool *pool, uint32_t level,
+                                             const struct umbb_column four[4], size_t runs_mark,
+                                             struct umbb_runs *runs, struct umbb_column *column,
+                                             struct umb_error *error);
+
+#endif

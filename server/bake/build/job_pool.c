@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One mutex guards everything; a job is tens of microseconds to milliseconds of work, so that
+ * taking a lock for each does not show.
+ */
+#include "bake/build/job_pool.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+
+struct worker {
+    struct umbb_jobs *jobs;
+    pthread_t thread;
+    unsigned number;
+};
+
+struct umbb_jobs {
+    pthread_mutex_t lock;
+    pthread_cond_t wake; /* jobs to take, or the end */
+    pthread_cond_t idle; /* the last job is done */
+    umbb_job_fn run;
+    void *user;
+    uint32_t next, count, done;
+    int ending;
+    unsigned worker_count; /* threads running */
+    struct worker workers[];
+};
+
+/* Takes and runs one job; 0 if none is left. Called and returns with the lock held. */
+static int run_one(struct umbb_jobs *jobs, unsigned thread)
+{
+    if (jobs->next == jobs->count) {
+        return 0;
+    }
+    const uint32_t job = jobs->next++;
+    const umbb_job_fn run = jobs->run;
+    void *user = jobs->user;
+    pthread_mutex_unlock(&jobs->lock);
+    run(user, job, thread);
+    pthread_mutex_lock(&jobs->lock);
+    jobs->done++;
+    if (jobs->done == jobs->count) {
+        pthread_cond_signal(&jobs->idle);
+    }
+    return 1;
+}
+
+static void *work(void *user)
+{
+    struct worker *worker = user;
+    struct umbb_jobs *jobs = worker->jobs;
+    pthread_mutex_lock(&jobs->lock);
+    while (!jobs->ending) {
+        if (!run_one(jobs, worker->number)) {
+            pthread_cond_wait(&jobs->wake, &jobs->lock);
+        }
+    }
+    pthread_mutex_unlock(&jobs->lock);
+    return NULL;
+}
+
+enum umb_status umbb_jobs_create(unsigned threads, struct umbb_jobs **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umbb_jobs *jobs = calloc(1, sizeof *jobs + threads * sizeof jobs->workers[0]);
+    if (jobs == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "threads: memory for %u refused", threads);
+    }
+    pthread_mutex_init(&jobs->lock, NULL);
+    pthread_cond_init(&jobs->wake, NULL);
+    pthread_cond_init(&jobs->idle, NULL);
+    for (unsigned i = 1; i < threads; i++) {
+        struct worker *worker = &jobs->workers[i];
+        worker->jobs = jobs;
+        worker->number = i;
+        const int code = pthread_create(&worker->thread, NULL, work, worker);
+        if (code != 0) {
+            umbb_jobs_destroy(jobs);
+            return umb_fail_errno(error, UMB_E_LIMIT, code, "threads: cannot start %u of %u", i,
+                                  threads);
+        }
+        jobs->worker_count = i;
+    }
+    *out = jobs;
+    return UMB_OK;
+}
+
+void umbb_jobs_start(struct umbb_jobs *jobs, umbb_job_fn run, void *user, uint32_t count)
+{
+    pthread_mutex_lock(&jobs->lock);
+    jobs->run = run;
+    jobs->user = user;
+    jobs->next = 0;
+    jobs->done = 0;
+    jobs->count = count;
+    pthread_cond_broadcast(&jobs->wake);
+    pthread_mutex_unlock(&jobs->lock);
+}
+
+void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_user)
+{
+    pthread_mutex_lock(&jobs->lock);
+    while (run_one(jobs, 0)) {
+        if (tick != NULL) {
+            pthread_mutex_unlock(&jobs->lock);
+            tick(tick_user);
+            pthread_mutex_lock(&jobs->lock);
+        }
+    }
+    while (jobs->done != jobs->count) {
+        pthread_cond_wait(&jobs->idle, &jobs->lock);
+    }
+    pthread_mutex_unlock(&jobs->lock);
+}
+
+void umbb_jobs_destroy(struct umbb_jobs *jobs)
+{
+    if (jobs == NULL) {
+        return;
+    }
+    umbb_jobs_wait(jobs, NULL, NULL);
+    pthread_mutex_lock(&jobs->lock);
+    jobs->ending = 1;
+    pthread_cond_broadcast(&jobs->wake);
+    pthread_mutex_unlock(&jobs->lock);
+    for (unsigned i = 1; i <= jobs->worker_count; i++) {
+        pthread_join(jobs->workers[i].thread, NULL);
+    }
+    pthread_cond_destroy(&jobs->idle);
+    pthread_cond_destroy(&jobs->wake);
+    pthread_mutex_destroy(&jobs->lock);
+    free(jobs);
+}

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BUILD_JOB_POOL_H
+#define UMBRAGE_SERVER_BAKE_BUILD_JOB_POOL_H
+/*
+ * Threads that work off a numbered set of equal jobs while their owner does something else.
+ *
+ *     umbb_jobs_create(4, &jobs, &error);          three threads; the owner is the fourth
+ *     umbb_jobs_start(jobs, run, user, 256);       returns at once
+ *     ... something else ...
+ *     umbb_jobs_wait(jobs, tick, tick_user);       helps until all are done
+ *     umbb_jobs_destroy(jobs);
+ *
+ * Jobs are handed out in order and finish in any; they must not depend on one another.
+ * Threads: only the owner calls these functions. What it wrote before start is visible to the
+ * jobs; what they wrote is visible to it after wait.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+struct umbb_jobs; /* opaque */
+
+/* One job. thread: 0 (the owner) .. threads - 1; no two jobs under way have the same. */
+typedef void (*umbb_job_fn)(void *user, uint32_t job, unsigned thread);
+
+/* Called by the owner between jobs. */
+typedef void (*umbb_jobs_tick_fn)(void *user);
+
+/* In: threads: 1.. with the owner. Fails: E_NO_MEMORY, E_LIMIT (the system refuses threads). */
+UMB_CHECKED enum umb_status umbb_jobs_create(unsigned threads, struct umbb_jobs **out,
+                                             struct umb_error *error);
+
+/* Starts jobs 0 .. count - 1. Those before must have been waited for. */
+void umbb_jobs_start(struct umbb_jobs *jobs, umbb_job_fn run, void *user, uint32_t count);
+
+/* Helps and waits until all started jobs are done. tick may be NULL. */
+void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_user);
+
+/* Waits for started jobs and ends the threads. NULL is allowed. */
+void umbb_jobs_destroy(struct umbb_jobs *jobs);
+
+#endif

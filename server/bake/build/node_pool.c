@@ -1,0 +1,398 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Hash-consing of bricks and nodes, level by level.
+ *
+ * Slots are one 64-bit word, tag above number, so that most probes that miss touch one cache line
+ * only. Tables grow at three quarters full and are refilled from the keys. The hash's low half
+ * gives the place, the high half the tag.
+ */
+#define XXH_INLINE_ALL
+#include "bake/build/node_pool.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+#define EMPTY          UINT64_MAX
+#define SLOTS_LOG2_MIN 10U
+#define SLOTS_LOG2_MAX 33U
+#define ITEMS_MIN      1024U
+
+void umbb_pool_init(struct umbb_pool *pool, size_t max_bytes)
+{
+    memset(pool, 0, sizeof *pool);
+    pool->max_bytes = max_bytes;
+}
+
+void umbb_pool_finish(struct umbb_pool *pool)
+{
+    free(pool->brick_slots.words);
+    free(pool->bricks);
+    for (uint32_t i = 0; i <= UMB_LEVEL_MAX; i++) {
+        free(pool->level[i].slots.words);
+        free(pool->level[i].masks);
+        free(pool->level[i].first);
+        free(pool->level[i].children);
+    }
+    memset(pool, 0, sizeof *pool);
+}
+
+/* Reserves bytes of the budget. */
+static enum umb_status charge(struct umbb_pool *pool, size_t more, struct umb_error *error)
+{
+    size_t total;
+    if (__builtin_add_overflow(pool->bytes, more, &total) || total > pool->max_bytes) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "memory: the shadow octree needs %zu bytes more than the %zu it has of "
+                        "the %zu that --memory leaves for it; give more or lower --resolution",
+                        more, pool->bytes, pool->max_bytes);
+    }
+    pool->bytes = total;
+    return UMB_OK;
+}
+
+/* Grows an array of items to new_count; the old block is charged until it is gone. */
+static enum umb_status grow(struct umbb_pool *pool, void **block, size_t item, size_t old_count,
+                            size_t new_count, struct umb_error *error)
+{
+    const enum umb_status status = charge(pool, new_count * item, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    void *grown = realloc(*block, new_count * item);
+    if (grown == NULL) {
+        pool->bytes -= new_count * item;
+        return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
+                        new_count * item);
+    }
+    *block = grown;
+    pool->bytes -= old_count * item;
+    return UMB_OK;
+}
+
+/* Capacity after growth: twice as much, within the numbers a reference can hold. */
+static uint32_t doubled(uint32_t capacity)
+{
+    if (capacity == 0) {
+        return ITEMS_MIN;
+    }
+    return capacity > UMBB_INDEX_MAX / 2U ? UMBB_INDEX_MAX + 1U : 2U * capacity;
+}
+
+static size_t slot_place(const struct umbb_hash_slots *slots, uint64_t hash)
+{
+    return (size_t)(hash & (((uint64_t)1 << slots->log2_size) - 1));
+}
+
+static uint64_t slot_word(uint64_t hash, uint32_t number)
+{
+    return (hash & 0xffffffff00000000ULL) | number;
+}
+
+/* Puts a number that is known not to be there. */
+static void slots_put(struct umbb_hash_slots *slots, uint64_t hash, uint32_t number)
+{
+    const size_t last = ((size_t)1 << slots->log2_size) - 1;
+    size_t at = slot_place(slots, hash);
+    while (slots->words[at] != EMPTY) {
+        at = (at + 1) & last;
+    }
+    slots->words[at] = slot_word(hash, number);
+}
+
+/* Whether a table must grow before it takes one more. */
+static int slots_full(const struct umbb_hash_slots *slots, uint32_t count)
+{
+    return slots->words == NULL || (uint64_t)count + 1 > ((uint64_t)3 << slots->log2_size) / 4;
+}
+
+/* Replaces a table by an empty one twice as large. */
+static enum umb_status slots_grow(struct umbb_pool *pool, struct umbb_hash_slots *slots,
+                                  struct umb_error *error)
+{
+    const uint32_t log2_size = slots->words == NULL ? SLOTS_LOG2_MIN : slots->log2_size + 1;
+    if (log2_size > SLOTS_LOG2_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "shadow octree: hash table over 2^%u slots",
+                        SLOTS_LOG2_MAX);
+    }
+    const size_t old_bytes =
+        slots->words == NULL ? 0 : ((size_t)1 << slots->log2_size) * sizeof *slots->words;
+    const size_t bytes = ((size_t)1 << log2_size) * sizeof *slots->words;
+    const enum umb_status status = charge(pool, bytes, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    uint64_t *words = malloc(bytes);
+    if (words == NULL) {
+        pool->bytes -= bytes;
+        return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
+    }
+    memset(words, 0xff, bytes);
+    free(slots->words);
+    pool->bytes -= old_bytes;
+    slots->words = words;
+    slots->log2_size = log2_size;
+    return UMB_OK;
+}
+
+static uint64_t brick_hash(const uint64_t slices[8])
+{
+    return XXH3_64bits(slices, 8 * sizeof slices[0]);
+}
+
+/* Makes room for one more brick. */
+static enum umb_status brick_reserve(struct umbb_pool *pool, struct umb_error *error)
+{
+    enum umb_status status;
+    if (pool->brick_count > UMBB_INDEX_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
+                        UMBB_INDEX_MAX);
+    }
+    if (pool->brick_count == pool->brick_capacity) {
+        const uint32_t capacity = doubled(pool->brick_capacity);
+        void *block = pool->bricks;
+        status = grow(pool, &block, sizeof *pool->bricks, pool->brick_capacity, capacity, error);
+        pool->bricks = block;
+        if (status != UMB_OK) {
+            return status;
+        }
+        pool->brick_capacity = capacity;
+    }
+    if (slots_full(&pool->brick_slots, pool->brick_count)) {
+        status = slots_grow(pool, &pool->brick_slots, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        for (uint32_t i = 0; i < pool->brick_count; i++) {
+            slots_put(&pool->brick_slots, brick_hash(pool->bricks[i]), i);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_pool_brick(struct umbb_pool *pool, const uint64_t slices[8], uint32_t *ref,
+                                struct umb_error *error)
+{
+    uint64_t any = 0, all = UINT64_MAX;
+    for (int z = 0; z < 8; z++) {
+        any |= slices[z];
+        all &= slices[z];
+    }
+    if (any == 0 || all == UINT64_MAX) {
+        *ref = any == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+        return UMB_OK;
+    }
+    const uint64_t hash = brick_hash(slices);
+    if (pool->brick_slots.words != NULL) {
+        const size_t last = ((size_t)1 << pool->brick_slots.log2_size) - 1;
+        size_t at = slot_place(&pool->brick_slots, hash);
+        for (uint64_t word; (word = pool->brick_slots.words[at]) != EMPTY; at = (at + 1) & last) {
+            const uint32_t number = (uint32_t)word;
+            if (word == slot_word(hash, number) &&
+                memcmp(pool->bricks[number], slices, sizeof *pool->bricks) == 0) {
+                *ref = number;
+                return UMB_OK;
+            }
+        }
+    }
+    const enum umb_status status = brick_reserve(pool, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint32_t number = pool->brick_count++;
+    memcpy(pool->bricks[number], slices, sizeof *pool->bricks);
+    slots_put(&pool->brick_slots, hash, number);
+    *ref = number;
+    return UMB_OK;
+}
+
+/* A node's key: its mask and its mixed children. */
+struct node_key {
+    uint32_t words[9]; /* mask, children */
+    uint32_t child_count;
+};
+
+static uint64_t key_hash(const struct node_key *key)
+{
+    return XXH3_64bits(key->words, (1 + (size_t)key->child_count) * sizeof key->words[0]);
+}
+
+static void key_from_children(const uint32_t children[8], struct node_key *key)
+{
+    uint32_t mask = 0, count = 0;
+    for (unsigned c = 0; c < 8; c++) {
+        uint32_t state = UMB_NODE_MIXED;
+        if (children[c] == UMBB_REF_LIT) {
+            state = UMB_NODE_LIT;
+        } else if (children[c] == UMBB_REF_SHADOWED) {
+            state = UMB_NODE_SHADOWED;
+        } else {
+            key->words[++count] = children[c];
+        }
+        mask |= state << (2 * c);
+    }
+    key->words[0] = mask;
+    key->child_count = count;
+}
+
+static void key_of_node(const struct umbb_pool_level *level, uint32_t node, struct node_key *key)
+{
+    key->words[0] = level->masks[node];
+    key->child_count = level->first[node + 1] - level->first[node];
+    memcpy(key->words + 1, level->children + level->first[node],
+           key->child_count * sizeof key->words[0]);
+}
+
+static int node_equals(const struct umbb_pool_level *level, uint32_t node,
+                       const struct node_key *key)
+{
+    /* Equal masks have equally many mixed children. */
+    return level->masks[node] == key->words[0] &&
+           memcmp(level->children + level->first[node], key->words + 1,
+                  key->child_count * sizeof key->words[0]) == 0;
+}
+
+static enum umb_status nodes_grow(struct umbb_pool *pool, struct umbb_pool_level *level,
+                                  struct umb_error *error)
+{
+    const uint32_t capacity = doubled(level->capacity);
+    void *block = level->masks;
+    enum umb_status status =
+        grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);
+    level->masks = block;
+    if (status != UMB_OK) {
+        return status;
+    }
+    block = level->first;
+    const size_t old = level->first == NULL ? 0 : (size_t)level->capacity + 1;
+    status = grow(pool, &block, sizeof *level->first, old, (size_t)capacity + 1, error);
+    level->first = block;
+    if (status != UMB_OK) {
+        /* The masks keep their larger block; only their charge goes back to what is recorded. */
+        pool->bytes -= (size_t)(capacity - level->capacity) * sizeof *level->masks;
+        return status;
+    }
+    if (level->capacity == 0) {
+        level->first[0] = 0;
+    }
+    level->capacity = capacity;
+    return UMB_OK;
+}
+
+/* Makes room for one more node of up to eight children. */
+static enum umb_status node_reserve(struct umbb_pool *pool, struct umbb_pool_level *level,
+                                    struct umb_error *error)
+{
+    enum umb_status status;
+    if (level->count > UMBB_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "shadow octree: more than %u nodes or children in one "
+                        "level",
+                        UMBB_INDEX_MAX);
+    }
+    if (level->count == level->capacity) {
+        status = nodes_grow(pool, level, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    if (level->child_capacity - level->child_count < 8) {
+        const uint32_t capacity =
+            level->child_capacity > UINT32_MAX / 2U ? UINT32_MAX : doubled(level->child_capacity);
+        void *block = level->children;
+        status =
+            grow(pool, &block, sizeof *level->children, level->child_capacity, capacity, error);
+        level->children = block;
+        if (status != UMB_OK) {
+            return status;
+        }
+        level->child_capacity = capacity;
+    }
+    if (slots_full(&level->slots, level->count)) {
+        status = slots_grow(pool, &level->slots, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        struct node_key key;
+        for (uint32_t i = 0; i < level->count; i++) {
+            key_of_node(level, i, &key);
+            slots_put(&level->slots, key_hash(&key), i);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_pool_node(struct umbb_pool *pool, uint32_t level_number,
+                               const uint32_t children[8], uint32_t *ref, struct umb_error *error)
+{
+    struct umbb_pool_level *level = &pool->level[level_number];
+    struct node_key key;
+    key_from_children(children, &key);
+    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
+        *ref = key.words[0] == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+        return UMB_OK;
+    }
+    const uint64_t hash = key_hash(&key);
+    if (level->slots.words != NULL) {
+        const size_t last = ((size_t)1 << level->slots.log2_size) - 1;
+        size_t at = slot_place(&level->slots, hash);
+        for (uint64_t word; (word = level->slots.words[at]) != EMPTY; at = (at + 1) & last) {
+            const uint32_t number = (uint32_t)word;
+            if (word == slot_word(hash, number) && node_equals(level, number, &key)) {
+                *ref = number;
+                return UMB_OK;
+            }
+        }
+    }
+    const enum umb_status status = node_reserve(pool, level, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint32_t number = level->count++;
+    level->masks[number] = (uint16_t)key.words[0];
+    memcpy(level->children + level->child_count, key.words + 1,
+           key.child_count * sizeof key.words[0]);
+    level->child_count += key.child_count;
+    level->first[number + 1] = level->child_count;
+    slots_put(&level->slots, hash, number);
+    *ref = number;
+    return UMB_OK;
+}
+
+enum umb_status umbb_pool_take(struct umbb_pool *pool, uint32_t root, uint32_t level,
+                               struct umb_octree *octree, struct umb_error *error)
+{
+    memset(octree, 0, sizeof *octree);
+    enum umb_status status = UMB_OK;
+    octree->roots = malloc(sizeof *octree->roots);
+    if (octree->roots == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: memory for the root refused");
+        goto done;
+    }
+    octree->root_count = 1;
+    octree->roots[0] = (struct umb_octree_root){.level = level};
+    if (root == UMBB_REF_LIT || root == UMBB_REF_SHADOWED) {
+        octree->roots[0].state = root == UMBB_REF_LIT ? UMB_NODE_LIT : UMB_NODE_SHADOWED;
+    } else {
+        octree->roots[0].state = UMB_NODE_MIXED;
+        octree->roots[0].index = root;
+    }
+    octree->brick_count = pool->brick_count;
+    octree->bricks = pool->bricks;
+    pool->bricks = NULL;
+    for (uint32_t i = UMB_LEVEL_BRICK + 1; i <= UMB_LEVEL_MAX; i++) {
+        struct umbb_pool_level *from = &pool->level[i];
+        octree->level[i] = (struct umb_octree_level){
+            .count = from->count,
+            .masks = from->masks,
+            .first = from->first,
+            .children = from->children,
+        };
+        from->masks = NULL;
+        from->first = NULL;
+        from->children = NULL;
+    }
+done:
+    umbb_pool_finish(pool);
+    return status;
+}

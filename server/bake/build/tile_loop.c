@@ -1,0 +1,268 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The loop over tiles and the levels above them.
+ *
+ * The grid of tiles keeps, for each tile, its greatest lit, its least end and the runs of its
+ * column: all that the levels above need, so that their nodes come out as if there were no tiles.
+ */
+#include "bake/build/tile_loop.h"
+
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "bake/build/columns.h"
+#include "bake/build/job_pool.h"
+
+/* One level of the grid above the tiles. */
+struct grid_level {
+    int32_t *max_lit, *min_end;
+};
+
+struct loop {
+    const struct umbb_depth *depth;
+    const struct umbb_bake_options *options;
+    struct umbb_pool pool;
+    struct umbb_jobs *jobs;
+    struct umbb_tile tiles[2];
+    struct umbb_runs runs;                     /* working stack */
+    struct umbb_runs kept;                     /* runs of the tiles' columns */
+    struct umbb_column *columns;               /* [tiles] */
+    struct grid_level grid[UMB_LEVEL_MAX + 1]; /* levels tile_log2 .. log2_size */
+    atomic_uint_fast64_t texels_done;
+    int busy_slot; /* of the tile whose depth is under way */
+    struct umbb_bake_figures figures;
+};
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int is_cancelled(const struct loop *loop)
+{
+    return loop->options->cancelled != NULL && loop->options->cancelled();
+}
+
+size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule)
+{
+    return (log2_size == tile_log2 ? 1 : 2) * umbb_tile_bytes(tile_log2, closed_rule);
+}
+
+/* Tiles a side. */
+static uint32_t grid_width(const struct umbb_bake_options *options)
+{
+    return 1U << (options->log2_size - options->tile_log2);
+}
+
+static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
+{
+    const struct umbb_bake_options *o = loop->options;
+    umbb_pool_init(&loop->pool, o->octree_max_bytes);
+    enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
+    const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
+    for (int i = 0; i < slots && status == UMB_OK; i++) {
+        status = umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const size_t n = grid_width(o);
+    loop->columns = calloc(n * n, sizeof *loop->columns);
+    int complete = loop->columns != NULL;
+    for (uint32_t level = o->tile_log2; level <= o->log2_size; level++) {
+        const size_t count = (size_t)1 << (2 * (o->log2_size - level));
+        struct grid_level *g = &loop->grid[level];
+        g->max_lit = malloc(2 * count * sizeof *g->max_lit);
+        complete = complete && g->max_lit != NULL;
+        g->min_end = g->max_lit == NULL ? NULL : g->max_lit + count;
+    }
+    return complete ? UMB_OK
+                    : umb_fail(error, UMB_E_NO_MEMORY, "grid of %zu tiles: memory refused", n * n);
+}
+
+static void loop_finish(struct loop *loop)
+{
+    umbb_jobs_destroy(loop->jobs);
+    umbb_pool_finish(&loop->pool);
+    umbb_tile_finish(&loop->tiles[0]);
+    umbb_tile_finish(&loop->tiles[1]);
+    umbb_runs_finish(&loop->runs);
+    umbb_runs_finish(&loop->kept);
+    free(loop->columns);
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        free(loop->grid[level].max_lit);
+    }
+}
+
+/* One block of depth; a job. */
+static void depth_job(void *user, uint32_t job, unsigned thread)
+{
+    struct loop *loop = user;
+    struct umbb_tile *tile = &loop->tiles[loop->busy_slot];
+    const int32_t block = umbb_tile_block(tile);
+    const uint32_t across = (uint32_t)(tile->size / block);
+    if (!is_cancelled(loop)) {
+        loop->depth->block(loop->depth->state, loop->busy_slot, thread, tile,
+                           (int32_t)(job % across), (int32_t)(job / across));
+        atomic_fetch_add_explicit(&loop->texels_done, (uint64_t)block * (uint64_t)block,
+                                  memory_order_relaxed);
+    }
+}
+
+static void show_progress(void *user)
+{
+    struct loop *loop = user;
+    if (loop->options->progress != NULL) {
+        loop->options->progress(loop->options->progress_user,
+                                atomic_load_explicit(&loop->texels_done, memory_order_relaxed));
+    }
+}
+
+/* Sets the threads to work on a tile's depth. */
+static enum umb_status depth_start(struct loop *loop, uint32_t number, struct umb_error *error)
+{
+    const uint32_t n = grid_width(loop->options);
+    const int slot = (int)(number & 1);
+    struct umbb_tile *tile = &loop->tiles[slot];
+    tile->x0 = (int32_t)((number % n) << loop->options->tile_log2);
+    tile->y0 = (int32_t)((number / n) << loop->options->tile_log2);
+    const enum umb_status status = loop->depth->begin(loop->depth->state, slot, tile, error);
+    if (status == UMB_OK) {
+        loop->busy_slot = slot;
+        const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
+        umbb_jobs_start(loop->jobs, depth_job, loop, across * across);
+    }
+    return status;
+}
+
+/* Builds a tile's nodes and keeps what the levels above need. */
+static enum umb_status tile_build(struct loop *loop, uint32_t number, struct umb_error *error)
+{
+    struct umbb_tile *tile = &loop->tiles[number & 1];
+    const uint32_t level = tile->log2_size;
+    umbb_tile_pyramid(tile);
+    loop->grid[level].max_lit[number] = tile->max_lit[level][0];
+    loop->grid[level].min_end[number] = tile->min_end[level][0];
+    struct umbb_column *column = &loop->columns[number];
+    loop->runs.count = 0;
+    const enum umb_status status =
+        umbb_column_of_tile(&loop->pool, tile, &loop->runs, column, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    return umbb_runs_keep(&loop->kept, &loop->runs, column, error);
+}
+
+static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
+{
+    const uint32_t n = grid_width(loop->options), count = n * n;
+    enum umb_status status = depth_start(loop, 0, error);
+    for (uint32_t number = 0; number < count && status == UMB_OK; number++) {
+        const double start = now_s();
+        umbb_jobs_wait(loop->jobs, show_progress, loop);
+        show_progress(loop);
+        const double depth_done = now_s();
+        loop->figures.seconds_depth += depth_done - start;
+        if (is_cancelled(loop)) {
+            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
+        }
+        if (number + 1 < count) {
+            status = depth_start(loop, number + 1, error);
+        }
+        if (status == UMB_OK) {
+            status = tile_build(loop, number, error);
+        }
+        loop->figures.seconds_build += now_s() - depth_done;
+    }
+    return status;
+}
+
+/* Fills the grid above the tiles. */
+static void grid_reduce(struct loop *loop)
+{
+    const struct umbb_bake_options *o = loop->options;
+    for (uint32_t level = o->tile_log2 + 1; level <= o->log2_size; level++) {
+        const size_t n = (size_t)1 << (o->log2_size - level);
+        umbb_pyramid_step(loop->grid[level - 1].max_lit, loop->grid[level - 1].min_end, n,
+                          loop->grid[level].max_lit, loop->grid[level].min_end);
+    }
+}
+
+/* The column over square (x, y) of a level at or above the tiles. */
+static enum umb_status upper_column(struct loop *loop, uint32_t level, size_t x, size_t y,
+                                    struct umbb_column *column, struct umb_error *error)
+{
+    const struct umbb_bake_options *o = loop->options;
+    const size_t at = (y << (o->log2_size - level)) + x;
+    if (level == o->tile_log2) {
+        *column = loop->columns[at];
+        return umbb_runs_keep(&loop->runs, &loop->kept, column, error);
+    }
+    *column =
+        umbb_column_bounds(level, loop->grid[level].max_lit[at], loop->grid[level].min_end[at]);
+    column->run_first = loop->runs.count;
+    if (column->mixed_first == column->mixed_end) {
+        return UMB_OK;
+    }
+    const size_t mark = loop->runs.count;
+    struct umbb_column four[4];
+    for (size_t q = 0; q < 4; q++) {
+        const enum umb_status status =
+            upper_column(loop, level - 1, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return umbb_column_join(&loop->pool, level, four, mark, &loop->runs, column, error);
+}
+
+/* The levels above the tiles, and the root. */
+static enum umb_status build_root(struct loop *loop, struct umb_octree *octree,
+                                  struct umb_error *error)
+{
+    const uint32_t level = loop->options->log2_size;
+    grid_reduce(loop);
+    loop->runs.count = 0;
+    struct umbb_column column;
+    const enum umb_status status = upper_column(loop, level, 0, 0, &column, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    /* One node along z: mixed, or lit if nothing is ever shadowed, or shadowed. */
+    uint32_t root = column.mixed_end == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+    if (column.mixed_first < column.mixed_end) {
+        root = loop->runs.items[column.run_first].ref;
+    }
+    loop->figures.octree_bytes = loop->pool.bytes;
+    return umbb_pool_take(&loop->pool, root, level, octree, error);
+}
+
+enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
+                                  const struct umbb_bake_options *options,
+                                  struct umb_octree *octree, struct umbb_bake_figures *figures,
+                                  struct umb_error *error)
+{
+    memset(octree, 0, sizeof *octree);
+    struct loop loop = {.depth = depth, .options = options};
+    atomic_init(&loop.texels_done, 0);
+    enum umb_status status = loop_init(&loop, error);
+    if (status == UMB_OK) {
+        status = all_tiles(&loop, error);
+    }
+    if (status == UMB_OK) {
+        const double start = now_s();
+        status = build_root(&loop, octree, error);
+        loop.figures.seconds_build += now_s() - start;
+    }
+    loop.figures.texels = atomic_load(&loop.texels_done);
+    loop.figures.tiles = (uint64_t)grid_width(options) * grid_width(options);
+    if (figures != NULL) {
+        *figures = loop.figures;
+    }
+    loop_finish(&loop);
+    return status;
+}

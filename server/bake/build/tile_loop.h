@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BUILD_TILE_LOOP_H
+#define UMBRAGE_SERVER_BAKE_BUILD_TILE_LOOP_H
+/*
+ * The bake proper: tiles of depth in, the merged octree out.
+ *
+ * While the threads get the depth of a tile, the owner builds the nodes of the one before: two
+ * tiles are in memory at a time. The levels above the tiles are built at the end from each tile's
+ * column.
+ * Equal casters give equal octrees up to numbering, whatever the tile size and threads.
+ */
+#include "bake/build/node_pool.h"
+#include "bake/depth/tile.h"
+
+/* What a bake went through, for the summary. */
+struct umbb_bake_figures {
+    uint64_t texels;
+    uint64_t tiles;
+    double seconds_depth; /* waiting for depth, building not counted */
+    double seconds_build;
+    size_t octree_bytes; /* at the end, tables included */
+};
+
+struct umbb_bake_options {
+    uint32_t log2_size; /* of the frustum */
+    uint32_t tile_log2; /* 6 .. log2_size */
+    unsigned threads;   /* 1.. */
+    int closed_rule;
+    size_t octree_max_bytes;
+    int (*cancelled)(void);                             /* may be NULL; from any thread */
+    void (*progress)(void *user, uint64_t texels_done); /* may be NULL; from the owner */
+    void *progress_user;
+};
+
+/*
+ * Bakes one frustum.
+ *
+ * In:    depth: created for the same casters, tile size and threads.
+ * Out:   octree: canonical, one root; the caller finishes it. figures: may be NULL.
+ * Fails: E_NO_MEMORY, E_LIMIT (octree_max_bytes), E_CANCELLED.
+ */
+UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
+                                              const struct umbb_bake_options *options,
+                                              struct umb_octree *octree,
+                                              struct umbb_bake_figures *figures,
+                                              struct umb_error *error);
+
+/* Bytes that the tiles of a bake take together. */
+size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule);
+
+#endif

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_H
+#define UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_H
+/*
+ * The one predicate: which texel centres a triangle covers, and at which depth. Every depth path
+ * asks here, so that no two of them can disagree.
+ *
+ * Voxel space, doubles. Texel (x, y) has its centre at (x + 0.5, y + 0.5). The corners are put
+ * into canonical order (by y, then x, then z), so that the answer does not depend on the winding
+ * or on the corner the file starts with.
+ *
+ * Coverage: the row of centres py meets edge (a, b), a.y < b.y, iff a.y <= py < b.y; it crosses
+ * there at a.x + (py - a.y) * ((b.x - a.x) / (b.y - a.y)), kept between a.x and b.x. A row meets
+ * exactly two edges of a triangle or none. The covered centres are those between the two
+ * crossings, both included. Watertight: two triangles that share an edge compute the same crossing
+ * from the same two corners, and what lies on it belongs to both.
+ *
+ * Depth: z = (a.z + gy * (py - a.y)) + gx * (px - a.x) from the canonical first corner a, with
+ * gradients computed once a triangle, kept between the triangle's least and greatest z. Never
+ * incremental: no tile, clip rectangle or thread changes a bit. `lit` of a fragment is the number
+ * of voxels of the column whose centre z + 0.5 lies before it: ceil(z - 0.5), in 0..size.
+ *
+ * A triangle of zero projected area covers nothing.
+ */
+#include <stdint.h>
+
+/* A coordinate of a corner must be finite and of at most this magnitude (voxels). */
+#define UMBB_COORDINATE_MAX 1073741824.0
+
+/* A triangle made ready; filled by umbb_coverage_prepare. */
+struct umbb_coverage {
+    double x[3], y[3]; /* corners in canonical order */
+    double slope[3];   /* dx/dy of the edges 0-1, 1-2 and 0-2; 0 where the edge has no height */
+    double anchor_z;   /* depth of corner 0 */
+    double gradient_x, gradient_y;
+    double z_min, z_max;         /* of the triangle, kept within 0..size */
+    int32_t row_first, row_last; /* rows of centres that it meets: none if row_first > row_last */
+    int front;                   /* 1 if, by its original winding, it faces the light */
+};
+
+/*
+ * Prepares a triangle.
+ *
+ * In:    corners: double[3][3], voxel space, original winding. size: voxels of the column.
+ * Out:   coverage, unless 0 is returned: the triangle covers no texel centre.
+ * Cost:  four divisions, no allocation.
+ */
+int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_coverage *coverage);
+
+/*
+ * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.
+ *
+ * In: row: row_first <= row <= row_last.
+ */
+static inline void umbb_coverage_row(const struct umbb_coverage *coverage, int32_t row,
+                                     int32_t *x_first, int32_t *x_last)
+{
+    const double py = (double)row + 0.5;
+    /* The long edge 0-2 and, by the height of corner 1, one of the short ones. */
+    const int upper = py >= coverage->y[1];
+    const int from = upper ? 1 : 0;
+    const int to = upper ? 2 : 1;
+    const double xa = coverage->x[from], xb = coverage->x[to];
+    double one = xa + (py - coverage->y[from]) * coverage->slope[upper];
+    const double one_min = xa < xb ? xa : xb, one_max = xa < xb ? xb : xa;
+    one = one > one_min ? one : one_min;
+    one = one < one_max ? one : one_max;
+    const double xc = coverage->x[0], xd = coverage->x[2];
+    double two = xc + (py - coverage->y[0]) * coverage->slope[2];
+    const double two_min = xc < xd ? xc : xd, two_max = xc < xd ? xd : xc;
+    two = two > two_min ? two : two_min;
+    two = two < two_max ? two : two_max;
+    const double low = (one < two ? one : two) - 0.5;
+    const double high = (one < two ? two : one) - 0.5;
+    /* Ceiling and floor by truncation: |low| is far below 2^31 (UMBB_COORDINATE_MAX). */
+    int32_t first = (int32_t)low;
+    first += (double)first < low;
+    int32_t last = (int32_t)high;
+    last -= (double)last > high;
+    *x_first = first;
+    *x_last = last;
+}
+
+/* Depth of the row at the anchor's x; the part of the depth that a whole row shares. */
+static inline double umbb_coverage_row_z(const struct umbb_coverage *coverage, int32_t row)
+{
+    return coverage->anchor_z + coverage->gradient_y * (((double)row + 0.5) - coverage->y[0]);
+}
+
+/* Number of voxels of column x whose centre lies before the triangle, 0..size. */
+static inline int32_t umbb_coverage_lit(const struct umbb_coverage *coverage, double row_z,
+                                        int32_t x)
+{
+    double z = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
+    z = z > coverage->z_min ? z : coverage->z_min; /* also what a NaN becomes */
+    z = z < coverage->z_max ? z : coverage->z_max;
+    const double t = z - 0.5;
+    int32_t lit = (int32_t)t;
+    lit += (double)lit < t;
+    return lit;
+}
+
+#endif

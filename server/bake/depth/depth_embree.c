@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One ray a texel along z, all candidates, nothing committed: the ray's end never moves, because
+ * the nearest front face, back face and other face are wanted at once.
+ */
+#include "bake/depth/depth_embree.h"
+
+#include <embree3/rtcore.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/depth/coverage.h"
+
+/* Boxes grow by this many voxels: far above what rounding to float and Embree's box test lose for
+ * coordinates up to 2^18 (half a unit in the last place is 2^-7 there). */
+#define BOX_PADDING 0.0625
+
+struct caster {
+    const struct umbb_casters *casters;
+    RTCDevice device;
+    RTCScene scene;
+};
+
+/* Embree's context with what one texel collects. */
+struct texel {
+    struct RTCIntersectContext context; /* first: Embree sees only this */
+    int32_t x, y;
+    int32_t front, back, open;
+};
+
+/* float just above (or below) a double after padding. */
+static float padded(double value, int up)
+{
+    return nextafterf((float)(up ? value + BOX_PADDING : value - BOX_PADDING),
+                      up ? INFINITY : -INFINITY);
+}
+
+static void triangle_bounds(const struct RTCBoundsFunctionArguments *args)
+{
+    const struct umbb_casters *casters = args->geometryUserPtr;
+    const double(*v)[3] = casters->corners[args->primID];
+    double low[3], high[3];
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] = fmin(fmin(v[0][axis], v[1][axis]), v[2][axis]);
+        high[axis] = fmax(fmax(v[0][axis], v[1][axis]), v[2][axis]);
+    }
+    struct RTCBounds *box = args->bounds_o;
+    box->lower_x = padded(low[0], 0);
+    box->lower_y = padded(low[1], 0);
+    box->lower_z = padded(low[2], 0);
+    box->upper_x = padded(high[0], 1);
+    box->upper_y = padded(high[1], 1);
+    box->upper_z = padded(high[2], 1);
+}
+
+static void lower(int32_t *value, int32_t lit)
+{
+    *value = lit < *value ? lit : *value;
+}
+
+/* Called for each triangle whose box the ray meets (one ray at a time: N is 1). */
+static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args)
+{
+    if (args->valid[0] == 0) {
+        return;
+    }
+    struct texel *texel = (struct texel *)(void *)args->context;
+    const struct umbb_casters *casters = args->geometryUserPtr;
+    struct umbb_coverage coverage;
+    if (!umbb_coverage_prepare(casters->corners[args->primID], casters->size, &coverage) ||
+        texel->y < coverage.row_first || texel->y > coverage.row_last) {
+        return;
+    }
+    int32_t x_first, x_last;
+    umbb_coverage_row(&coverage, texel->y, &x_first, &x_last);
+    if (texel->x < x_first || texel->x > x_last) {
+        return;
+    }
+    const int32_t lit =
+        umbb_coverage_lit(&coverage, umbb_coverage_row_z(&coverage, texel->y), texel->x);
+    const uint8_t kind = casters->closed_rule ? casters->kinds[args->primID] : UMBB_CASTER_OPEN;
+    if (kind == UMBB_CASTER_OPEN) {
+        lower(&texel->open, lit);
+    } else if (coverage.front != (kind == UMBB_CASTER_CLOSED_FLIPPED)) {
+        lower(&texel->front, lit);
+    } else {
+        lower(&texel->back, lit);
+    }
+}
+
+static enum umb_status embree_begin(void *state, int slot, const struct umbb_tile *tile,
+                                    struct umb_error *error)
+{
+    (void)state;
+    (void)slot;
+    (void)tile;
+    (void)error;
+    return UMB_OK;
+}
+
+static void cast_texel(const struct caster *caster, struct texel *texel)
+{
+    struct RTCRayHit ray;
+    memset(&ray, 0, sizeof ray);
+    ray.ray.org_x = (float)texel->x + 0.5F; /* exact: 18 + 1 bits */
+    ray.ray.org_y = (float)texel->y + 0.5F;
+    ray.ray.org_z = -1.0F;
+    ray.ray.dir_z = 1.0F;
+    ray.ray.tfar = INFINITY;
+    ray.ray.mask = UINT32_MAX;
+    ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    ray.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    texel->front = texel->back = texel->open = caster->casters->size;
+    rtcIntersect1(caster->scene, &texel->context, &ray);
+}
+
+static void embree_block(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
+                         int32_t by)
+{
+    (void)slot;
+    (void)thread;
+    const struct caster *caster = state;
+    const int32_t n = umbb_tile_block(tile);
+    struct texel texel;
+    rtcInitIntersectContext(&texel.context);
+    for (int32_t y = by * n; y < (by + 1) * n; y++) {
+        for (int32_t x = bx * n; x < (bx + 1) * n; x++) {
+            texel.x = tile->x0 + x;
+            texel.y = tile->y0 + y;
+            cast_texel(caster, &texel);
+            const size_t at = umbb_tile_index(tile, x, y);
+            int32_t end;
+            umbb_texel_decide(texel.front, texel.back, texel.open, &tile->lit[at], &end);
+            tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
+        }
+    }
+    umbb_tile_reduce(tile, bx * (n >> 3), by * (n >> 3), n >> 3);
+}
+
+static void embree_destroy(void *state)
+{
+    struct caster *caster = state;
+    if (caster != NULL) {
+        rtcReleaseScene(caster->scene);
+        rtcReleaseDevice(caster->device);
+        free(caster);
+    }
+}
+
+/* Builds the scene; 0 if Embree reports an error. */
+static int build_scene(struct caster *caster)
+{
+    caster->scene = rtcNewScene(caster->device);
+    RTCGeometry geometry = rtcNewGeometry(caster->device, RTC_GEOMETRY_TYPE_USER);
+    if (caster->scene == NULL || geometry == NULL) {
+        rtcReleaseGeometry(geometry);
+        return 0;
+    }
+    rtcSetSceneFlags(caster->scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)caster->casters->count);
+    rtcSetGeometryUserData(geometry, (void *)(uintptr_t)caster->casters);
+    rtcSetGeometryBoundsFunction(geometry, triangle_bounds, NULL);
+    rtcSetGeometryIntersectFunction(geometry, triangle_candidate);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(caster->scene, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(caster->scene);
+    return rtcGetDeviceError(caster->device) == RTC_ERROR_NONE;
+}
+
+enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
+                                         const struct umbb_depth_options *options,
+                                         struct umbb_depth *depth, struct umb_error *error)
+{
+    *depth = (struct umbb_depth){0};
+    struct caster *caster = calloc(1, sizeof *caster);
+    if (caster == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: memory refused");
+    }
+    char config[64];
+    snprintf(config, sizeof config, "threads=%u", options->threads);
+    caster->casters = casters;
+    caster->device = rtcNewDevice(config);
+    if (caster->device == NULL) {
+        free(caster);
+        return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
+                        (int)rtcGetDeviceError(NULL));
+    }
+    if (!build_scene(caster)) {
+        embree_destroy(caster);
+        return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: Embree could not build %zu triangles",
+                        casters->count);
+    }
+    *depth = (struct umbb_depth){caster, embree_begin, embree_block, embree_destroy};
+    return UMB_OK;
+}

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The store with AVX2: integers only, so equal by construction. */
+#include "bake/depth/depth_store.h"
+
+#ifdef __AVX2__
+#include <immintrin.h>
+
+static inline __m256i load(const int32_t *from)
+{
+    return _mm256_loadu_si256((const __m256i *)(const void *)from);
+}
+
+static inline void save(int32_t *to, __m256i value)
+{
+    _mm256_storeu_si256((__m256i *)(void *)to, value);
+}
+
+static inline int32_t greatest(__m256i v)
+{
+    __m128i m = _mm_max_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0x4e));
+    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0xb1));
+    return _mm_cvtsi128_si32(m);
+}
+
+static inline int32_t least(__m256i v)
+{
+    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));
+    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));
+    return _mm_cvtsi128_si32(m);
+}
+
+/* One 8x8 block: decides, stores, reduces. */
+static inline void store_square(const int32_t *layers, size_t texels, size_t n,
+                                struct umbb_tile *tile, size_t square)
+{
+    int32_t *lit_to = tile->lit + square * 64, *end_to = tile->end + square * 64;
+    __m256i most = _mm256_setzero_si256(), fewest = _mm256_set1_epi32(INT32_MAX);
+    for (size_t y = 0; y < 8; y++, layers += n) {
+        __m256i lit = load(layers + UMBB_LAYER_OPEN * texels), end = lit;
+        if (end_to != lit_to) {
+            const __m256i front = load(layers + UMBB_LAYER_FRONT * texels);
+            const __m256i back = load(layers + UMBB_LAYER_BACK * texels);
+            lit = _mm256_min_epi32(front, _mm256_min_epi32(back, lit));
+            end = _mm256_blendv_epi8(lit, back, _mm256_cmpeq_epi32(front, lit));
+            save(end_to + 8 * y, end);
+        }
+        save(lit_to + 8 * y, lit);
+        most = _mm256_max_epi32(most, lit);
+        fewest = _mm256_min_epi32(fewest, end);
+    }
+    tile->max_lit[UMB_LEVEL_BRICK][square] = greatest(most);
+    tile->min_end[UMB_LEVEL_BRICK][square] = least(fewest);
+}
+
+static void store(const int32_t *layers, int32_t n, struct umbb_tile *tile, int32_t x0, int32_t y0)
+{
+    const size_t width = (size_t)n, texels = width * width;
+    for (int32_t y = 0; y < n; y += 8) {
+        for (int32_t x = 0; x < n; x += 8) {
+            const size_t square = umbb_tile_index(tile, x0 + x, y0 + y) / 64;
+            store_square(layers + (size_t)y * width + (size_t)x, texels, width, tile, square);
+        }
+    }
+}
+
+umbb_store_fn umbb_store_avx2(void)
+{
+    return __builtin_cpu_supports("avx2") ? store : NULL;
+}
+
+#else
+
+umbb_store_fn umbb_store_avx2(void)
+{
+    return NULL;
+}
+
+#endif

@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_DEPTH_TILE_H
+#define UMBRAGE_SERVER_BAKE_DEPTH_TILE_H
+/*
+ * A square of the light's texels with their two integers, `lit` and `end`, and the casters that
+ * both come from.
+ *
+ * lit: number of voxels of the column whose centre lies before the first caster. end: number of
+ * voxels whose centre lies before the end of the first undefined region, never less than lit.
+ * Without the closed rule end = lit, and the two share one array. Background: both are `size`.
+ *
+ * Texels are stored by 8x8 blocks, row by row in a block, blocks row by row in the tile: what the
+ * build reads together lies together. Above them a pyramid holds the greatest lit and the least
+ * end of each square of 8, 16, .. texels up to the tile. A square whose pyramid says "background
+ * only" may have texels that were never written; the build does not read them.
+ *
+ * Threads: disjoint blocks of UMBB_BLOCK texels may be filled at once.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+
+#define UMBB_BLOCK_LOG2 8
+#define UMBB_BLOCK                                                                                 \
+    (1 << UMBB_BLOCK_LOG2) /* texels a side of the unit of depth work: fits the second-level cache \
+                            */
+
+/* How a triangle takes part. */
+enum umbb_caster {
+    UMBB_CASTER_OPEN = 0,           /* casts; bounds no solid */
+    UMBB_CASTER_CLOSED = 1,         /* of a closed part, winding outward */
+    UMBB_CASTER_CLOSED_FLIPPED = 2, /* of a closed part, winding inward */
+};
+
+struct umbb_casters {
+    const double (*corners)[3][3]; /* [count] triangle, corner, x y z in voxel space */
+    const uint8_t *kinds;          /* [count] enum umbb_caster */
+    size_t count;                  /* at most UINT32_MAX - 1 */
+    int32_t size;                  /* voxels a side of the frustum, a power of two */
+    int closed_rule;               /* 0: every caster counts as open */
+};
+
+struct umbb_tile {
+    int32_t x0, y0; /* first texel */
+    uint32_t log2_size;
+    int32_t size;                        /* texels a side */
+    int32_t *lit;                        /* [size * size] by 8x8 blocks */
+    int32_t *end;                        /* the same; equals `lit` without the closed rule */
+    int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
+    int32_t *min_end[UMB_LEVEL_MAX + 1];
+    int32_t *memory;
+};
+
+/* Bytes that a tile takes, saturating at SIZE_MAX. */
+size_t umbb_tile_bytes(uint32_t log2_size, int closed_rule);
+
+/* Allocates the arrays. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size,
+                                           int closed_rule, struct umb_error *error);
+void umbb_tile_finish(struct umbb_tile *tile);
+
+/* Index of texel (x, y) of the tile (relative to x0, y0) in lit and end. */
+static inline size_t umbb_tile_index(const struct umbb_tile *tile, int32_t x, int32_t y)
+{
+    const size_t block = (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
+    return block * 64 + (size_t)((y & 7) * 8 + (x & 7));
+}
+
+/* Marks a square of 8x8 blocks, [bx, bx + n) x [by, by + n), as background in level 3. */
+void umbb_tile_clear(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n, int32_t background);
+
+/* Fills level 3 of the pyramid of the square of 8x8 blocks from its texels. */
+void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n);
+
+/* Fills the pyramid above level 3. */
+void umbb_tile_pyramid(struct umbb_tile *tile);
+
+/*
+ * One step of such a pyramid: n x n squares of greatest lit and least end from 2n x 2n.
+ */
+void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
+                       int32_t *min_end);
+
+/*
+ * A way to get depth. One object serves one bake; begin is called once a tile, block for every
+ * UMBB_BLOCK square (or the whole tile if that is smaller), from any thread.
+ */
+struct umbb_depth {
+    void *state;
+    /* Makes ready for a tile of this place and size; slot 0 or 1: two tiles may be under way. */
+    enum umb_status (*begin)(void *state, int slot, const struct umbb_tile *tile,
+                             struct umb_error *error);
+    /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
+    void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
+                  int32_t by);
+    void (*destroy)(void *state);
+};
+
+/* Texels a side of the blocks of a tile. */
+static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
+{
+    return tile->size < UMBB_BLOCK ? tile->size : UMBB_BLOCK;
+}
+
+/*
+ * Decides lit and end of a texel from its three nearest fragments.
+ *
+ * In: front, back: nearest front and back face of closed parts; open: nearest other face; each as
+ *     `lit` of the fragment, or the background.
+ * From the nearest front face of a closed part to the nearest back face the column is inside that
+ * part: it was entered there, and nothing closed was left before. If anything lies in front of
+ * the nearest front face, nothing is known to be inside, and end = lit.
+ * Source: Sintorn et al. 2014, section 6.1, with the nearest back face instead of their counter
+ * (always valid; the end may come earlier where solids overlap).
+ */
+static inline void umbb_texel_decide(int32_t front, int32_t back, int32_t open, int32_t *lit,
+                                     int32_t *end)
+{
+    int32_t first = back < open ? back : open;
+    first = front < first ? front : first;
+    *lit = first;
+    *end = front == first ? back : first;
+}
+
+#endif

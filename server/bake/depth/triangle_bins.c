@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Binning by counting: one pass counts the entries of each cell, a second writes them.
+ */
+#include "bake/depth/triangle_bins.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */
+struct cell_range {
+    int32_t x0, x1, y0, y1;
+};
+
+/* First and last cell along one axis for the centres in [low, high]; 0 if there are none. */
+static int axis_range(const struct umbb_bins_input *input, int32_t origin, double low, double high,
+                      int32_t *first, int32_t *last)
+{
+    const double limit = (double)((int64_t)input->cells_x << input->cell_log2);
+    const double a = ceil(low - 0.5) - (double)origin, b = floor(high - 0.5) - (double)origin;
+    if (!(a <= b) || b < 0.0 || a >= limit) {
+        return 0;
+    }
+    *first = (int32_t)(a > 0.0 ? a : 0.0) >> input->cell_log2;
+    *last = (int32_t)(b < limit ? b : limit - 1.0) >> input->cell_log2;
+    return 1;
+}
+
+static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
+                          struct cell_range *range)
+{
+    const double(*v)[3] = input->casters->corners[triangle];
+    double low[2], high[2];
+    for (int axis = 0; axis < 2; axis++) {
+        const double a = v[0][axis], b = v[1][axis], c = v[2][axis];
+        low[axis] = a < b ? (a < c ? a : c) : (b < c ? b : c);
+        high[axis] = a > b ? (a > c ? a : c) : (b > c ? b : c);
+    }
+    return axis_range(input, input->x0, low[0], high[0], &range->x0, &range->x1) &&
+           axis_range(input, input->y0, low[1], high[1], &range->y0, &range->y1);
+}
+
+static enum umb_status reserve(struct umbb_bins *bins, uint64_t wanted, struct umb_error *error)
+{
+    if (wanted <= bins->capacity) {
+        return UMB_OK;
+    }
+    uint32_t *entries =
+        wanted > SIZE_MAX / sizeof *entries ? NULL : malloc((size_t)wanted * sizeof *entries);
+    if (entries == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "triangle bins: memory for %llu entries refused",
+                        (unsigned long long)wanted);
+    }
+    free(bins->entries);
+    bins->entries = entries;
+    bins->capacity = wanted;
+    return UMB_OK;
+}
+
+enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_input *input,
+                               struct umb_error *error)
+{
+    const uint32_t n = input->cells_x;
+    const size_t cells = (size_t)n * n;
+    if (bins->first == NULL || bins->cells_x != n) {
+        free(bins->first);
+        bins->cells_x = n;
+        bins->first = malloc((cells + 1) * sizeof *bins->first);
+        if (bins->first == NULL) {
+            bins->cells_x = 0;
+            return umb_fail(error, UMB_E_NO_MEMORY, "triangle bins: memory for %zu cells refused",
+                            cells);
+        }
+    }
+    memset(bins->first, 0, (cells + 1) * sizeof *bins->first);
+    const size_t count = input->all ? input->casters->count : input->count;
+    struct cell_range r;
+    for (size_t i = 0; i < count; i++) {
+        if (triangle_cells(input, input->all ? (uint32_t)i : input->list[i], &r)) {
+            for (int32_t y = r.y0; y <= r.y1; y++) {
+                for (int32_t x = r.x0; x <= r.x1; x++) {
+                    bins->first[(size_t)y * n + (size_t)x]++;
+                }
+            }
+        }
+    }
+    uint64_t total = 0;
+    for (size_t i = 0; i <= cells; i++) { /* each cell's end for now; filling counts it down */
+        total += bins->first[i];
+        bins->first[i] = total;
+    }
+    const enum umb_status status = reserve(bins, total, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = count; i-- > 0;) {
+        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
+        if (triangle_cells(input, triangle, &r)) {
+            for (int32_t y = r.y0; y <= r.y1; y++) {
+                for (int32_t x = r.x0; x <= r.x1; x++) {
+                    bins->entries[--bins->first[(size_t)y * n + (size_t)x]] = triangle;
+                }
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+void umbb_bins_finish(struct umbb_bins *bins)
+{
+    free(bins->first);
+    free(bins->entries);
+    memset(bins, 0, sizeof *bins);
+}

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_DEPTH_TRIANGLE_BINS_H
+#define UMBRAGE_SERVER_BAKE_DEPTH_TRIANGLE_BINS_H
+/*
+ * Which triangles may touch which cell of a square grid of texels.
+ *
+ * A triangle is listed in every cell that holds a texel centre of its bounding box; cells list
+ * triangles in ascending order. Used twice: the whole map into tiles, a tile into blocks.
+ */
+#include "bake/depth/tile.h"
+
+struct umbb_bins {
+    uint32_t cells_x;  /* a side of the grid */
+    uint64_t *first;   /* [cells + 1], where a cell's list starts */
+    uint32_t *entries; /* [first[cells]] triangle numbers */
+    uint64_t capacity; /* of entries, kept between fills */
+};
+
+/* What to bin: all casters or those in `list`, in the square that starts at x0, y0. */
+struct umbb_bins_input {
+    const struct umbb_casters *casters;
+    const uint32_t *list; /* caster numbers, ascending; not read if count is 0 or all is 1 */
+    size_t count;         /* of list */
+    int all;              /* 1: every caster */
+    int32_t x0, y0;
+    uint32_t cell_log2; /* texels a side of a cell */
+    uint32_t cells_x;   /* cells a side; at most 4096 */
+};
+
+/* Fills bins, reusing its memory. Start from a zeroed struct. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_bins_fill(struct umbb_bins *bins,
+                                           const struct umbb_bins_input *input,
+                                           struct umb_error *error);
+void umbb_bins_finish(struct umbb_bins *bins);
+
+#endif

@@ -1,0 +1,303 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * glTF, GLB and STL through Assimp 5.2.5. Only format and content that umbb_import_detect let pass
+ * come here, under a name of our own, so that Assimp has no choice of importer but ours.
+ *
+ * Flags: ValidateDataStructure and Triangulate and no other: without the first, broken files crash
+ * later steps; the rest (merging, flattening, normals) is not needed, or done by our own code.
+ * The validator refuses lights, cameras and animations whose node's name is not unique, which
+ * valid glTF may have. They are none of the meshes' business, so they step aside while it runs.
+ */
+#include <assimp/GltfMaterial.h>
+#include <assimp/cimport.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/import/assimp_files.h"
+#include "bake/import/assimp_nodes.h"
+#include "bake/import/face_builder.h"
+#include "bake/import/gltf_guard.h"
+#include "common/scene_text.h"
+
+/* Parts of a scene that the validator must not see. */
+struct aside {
+    struct aiLight **lights;
+    struct aiCamera **cameras;
+    struct aiAnimation **animations;
+    unsigned light_count, camera_count, animation_count;
+};
+
+static void step_aside(struct aiScene *scene, struct aside *aside)
+{
+    *aside = (struct aside){
+        .lights = scene->mLights,
+        .cameras = scene->mCameras,
+        .animations = scene->mAnimations,
+        .light_count = scene->mNumLights,
+        .camera_count = scene->mNumCameras,
+        .animation_count = scene->mNumAnimations,
+    };
+    scene->mLights = NULL;
+    scene->mCameras = NULL;
+    scene->mAnimations = NULL;
+    scene->mNumLights = scene->mNumCameras = scene->mNumAnimations = 0;
+}
+
+static void step_back(struct aiScene *scene, const struct aside *aside)
+{
+    scene->mLights = aside->lights;
+    scene->mCameras = aside->cameras;
+    scene->mAnimations = aside->animations;
+    scene->mNumLights = aside->light_count;
+    scene->mNumCameras = aside->camera_count;
+    scene->mNumAnimations = aside->animation_count;
+}
+
+/* Assimp's word for a failure, and which file it missed. */
+static enum umb_status assimp_failed(const struct umbb_assimp_files *files,
+                                     struct umb_error *error)
+{
+    char text[160];
+    const char *words = aiGetErrorString();
+    umbs_text_clean(text, sizeof(text), words, strlen(words));
+    if (strstr(text, "bad_alloc") != NULL || strstr(text, "bad allocation") != NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+    }
+    if (strstr(text, "No suitable reader") != NULL) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the file is of an unknown version of its format");
+    }
+    return umb_fail(error, UMB_E_BAD_SCENE, "%s%s%s",
+                    text[0] != '\0' ? text : "Assimp gives no reason",
+                    files->refused[0] != '\0' ? "; " : "", files->refused);
+}
+
+static enum umb_status load(struct umbb_assimp_files *files, const char *name,
+                            struct aiScene **out, struct umb_error *error)
+{
+    /* Static, because a failed validation deletes the scene and leaves these behind: still
+     * reachable until the process ends, which is soon. */
+    static struct aside aside;
+    *out = NULL;
+    /* aiScene is const for those who share it; this one is ours alone. */
+    struct aiScene *scene = (struct aiScene *)(uintptr_t)aiImportFileEx(name, 0, &files->io);
+    if (scene == NULL) {
+        return assimp_failed(files, error);
+    }
+    if (scene->mNumMeshes == 0 || scene->mRootNode == NULL) {
+        aiReleaseImport(scene);
+        return umb_fail(error, UMB_E_BAD_SCENE, "no meshes, so no triangles");
+    }
+    step_aside(scene, &aside);
+    const struct aiScene *checked =
+        aiApplyPostProcessing(scene, aiProcess_ValidateDataStructure | aiProcess_Triangulate);
+    if (checked == NULL) {
+        return assimp_failed(files, error);
+    }
+    step_back(scene, &aside);
+    *out = scene;
+    return UMB_OK;
+}
+
+static double get_float(const struct aiMaterial *source, const char *key, unsigned type,
+                        unsigned index, double otherwise)
+{
+    ai_real value = 0;
+    unsigned count = 1;
+    if (aiGetMaterialFloatArray(source, key, type, index, &value, &count) != aiReturn_SUCCESS ||
+        count < 1 || !isfinite(value)) {
+        return otherwise;
+    }
+    return (double)value;
+}
+
+static double clamp_unit(double value)
+{
+    return value > 0.0 ? (value < 1.0 ? value : 1.0) : 0.0;
+}
+
+static enum umb_status add_material(struct umbs_scene_builder *builder,
+                                    const struct aiMaterial *source, struct umb_error *error)
+{
+    struct umbs_material material = umbs_material_opaque();
+    struct aiString text = {0};
+    if (aiGetMaterialString(source, AI_MATKEY_NAME, &text) == aiReturn_SUCCESS) {
+        umbs_text_clean(material.name, sizeof(material.name), text.data, sizeof(text.data));
+    }
+    memset(&text, 0, sizeof(text));
+    if (aiGetMaterialString(source, AI_MATKEY_GLTF_ALPHAMODE, &text) == aiReturn_SUCCESS) {
+        material.alpha_mode = strcmp(text.data, "MASK") == 0    ? UMBS_ALPHA_MASK
+                              : strcmp(text.data, "BLEND") == 0 ? UMBS_ALPHA_BLEND
+                                                                : UMBS_ALPHA_OPAQUE;
+    }
+    double cutoff = get_float(source, AI_MATKEY_GLTF_ALPHACUTOFF, 0.5);
+    if (cutoff > 1.0 && material.alpha_mode == UMBS_ALPHA_MASK) {
+        umbs_scene_warn(builder, "material '%s': alphaCutoff %g is taken as 1", material.name,
+                        cutoff);
+    }
+    material.alpha_cutoff = (float)clamp_unit(cutoff);
+    int sided = 0;
+    unsigned count = 1;
+    if (aiGetMaterialIntegerArray(source, AI_MATKEY_TWOSIDED, &sided, &count) == aiReturn_SUCCESS) {
+        material.double_sided = sided != 0;
+    }
+    struct aiColor4D color = {1, 1, 1, 1};
+    if (aiGetMaterialColor(source, AI_MATKEY_BASE_COLOR, &color) == aiReturn_SUCCESS) {
+        material.base_alpha = (float)clamp_unit((double)color.a);
+    }
+    return umbs_scene_add_material(builder, &material, error);
+}
+
+static enum umb_status add_vertices(struct umbs_scene_builder *builder, const struct aiMesh *mesh,
+                                    struct umb_error *error)
+{
+    const struct aiVector3D *uvs = mesh->mTextureCoords[0];
+    for (unsigned i = 0; i < mesh->mNumVertices; i++) {
+        const struct aiVector3D *at = &mesh->mVertices[i];
+        const double position[3] = {(double)at->x, (double)at->y, (double)at->z};
+        float uv[2] = {0.0F, 0.0F};
+        if (uvs != NULL && isfinite(uvs[i].x) && isfinite(uvs[i].y)) {
+            uv[0] = uvs[i].x;
+            uv[1] = uvs[i].y;
+        }
+        enum umb_status status =
+            umbs_scene_add_vertex(builder, position, uvs != NULL ? uv : NULL, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* Appends the triangles of a mesh; its vertices start at `first`. Points and lines cast nothing. */
+static enum umb_status add_faces(struct umbb_faces *faces, const struct aiMesh *mesh,
+                                 uint32_t first, struct umb_error *error)
+{
+    for (unsigned i = 0; i < mesh->mNumFaces; i++) {
+        const struct aiFace *face = &mesh->mFaces[i];
+        for (unsigned k = 0; face->mNumIndices >= 3 && k < face->mNumIndices; k++) {
+            unsigned index = face->mIndices[k];
+            enum umb_status status = umbb_face_corner(
+                faces, index < mesh->mNumVertices ? (uint64_t)first + index : UMBB_BAD_CORNER,
+                error);
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+        enum umb_status status = face->mNumIndices >= 3 ? umbb_face_end(faces, error) : UMB_OK;
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* One mesh; corner numbers become numbers within it. Out: index of the builder's mesh or none. */
+static enum umb_status add_mesh(struct umbb_faces *faces, const struct aiMesh *mesh,
+                                int has_materials, uint32_t *index, struct umb_error *error)
+{
+    struct umbs_scene_builder *builder = faces->scene;
+    uint32_t first_vertex = (uint32_t)builder->positions.count;
+    size_t first_triangle = builder->triangles.count;
+    *index = UMBS_NO_INDEX;
+    if (mesh->mVertices == NULL || mesh->mFaces == NULL) {
+        return UMB_OK;
+    }
+    enum umb_status status = add_vertices(builder, mesh, error);
+    if (status == UMB_OK) {
+        status = add_faces(faces, mesh, first_vertex, error);
+    }
+    uint32_t count = (uint32_t)(builder->triangles.count - first_triangle);
+    if (status != UMB_OK || count == 0) {
+        return status;
+    }
+    uint32_t(*triangles)[3] = builder->triangles.data;
+    for (size_t i = first_triangle; i < builder->triangles.count; i++) {
+        for (int k = 0; k < 3; k++) {
+            triangles[i][k] -= first_vertex;
+        }
+    }
+    uint32_t material = has_materials && mesh->mMaterialIndex < builder->materials.count
+                            ? mesh->mMaterialIndex
+                            : UMBS_NO_INDEX;
+    status = umbs_scene_end_mesh(builder, first_vertex, mesh->mNumVertices, count, material, error);
+    if (status == UMB_OK) {
+        *index = (uint32_t)builder->meshes.count - 1;
+    }
+    return status;
+}
+
+static void warn_about_losses(struct umbs_scene_builder *builder, const struct aiScene *scene)
+{
+    unsigned skinned = 0;
+    unsigned morphed = 0;
+    for (unsigned i = 0; i < scene->mNumMeshes; i++) {
+        skinned += scene->mMeshes[i]->mNumBones > 0;
+        morphed += scene->mMeshes[i]->mNumAnimMeshes > 0;
+    }
+    if (skinned > 0) {
+        umbs_scene_warn(builder, "%u skinned meshes are taken in their rest pose", skinned);
+    }
+    if (morphed > 0) {
+        umbs_scene_warn(builder, "%u meshes with morph targets are taken without them", morphed);
+    }
+    if (scene->mNumAnimations > 0) {
+        umbs_scene_warn(builder, "%u animations are ignored: the scene is taken as static",
+                        scene->mNumAnimations);
+    }
+}
+
+static enum umb_status convert(struct umbs_scene_builder *builder, const struct aiScene *scene,
+                               int has_materials, struct umb_error *error)
+{
+    struct umbb_faces faces;
+    umbb_faces_init(&faces, builder);
+    uint32_t *mesh_of = calloc(scene->mNumMeshes, sizeof(*mesh_of));
+    enum umb_status status = UMB_OK;
+    if (mesh_of == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+    }
+    for (unsigned i = 0; status == UMB_OK && has_materials && i < scene->mNumMaterials; i++) {
+        status = add_material(builder, scene->mMaterials[i], error);
+    }
+    for (unsigned i = 0; status == UMB_OK && i < scene->mNumMeshes; i++) {
+        status = add_mesh(&faces, scene->mMeshes[i], has_materials, &mesh_of[i], error);
+    }
+    if (status == UMB_OK) {
+        warn_about_losses(builder, scene);
+        status = umbb_assimp_nodes(scene, mesh_of, builder, error);
+    }
+    if (status == UMB_OK && builder->world_triangles == 0) {
+        status = umb_fail(error, UMB_E_BAD_SCENE, "no node shows a triangle (%u meshes, %zu "
+                          "triangles, %u faces dropped)", scene->mNumMeshes,
+                          builder->triangles.count, builder->dropped_faces);
+    }
+    free(mesh_of);
+    umbb_faces_finish(&faces);
+    return status;
+}
+
+enum umb_status umbb_assimp_read(struct umbb_import *job, enum umbb_kind kind,
+                                 struct umb_error *error)
+{
+    struct umbb_assimp_files files;
+    const char *name = kind == UMBB_KIND_GLTF  ? "scene.gltf"
+                       : kind == UMBB_KIND_GLB ? "scene.glb"
+                                               : "scene.stl";
+    umbb_assimp_files_init(&files, job, name);
+    struct aiScene *scene = NULL;
+    enum umb_status status = UMB_OK;
+    if (kind != UMBB_KIND_STL) {
+        status = umbb_gltf_guard(job, kind, error);
+    }
+    if (status == UMB_OK) {
+        status = load(&files, name, &scene, error);
+    }
+    if (status == UMB_OK) {
+        status = convert(&job->scene, scene, kind != UMBB_KIND_STL, error);
+        aiReleaseImport(scene);
+    }
+    return status;
+}

@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Faces into triangles (face_builder.h). Degenerate triangles pass: the bake drops and counts. */
+#include "bake/import/face_builder.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/scene_buffer.h"
+
+void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene)
+{
+    memset(faces, 0, sizeof(*faces));
+    faces->scene = scene;
+}
+
+void umbb_faces_finish(struct umbb_faces *faces)
+{
+    free(faces->corners.data);
+    umbb_polygon_finish(&faces->polygon);
+    memset(faces, 0, sizeof(*faces));
+}
+
+static int is_usable(const struct umbs_scene_builder *scene, uint64_t vertex)
+{
+    if (vertex >= scene->positions.count) {
+        return 0;
+    }
+    const double *position = (const double *)scene->positions.data + 3 * vertex;
+    return fabs(position[0]) <= UMBS_COORDINATE_MAX && fabs(position[1]) <= UMBS_COORDINATE_MAX &&
+           fabs(position[2]) <= UMBS_COORDINATE_MAX; /* false for NaN */
+}
+
+enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex,
+                                 struct umb_error *error)
+{
+    if (faces->corners.count >= UMBB_POLYGON_CORNERS_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "a face has more than %u corners",
+                        UMBB_POLYGON_CORNERS_MAX);
+    }
+    uint32_t *room = umbs_array_reserve(&faces->corners, 1, sizeof(*room));
+    if (room == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face");
+    }
+    if (is_usable(faces->scene, vertex)) {
+        *room = (uint32_t)vertex; /* a builder never holds more than 2^32 - 1 vertices */
+    } else {
+        *room = 0;
+        faces->bad = 1;
+    }
+    faces->corners.count++;
+    return UMB_OK;
+}
+
+static enum umb_status add_polygon(struct umbb_faces *faces, const uint32_t *corners,
+                                   uint32_t count, struct umb_error *error)
+{
+    struct umbb_polygon *polygon = &faces->polygon;
+    enum umb_status status = umbb_polygon_reserve(polygon, count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const double *positions = faces->scene->positions.data;
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(polygon->points[i], positions + 3 * (size_t)corners[i], 3 * sizeof(double));
+    }
+    umbb_polygon_triangulate(polygon, count);
+    for (uint32_t i = 0; status == UMB_OK && i + 2 < count; i++) {
+        const uint32_t *made = polygon->triangles[i];
+        uint32_t triangle[3] = {corners[made[0]], corners[made[1]], corners[made[2]]};
+        status = umbs_scene_add_triangle(faces->scene, triangle, error);
+    }
+    return status;
+}
+
+enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error)
+{
+    const uint32_t *corners = faces->corners.data;
+    uint32_t count = (uint32_t)faces->corners.count;
+    enum umb_status status = UMB_OK;
+    if (faces->bad || count < 3) {
+        faces->scene->dropped_faces += faces->scene->dropped_faces < UINT32_MAX;
+    } else if (count == 3) {
+        status = umbs_scene_add_triangle(faces->scene, corners, error);
+    } else {
+        status = add_polygon(faces, corners, count, error);
+    }
+    faces->corners.count = 0;
+    faces->bad = 0;
+    return status;
+}

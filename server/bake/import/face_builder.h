@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_FACE_BUILDER_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_FACE_BUILDER_H
+/*
+ * Faces of any number of corners into triangles of a scene; faces that cannot be used are dropped
+ * and counted in scene->dropped_faces.
+ *
+ *     umbb_face_corner(&faces, vertex, &error) for each corner; umbb_face_end(&faces, &error);
+ */
+#include "bake/import/polygon_clip.h"
+#include "common/scene_builder.h"
+
+#define UMBB_BAD_CORNER UINT64_MAX
+
+struct umbb_faces {
+    struct umbs_scene_builder *scene; /* borrowed */
+    struct umbs_array corners;        /* uint32_t: vertices of the face so far */
+    int bad;                          /* the face so far cannot be used */
+    struct umbb_polygon polygon;
+};
+
+void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene);
+void umbb_faces_finish(struct umbb_faces *faces);
+
+/* Adds a corner. vertex: number in scene->positions, or anything beyond (a bad index). */
+UMB_CHECKED enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex,
+                                             struct umb_error *error);
+
+/* Ends the face: appends its triangles or drops it. Fails: E_LIMIT, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error);
+
+#endif

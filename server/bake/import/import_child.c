@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The importer's process (import_child.h): limit, map, detect, read, write.
+ *
+ * The limit of the address space is set before a byte of the scene is looked at. Sanitizers reserve
+ * terabytes of address space, so their builds go without that one limit.
+ */
+#include "bake/import/import_child.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "bake/import/import_job.h"
+#include "bake/import/text_number.h"
+#include "common/scene_contract.h"
+#include "common/scene_text.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) ||                         \
+    __has_feature(memory_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+#ifndef SANITIZED
+#define SANITIZED 0
+#endif
+
+#define EXIT_USAGE 2
+#define EXIT_READ 74
+
+/* Writes the one sentence; its reader is a pipe that may be gone, which changes nothing. */
+static void say(const char *name, const char *message)
+{
+    char shown[160];
+    char line[512];
+    umbs_text_clean(shown, sizeof(shown), name, strlen(name));
+    int length = snprintf(line, sizeof(line), "%s: %s\n", shown, message);
+    if (length > 0) {
+        size_t count = (size_t)length < sizeof(line) ? (size_t)length : sizeof(line) - 1;
+        ssize_t written = write(STDERR_FILENO, line, count);
+        (void)written;
+    }
+}
+
+static int parse_argument(const char *text, uint64_t *value)
+{
+    struct umbb_cursor cursor = {text, text + strlen(text)};
+    int64_t number;
+    if (!umbb_take_integer(&cursor, &number) || cursor.at != cursor.end || number <= 0) {
+        return 0;
+    }
+    *value = (uint64_t)number;
+    return 1;
+}
+
+static int limit_memory(uint64_t bytes)
+{
+    struct rlimit value;
+    if (SANITIZED) {
+        return 1;
+    }
+    if (getrlimit(RLIMIT_AS, &value) != 0) {
+        return 0;
+    }
+    if (value.rlim_max == RLIM_INFINITY || bytes < value.rlim_max) {
+        value.rlim_max = bytes;
+    }
+    value.rlim_cur = value.rlim_max;
+    return setrlimit(RLIMIT_AS, &value) == 0;
+}
+
+static enum umb_status write_output(void *user, const void *bytes, size_t count)
+{
+    int fd = *(const int *)user;
+    const char *at = bytes;
+    while (count > 0) {
+        size_t step = count < (1U << 30) ? count : 1U << 30;
+        ssize_t written = write(fd, at, step);
+        if (written < 0 && errno == EINTR) {
+            continue;
+        }
+        if (written <= 0) {
+            return errno == EFBIG || errno == ENOSPC || errno == ENOMEM ? UMB_E_LIMIT : UMB_E_IO;
+        }
+        at += written;
+        count -= (size_t)written;
+    }
+    return UMB_OK;
+}
+
+static enum umb_status read_scene(struct umbb_import *job, enum umbb_kind kind,
+                                  uint64_t max_triangles, struct umb_error *error)
+{
+    static const enum umbs_format formats[] = {
+        [UMBB_KIND_GLTF] = UMBS_FORMAT_GLTF, [UMBB_KIND_GLB] = UMBS_FORMAT_GLTF,
+        [UMBB_KIND_OBJ] = UMBS_FORMAT_OBJ,   [UMBB_KIND_PLY] = UMBS_FORMAT_PLY,
+        [UMBB_KIND_STL] = UMBS_FORMAT_STL,
+    };
+    umbs_scene_builder_init(&job->scene, formats[kind], formats[kind] != UMBS_FORMAT_GLTF,
+                            max_triangles);
+    switch (kind) {
+    case UMBB_KIND_OBJ:
+        return umbb_obj_read(job, error);
+    case UMBB_KIND_PLY:
+        return umbb_ply_read(job, error);
+    case UMBB_KIND_GLTF:
+    case UMBB_KIND_GLB:
+    case UMBB_KIND_STL:
+        break;
+    }
+    return umbb_assimp_read(job, kind, error);
+}
+
+static enum umb_status import(const char *name, uint64_t max_input, uint64_t max_triangles,
+                              struct umb_error *error)
+{
+    struct umbb_import job = {.folder = UMBS_CHILD_FD_FOLDER, .max_input_bytes = max_input};
+    int output = UMBS_CHILD_FD_OUTPUT;
+    const struct umb_sink sink = {write_output, &output};
+    enum umbb_kind kind;
+    enum umb_status status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
+    if (status == UMB_OK) {
+        status = umbb_import_detect(name, &job.file, &kind, error);
+    }
+    if (status == UMB_OK) {
+        status = read_scene(&job, kind, max_triangles, error);
+    }
+    if (status == UMB_OK && job.scene.dropped_faces > 0) {
+        umbs_scene_warn(&job.scene,
+                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
+                        job.scene.dropped_faces);
+    }
+    umbb_file_unmap(&job.file);
+    if (status == UMB_OK) {
+        status = umbs_scene_builder_write(&job.scene, &sink, error);
+    }
+    umbs_scene_builder_finish(&job.scene);
+    return status;
+}
+
+int umbb_import_child(int argc, char **argv)
+{
+    uint64_t max_memory, max_input, max_triangles;
+    struct umb_error error = {0};
+    /* Writing past RLIMIT_FSIZE is then an error with a sentence instead of a death. */
+    (void)signal(SIGXFSZ, SIG_IGN);
+    if (argc != UMBS_CHILD_ARG_COUNT ||
+        !parse_argument(argv[UMBS_CHILD_ARG_MAX_MEMORY], &max_memory) ||
+        !parse_argument(argv[UMBS_CHILD_ARG_MAX_INPUT], &max_input) ||
+        !parse_argument(argv[UMBS_CHILD_ARG_MAX_TRIANGLES], &max_triangles)) {
+        say(UMBS_CHILD_COMMAND, "is started by umbrage itself, not by people");
+        return EXIT_USAGE;
+    }
+    const char *name = argv[UMBS_CHILD_ARG_NAME];
+    if (!limit_memory(max_memory)) {
+        say(name, "the importer cannot limit its memory");
+        return EXIT_READ;
+    }
+    enum umb_status status = import(name, max_input, max_triangles, &error);
+    if (status == UMB_OK) {
+        return 0;
+    }
+    if (status == UMB_E_NO_MEMORY) {
+        (void)snprintf(error.message, sizeof(error.message),
+                       "the importer needs more than its limit of %llu MiB of memory",
+                       (unsigned long long)(max_memory >> 20));
+    }
+    say(name, error.message);
+    return umb_status_exit(status);
+}

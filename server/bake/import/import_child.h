@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_CHILD_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_CHILD_H
+/*
+ * The importer's process: everything that parses foreign scene bytes, and nothing else, runs here.
+ *
+ *     umbrage-bake import-child NAME MAX_MEMORY MAX_INPUT MAX_TRIANGLES
+ *
+ * Started by umbs_scene_import only; people never type it. Descriptors (scene_contract.h):
+ *     0, 1  /dev/null
+ *     2     gets at most one line: the sentence that says why the scene is refused
+ *     3     the scene file
+ *     4     its folder; files that the scene names (.mtl, .bin) are opened beneath it by relative
+ *           names; absolute names, "..", and symbolic links that leave it are refused
+ *     5     an empty memfd; gets the scene buffer (scene_buffer.h)
+ *
+ * Exit codes: 0 the buffer is complete; 65 the scene cannot be used; 74 reading or writing failed;
+ * 75 over a limit of memory, size or triangles; 2 called wrongly.
+ *
+ * Formats, by extension and content: .gltf .glb (Assimp), .stl (Assimp), .obj and .ply (own
+ * readers, because no packaged C library keeps their doubles). World space: metres; y up for glTF,
+ * z up for the others. Texture coordinates: v grows upwards, for all formats.
+ */
+
+/*
+ * Runs the importer; argv as the process got it, argv[1] is "import-child".
+ *
+ * Out:   returns the exit code. The process is to end after it: limits stay set.
+ * Trust: safe on hostile scene files as far as Assimp is; hence the process.
+ */
+int umbb_import_child(int argc, char **argv);
+
+#endif

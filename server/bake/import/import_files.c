@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Files of a scene (import_files.h).
+ *
+ * openat2 with RESOLVE_BENEATH lets the kernel prove, without a race, that a name does not leave
+ * the folder (Linux 5.6). Where it is missing, each component is opened on its own and symbolic
+ * links are refused altogether. Source: openat2(2).
+ */
+#define _GNU_SOURCE /* openat2's numbers, O_PATH, syscall */
+#include "bake/import/import_files.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/openat2.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#define NAME_BYTES 1024
+
+enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
+                              struct umb_error *error)
+{
+    memset(file, 0, sizeof(*file));
+    file->bytes = "";
+    struct stat facts;
+    if (fstat(fd, &facts) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot look at the file");
+    }
+    if (!S_ISREG(facts.st_mode)) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "not a regular file");
+    }
+    uint64_t size = (uint64_t)facts.st_size;
+    if (size > max_bytes || size > SIZE_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "file has %llu bytes, limit %llu",
+                        (unsigned long long)size, (unsigned long long)max_bytes);
+    }
+    if (size == 0) {
+        return UMB_OK;
+    }
+    void *map = mmap(NULL, (size_t)size, PROT_READ, MAP_PRIVATE, fd, 0);
+    if (map == MAP_FAILED) {
+        return errno == ENOMEM
+                   ? umb_fail(error, UMB_E_NO_MEMORY, "no memory to map %llu bytes",
+                              (unsigned long long)size)
+                   : umb_fail_errno(error, UMB_E_IO, errno, "cannot map the file");
+    }
+    (void)posix_madvise(map, (size_t)size, POSIX_MADV_SEQUENTIAL);
+    file->map = map;
+    file->bytes = map;
+    file->size = (size_t)size;
+    return UMB_OK;
+}
+
+/* One component at a time, no symbolic links. Returns a descriptor, or -1 and errno. */
+static int walk_beneath(int folder, char *name)
+{
+    int at = dup(folder);
+    char *rest = name;
+    while (at >= 0) {
+        char *slash = strchr(rest, '/');
+        if (slash != NULL) {
+            *slash = '\0';
+        }
+        int flags = slash != NULL ? O_PATH | O_DIRECTORY : O_RDONLY | O_NONBLOCK | O_NOCTTY;
+        int next = openat(at, *rest != '\0' ? rest : ".", flags | O_NOFOLLOW | O_CLOEXEC);
+        int saved = errno;
+        (void)close(at);
+        errno = saved;
+        at = next;
+        if (slash == NULL) {
+            break;
+        }
+        rest = slash + 1;
+    }
+    return at;
+}
+
+static int open_beneath(int folder, char *name)
+{
+    struct open_how how = {
+        .flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY,
+        .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS,
+    };
+    long fd = syscall(SYS_openat2, folder, name, &how, sizeof(how));
+    if (fd < 0 && (errno == ENOSYS || errno == EPERM)) {
+        return walk_beneath(folder, name);
+    }
+    return (int)fd;
+}
+
+/* Copies a name and refuses what no name beneath a folder needs. */
+static enum umb_status clean_name(const char *name, size_t length, char out[NAME_BYTES],
+                                  struct umb_error *error)
+{
+    if (length == 0 || length >= NAME_BYTES || memchr(name, '\0', length) != NULL) {
+        return umb_fail(error, UMB_E_PERMISSION, "a file name of %zu bytes is refused, limit %d",
+                        length, NAME_BYTES - 1);
+    }
+    memcpy(out, name, length);
+    out[length] = '\0';
+    for (char *at = out; *at != '\0'; at++) {
+        if (*at == '\\') {
+            *at = '/';
+        }
+    }
+    if (out[0] == '/') {
+        return umb_fail(error, UMB_E_PERMISSION, "absolute file name '%.100s' is refused", out);
+    }
+    for (const char *at = out; at != NULL; at = strchr(at, '/')) {
+        at += *at == '/';
+        if (strncmp(at, "..", 2) == 0 && (at[2] == '/' || at[2] == '\0')) {
+            return umb_fail(error, UMB_E_PERMISSION, "file name '%.100s' with '..' is refused", out);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_file_map_beneath(int folder, const char *name, size_t length,
+                                      uint64_t max_bytes, struct umbb_file *file,
+                                      struct umb_error *error)
+{
+    char clean[NAME_BYTES];
+    memset(file, 0, sizeof(*file));
+    enum umb_status status = clean_name(name, length, clean, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    int fd = open_beneath(folder, clean);
+    if (fd < 0) {
+        int saved = errno;
+        int leaves = saved == EXDEV || saved == ELOOP || saved == EACCES;
+        return umb_fail_errno(error, leaves ? UMB_E_PERMISSION : UMB_E_NOT_FOUND, saved,
+                              "file '%.100s'", clean);
+    }
+    status = umbb_file_map(fd, max_bytes, file, error);
+    (void)close(fd);
+    return status;
+}
+
+void umbb_file_unmap(struct umbb_file *file)
+{
+    if (file->map != NULL) {
+        (void)munmap(file->map, file->size);
+    }
+    memset(file, 0, sizeof(*file));
+}

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_FILES_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_FILES_H
+/*
+ * Files of a scene, mapped read only: the scene file itself and what it names beneath its folder.
+ * A file that shrinks while it is mapped kills the importer's process, and only that.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+struct umbb_file {
+    const char *bytes; /* never NULL once mapped, not NUL-terminated */
+    size_t size;
+    void *map; /* NULL if size is 0 */
+};
+
+/* Maps the file behind a descriptor. Fails: E_LIMIT (more than max_bytes), E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
+                                          struct umb_error *error);
+
+/*
+ * Opens and maps a file that the scene names.
+ *
+ * In:    folder: descriptor of the scene's folder. name: char[length], as the scene wrote it;
+ *        '\' counts as '/'.
+ * Fails: E_PERMISSION (absolute, "..", leaves the folder, a symbolic link that does), E_NOT_FOUND
+ *        (missing, or not a regular file), E_LIMIT, E_IO, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_file_map_beneath(int folder, const char *name, size_t length,
+                                                  uint64_t max_bytes, struct umbb_file *file,
+                                                  struct umb_error *error);
+
+/* Unmaps. Harmless on a zeroed struct. */
+void umbb_file_unmap(struct umbb_file *file);
+
+#endif

@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_JOB_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_JOB_H
+/*
+ * One import inside the importer's process, and the readers that do it. Each reader appends meshes,
+ * materials, lights and instances to job->scene.
+ *
+ * Status of readers: E_BAD_SCENE with a sentence without the file's name (umbb_import_child puts
+ * it in front), E_NO_MEMORY, E_LIMIT. A face that cannot be used (a corner that is not finite, a
+ * bad index, fewer than 3 corners) is dropped and counted, never an error by itself.
+ * Trust: readers are safe on hostile bytes.
+ */
+#include "bake/import/import_files.h"
+#include "common/scene_builder.h"
+
+struct umbb_import {
+    struct umbb_file file;     /* the scene file */
+    int folder;                /* descriptor */
+    uint64_t max_input_bytes;  /* of any file */
+    struct umbs_scene_builder scene;
+};
+
+/* What kind of file it is; the two glTF containers and the PLY and STL flavours are told apart. */
+enum umbb_kind {
+    UMBB_KIND_GLTF = 0,
+    UMBB_KIND_GLB,
+    UMBB_KIND_OBJ,
+    UMBB_KIND_PLY,
+    UMBB_KIND_STL,
+};
+
+/*
+ * Decides the kind: by the extension of name, which the content must not contradict.
+ *
+ * Fails: E_BAD_SCENE.
+ */
+UMB_CHECKED enum umb_status umbb_import_detect(const char *name, const struct umbb_file *file,
+                                               enum umbb_kind *kind, struct umb_error *error);
+
+UMB_CHECKED enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error);
+
+/* glTF, GLB and STL, through Assimp. */
+UMB_CHECKED enum umb_status umbb_assimp_read(struct umbb_import *job, enum umbb_kind kind,
+                                             struct umb_error *error);
+
+#endif

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_MTL_READER_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_MTL_READER_H
+/* The part of Wavefront MTL that matters to shadows: d, Tr, map_d. */
+#include "bake/import/import_files.h"
+#include "bake/import/material_table.h"
+#include "bake/import/text_number.h"
+
+/* Takes one line off the cursor, without its end; returns 0 at the end of the text. */
+int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line);
+
+/* The rest of a line without blanks around it, as names with blanks inside need. */
+struct umbb_cursor umbb_trim(struct umbb_cursor line);
+
+/*
+ * Reads a material library.
+ *
+ * d (or 1 - Tr where there is no d) below 1 makes a material BLEND with that alpha; map_d makes it
+ * MASK at 0.5. Everything else is passed over.
+ * Fails: E_LIMIT, E_NO_MEMORY. Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umbb_mtl_read(const struct umbb_file *file,
+                                          struct umbb_material_table *table,
+                                          struct umb_error *error);
+
+#endif

@@ -1,0 +1,423 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; everything else is passed over.
+ *
+ * One pass over the mapped text. A vertex of the scene is a pair (v, vt): the pairs of one v are a
+ * chain, numbered in the order of first use, so that seams of the texture split a vertex and
+ * nothing else does. Triangles are grouped by material at the end, each group a mesh; all meshes
+ * share one range of vertices, and one instance each places them.
+ *
+ * A line `v` that cannot be read still counts (as not finite), or every later face would be wrong.
+ * Indices refer to what stands before the face; forward references are bad indices.
+ * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/import/face_builder.h"
+#include "bake/import/import_job.h"
+#include "bake/import/mtl_reader.h"
+
+#define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
+#define CHAIN_MAX 64              /* longer chains are only searched so far: no quadratic time */
+#define NONE UMBS_NO_INDEX
+
+/* A v line, and the first scene vertex made of it. */
+struct corner_point {
+    double position[3];
+    uint32_t first; /* scene vertex or NONE */
+};
+
+/* What a scene vertex was made of. */
+struct made_of {
+    uint32_t uv;   /* vt number or NONE */
+    uint32_t next; /* scene vertex of the same v, or NONE */
+};
+
+/* The triangles from `first` on, up to the next run, have this material. */
+struct run {
+    uint32_t first;
+    uint32_t material;
+};
+
+struct obj {
+    struct umbb_import *job;
+    struct umbs_array points; /* struct corner_point */
+    struct umbs_array uvs;    /* float[2] */
+    struct umbs_array made;   /* struct made_of, one a scene vertex */
+    struct umbs_array runs;   /* struct run */
+    struct umbb_faces faces;
+    struct umbb_material_table materials;
+    uint64_t line_number;
+    uint64_t face_count;
+};
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+}
+
+static enum umb_status read_vertex(struct obj *obj, struct umbb_cursor line,
+                                   struct umb_error *error)
+{
+    struct corner_point *point = umbs_array_reserve(&obj->points, 1, sizeof(*point));
+    if (point == NULL) {
+        return no_memory(error);
+    }
+    point->first = NONE;
+    for (int k = 0; k < 3; k++) {
+        if (!umbb_take_double(&line, &point->position[k])) {
+            point->position[k] = (double)NAN;
+        }
+    }
+    obj->points.count++;
+    return UMB_OK;
+}
+
+static enum umb_status read_uv(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
+{
+    float *uv = umbs_array_reserve(&obj->uvs, 1, 2 * sizeof(*uv));
+    if (uv == NULL) {
+        return no_memory(error);
+    }
+    for (int k = 0; k < 2; k++) {
+        double value;
+        int good = umbb_take_double(&line, &value) && fabs(value) <= 1e30;
+        uv[k] = good ? (float)value : 0.0F;
+    }
+    obj->uvs.count++;
+    return UMB_OK;
+}
+
+/* The scene vertex of a pair, made if it is new. */
+static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, uint32_t uv,
+                                   uint64_t *vertex, struct umb_error *error)
+{
+    struct made_of *made = obj->made.data;
+    uint32_t at = point->first;
+    for (int steps = 0; at != NONE && steps < CHAIN_MAX; steps++, at = made[at].next) {
+        if (made[at].uv == uv) {
+            *vertex = at;
+            return UMB_OK;
+        }
+    }
+    struct umbs_scene_builder *scene = &obj->job->scene;
+    struct made_of *fresh = umbs_array_reserve(&obj->made, 1, sizeof(*fresh));
+    if (fresh == NULL) {
+        return no_memory(error);
+    }
+    const float *uvs = obj->uvs.data;
+    enum umb_status status = umbs_scene_add_vertex(
+        scene, point->position, uv != NONE ? uvs + 2 * (size_t)uv : NULL, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    fresh->uv = uv;
+    fresh->next = point->first;
+    point->first = (uint32_t)obj->made.count;
+    *vertex = obj->made.count++;
+    return UMB_OK;
+}
+
+/* A one-based or negative reference into `count` items; NONE if it points at nothing. */
+static uint32_t resolve(int64_t reference, size_t count)
+{
+    int64_t limit = count < UINT32_MAX ? (int64_t)count : (int64_t)UINT32_MAX - 1;
+    if (reference > 0 && reference <= limit) {
+        return (uint32_t)(reference - 1);
+    }
+    if (reference < 0 && -reference <= limit) {
+        return (uint32_t)((int64_t)count + reference);
+    }
+    return NONE;
+}
+
+/* One corner: v, v/vt, v//vn, v/vt/vn. */
+static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
+                                   struct umb_error *error)
+{
+    int64_t reference = 0;
+    uint32_t uv = NONE;
+    uint32_t point = NONE;
+    if (umbb_take_integer(line, &reference)) {
+        point = resolve(reference, obj->points.count);
+    }
+    if (line->at < line->end && *line->at == '/') {
+        line->at++;
+        if (umbb_take_integer(line, &reference)) {
+            uv = resolve(reference, obj->uvs.count); /* a bad one costs only the texture */
+        }
+    }
+    if (!umbb_at_blank(line) && *line->at != '/') {
+        point = NONE; /* "1x": no reference at all */
+    }
+    while (!umbb_at_blank(line)) {
+        line->at++; /* the normal, which nobody needs */
+    }
+    uint64_t vertex = UMBB_BAD_CORNER;
+    if (point != NONE) {
+        struct corner_point *points = obj->points.data;
+        enum umb_status status = find_vertex(obj, &points[point], uv, &vertex, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return umbb_face_corner(&obj->faces, vertex, error);
+}
+
+static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
+{
+    while (umbb_skip_blanks(&line) && *line.at != '#') {
+        enum umb_status status = read_corner(obj, &line, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    obj->face_count++;
+    return umbb_face_end(&obj->faces, error);
+}
+
+static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
+                                    struct umb_error *error)
+{
+    struct umbb_cursor name = umbb_trim(line);
+    struct run next = {.first = (uint32_t)obj->job->scene.triangles.count};
+    enum umb_status status = umbb_material_get(&obj->materials, name.at,
+                                               (size_t)(name.end - name.at), &next.material, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct run *runs = obj->runs.data;
+    if (obj->runs.count > 0 && (runs[obj->runs.count - 1].material == next.material ||
+                                runs[obj->runs.count - 1].first == next.first)) {
+        runs[obj->runs.count - 1].material = next.material;
+        return UMB_OK;
+    }
+    struct run *room = umbs_array_reserve(&obj->runs, 1, sizeof(*room));
+    if (room == NULL) {
+        return no_memory(error);
+    }
+    *room = next;
+    obj->runs.count++;
+    return UMB_OK;
+}
+
+/* Reads one library, or warns: a scene without its materials still casts shadows. */
+static enum umb_status read_library(struct obj *obj, const char *name, size_t length,
+                                    int *found, struct umb_error *error)
+{
+    struct umbb_file file;
+    struct umb_error why = {0};
+    enum umb_status status = umbb_file_map_beneath(obj->job->folder, name, length,
+                                                   obj->job->max_input_bytes, &file, &why);
+    *found = status == UMB_OK;
+    if (status != UMB_OK) {
+        if (length <= 100) {
+            umbs_scene_warn(&obj->job->scene, "mtllib: %s", why.message);
+        }
+        return status == UMB_E_NO_MEMORY ? no_memory(error) : UMB_OK;
+    }
+    status = umbb_mtl_read(&file, &obj->materials, error);
+    umbb_file_unmap(&file);
+    return status;
+}
+
+/* The whole rest of the line is one name, or each word is one. */
+static enum umb_status read_libraries(struct obj *obj, struct umbb_cursor line,
+                                      struct umb_error *error)
+{
+    struct umbb_cursor names = umbb_trim(line);
+    int found = 0;
+    size_t length = (size_t)(names.end - names.at);
+    int several = length > 0 && memchr(names.at, ' ', length) != NULL;
+    enum umb_status status = UMB_OK;
+    if (length > 0) {
+        status = read_library(obj, names.at, length, &found, error);
+    }
+    while (status == UMB_OK && several && !found && umbb_skip_blanks(&names)) {
+        const char *name;
+        int ignored;
+        length = umbb_take_token(&names, &name);
+        status = read_library(obj, name, length, &ignored, error);
+    }
+    return status;
+}
+
+static int takes_word(struct umbb_cursor *line, const char *word)
+{
+    size_t length = strlen(word);
+    if ((size_t)(line->end - line->at) <= length || memcmp(line->at, word, length) != 0 ||
+        (line->at[length] != ' ' && line->at[length] != '\t')) {
+        return 0;
+    }
+    line->at += length + 1;
+    return 1;
+}
+
+static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
+{
+    if (!umbb_skip_blanks(&line)) {
+        return UMB_OK;
+    }
+    switch (*line.at) {
+    case 'v':
+        if (takes_word(&line, "v")) {
+            return read_vertex(obj, line, error);
+        }
+        return takes_word(&line, "vt") ? read_uv(obj, line, error) : UMB_OK;
+    case 'f':
+        return takes_word(&line, "f") ? read_face(obj, line, error) : UMB_OK;
+    case 'u':
+        return takes_word(&line, "usemtl") ? use_material(obj, line, error) : UMB_OK;
+    case 'm':
+        return takes_word(&line, "mtllib") ? read_libraries(obj, line, error) : UMB_OK;
+    default:
+        return UMB_OK;
+    }
+}
+
+/* Joins a line that ends in a backslash with those after it; '\' and '\n' count as blanks. */
+static void join_lines(struct umbb_cursor *text, struct umbb_cursor *line)
+{
+    for (;;) {
+        const char *last = line->end;
+        last -= last > line->at && last[-1] == '\r';
+        struct umbb_cursor more;
+        if (last == line->at || last[-1] != '\\' || !umbb_take_line(text, &more)) {
+            return;
+        }
+        line->end = more.end;
+    }
+}
+
+static enum umb_status read_text(struct obj *obj, struct umb_error *error)
+{
+    const struct umbb_file *file = &obj->job->file;
+    struct umbb_cursor text = {file->bytes, file->bytes + file->size};
+    struct umbb_cursor line;
+    if (file->size >= 3 && memcmp(file->bytes, "\xef\xbb\xbf", 3) == 0) {
+        text.at += 3;
+    }
+    while (umbb_take_line(&text, &line)) {
+        obj->line_number++;
+        if (line.end > line.at && (line.end[-1] == '\\' || line.end[-1] == '\r')) {
+            join_lines(&text, &line);
+        }
+        if ((size_t)(line.end - line.at) > LINE_BYTES_MAX) {
+            return umb_fail(error, UMB_E_LIMIT, "statement %llu has %zu bytes, limit %u",
+                            (unsigned long long)obj->line_number, (size_t)(line.end - line.at),
+                            LINE_BYTES_MAX);
+        }
+        enum umb_status status = read_line(obj, line, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* The material of run i and where it ends; the run before the first usemtl has none. */
+static struct run get_run(const struct obj *obj, size_t i, uint32_t *end)
+{
+    const struct run *runs = obj->runs.data;
+    struct run run = {0, NONE};
+    if (i > 0) {
+        run = runs[i - 1];
+    }
+    *end = i < obj->runs.count ? runs[i].first : (uint32_t)obj->job->scene.triangles.count;
+    return run;
+}
+
+/* Sorts the triangles by material, keeping their order within one. starts: [materials + 2]. */
+static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3])
+{
+    const struct umbs_scene_builder *scene = &obj->job->scene;
+    const uint32_t(*triangles)[3] = scene->triangles.data;
+    uint32_t end;
+    for (size_t i = 0; i <= obj->runs.count; i++) {
+        struct run run = get_run(obj, i, &end);
+        starts[run.material == NONE ? 1 : run.material + 2] += end - run.first;
+    }
+    for (size_t i = 1; i < scene->materials.count + 2; i++) {
+        starts[i] += starts[i - 1];
+    }
+    for (size_t i = 0; i <= obj->runs.count; i++) {
+        struct run run = get_run(obj, i, &end);
+        uint32_t *to = &starts[run.material == NONE ? 0 : run.material + 1];
+        memcpy(sorted + *to, triangles + run.first, (end - run.first) * sizeof(*sorted));
+        *to += end - run.first;
+    }
+}
+
+static enum umb_status end_meshes(struct obj *obj, struct umb_error *error)
+{
+    struct umbs_scene_builder *scene = &obj->job->scene;
+    size_t groups = scene->materials.count + 1; /* none, then each material */
+    uint32_t *starts = calloc(groups + 1, sizeof(*starts));
+    uint32_t(*sorted)[3] = malloc(scene->triangles.count * sizeof(*sorted));
+    enum umb_status status = UMB_OK;
+    if (starts == NULL || sorted == NULL) {
+        status = no_memory(error);
+        goto done;
+    }
+    group(obj, starts, sorted);
+    free(scene->triangles.data);
+    scene->triangles.data = sorted;
+    scene->triangles.capacity = scene->triangles.count;
+    sorted = NULL;
+    /* Sorting has moved each start to the end of its group. */
+    for (size_t i = 0; status == UMB_OK && i < groups; i++) {
+        uint32_t count = starts[i] - (i > 0 ? starts[i - 1] : 0);
+        if (count == 0) {
+            continue;
+        }
+        status = umbs_scene_end_mesh(scene, 0, (uint32_t)scene->positions.count, count,
+                                     i > 0 ? (uint32_t)(i - 1) : NONE, error);
+        if (status == UMB_OK) {
+            status = umbs_scene_add_instance(scene, (uint32_t)scene->meshes.count - 1, NULL, error);
+        }
+    }
+done:
+    free(starts);
+    free(sorted);
+    return status;
+}
+
+static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
+{
+    struct umbs_scene_builder *scene = &obj->job->scene;
+    if (obj->face_count == 0) {
+        return obj->points.count == 0
+                   ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
+                   : umb_fail(error, UMB_E_BAD_SCENE, "%zu vertices and no faces",
+                              obj->points.count);
+    }
+    if (scene->triangles.count == 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "none of %llu faces can be used (not finite, bad index or fewer than 3 "
+                        "corners)",
+                        (unsigned long long)obj->face_count);
+    }
+    return end_meshes(obj, error);
+}
+
+enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
+{
+    struct obj obj = {.job = job};
+    umbb_faces_init(&obj.faces, &job->scene);
+    umbb_material_table_init(&obj.materials, &job->scene);
+    enum umb_status status = read_text(&obj, error);
+    if (status == UMB_OK) {
+        free(obj.made.data); /* before the sort needs room */
+        obj.made.data = NULL;
+        status = finish_scene(&obj, error);
+    }
+    free(obj.points.data);
+    free(obj.uvs.data);
+    free(obj.made.data);
+    free(obj.runs.data);
+    umbb_faces_finish(&obj.faces);
+    umbb_material_table_finish(&obj.materials);
+    return status;
+}

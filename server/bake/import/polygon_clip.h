@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_POLYGON_CLIP_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_POLYGON_CLIP_H
+/*
+ * Polygons into triangles without adding or dropping a corner.
+ *
+ * Every polygon of n corners gives exactly n - 2 triangles, whatever its shape (self-crossing,
+ * repeated corners, no area), in the polygon's own winding. A simple polygon is covered exactly
+ * once. Corners in a straight line keep their place on an edge, so that neighbours which share
+ * that corner still meet edge to edge.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+#define UMBB_POLYGON_CORNERS_MAX 65536U
+
+/* Working memory, reused from polygon to polygon. Zero it before first use. */
+struct umbb_polygon {
+    double (*points)[3]; /* [capacity], filled by the caller */
+    double (*flat)[2];
+    uint32_t *previous, *next;
+    uint8_t *reflex;
+    uint32_t (*triangles)[3]; /* [capacity], the result: corner numbers */
+    size_t capacity;
+};
+
+/* Makes room for `corners` corners. Fails: E_LIMIT (UMBB_POLYGON_CORNERS_MAX), E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
+                                                 struct umb_error *error);
+
+/*
+ * Fills polygon->triangles with count - 2 triangles.
+ *
+ * In:    polygon->points: double[count][3], finite, count >= 3 and within the room reserved.
+ * Cost:  O(n) for convex polygons, O(n r) as a rule, r the number of reflex corners; O(n^2 r) at
+ *        worst. Allocates nothing.
+ * Source: G. H. Meisters, Polygons have ears, Amer. Math. Monthly 82 (1975); normal of a polygon
+ *        that need not be flat: M. E. Newell, in Sutherland et al. 1974 (ACM Comp. Surveys 6/1).
+ */
+void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count);
+
+void umbb_polygon_finish(struct umbb_polygon *polygon);
+
+#endif

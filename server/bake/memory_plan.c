@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Arithmetic on upper estimates; every figure is bytes. */
+#include "bake/memory_plan.h"
+
+#include "bake/analysis/analysis.h"
+#include "bake/build/tile_loop.h"
+
+#define PROGRAM_BYTES ((uint64_t)8 << 20) /* code, stacks, buffers of the libraries */
+#define CORNER_BYTES  74U                 /* of a triangle while baking */
+#define BIN_BYTES     24U                 /* tile and block bins of a triangle, ordinary scenes */
+#define EMBREE_BYTES  200U                /* user primitive in a hierarchy, while building */
+#define LAYER_BYTES   ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
+#define GRID_CELL     80U                 /* of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN    ((uint64_t)1 << 20) /* the least worth starting with */
+
+/* Everything but the octree and what does not depend on the tile. */
+static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
+{
+    const uint64_t cells = (uint64_t)1 << (2 * (input->log2_size - tile_log2));
+    return umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule) +
+           cells * GRID_CELL;
+}
+
+/* What does not depend on the tile. */
+static uint64_t base_bytes(const struct umbb_memory_input *input)
+{
+    uint64_t triangle = CORNER_BYTES + BIN_BYTES + (input->traced ? EMBREE_BYTES : 0);
+    triangle = triangle > UMBB_TRIANGLE_BYTES ? triangle : UMBB_TRIANGLE_BYTES;
+    return PROGRAM_BYTES + input->scene_bytes + triangle * input->triangles +
+           input->threads * LAYER_BYTES;
+}
+
+enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
+                                   struct umbb_memory_plan *plan, struct umb_error *error)
+{
+    const uint64_t base = base_bytes(input);
+    uint64_t least = UINT64_MAX; /* of the tile sizes tried */
+    for (uint32_t log2 = input->tile_log2; log2 >= UMBB_TILE_LOG2_MIN; log2--) {
+        const uint64_t fixed = base + tile_bytes(input, log2);
+        least = fixed < least ? fixed : least;
+        /* The octree gets at least a third of what a tile leaves, and something in any case. */
+        const uint64_t wanted = fixed + (fixed - base) / 2 + OCTREE_MIN;
+        if (wanted <= input->memory_bytes) {
+            const uint64_t rest = input->memory_bytes - fixed;
+            plan->tile_log2 = log2;
+            plan->fixed_bytes = fixed;
+            plan->octree_max_bytes = rest > SIZE_MAX ? SIZE_MAX : (size_t)rest;
+            return UMB_OK;
+        }
+    }
+    return umb_fail(error, UMB_E_LIMIT,
+                    "--memory: %llu MiB are not enough: %zu triangles at resolution %u need more "
+                    "than %llu MiB",
+                    (unsigned long long)(input->memory_bytes >> 20), input->triangles,
+                    1U << input->log2_size,
+                    (unsigned long long)((least + (least - base) / 2 + OCTREE_MIN) >> 20));
+}

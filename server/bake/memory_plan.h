@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
+#define UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
+/*
+ * How --memory is divided: triangles, depth, tiles; what is left may be taken by the octree.
+ * The tile may come out smaller than asked for; that changes no bit of the result.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+struct umbb_memory_input {
+    uint64_t memory_bytes;
+    uint64_t scene_bytes; /* the importer's buffer */
+    size_t triangles;
+    uint32_t log2_size;
+    uint32_t tile_log2; /* the largest wanted */
+    unsigned threads;
+    int closed_rule;
+    int traced; /* depth by rays: a bounding volume hierarchy */
+};
+
+struct umbb_memory_plan {
+    uint32_t tile_log2;
+    size_t octree_max_bytes;
+    uint64_t fixed_bytes; /* everything but the octree */
+};
+
+/* Divides. Fails: E_LIMIT, naming what the smallest bake would need. */
+UMB_CHECKED enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
+                                               struct umbb_memory_plan *plan,
+                                               struct umb_error *error);
+
+#endif

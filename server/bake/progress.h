@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_PROGRESS_H
+#define UMBRAGE_SERVER_BAKE_PROGRESS_H
+/*
+ * One line on a terminal: share done, rate, time left. Silent for the first second, and always when
+ * the stream is no terminal.
+ */
+#include <stdint.h>
+#include <stdio.h>
+
+struct umbb_progress {
+    FILE *to;       /* NULL = silent */
+    double start_s; /* monotonic */
+    double shown_s; /* when last drawn; 0 = never */
+    uint64_t total; /* texels */
+};
+
+/* Starts. In: quiet: 1 = never draw. */
+void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, uint64_t total);
+
+/* Draws at most five times a second. In: user: the struct umbb_progress; done: texels. */
+void umbb_progress_update(void *user, uint64_t done);
+
+/* Removes the line. */
+void umbb_progress_end(struct umbb_progress *progress);
+
+/* Writes the line's text for a state, without a newline: a pure function (tests). */
+void umbb_progress_text(char *text, size_t size, uint64_t done, uint64_t total, double seconds);
+
+/* Seconds of the monotonic clock. */
+double umbb_clock_s(void);
+
+#endif

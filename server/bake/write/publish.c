@@ -1,0 +1,118 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The steps between an octree in memory and an asset under its name. */
+#include "bake/write/publish.h"
+
+#include <string.h>
+
+#include "bake/interrupt.h"
+#include "common/sha256.h"
+
+/* Seed of the points compared: fixed, so that a failure can be repeated. */
+#define VERIFY_SEED 1
+
+enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *path,
+                                   struct umb_error *error)
+{
+    memset(publish, 0, sizeof *publish);
+    return umbs_file_begin(path, &publish->file, error);
+}
+
+/* A sink that counts, looks for signals, and hands on to the file's. */
+struct counter {
+    struct umb_sink file;
+    uint64_t bytes;
+};
+
+static enum umb_status counted_write(void *user, const void *bytes, size_t count)
+{
+    struct counter *counter = user;
+    if (umbb_interrupted()) {
+        return UMB_E_CANCELLED;
+    }
+    counter->bytes += count;
+    return counter->file.write(counter->file.user, bytes, count);
+}
+
+enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct umb_content *content,
+                                   const struct umb_octree *octree, struct umb_error *error)
+{
+    struct counter counter = {.file = umbs_file_sink(&publish->file)};
+    const struct umb_sink sink = {counted_write, &counter};
+    if (error != NULL) {
+        error->message[0] = '\0';
+    }
+    const enum umb_status status =
+        umb_pack_write(content, octree, &umbs_sha256, &sink, publish->id, error);
+    publish->bytes = counter.bytes;
+    if (status == UMB_E_CANCELLED) {
+        return umb_fail(error, status, "interrupted: nothing was written");
+    }
+    if (status != UMB_OK && (error == NULL || error->message[0] == '\0')) {
+        return umb_fail(error, status, "cannot write '%.200s': %s", publish->file.path,
+                        umb_status_text(status));
+    }
+    return status;
+}
+
+static enum umb_status compare_with_rays(struct umbb_publish *publish,
+                                         const struct umb_asset *asset,
+                                         const struct umbb_check *check, struct umb_error *error)
+{
+    struct umbr_rays *rays;
+    enum umb_status status = umbr_rays_create(check->corners, check->count, &rays, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const struct umbr_verify_options options = {
+        .points = check->points,
+        .seed = VERIFY_SEED,
+        .closed = check->closed,
+        .threads = check->threads,
+    };
+    struct umbr_verify_result *result = &publish->verified;
+    status = umbr_verify(asset, 0, rays, &options, result, error);
+    umbr_rays_destroy(rays);
+    if (status == UMB_OK && result->outside_band > 0) {
+        const double *p = result->worst_point;
+        return umb_fail(error, UMB_E_INTERNAL,
+                        "self-check: %llu of %llu points disagree with traced rays by more than a "
+                        "voxel, one at %.9g %.9g %.9g; nothing was published",
+                        (unsigned long long)result->outside_band,
+                        (unsigned long long)result->points, p[0], p[1], p[2]);
+    }
+    return status;
+}
+
+enum umb_status umbb_publish_check(struct umbb_publish *publish, const struct umbb_check *check,
+                                   struct umb_error *error)
+{
+    const struct umb_open_options options = {.max_memory_bytes = check->max_memory_bytes};
+    struct umb_asset *asset;
+    enum umb_status status = umb_asset_open_file(publish->file.temporary, &options, &asset, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_asset_get_info(asset, &publish->info);
+    if (memcmp(publish->info.id, publish->id, sizeof publish->id) != 0) {
+        status = umb_fail(error, UMB_E_INTERNAL,
+                          "self-check: the identity read back is not the one written");
+    } else if (check->points > 0) {
+        status = compare_with_rays(publish, asset, check, error);
+    }
+    umb_asset_close(asset);
+    publish->info.plan = publish->info.settings = publish->info.notes = NULL;
+    if (status == UMB_OK && umbb_interrupted()) {
+        status = umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
+    }
+    return status;
+}
+
+enum umb_status umbb_publish_commit(struct umbb_publish *publish, struct umb_error *error)
+{
+    return umbs_file_commit(&publish->file, error);
+}
+
+void umbb_publish_abandon(struct umbb_publish *publish)
+{
+    umbs_file_abandon(&publish->file);
+}

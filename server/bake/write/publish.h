@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
+#define UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
+/*
+ * From octree to file: write a temporary, open it again as a stranger would, compare it with traced
+ * rays, and only then give it its name. What fails a check never appears under the name.
+ *
+ *     umbb_publish_begin(&publish, "city.umb", &error);        early: an unwritable place shows at
+ * once umbb_publish_write(&publish, &content, &octree, &error); umbb_publish_check(&publish,
+ * &check, &error); umbb_publish_commit(&publish, &error); umbb_publish_abandon(&publish); harmless
+ * after commit
+ */
+#include "common/file.h"
+#include "format/content.h"
+#include "rays/verify.h"
+
+struct umbb_publish {
+    struct umbs_file file;
+    uint8_t id[UMB_ID_BYTES];
+    uint64_t bytes;                     /* of the file */
+    struct umb_asset_info info;         /* after check; its strings are gone */
+    struct umbr_verify_result verified; /* after check; zero if not asked for */
+};
+
+/* What the written asset is compared with. */
+struct umbb_check {
+    const double (*corners)[3][3]; /* world */
+    const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
+    size_t count;
+    uint64_t points; /* 0 = open and validate only */
+    unsigned threads;
+    uint64_t max_memory_bytes;
+};
+
+/* Starts the temporary. Fails: E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *path,
+                                               struct umb_error *error);
+
+/* Writes the asset. Fails: as umb_pack_write; E_IO; E_CANCELLED after a signal. */
+UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
+                                               const struct umb_content *content,
+                                               const struct umb_octree *octree,
+                                               struct umb_error *error);
+
+/*
+ * Opens the temporary with full validation, compares its identity, and traces rays.
+ *
+ * Fails: E_INTERNAL if the file is not what was written or disagrees with rays outside the band
+ *        of one voxel (how many, and where); what opening and tracing fail with.
+ */
+UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
+                                               const struct umbb_check *check,
+                                               struct umb_error *error);
+
+/* Gives the file its name. Fails: E_IO, E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbb_publish_commit(struct umbb_publish *publish,
+                                                struct umb_error *error);
+
+void umbb_publish_abandon(struct umbb_publish *publish);
+
+#endif

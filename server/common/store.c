@@ -1,0 +1,296 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The store's table: look-up, references, retirement.
+ *
+ * Invariants: table entries hold one reference each; an entry with no references is in no table and
+ * either in the graveyard or being freed by the thread that took the last one; the store itself
+ * lives until it is closed and its last entry is gone.
+ */
+#include "common/store_internal.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+char *umbs__path_join(const char *folder, const char *name)
+{
+    size_t a = strlen(folder);
+    size_t b = strlen(name);
+    char *path = malloc(a + b + 2);
+    if (path != NULL) {
+        memcpy(path, folder, a);
+        path[a] = '/';
+        memcpy(path + a + 1, name, b + 1);
+    }
+    return path;
+}
+
+struct umbs_stamp umbs__stamp_of(const struct stat *status)
+{
+    return (struct umbs_stamp){
+        .device = status->st_dev,
+        .inode = status->st_ino,
+        .size = status->st_size,
+        .modified = status->st_mtim,
+        .changed = status->st_ctim,
+    };
+}
+
+int umbs__stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b)
+{
+    return a->device == b->device && a->inode == b->inode && a->size == b->size &&
+           a->modified.tv_sec == b->modified.tv_sec && a->modified.tv_nsec == b->modified.tv_nsec &&
+           a->changed.tv_sec == b->changed.tv_sec && a->changed.tv_nsec == b->changed.tv_nsec;
+}
+
+struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name)
+{
+    size_t low = 0;
+    size_t high = table->count;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        int order = strcmp(name, table->by_name[middle]->item.name);
+        if (order == 0) {
+            return table->by_name[middle];
+        }
+        if (order < 0) {
+            high = middle;
+        } else {
+            low = middle + 1;
+        }
+    }
+    return NULL;
+}
+
+struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
+                                       const uint8_t id[UMB_ID_BYTES])
+{
+    size_t low = 0;
+    size_t high = table->healthy;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        int order = memcmp(id, table->by_id[middle]->item.id, UMB_ID_BYTES);
+        if (order == 0) {
+            return table->by_id[middle];
+        }
+        if (order < 0) {
+            high = middle;
+        } else {
+            low = middle + 1;
+        }
+    }
+    return NULL;
+}
+
+static void store_free(struct umbs_store *store)
+{
+    pthread_mutex_destroy(&store->mutex);
+    pthread_mutex_destroy(&store->scan);
+    free(store->folder);
+    free(store->cache);
+    free(store);
+}
+
+/* Frees entries that nobody can reach any more, without the mutex, then settles the count. */
+static void bury(struct umbs_store *store, struct umbs_entry *list)
+{
+    size_t count = 0;
+    while (list != NULL) {
+        struct umbs_entry *entry = list;
+        list = entry->next_retired;
+        umb_asset_close(entry->asset);
+        free(entry->image);
+        free(entry);
+        count++;
+    }
+    pthread_mutex_lock(&store->mutex);
+    store->entries -= count;
+    int last = store->closed && store->entries == 0;
+    pthread_mutex_unlock(&store->mutex);
+    if (last) {
+        store_free(store);
+    }
+}
+
+enum umb_status umbs_store_open(const struct umbs_store_options *options, struct umbs_store **out,
+                                struct umb_error *error)
+{
+    *out = NULL;
+    DIR *folder = opendir(options->folder);
+    if (folder == NULL) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open the store folder '%.200s'",
+                              options->folder);
+    }
+    closedir(folder);
+    struct umbs_store *store = calloc(1, sizeof *store);
+    if (store == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
+    }
+    store->folder = strdup(options->folder);
+    store->cache = umbs__path_join(options->folder, UMBS_CACHE_FOLDER);
+    if (store->folder == NULL || store->cache == NULL) {
+        free(store->folder);
+        free(store->cache);
+        free(store);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
+    }
+    store->max_memory_bytes =
+        options->max_memory_bytes != 0 ? options->max_memory_bytes : (uint64_t)64 << 30;
+    store->no_cache = options->no_cache;
+    store->log = options->log;
+    store->retired = options->retired;
+    store->retired_user = options->retired_user;
+    pthread_mutex_init(&store->scan, NULL);
+    pthread_mutex_init(&store->mutex, NULL);
+    *out = store;
+    return UMB_OK;
+}
+
+void umbs_store_close(struct umbs_store *store)
+{
+    if (store == NULL) {
+        return;
+    }
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_table table = store->table;
+    memset(&store->table, 0, sizeof store->table);
+    struct umbs_entry *dead = store->graveyard;
+    store->graveyard = NULL;
+    for (size_t i = 0; i < table.count; i++) {
+        struct umbs_entry *entry = table.by_name[i];
+        if (--entry->references == 0) {
+            entry->next_retired = dead;
+            dead = entry;
+        }
+    }
+    store->closed = 1;
+    pthread_mutex_unlock(&store->mutex);
+    free(table.by_name);
+    free(table.by_id);
+    bury(store, dead);
+}
+
+void umbs_store_reap(struct umbs_store *store)
+{
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_entry *dead = store->graveyard;
+    store->graveyard = NULL;
+    pthread_mutex_unlock(&store->mutex);
+    if (dead != NULL) {
+        bury(store, dead);
+    }
+}
+
+void umbs__entry_retain(struct umbs_entry *entry)
+{
+    pthread_mutex_lock(&entry->store->mutex);
+    entry->references++;
+    pthread_mutex_unlock(&entry->store->mutex);
+}
+
+/* Failures that are the file's are told as damage; others (no memory) as what they are. */
+static enum umb_status told_status(enum umb_status status)
+{
+    switch (status) {
+    case UMB_E_FORMAT:
+    case UMB_E_TRUNCATED:
+        return UMB_E_CORRUPT;
+    default:
+        return status;
+    }
+}
+
+enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
+                                   struct umbs_entry **out, struct umb_error *error)
+{
+    uint8_t id[UMB_ID_BYTES];
+    int is_id = umb_id_from_text(name_or_id, id);
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    enum umb_status status = UMB_OK;
+    *out = NULL;
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_entry *entry = is_id ? umbs__table_find_id(&store->table, id) : NULL;
+    if (entry == NULL) {
+        entry = umbs__table_find_name(&store->table, name_or_id);
+    }
+    if (entry == NULL) {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "asset: no asset named %.200s in this store",
+                          umbs_log_quote(name_or_id, quoted));
+    } else if (entry->asset == NULL) {
+        status = umb_fail(error, told_status(entry->error.status), "asset: '%.64s' is damaged: %s",
+                          entry->item.name, entry->error.message);
+    } else {
+        entry->references++;
+        *out = entry;
+    }
+    pthread_mutex_unlock(&store->mutex);
+    return status;
+}
+
+void umbs_entry_release(struct umbs_entry *entry)
+{
+    if (entry == NULL) {
+        return;
+    }
+    struct umbs_store *store = entry->store;
+    void (*retired)(void *user) = NULL;
+    void *user = NULL;
+    struct umbs_entry *dead = NULL;
+    pthread_mutex_lock(&store->mutex);
+    if (--entry->references == 0) {
+        if (store->retired != NULL && !store->closed) {
+            entry->next_retired = store->graveyard;
+            store->graveyard = entry;
+            retired = store->retired;
+            user = store->retired_user;
+        } else {
+            entry->next_retired = NULL;
+            dead = entry;
+        }
+    }
+    pthread_mutex_unlock(&store->mutex);
+    if (dead != NULL) {
+        bury(store, dead);
+    } else if (retired != NULL) {
+        retired(user);
+    }
+}
+
+const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)
+{
+    return entry->asset;
+}
+
+const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry)
+{
+    return &entry->item;
+}
+
+enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item **items,
+                                size_t *count, struct umb_error *error)
+{
+    *items = NULL;
+    *count = 0;
+    pthread_mutex_lock(&store->mutex);
+    size_t found = store->table.count;
+    struct umbs_store_item *list = calloc(found + 1, sizeof *list);
+    for (size_t i = 0; list != NULL && i < found; i++) {
+        list[i] = store->table.by_name[i]->item;
+    }
+    pthread_mutex_unlock(&store->mutex);
+    if (list == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a list of %zu assets", found);
+    }
+    *items = list;
+    *count = found;
+    return UMB_OK;
+}
+
+void umbs_store_count(struct umbs_store *store, size_t *healthy, size_t *damaged)
+{
+    pthread_mutex_lock(&store->mutex);
+    *healthy = store->table.healthy;
+    *damaged = store->table.count - store->table.healthy;
+    pthread_mutex_unlock(&store->mutex);
+}

@@ -1,0 +1,251 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The admin port. Small on purpose: it reads one request line and answers it. */
+#include "daemon/admin.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define REQUEST_BYTES 4096
+#define CLIENTS_MAX 32
+#define CLIENT_MS 5000
+
+struct admin_client {
+    uv_tcp_t tcp;
+    uv_write_t write;
+    struct umbd_loop *loop;
+    struct admin_client *next;
+    uint64_t opened_ms;
+    size_t size;
+    char *reply;
+    int answered, closing;
+    char request[REQUEST_BYTES];
+};
+
+struct umbd_admin {
+    uv_tcp_t tcp;
+    struct umbd_loop *loop;
+    struct admin_client *clients;
+    size_t client_count;
+    char text[UMBD_ADDRESS_TEXT_SIZE];
+};
+
+static void on_client_closed(uv_handle_t *handle)
+{
+    struct admin_client *client = handle->data;
+    free(client->reply);
+    free(client);
+}
+
+static void client_close(struct admin_client *client)
+{
+    struct umbd_admin *admin = client->loop->admin;
+    if (client->closing) {
+        return;
+    }
+    client->closing = 1;
+    struct admin_client **at = &admin->clients;
+    while (*at != client) {
+        at = &(*at)->next;
+    }
+    *at = client->next;
+    admin->client_count--;
+    uv_close((uv_handle_t *)&client->tcp, on_client_closed);
+}
+
+static void on_written(uv_write_t *request, int status)
+{
+    (void)status;
+    client_close(request->data);
+}
+
+static void answer(struct admin_client *client, const char *status, const char *type,
+                   const char *body, size_t size, int head_only)
+{
+    size_t capacity = size + 256;
+    client->answered = 1;
+    client->reply = malloc(capacity);
+    if (client->reply == NULL) {
+        client_close(client);
+        return;
+    }
+    int length = snprintf(client->reply, capacity,
+                          "HTTP/1.1 %s\r\nContent-Type: %s\r\nContent-Length: %zu\r\n"
+                          "Cache-Control: no-store\r\nConnection: close\r\n\r\n",
+                          status, type, size);
+    size_t total = (size_t)length;
+    if (!head_only) {
+        memcpy(client->reply + total, body, size);
+        total += size;
+    }
+    uv_buf_t buffer = uv_buf_init(client->reply, (unsigned)total);
+    client->write.data = client;
+    if (uv_write(&client->write, (uv_stream_t *)&client->tcp, &buffer, 1, on_written) != 0) {
+        client_close(client);
+    }
+}
+
+static void answer_text(struct admin_client *client, const char *status, const char *body,
+                        int head_only)
+{
+    answer(client, status, "text/plain; charset=utf-8", body, strlen(body), head_only);
+}
+
+static void answer_metrics(struct admin_client *client, int head_only)
+{
+    struct umbd_daemon *daemon = client->loop->daemon;
+    struct umbd_gauges gauges;
+    char *text = NULL;
+    size_t size = 0;
+    umbd_daemon_gauges(daemon, &gauges);
+    if (umbd_metrics_text(&daemon->metrics, &gauges, &text, &size) != UMB_OK) {
+        answer_text(client, "503 Service Unavailable", "out of memory\n", head_only);
+        return;
+    }
+    answer(client, "200 OK", "text/plain; version=0.0.4; charset=utf-8", text, size, head_only);
+    free(text);
+}
+
+static void route(struct admin_client *client)
+{
+    char method[8];
+    char path[64];
+    if (sscanf(client->request, "%7s %63s HTTP/1.", method, path) != 2 ||
+        strstr(client->request, " HTTP/1.") == NULL) {
+        answer_text(client, "400 Bad Request", "bad request\n", 0);
+        return;
+    }
+    int head_only = strcmp(method, "HEAD") == 0;
+    path[strcspn(path, "?")] = '\0';
+    if (!head_only && strcmp(method, "GET") != 0) {
+        answer_text(client, "405 Method Not Allowed", "GET or HEAD only\n", 0);
+    } else if (strcmp(path, "/metrics") == 0) {
+        answer_metrics(client, head_only);
+    } else if (strcmp(path, "/livez") == 0) {
+        answer_text(client, "200 OK", "ok\n", head_only);
+    } else if (strcmp(path, "/readyz") == 0) {
+        int draining = atomic_load(&client->loop->daemon->draining);
+        answer_text(client, draining ? "503 Service Unavailable" : "200 OK",
+                    draining ? "draining\n" : "ok\n", head_only);
+    } else {
+        answer_text(client, "404 Not Found", "try /metrics, /livez, /readyz\n", head_only);
+    }
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
+{
+    struct admin_client *client = handle->data;
+    (void)suggested;
+    /* The last byte stays free for the NUL. */
+    *buffer = uv_buf_init(client->request + client->size,
+                          (unsigned)(REQUEST_BYTES - 1 - client->size));
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct admin_client *client = stream->data;
+    (void)buffer;
+    if (count < 0) {
+        client_close(client); /* also UV_ENOBUFS: a request longer than the buffer */
+        return;
+    }
+    client->size += (size_t)count;
+    client->request[client->size] = '\0';
+    if (!client->answered && strstr(client->request, "\r\n\r\n") != NULL) {
+        uv_read_stop(stream);
+        route(client);
+    }
+}
+
+static void on_connection(uv_stream_t *server, int status)
+{
+    struct umbd_admin *admin = server->data;
+    struct admin_client *client = status == 0 ? calloc(1, sizeof *client) : NULL;
+    if (client == NULL) {
+        return;
+    }
+    client->loop = admin->loop;
+    client->opened_ms = uv_now(&admin->loop->uv);
+    uv_tcp_init(&admin->loop->uv, &client->tcp);
+    client->tcp.data = client;
+    client->next = admin->clients;
+    admin->clients = client;
+    admin->client_count++;
+    if (uv_accept(server, (uv_stream_t *)&client->tcp) != 0 || admin->client_count > CLIENTS_MAX ||
+        uv_read_start((uv_stream_t *)&client->tcp, on_alloc, on_read) != 0) {
+        client_close(client);
+    }
+}
+
+static void on_admin_closed(uv_handle_t *handle)
+{
+    free(handle->data);
+}
+
+enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
+{
+    struct umbd_address address;
+    struct sockaddr_storage resolved;
+    int size = sizeof resolved;
+    if (loop->daemon->options.admin == NULL) {
+        return UMB_OK;
+    }
+    enum umb_status status =
+        umbd_address_parse_admin(loop->daemon->options.admin, &address, error);
+    if (status == UMB_OK) {
+        status = umbd_address_resolve(&address, &resolved, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbd_admin *admin = calloc(1, sizeof *admin);
+    if (admin == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the admin port");
+    }
+    admin->loop = loop;
+    uv_tcp_init(&loop->uv, &admin->tcp);
+    admin->tcp.data = admin;
+    loop->admin = admin;
+    int code = uv_tcp_bind(&admin->tcp, (const struct sockaddr *)&resolved, 0);
+    if (code == 0) {
+        code = uv_listen((uv_stream_t *)&admin->tcp, CLIENTS_MAX, on_connection);
+    }
+    if (code != 0) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "--admin: cannot listen on '%.100s': %s",
+                        loop->daemon->options.admin, uv_strerror(code));
+    }
+    memcpy(admin->text, "http:", 6);
+    uv_tcp_getsockname(&admin->tcp, (struct sockaddr *)&resolved, &size);
+    umbd_address_text(&resolved, admin->text + 5, sizeof admin->text - 5);
+    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "admin", "address=\"%s\"", admin->text);
+    return UMB_OK;
+}
+
+const char *umbd_admin_text(const struct umbd_loop *loop)
+{
+    return loop->admin != NULL ? loop->admin->text : NULL;
+}
+
+void umbd_admin_tick(struct umbd_loop *loop, uint64_t now_ms)
+{
+    struct admin_client *client = loop->admin != NULL ? loop->admin->clients : NULL;
+    while (client != NULL) {
+        struct admin_client *next = client->next;
+        if (now_ms - client->opened_ms > CLIENT_MS) {
+            client_close(client);
+        }
+        client = next;
+    }
+}
+
+void umbd_admin_close(struct umbd_loop *loop)
+{
+    struct umbd_admin *admin = loop->admin;
+    if (admin == NULL) {
+        return;
+    }
+    while (admin->clients != NULL) {
+        client_close(admin->clients);
+    }
+    loop->admin = NULL;
+    uv_close((uv_handle_t *)&admin->tcp, on_admin_closed);
+}

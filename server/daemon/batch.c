@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One batch: its memory, and answering it at once. */
+#include <stdlib.h>
+#include <time.h>
+
+#include "daemon/batch_slice.h"
+
+uint64_t umbd_now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
+}
+
+/* Wide windows cost more a point; slices get shorter, so that turns stay about equally long. */
+static size_t slice_points_for(uint32_t taps)
+{
+    return taps <= 5 ? UMBD_SLICE_POINTS : taps <= 9 ? UMBD_SLICE_POINTS / 2
+                                                     : UMBD_SLICE_POINTS / 4;
+}
+
+enum umb_status umbd_batch_create(struct umbs_entry *entry, uint8_t *message,
+                                  const struct umb_query_settings *settings,
+                                  const struct umb_points *points, struct umbd_batch **out,
+                                  struct umb_error *error)
+{
+    *out = NULL;
+    struct umbd_batch *batch = calloc(1, sizeof *batch);
+    if (batch == NULL) {
+        free(message);
+        umbs_entry_release(entry);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch");
+    }
+    batch->message = message;
+    batch->entry = entry;
+    batch->settings = *settings;
+    batch->points = *points;
+    batch->slice_points = slice_points_for(settings->taps);
+    batch->value_bytes = umb_answer_bytes(settings->format, points->count);
+    batch->values = malloc(batch->value_bytes > 0 ? batch->value_bytes : 1);
+    enum umb_status status =
+        batch->values == NULL
+            ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes of answers",
+                       batch->value_bytes)
+            : umb_query_prepare(umbs_entry_asset(entry), settings, &batch->query, error);
+    if (status != UMB_OK) {
+        umbd_batch_destroy(batch);
+        return status;
+    }
+    *out = batch;
+    return UMB_OK;
+}
+
+void umbd_batch_destroy(struct umbd_batch *batch)
+{
+    if (batch == NULL) {
+        return;
+    }
+    umbs_entry_release(batch->entry);
+    free(batch->message);
+    free(batch->values);
+    free(batch);
+}
+
+static uint64_t thread_cpu_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
+}
+
+/* The same points from `first` on, `count` of them. */
+static struct umb_points sub_points(const struct umb_points *points, size_t first, size_t count)
+{
+    struct umb_points part = *points;
+    size_t stride = 3 * (points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float));
+    part.positions = (const uint8_t *)points->positions + first * stride;
+    part.normals = NULL;
+    part.count = count;
+    return part;
+}
+
+enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
+                                struct umbd__slice_result *result)
+{
+    uint64_t from = batch->want_stats ? thread_cpu_ns() : 0;
+    struct umb_answers answers = {.values = batch->values};
+    struct umb_points part = sub_points(&batch->points, first, count);
+    enum umb_status status = umb_points_check(&part, &result->error);
+    if (status != UMB_OK) {
+        /* Say it again with indices of the whole batch: everything before `first` is or was good. */
+        part = sub_points(&batch->points, 0, first + count);
+        return umb_points_check(&part, &result->error);
+    }
+    umb_query_run(&batch->query, &batch->points, first, count, &answers);
+    result->stats = answers.stats;
+    result->cpu_ns = batch->want_stats ? thread_cpu_ns() - from : 0;
+    return UMB_OK;
+}
+
+void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from)
+{
+    to->points += from->points;
+    to->outside += from->outside;
+    to->before += from->before;
+    to->behind += from->behind;
+    to->facing_away += from->facing_away;
+    to->nodes += from->nodes;
+    to->bricks += from->bricks;
+}
+
+void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
+{
+    struct umbd__slice_result result = {0};
+    umbd_count(&metrics->batches_started, 1);
+    batch->status = umbd__slice_run(batch, 0, batch->points.count, &result);
+    if (batch->status != UMB_OK) {
+        batch->error = result.error;
+        return;
+    }
+    batch->stats = result.stats;
+    batch->cpu_ns = result.cpu_ns;
+    umbd_count(&metrics->points, batch->points.count);
+}

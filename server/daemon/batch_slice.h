@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_BATCH_SLICE_H
+#define UMBRAGE_SERVER_DAEMON_BATCH_SLICE_H
+/* Answering one slice of a batch, between batch.c and pool.c. */
+#include "daemon/pool.h"
+
+struct umbd__slice_result {
+    struct umb_query_stats stats;
+    uint64_t cpu_ns;
+    struct umb_error error;
+};
+
+/*
+ * Checks and answers points first .. first + count - 1. Fails: E_ARGUMENT, naming the index within
+ * the whole batch. Threads: disjoint slices at once.
+ */
+UMB_CHECKED enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first,
+                                            size_t count, struct umbd__slice_result *result);
+
+void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
+
+#endif

@@ -1,0 +1,347 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A call's request side: headers, body, end, timers.
+ *
+ * Invariants: `charged` is exactly what this call has counted on its connection and the process;
+ * while `batch` is set the pool may be reading the message, so the call neither frees nor changes
+ * it; a call that was failed keeps no request bytes.
+ */
+#include "daemon/call.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
+{
+    struct umbd_call *call = calloc(1, sizeof *call);
+    if (call == NULL) {
+        return NULL;
+    }
+    call->conn = conn;
+    call->stream_id = stream_id;
+    call->started_ns = umbd_now_ns();
+    call->started_ms = uv_now(&conn->loop->uv);
+    call->method = UMBD_METHOD_UNKNOWN;
+    call->watch_last = -1;
+    umbw_reader_init(&call->reader, (size_t)conn->loop->daemon->options.max_message);
+    call->next = conn->calls;
+    if (conn->calls != NULL) {
+        conn->calls->previous = call;
+    }
+    conn->calls = call;
+    conn->call_count++;
+    return call;
+}
+
+void umbd_call_count(struct umbd_call *call, int code)
+{
+    struct umbd_daemon *daemon = call->conn->loop->daemon;
+    if (call->counted || !call->headers_whole) {
+        return;
+    }
+    uint64_t duration_ns = umbd_now_ns() - call->started_ns;
+    call->counted = 1;
+    umbd_metrics_handled(&daemon->metrics, call->method, code, duration_ns);
+    if (daemon->log.level >= UMB_LOG_DEBUG) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(&daemon->log, UMB_LOG_DEBUG, "call",
+                       "peer=\"%s\" conn=%llu stream=%d method=%s code=%s dur_us=%llu",
+                       call->conn->peer, (unsigned long long)call->conn->serial, call->stream_id,
+                       umbs_log_quote(call->path, quoted), umbw_grpc_name(code),
+                       (unsigned long long)(duration_ns / 1000));
+    }
+}
+
+void umbd_call_destroy(struct umbd_call *call)
+{
+    struct umbd_conn *conn = call->conn;
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    umbd_call_count(call, call->responded && call->reply_ended ? call->code : UMBW_GRPC_CANCELLED);
+    if (call->batch != NULL) {
+        /* The workers may still read it: its bytes stay counted until the loop gets it back. */
+        call->batch->charged = call->charged;
+        conn->buffered -= call->charged;
+        umbd_pool_cancel(daemon->pool, call->batch);
+    } else {
+        umbd_conn_uncharge(conn, call->charged);
+    }
+    if (call->previous != NULL) {
+        call->previous->next = call->next;
+    } else {
+        conn->calls = call->next;
+    }
+    if (call->next != NULL) {
+        call->next->previous = call->previous;
+    }
+    conn->call_count--;
+    umbw_reader_finish(&call->reader);
+    umbw_buffer_finish(&call->head);
+    free(call->message);
+    free(call->values);
+    free(call);
+}
+
+int umbd_call_charge(struct umbd_call *call, size_t bytes)
+{
+    uint64_t limit = 0;
+    const char *option = "";
+    if (bytes <= call->charged) {
+        umbd_conn_uncharge(call->conn, call->charged - bytes);
+        call->charged = bytes;
+        return 1;
+    }
+    if (umbd_conn_charge(call->conn, bytes - call->charged, &limit, &option)) {
+        call->charged = bytes;
+        return 1;
+    }
+    char text[200];
+    snprintf(text, sizeof text,
+             "server: requests and replies in memory are at the limit of %llu bytes (%s); try again "
+             "later",
+             (unsigned long long)limit, option);
+    umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
+    call->pushback = 1;
+    umbd_call_fail(call, UMBW_GRPC_RESOURCE_EXHAUSTED, text);
+    return 0;
+}
+
+int umbd_call_expired(const struct umbd_call *call)
+{
+    return call->deadline_ns != 0 && umbd_now_ns() >= call->deadline_ns;
+}
+
+static int equals(const uint8_t *bytes, size_t size, const char *text)
+{
+    return size == strlen(text) && memcmp(bytes, text, size) == 0;
+}
+
+/* application/grpc, application/grpc+proto, either with parameters after a semicolon. */
+static int is_grpc_type(const uint8_t *value, size_t size)
+{
+    static const char base[] = "application/grpc";
+    size_t length = sizeof base - 1;
+    if (size < length || memcmp(value, base, length) != 0) {
+        return 0;
+    }
+    value += length;
+    size -= length;
+    if (size >= 6 && memcmp(value, "+proto", 6) == 0) {
+        value += 6;
+        size -= 6;
+    }
+    return size == 0 || value[0] == ';';
+}
+
+static void take_timeout(struct umbd_call *call, const uint8_t *value, size_t size)
+{
+    int64_t nanoseconds = 0;
+    if (umbw_timeout_parse((const char *)value, size, &nanoseconds) != UMB_OK) {
+        call->bad_timeout = 1;
+        return;
+    }
+    uint64_t room = UINT64_MAX / 2 - call->started_ns;
+    call->deadline_ns =
+        call->started_ns + ((uint64_t)nanoseconds < room ? (uint64_t)nanoseconds : room);
+}
+
+void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_size,
+                      const uint8_t *value, size_t value_size)
+{
+    if (equals(name, name_size, ":method")) {
+        call->is_post = equals(value, value_size, "POST");
+    } else if (equals(name, name_size, ":path")) {
+        if (value_size < sizeof call->path) {
+            memcpy(call->path, value, value_size);
+            call->path[value_size] = '\0';
+        }
+    } else if (equals(name, name_size, "content-type")) {
+        call->is_grpc = is_grpc_type(value, value_size);
+    } else if (equals(name, name_size, "grpc-timeout")) {
+        take_timeout(call, value, value_size);
+    } else if (equals(name, name_size, "grpc-encoding")) {
+        call->has_encoding = !equals(value, value_size, "identity");
+    }
+}
+
+static enum umbd_method method_of(const char *path)
+{
+    static const struct {
+        const char *path;
+        enum umbd_method method;
+    } methods[] = {
+        {UMBW_PATH_QUERY, UMBD_METHOD_QUERY}, {UMBW_PATH_DESCRIBE, UMBD_METHOD_DESCRIBE},
+        {UMBW_PATH_LIST, UMBD_METHOD_LIST},   {UMBW_PATH_CHECK, UMBD_METHOD_CHECK},
+        {UMBW_PATH_WATCH, UMBD_METHOD_WATCH},
+    };
+    for (size_t i = 0; i < sizeof methods / sizeof methods[0]; i++) {
+        if (strcmp(path, methods[i].path) == 0) {
+            return methods[i].method;
+        }
+    }
+    return UMBD_METHOD_UNKNOWN;
+}
+
+void umbd_call_headers_end(struct umbd_call *call)
+{
+    call->headers_whole = 1;
+    call->method = method_of(call->path);
+    umbd_count(&call->conn->loop->daemon->metrics.started[call->method], 1);
+    if (!call->is_post) {
+        call->refusal = UMBD_REFUSE_METHOD; /* answered at the end of the request */
+    } else if (!call->is_grpc) {
+        call->refusal = UMBD_REFUSE_CONTENT_TYPE;
+    } else if (call->method == UMBD_METHOD_UNKNOWN) {
+        char text[200];
+        snprintf(text, sizeof text, "unknown method '%s'", call->path);
+        umbd_call_fail(call, UMBW_GRPC_UNIMPLEMENTED, text);
+    } else if (call->bad_timeout) {
+        umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
+                       "grpc-timeout: must be 1 to 8 digits and one of H, M, S, m, u, n");
+    }
+}
+
+/* Takes the one message of a request; the reader's memory is taken over where it can be. */
+static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
+{
+    struct umbd_call *call = user;
+    if (compressed) {
+        call->offer_identity = 1;
+        umbd_call_fail(call,
+                       call->has_encoding ? UMBW_GRPC_UNIMPLEMENTED : UMBW_GRPC_INTERNAL,
+                       call->has_encoding
+                           ? "grpc-encoding: only identity is supported"
+                           : "message prefix: compressed, but grpc-encoding says identity");
+        return UMB_E_PROTOCOL;
+    }
+    if (call->message_count > 0) {
+        umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: more than one message in a unary call");
+        return UMB_E_PROTOCOL;
+    }
+    if (message == call->reader.message && size > 0) {
+        call->message = call->reader.message;
+        call->reader.message = NULL;
+        call->reader.capacity = 0;
+    } else {
+        call->message = malloc(size > 0 ? size : 1);
+        if (call->message == NULL) {
+            return UMB_E_NO_MEMORY;
+        }
+        if (size > 0) {
+            memcpy(call->message, message, size);
+        }
+    }
+    call->message_size = size;
+    call->message_count = 1;
+    return UMB_OK;
+}
+
+void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
+{
+    struct umb_error error = {0};
+    call->body_bytes += count;
+    if (call->discarding || call->responded || call->refusal != UMBD_REFUSE_NOTHING) {
+        return;
+    }
+    if (!umbd_call_charge(call, call->charged + count)) {
+        return;
+    }
+    enum umb_status status =
+        umbw_reader_feed(&call->reader, bytes, count, on_message, call, &error);
+    if (status == UMB_OK || call->responded) {
+        return;
+    }
+    if (status == UMB_E_TOO_LARGE) {
+        size_t length = strlen(error.message);
+        snprintf(error.message + length, sizeof error.message - length, " (--max-message)");
+    } else if (status == UMB_E_NO_MEMORY) {
+        snprintf(error.message, sizeof error.message, "server: out of memory for the request");
+    }
+    umbd_call_fail_status(call, status, &error);
+}
+
+static void dispatch(struct umbd_call *call)
+{
+    switch (call->method) {
+    case UMBD_METHOD_QUERY:
+        umbd_service_query(call);
+        break;
+    case UMBD_METHOD_DESCRIBE:
+        umbd_service_describe(call);
+        break;
+    case UMBD_METHOD_LIST:
+        umbd_service_list(call);
+        break;
+    case UMBD_METHOD_CHECK:
+        umbd_service_health_check(call);
+        break;
+    case UMBD_METHOD_WATCH:
+        umbd_service_health_watch(call);
+        break;
+    default:
+        umbd_call_fail(call, UMBW_GRPC_UNIMPLEMENTED, "unknown method");
+        break;
+    }
+}
+
+void umbd_call_request_end(struct umbd_call *call)
+{
+    if (call->request_ended) {
+        return;
+    }
+    call->request_ended = 1;
+    if (call->refusal != UMBD_REFUSE_NOTHING) {
+        umbd_call_refuse(call);
+    } else if (call->responded) {
+        return;
+    } else if (!umbw_reader_at_boundary(&call->reader)) {
+        umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: the stream ended inside a message");
+    } else if (call->message_count == 0) {
+        umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: no message in a unary call");
+    } else if (umbd_call_expired(call)) {
+        umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED,
+                       "grpc-timeout: passed before the work was started");
+    } else {
+        dispatch(call);
+    }
+}
+
+/* How long the peer may take for what it has sent so far. */
+static uint64_t body_limit_ms(const struct umbd_call *call)
+{
+    return call->conn->loop->daemon->options.body_timeout_ms +
+           call->body_bytes / UMBD_BODY_BYTES_PER_MS;
+}
+
+static void tick_open_reply(struct umbd_call *call, uint64_t now_ms)
+{
+    const struct umbd_options *options = &call->conn->loop->daemon->options;
+    size_t left = call->head.size + call->value_bytes - call->sent;
+    if (!call->request_ended && call->reply_ended && left == 0 &&
+        now_ms - call->responded_ms > UMBD_GRACE_MS) {
+        nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
+                                  NGHTTP2_NO_ERROR);
+    } else if (left > 0 && now_ms - call->progress_ms > options->stall_timeout_ms) {
+        umbd_count(&call->conn->loop->daemon->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
+        nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
+                                  NGHTTP2_CANCEL);
+    }
+}
+
+int umbd_call_tick(struct umbd_call *call, uint64_t now_ms)
+{
+    uint64_t age_ms = now_ms - call->started_ms;
+    if (!call->headers_whole) {
+        return age_ms <= UMBD_HEADERS_MS;
+    }
+    if (call->deadline_ns != 0 && !call->reply_ended && umbd_call_expired(call)) {
+        umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED, "grpc-timeout: the deadline passed");
+    } else if (!call->request_ended && !call->responded && age_ms > body_limit_ms(call)) {
+        umbd_count(&call->conn->loop->daemon->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
+        call->refusal = UMBD_REFUSE_NOTHING;
+        umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED,
+                       "request: its body did not arrive in time (--body-timeout)");
+    } else if (call->responded) {
+        tick_open_reply(call, now_ms);
+    }
+    return 1;
+}

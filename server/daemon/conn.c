@@ -1,0 +1,359 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A connection's socket: accepting, reading, writing, timers, closing.
+ *
+ * Rules that keep it safe: nghttp2's call-backs only queue; this file alone receives, sends and
+ * closes. A closed connection stays in memory until libuv says so, with `closing` set, so a pointer
+ * held across a flush stays good for the rest of the event.
+ */
+#include "daemon/call.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define DOOMED_MS 5000 /* for a GOAWAY to leave and the peer to go */
+
+/* One write under way; the block follows. */
+struct pending_write {
+    uv_write_t request;
+    struct umbd_conn *conn;
+    uint8_t bytes[];
+};
+
+static size_t bucket_of(uint64_t serial)
+{
+    return (size_t)serial & (UMBD_CONN_BUCKETS - 1);
+}
+
+struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial)
+{
+    struct umbd_conn *conn = loop->by_serial[bucket_of(serial)];
+    while (conn != NULL && conn->serial != serial) {
+        conn = conn->next_in_bucket;
+    }
+    return conn;
+}
+
+static void link_conn(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    struct umbd_conn **bucket = &loop->by_serial[bucket_of(conn->serial)];
+    conn->next_in_bucket = *bucket;
+    *bucket = conn;
+    conn->next = loop->first_conn;
+    if (conn->next != NULL) {
+        conn->next->previous = conn;
+    }
+    loop->first_conn = conn;
+    loop->conn_count++;
+    atomic_fetch_add(&loop->daemon->metrics.connections, 1);
+}
+
+static void unlink_conn(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    struct umbd_conn **at = &loop->by_serial[bucket_of(conn->serial)];
+    while (*at != conn) {
+        at = &(*at)->next_in_bucket;
+    }
+    *at = conn->next_in_bucket;
+    if (conn->previous != NULL) {
+        conn->previous->next = conn->next;
+    } else {
+        loop->first_conn = conn->next;
+    }
+    if (conn->next != NULL) {
+        conn->next->previous = conn->previous;
+    }
+    loop->conn_count--;
+    atomic_fetch_sub(&loop->daemon->metrics.connections, 1);
+}
+
+static void on_closed(uv_handle_t *handle)
+{
+    free(handle->data);
+}
+
+void umbd_conn_close(struct umbd_conn *conn, const char *why)
+{
+    if (conn->closing) {
+        return;
+    }
+    conn->closing = 1;
+    umbs_log_event(&conn->loop->daemon->log, UMB_LOG_DEBUG, "conn_closed",
+                   "peer=\"%s\" conn=%llu calls=%zu reason=\"%s\"", conn->peer,
+                   (unsigned long long)conn->serial, conn->call_count, why);
+    while (conn->calls != NULL) {
+        umbd_call_destroy(conn->calls);
+    }
+    nghttp2_session_del(conn->session);
+    conn->session = NULL;
+    unlink_conn(conn);
+    uv_close(&conn->socket.handle, on_closed);
+}
+
+int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option)
+{
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    if (conn->buffered + bytes > daemon->options.connection_buffer) {
+        *limit = daemon->options.connection_buffer;
+        *option = "--connection-buffer";
+        return 0;
+    }
+    if (!umbd_daemon_charge(daemon, bytes)) {
+        *limit = daemon->options.max_buffer;
+        *option = "--max-buffer";
+        return 0;
+    }
+    conn->buffered += bytes;
+    return 1;
+}
+
+void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes)
+{
+    conn->buffered -= bytes;
+    umbd_daemon_uncharge(conn->loop->daemon, bytes);
+}
+
+/* Queues a GOAWAY and lets the session end; the tick closes what does not go. */
+static void doom(struct umbd_conn *conn, uint32_t code)
+{
+    if (!conn->doomed) {
+        conn->doomed = 1;
+        conn->doomed_ms = uv_now(&conn->loop->uv);
+        nghttp2_session_terminate_session(conn->session, code);
+    }
+}
+
+void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why)
+{
+    umbd_count(&conn->loop->daemon->metrics.abuse[kind], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_WARN, "h2_abuse",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, why);
+    }
+    doom(conn, NGHTTP2_ENHANCE_YOUR_CALM);
+}
+
+static void cut_by_timer(struct umbd_conn *conn, const char *which)
+{
+    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "conn_timeout",
+                       "peer=\"%s\" conn=%llu timer=%s", conn->peer,
+                       (unsigned long long)conn->serial, which);
+    }
+    umbd_conn_close(conn, which);
+}
+
+/* Collects frames into the loop's buffer. Returns 0 or nghttp2's error. */
+static int collect(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    loop->out_size = 0;
+    while (loop->out_size < UMBD_OUT_SOFT) {
+        const uint8_t *bytes = NULL;
+        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
+        if (count <= 0) {
+            return (int)count;
+        }
+        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
+            return NGHTTP2_ERR_BUFFER_ERROR; /* a frame longer than the reserve: none of ours is */
+        }
+        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
+        loop->out_size += (size_t)count;
+    }
+    return 0;
+}
+
+static void on_written(uv_write_t *request, int status)
+{
+    struct pending_write *write = request->data;
+    struct umbd_conn *conn = write->conn;
+    free(write);
+    conn->write_pending = 0;
+    if (conn->closing) {
+        return;
+    }
+    if (status < 0) {
+        umbd_conn_close(conn, uv_strerror(status));
+    } else {
+        umbd_conn_flush(conn);
+    }
+}
+
+/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. */
+static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
+{
+    struct pending_write *write = malloc(sizeof *write + count);
+    if (write == NULL) {
+        return 0;
+    }
+    memcpy(write->bytes, bytes, count);
+    write->conn = conn;
+    write->request.data = write;
+    uv_buf_t buffer = uv_buf_init((char *)write->bytes, (unsigned)count);
+    if (uv_write(&write->request, &conn->socket.stream, &buffer, 1, on_written) != 0) {
+        free(write);
+        return 0;
+    }
+    conn->write_pending = 1;
+    conn->write_left = count;
+    conn->write_progress_ms = uv_now(&conn->loop->uv);
+    return 1;
+}
+
+void umbd_conn_flush(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    while (!conn->closing && !conn->write_pending) {
+        int code = collect(conn);
+        if (code != 0) {
+            umbd_conn_close(conn, nghttp2_strerror(code));
+            return;
+        }
+        if (loop->out_size == 0) {
+            break;
+        }
+        uv_buf_t buffer = uv_buf_init((char *)loop->out, (unsigned)loop->out_size);
+        int written = uv_try_write(&conn->socket.stream, &buffer, 1);
+        size_t taken = written > 0 ? (size_t)written : 0;
+        if (written < 0 && written != UV_EAGAIN) {
+            umbd_conn_close(conn, uv_strerror(written));
+        } else if (taken < loop->out_size &&
+                   !write_later(conn, loop->out + taken, loop->out_size - taken)) {
+            umbd_conn_close(conn, "cannot write");
+        }
+    }
+    if (!conn->closing && !conn->write_pending && !nghttp2_session_want_read(conn->session) &&
+        !nghttp2_session_want_write(conn->session)) {
+        umbd_conn_close(conn, "session over");
+    }
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = handle->data;
+    (void)suggested;
+    *buffer = uv_buf_init((char *)conn->loop->read_buffer, UMBD_READ_BYTES);
+}
+
+/* The library gave the session up: send what it still has to say, then close. */
+static void session_broke(struct umbd_conn *conn, int code)
+{
+    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "h2_error",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, nghttp2_strerror(code));
+    }
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, nghttp2_strerror(code));
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = stream->data;
+    if (count < 0) {
+        umbd_conn_close(conn, uv_strerror((int)count));
+        return;
+    }
+    if (count == 0 || conn->closing) {
+        return;
+    }
+    ssize_t used =
+        nghttp2_session_mem_recv(conn->session, (const uint8_t *)buffer->base, (size_t)count);
+    if (used < 0) {
+        session_broke(conn, (int)used);
+    } else {
+        umbd_conn_flush(conn);
+    }
+}
+
+static void name_peer(struct umbd_conn *conn, int is_unix)
+{
+    struct sockaddr_storage address;
+    int size = sizeof address;
+    if (is_unix) {
+        snprintf(conn->peer, sizeof conn->peer, "unix");
+    } else if (uv_tcp_getpeername(&conn->socket.tcp, (struct sockaddr *)&address, &size) == 0) {
+        umbd_address_text(&address, conn->peer, sizeof conn->peer);
+    } else {
+        snprintf(conn->peer, sizeof conn->peer, "unknown");
+    }
+}
+
+void umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
+{
+    struct umbd_daemon *daemon = loop->daemon;
+    struct umbd_conn *conn = calloc(1, sizeof *conn);
+    if (conn == NULL) {
+        return; /* libuv offers it again at the next event */
+    }
+    conn->loop = loop;
+    conn->serial = atomic_fetch_add(&daemon->next_serial, 1);
+    if (is_unix) {
+        uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
+    } else {
+        uv_tcp_init(&loop->uv, &conn->socket.tcp);
+    }
+    conn->socket.handle.data = conn;
+    if (uv_accept(server, &conn->socket.stream) != 0 ||
+        loop->conn_count >= daemon->options.max_connections) {
+        umbd_count(&daemon->metrics.connections_refused, 1);
+        uv_close(&conn->socket.handle, on_closed);
+        return;
+    }
+    name_peer(conn, is_unix);
+    conn->opened_ms = conn->last_frame_ms = uv_now(&loop->uv);
+    link_conn(conn);
+    umbd_count(&daemon->metrics.connections_opened, 1);
+    if (!is_unix) {
+        uv_tcp_nodelay(&conn->socket.tcp, 1);
+    }
+    if (umbd_conn_h2_start(conn) != UMB_OK ||
+        uv_read_start(&conn->socket.stream, on_alloc, on_read) != 0) {
+        umbd_conn_close(conn, "cannot start");
+        return;
+    }
+    umbd_conn_flush(conn);
+}
+
+/* Returns 1 if the pending write has not moved for too long. */
+static int write_stalled(struct umbd_conn *conn, uint64_t now_ms)
+{
+    size_t left = uv_stream_get_write_queue_size(&conn->socket.stream);
+    if (left != conn->write_left) {
+        conn->write_left = left;
+        conn->write_progress_ms = now_ms;
+    }
+    return now_ms - conn->write_progress_ms > conn->loop->daemon->options.stall_timeout_ms;
+}
+
+void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
+{
+    const struct umbd_options *options = &conn->loop->daemon->options;
+    if (!conn->settings_seen && now_ms - conn->opened_ms > options->handshake_timeout_ms) {
+        cut_by_timer(conn, "handshake");
+        return;
+    }
+    if (conn->write_pending && write_stalled(conn, now_ms)) {
+        cut_by_timer(conn, "stall");
+        return;
+    }
+    if (conn->doomed && now_ms - conn->doomed_ms > DOOMED_MS) {
+        umbd_conn_close(conn, "did not go after GOAWAY");
+        return;
+    }
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        if (!umbd_call_tick(call, now_ms)) {
+            cut_by_timer(conn, "headers");
+            return;
+        }
+    }
+    if (conn->calls == NULL && now_ms - conn->last_frame_ms > options->idle_timeout_ms) {
+        doom(conn, NGHTTP2_NO_ERROR);
+    }
+    umbd_conn_flush(conn);
+}

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_CONN_H
+#define UMBRAGE_SERVER_DAEMON_CONN_H
+/*
+ * One connection: its socket, its HTTP/2 session, its calls, its timers and budgets.
+ *
+ * Life: umbd_conn_accept, then events, then umbd_conn_close from outside of nghttp2's call-backs;
+ * the memory goes when libuv has closed the handle. Calls are freed before the session, because
+ * nghttp2_session_del tells nobody about its streams.
+ *
+ * Output: nghttp2's frames are collected in the loop's buffer and written at once; what the socket
+ * does not take is copied into one pending write, and nothing more is made until that is done. So
+ * a peer that does not read costs one such block, whatever it asked for.
+ */
+#include <nghttp2/nghttp2.h>
+#include <uv.h>
+#include "daemon/h2_guard.h"
+#include "daemon/loop.h"
+#include "daemon/net_address.h"
+
+struct umbd_call;
+
+struct umbd_conn {
+    struct umbd_loop *loop;
+    struct umbd_conn *next, *previous, *next_in_bucket;
+    uint64_t serial;
+    union {
+        uv_handle_t handle;
+        uv_stream_t stream;
+        uv_tcp_t tcp;
+        uv_pipe_t pipe;
+    } socket;
+    char peer[UMBD_ADDRESS_TEXT_SIZE];
+    nghttp2_session *session;
+    struct umbd_call *calls;
+    size_t call_count;
+    size_t buffered; /* bytes of its calls */
+
+    struct umbd_bucket control, resets;
+    unsigned header_strikes;
+
+    uint64_t opened_ms, last_frame_ms; /* uv_now */
+    uint64_t write_progress_ms;
+    size_t write_left;  /* of the pending write when it last moved */
+    int settings_seen;  /* the handshake is over */
+    int write_pending;
+    int doomed;         /* GOAWAY is on its way; no new work */
+    uint64_t doomed_ms;
+    int closing;
+    int dirty;
+    struct umbd_conn *next_dirty;
+};
+
+/* Takes one connection off a listening stream. */
+void umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix);
+
+/* Closes now; why is logged at debug. Not from within nghttp2's call-backs. */
+void umbd_conn_close(struct umbd_conn *conn, const char *why);
+
+/* Sends what is queued; closes the connection if its session is over. Not from call-backs. */
+void umbd_conn_flush(struct umbd_conn *conn);
+
+/* Looks at the timers. May close the connection. */
+void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
+
+/* Ends the session with a GOAWAY of that code; counts and logs it. Safe in call-backs. */
+void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
+
+/* Counts bytes held for the connection's calls; 1, or 0 if a budget would be passed (*limit and
+ * *option then name it). */
+int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
+void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);
+
+/* NULL if it is gone. */
+struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial);
+
+/* Makes the HTTP/2 session and queues the settings (conn_h2.c). Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_conn_h2_start(struct umbd_conn *conn);
+
+#endif

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Construction and take-down of what the loops share. */
+#include "daemon/daemon.h"
+
+#include <string.h>
+#include <unistd.h>
+
+enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_options *options,
+                                 struct umb_error *error)
+{
+    memset(daemon, 0, sizeof *daemon);
+    daemon->options = *options;
+    atomic_store(&daemon->next_serial, 1);
+    umbs_log_init(&daemon->log, STDERR_FILENO, options->log_level);
+    enum umb_status status =
+        umbd_store_watch_create(&daemon->metrics, &daemon->log, &daemon->watch, error);
+    if (status == UMB_OK) {
+        struct umbs_store_options store = {.folder = options->store,
+                                           .log = &daemon->log,
+                                           .retired = umbd_store_watch_retired,
+                                           .retired_user = daemon->watch};
+        status = umbs_store_open(&store, &daemon->store, error);
+    }
+    if (status == UMB_OK) {
+        struct umbs_store_report report;
+        status = umbs_store_rescan(daemon->store, &report, error);
+        umbd_count(&daemon->metrics.asset_errors, report.failed);
+        if (report.unsettled) {
+            umbd_store_watch_kick(daemon->watch);
+        }
+    }
+    if (status == UMB_OK) {
+        status = umbd_pool_create(options->workers, options->queue, &daemon->metrics,
+                                  &daemon->pool, error);
+    }
+    if (status == UMB_OK) {
+        status = umbd_store_watch_start(daemon->watch, daemon->store, error);
+    }
+    if (status != UMB_OK) {
+        umbd_daemon_finish(daemon);
+    }
+    return status;
+}
+
+void umbd_daemon_finish(struct umbd_daemon *daemon)
+{
+    umbd_pool_destroy(daemon->pool);
+    /* No entry is held any more, so nobody calls the watch after it is gone. */
+    umbd_store_watch_destroy(daemon->watch);
+    umbs_store_close(daemon->store);
+    daemon->pool = NULL;
+    daemon->watch = NULL;
+    daemon->store = NULL;
+}
+
+int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes)
+{
+    uint64_t before = atomic_fetch_add(&daemon->buffered, bytes);
+    if (before + bytes > daemon->options.max_buffer) {
+        atomic_fetch_sub(&daemon->buffered, bytes);
+        return 0;
+    }
+    return 1;
+}
+
+void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes)
+{
+    atomic_fetch_sub(&daemon->buffered, bytes);
+}
+
+void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
+{
+    umbs_store_count(daemon->store, &gauges->assets_loaded, &gauges->assets_damaged);
+    gauges->queue_depth = umbd_pool_depth(daemon->pool);
+    gauges->buffered_bytes = atomic_load(&daemon->buffered);
+    gauges->ready = !atomic_load(&daemon->draining);
+}

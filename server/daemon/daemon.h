@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_DAEMON_H
+#define UMBRAGE_SERVER_DAEMON_DAEMON_H
+/*
+ * What all loops of one daemon share: options, store, workers, counters. No globals: a process
+ * could run two. Built by main before the first loop, taken down after the last.
+ */
+#include <stdatomic.h>
+#include "common/log.h"
+#include "common/store.h"
+#include "daemon/daemon_metrics.h"
+#include "daemon/daemon_options.h"
+#include "daemon/pool.h"
+#include "daemon/store_watch.h"
+
+struct umbd_daemon {
+    struct umbd_options options;
+    struct umbs_log log;
+    struct umbd_metrics metrics;
+    struct umbs_store *store;
+    struct umbd_store_watch *watch;
+    struct umbd_pool *pool;
+    atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
+    atomic_uint_fast64_t next_serial; /* of connections; never reused */
+    atomic_int draining;              /* health says NOT_SERVING */
+};
+
+/* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then as
+ * after umbd_daemon_finish. */
+UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
+                                             const struct umbd_options *options,
+                                             struct umb_error *error);
+void umbd_daemon_finish(struct umbd_daemon *daemon);
+
+/* Counts bytes held; returns 1, or 0 (nothing counted) if --max-buffer would be passed. */
+int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes);
+void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes);
+
+/* Reads what a scrape needs besides the counters. */
+void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges);
+
+#endif

@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The Prometheus text format (version 0.0.4). Names of the grpc_server_ family are those that
+ * existing dashboards of the gRPC ecosystem read.
+ */
+#include "daemon/daemon_metrics.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "wire/grpc.h"
+
+struct method_name {
+    const char *service, *method, *type;
+};
+
+static const struct method_name method_names[UMBD_METHOD_COUNT] = {
+    {"umbrage.v1.Shadows", "Query", "unary"},
+    {"umbrage.v1.Shadows", "Describe", "unary"},
+    {"umbrage.v1.Shadows", "List", "unary"},
+    {"grpc.health.v1.Health", "Check", "unary"},
+    {"grpc.health.v1.Health", "Watch", "server_stream"},
+    {"unknown", "unknown", "unary"},
+};
+
+static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
+                                                          "library", "timeout"};
+
+/* Upper bounds in nanoseconds and as Prometheus writes them (reference: ops, section 4). */
+static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
+    50000,    100000,   250000,   500000,    1000000,   2500000,    5000000,    10000000,
+    25000000, 50000000, 100000000, 250000000, 500000000, 1000000000, 5000000000,
+};
+static const char *const bounds_text[UMBD_TIME_BUCKETS] = {
+    "5e-05", "0.0001", "0.00025", "0.0005", "0.001", "0.0025", "0.005", "0.01",
+    "0.025", "0.05",   "0.1",     "0.25",   "0.5",   "1",      "5",
+};
+
+static unsigned long long get(atomic_uint_fast64_t *counter)
+{
+    return (unsigned long long)atomic_load_explicit(counter, memory_order_relaxed);
+}
+
+void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
+                          uint64_t duration_ns)
+{
+    size_t bucket = 0;
+    if (code < 0 || code >= UMBD_GRPC_CODES) {
+        code = UMBW_GRPC_UNKNOWN;
+    }
+    while (bucket < UMBD_TIME_BUCKETS && duration_ns > bounds_ns[bucket]) {
+        bucket++;
+    }
+    umbd_count(&metrics->handled[method][code], 1);
+    umbd_count(&metrics->time_bucket[method][bucket], 1);
+    umbd_count(&metrics->time_sum_ns[method], duration_ns);
+}
+
+static void head(FILE *out, const char *name, const char *type, const char *help)
+{
+    fprintf(out, "# HELP %s %s\n# TYPE %s %s\n", name, help, name, type);
+}
+
+static void single(FILE *out, const char *name, const char *type, const char *help,
+                   unsigned long long value)
+{
+    head(out, name, type, help);
+    fprintf(out, "%s %llu\n", name, value);
+}
+
+static void write_calls(FILE *out, struct umbd_metrics *metrics)
+{
+    head(out, "grpc_server_started_total", "counter", "Calls begun.");
+    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
+        fprintf(out,
+                "grpc_server_started_total{grpc_service=\"%s\",grpc_method=\"%s\",grpc_type=\"%s\"} "
+                "%llu\n",
+                method_names[m].service, method_names[m].method, method_names[m].type,
+                get(&metrics->started[m]));
+    }
+    head(out, "grpc_server_handled_total", "counter", "Calls finished, by status code.");
+    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
+        for (int code = 0; code < UMBD_GRPC_CODES; code++) {
+            unsigned long long value = get(&metrics->handled[m][code]);
+            if (value > 0 || code == UMBW_GRPC_OK) {
+                fprintf(out,
+                        "grpc_server_handled_total{grpc_service=\"%s\",grpc_method=\"%s\","
+                        "grpc_type=\"%s\",grpc_code=\"%s\"} %llu\n",
+                        method_names[m].service, method_names[m].method, method_names[m].type,
+                        umbw_grpc_name(code), value);
+            }
+        }
+    }
+}
+
+static void write_times(FILE *out, struct umbd_metrics *metrics)
+{
+    head(out, "grpc_server_handling_seconds", "histogram", "Time from headers to the last byte.");
+    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
+        const struct method_name *name = &method_names[m];
+        unsigned long long total = 0;
+        for (size_t b = 0; b <= UMBD_TIME_BUCKETS; b++) {
+            total += get(&metrics->time_bucket[m][b]);
+            fprintf(out,
+                    "grpc_server_handling_seconds_bucket{grpc_service=\"%s\",grpc_method=\"%s\","
+                    "le=\"%s\"} %llu\n",
+                    name->service, name->method, b < UMBD_TIME_BUCKETS ? bounds_text[b] : "+Inf",
+                    total);
+        }
+        fprintf(out,
+                "grpc_server_handling_seconds_sum{grpc_service=\"%s\",grpc_method=\"%s\"} %.9f\n"
+                "grpc_server_handling_seconds_count{grpc_service=\"%s\",grpc_method=\"%s\"} %llu\n",
+                name->service, name->method, (double)get(&metrics->time_sum_ns[m]) * 1e-9,
+                name->service, name->method, total);
+    }
+}
+
+static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
+{
+    single(out, "umbrage_queries_total", "counter", "Points answered.", get(&metrics->points));
+    single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",
+           get(&metrics->batches_started));
+    single(out, "umbrage_queue_depth", "gauge", "Batches waiting for a worker.",
+           gauges->queue_depth);
+    single(out, "umbrage_shed_total", "counter", "Calls refused for lack of room.",
+           get(&metrics->shed));
+    long long open = (long long)atomic_load(&metrics->connections);
+    single(out, "umbrage_connections", "gauge", "Connections open.",
+           open > 0 ? (unsigned long long)open : 0);
+    single(out, "umbrage_connections_opened_total", "counter", "Connections accepted.",
+           get(&metrics->connections_opened));
+    single(out, "umbrage_connections_refused_total", "counter",
+           "Connections refused: too many, or no descriptor left.",
+           get(&metrics->connections_refused));
+    single(out, "umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
+           gauges->buffered_bytes);
+    head(out, "umbrage_h2_abuse_total", "counter", "Connections or streams cut, by cause.");
+    for (size_t k = 0; k < UMBD_ABUSE_COUNT; k++) {
+        fprintf(out, "umbrage_h2_abuse_total{kind=\"%s\"} %llu\n", abuse_names[k],
+                get(&metrics->abuse[k]));
+    }
+    single(out, "umbrage_asset_loaded", "gauge", "Assets that answer.", gauges->assets_loaded);
+    single(out, "umbrage_asset_damaged", "gauge", "Files of the store that cannot answer.",
+           gauges->assets_damaged);
+    single(out, "umbrage_asset_errors_total", "counter", "Loads that failed.",
+           get(&metrics->asset_errors));
+    single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",
+           gauges->ready ? 1 : 0);
+    head(out, "umbrage_build_info", "gauge", "Version of this program.");
+    fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION);
+}
+
+/* Resident pages from /proc; 0 where there is no such file. */
+static unsigned long long resident_bytes(void)
+{
+    unsigned long long total = 0;
+    unsigned long long resident = 0;
+    FILE *file = fopen("/proc/self/statm", "re");
+    if (file != NULL) {
+        if (fscanf(file, "%llu %llu", &total, &resident) != 2) {
+            resident = 0;
+        }
+        fclose(file);
+    }
+    return resident * (unsigned long long)sysconf(_SC_PAGESIZE);
+}
+
+static void write_process(FILE *out)
+{
+    struct timespec cpu = {0};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
+    single(out, "process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
+    head(out, "process_cpu_seconds_total", "counter", "CPU time, user and system.");
+    fprintf(out, "process_cpu_seconds_total %lld.%09ld\n", (long long)cpu.tv_sec, cpu.tv_nsec);
+}
+
+enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umbd_gauges *gauges,
+                                  char **text, size_t *size)
+{
+    *text = NULL;
+    *size = 0;
+    FILE *out = open_memstream(text, size);
+    if (out == NULL) {
+        return UMB_E_NO_MEMORY;
+    }
+    write_calls(out, metrics);
+    write_times(out, metrics);
+    write_own(out, metrics, gauges);
+    write_process(out);
+    int bad = ferror(out);
+    if (fclose(out) != 0 || bad) {
+        free(*text);
+        *text = NULL;
+        return UMB_E_NO_MEMORY;
+    }
+    return UMB_OK;
+}

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_DAEMON_METRICS_H
+#define UMBRAGE_SERVER_DAEMON_DAEMON_METRICS_H
+/*
+ * Counters of the daemon and their Prometheus text. Every counter is an atomic of its own that
+ * only ever grows; a scrape may see one call counted as started and not yet as handled, never a
+ * torn number. Labels come from fixed lists, so that no peer can make new series.
+ */
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+enum umbd_method {
+    UMBD_METHOD_QUERY = 0,
+    UMBD_METHOD_DESCRIBE,
+    UMBD_METHOD_LIST,
+    UMBD_METHOD_CHECK,
+    UMBD_METHOD_WATCH,
+    UMBD_METHOD_UNKNOWN, /* any other path */
+    UMBD_METHOD_COUNT,
+};
+
+enum umbd_abuse {
+    UMBD_ABUSE_CONTROL = 0, /* cheap frames */
+    UMBD_ABUSE_HEADERS,     /* header lists over the limit */
+    UMBD_ABUSE_RESET_SENT,  /* streams the peer made us reset */
+    UMBD_ABUSE_LIBRARY,     /* nghttp2 gave the connection up */
+    UMBD_ABUSE_TIMEOUT,     /* a timer cut it */
+    UMBD_ABUSE_COUNT,
+};
+
+#define UMBD_GRPC_CODES 17
+#define UMBD_TIME_BUCKETS 15 /* upper bounds 50 us .. 5 s, see daemon_metrics.c */
+
+struct umbd_metrics {
+    atomic_uint_fast64_t started[UMBD_METHOD_COUNT];
+    atomic_uint_fast64_t handled[UMBD_METHOD_COUNT][UMBD_GRPC_CODES];
+    atomic_uint_fast64_t time_bucket[UMBD_METHOD_COUNT][UMBD_TIME_BUCKETS + 1];
+    atomic_uint_fast64_t time_sum_ns[UMBD_METHOD_COUNT];
+    atomic_uint_fast64_t points;          /* answered */
+    atomic_uint_fast64_t batches_started; /* whose first point was looked up */
+    atomic_uint_fast64_t shed;
+    atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
+    atomic_uint_fast64_t asset_errors;
+    atomic_uint_fast64_t connections_opened;
+    atomic_uint_fast64_t connections_refused;
+    atomic_int_fast64_t connections; /* open now */
+};
+
+/* What only others know at the moment of a scrape. */
+struct umbd_gauges {
+    size_t queue_depth, assets_loaded, assets_damaged;
+    uint64_t buffered_bytes;
+    int ready;
+};
+
+static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
+{
+    atomic_fetch_add_explicit(counter, n, memory_order_relaxed);
+}
+
+/* Counts a finished call. code: 0..16. */
+void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
+                          uint64_t duration_ns);
+
+/* Renders everything; free() the text. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_metrics_text(struct umbd_metrics *metrics,
+                                              const struct umbd_gauges *gauges, char **text,
+                                              size_t *size);
+
+#endif

@@ -1,0 +1,284 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Command line of umbraged: one table of options, each with its kind and limits, so that every
+ * check and every message is made in one place.
+ */
+#include "daemon/daemon_options.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "common/log.h"
+#include "daemon/net_address.h"
+
+enum kind {
+    KIND_TEXT,
+    KIND_LISTEN,
+    KIND_COUNT, /* uint32 */
+    KIND_TOTAL, /* uint64 */
+    KIND_BYTES, /* uint64 */
+    KIND_TIME,  /* uint64, milliseconds */
+    KIND_LEVEL,
+    KIND_FLAG,
+};
+
+struct option {
+    const char *name;
+    enum kind kind;
+    size_t offset;
+    uint64_t minimum, maximum;
+    const char *value, *help;
+};
+
+#define AT(field) offsetof(struct umbd_options, field)
+#define HOUR_MS ((uint64_t)3600 * 1000)
+
+static const struct option table[] = {
+    {"--store", KIND_TEXT, AT(store), 0, 0, "DIR", "folder of packed assets (required)"},
+    {"--listen", KIND_LISTEN, 0, 0, 0, "ADDRESS",
+     "tcp:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; port 0 picks one"},
+    {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N", "threads that answer; default: one a core"},
+    {"--admin", KIND_TEXT, AT(admin), 0, 0, "HOST:PORT",
+     "plain HTTP for /metrics, /livez, /readyz; loopback only; off by default"},
+    {"--max-points", KIND_TOTAL, AT(max_points), 1, (uint64_t)1 << 28, "N",
+     "points in a batch; default 4194304"},
+    {"--max-message", KIND_BYTES, AT(max_message), 1024, (uint64_t)2 << 30, "BYTES",
+     "size of a request message; default 64MiB"},
+    {"--max-buffer", KIND_BYTES, AT(max_buffer), 1 << 20, (uint64_t)1 << 40, "BYTES",
+     "requests and replies held at once; default 1GiB"},
+    {"--connection-buffer", KIND_BYTES, AT(connection_buffer), 1 << 16, (uint64_t)1 << 40, "BYTES",
+     "the same for one connection; default 256MiB"},
+    {"--max-connections", KIND_COUNT, AT(max_connections), 1, 1000000, "N",
+     "connections at once; default 4096"},
+    {"--queue", KIND_COUNT, AT(queue), 1, 1000000, "N",
+     "batches that may wait for a worker; default 1024"},
+    {"--log-level", KIND_LEVEL, AT(log_level), 0, 0, "LEVEL", "error, warn, info or debug"},
+    {"--drain-delay", KIND_TIME, AT(drain_delay_ms), 0, HOUR_MS, "TIME",
+     "from SIGTERM to the end of listening; default 5s"},
+    {"--drain-timeout", KIND_TIME, AT(drain_timeout_ms), 0, HOUR_MS, "TIME",
+     "for calls under way after that; default 30s"},
+    {"--handshake-timeout", KIND_TIME, AT(handshake_timeout_ms), 100, HOUR_MS, "TIME",
+     "from connect to HTTP/2 settings; default 10s"},
+    {"--idle-timeout", KIND_TIME, AT(idle_timeout_ms), 100, 24 * HOUR_MS, "TIME",
+     "of a connection without calls; default 5m"},
+    {"--body-timeout", KIND_TIME, AT(body_timeout_ms), 100, HOUR_MS, "TIME",
+     "for a request to arrive, and 1 s more a 64 KiB; default 30s"},
+    {"--stall-timeout", KIND_TIME, AT(stall_timeout_ms), 100, HOUR_MS, "TIME",
+     "for a reply that the peer does not take; default 30s"},
+    {"--address-file", KIND_TEXT, AT(address_file), 0, 0, "FILE",
+     "gets the addresses listened on, one a line, once they are open"},
+    {"--check", KIND_FLAG, AT(check), 0, 0, NULL, "check the options and exit"},
+    {"--check-config", KIND_FLAG, AT(check), 0, 0, NULL, "the same"},
+    {"--help", KIND_FLAG, AT(help), 0, 0, NULL, "this text"},
+    {"--version", KIND_FLAG, AT(version), 0, 0, NULL, "the version"},
+};
+#define OPTION_COUNT (sizeof table / sizeof table[0])
+
+struct suffix {
+    const char *text;
+    uint64_t factor;
+};
+
+static const struct suffix byte_suffixes[] = {
+    {"", 1}, {"KiB", 1024}, {"MiB", 1 << 20}, {"GiB", 1 << 30}, {NULL, 0}};
+static const struct suffix time_suffixes[] = {
+    {"", 1000}, {"ms", 1}, {"s", 1000}, {"m", 60000}, {NULL, 0}};
+static const struct suffix no_suffixes[] = {{"", 1}, {NULL, 0}};
+
+/* Reads digits and a suffix; returns 1, or 0 for anything else and for overflow. */
+static int parse_number(const char *text, const struct suffix *suffixes, uint64_t *value)
+{
+    uint64_t number = 0;
+    size_t at = 0;
+    for (; text[at] >= '0' && text[at] <= '9'; at++) {
+        uint64_t digit = (uint64_t)(text[at] - '0');
+        if (number > (UINT64_MAX - digit) / 10) {
+            return 0;
+        }
+        number = number * 10 + digit;
+    }
+    if (at == 0) {
+        return 0;
+    }
+    for (; suffixes->text != NULL; suffixes++) {
+        if (strcmp(text + at, suffixes->text) == 0) {
+            if (number > UINT64_MAX / suffixes->factor) {
+                return 0;
+            }
+            *value = number * suffixes->factor;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+static enum umb_status set_number(const struct option *option, const char *text,
+                                  struct umbd_options *options, struct umb_error *error)
+{
+    uint64_t value = 0;
+    const struct suffix *suffixes = option->kind == KIND_BYTES  ? byte_suffixes
+                                    : option->kind == KIND_TIME ? time_suffixes
+                                                                : no_suffixes;
+    const char *unit = option->kind == KIND_BYTES  ? " bytes (KiB, MiB, GiB)"
+                       : option->kind == KIND_TIME ? " milliseconds (ms, s, m; bare: s)"
+                                                   : "";
+    if (!parse_number(text, suffixes, &value) || value < option->minimum ||
+        value > option->maximum) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.80s' is not in %llu..%llu%s", option->name,
+                        text, (unsigned long long)option->minimum,
+                        (unsigned long long)option->maximum, unit);
+    }
+    char *field = (char *)options + option->offset;
+    if (option->kind == KIND_COUNT) {
+        uint32_t narrow = (uint32_t)value;
+        memcpy(field, &narrow, sizeof narrow);
+    } else {
+        memcpy(field, &value, sizeof value);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status set_listen(const char *text, struct umbd_options *options,
+                                  struct umb_error *error)
+{
+    struct umbd_address address;
+    if (options->listen_count == UMBD_LISTEN_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--listen: more than %d addresses", UMBD_LISTEN_MAX);
+    }
+    enum umb_status status = umbd_address_parse("--listen", text, &address, error);
+    if (status == UMB_OK) {
+        options->listen[options->listen_count++] = text;
+    }
+    return status;
+}
+
+static enum umb_status set_option(const struct option *option, const char *text,
+                                  struct umbd_options *options, struct umb_error *error)
+{
+    char *field = (char *)options + option->offset;
+    switch (option->kind) {
+    case KIND_TEXT:
+        if (text[0] == '\0') {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: must not be empty", option->name);
+        }
+        memcpy(field, &text, sizeof text);
+        return UMB_OK;
+    case KIND_LISTEN:
+        return set_listen(text, options, error);
+    case KIND_LEVEL:
+        if (umbs_log_level_parse(text, &options->log_level) != UMB_OK) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "%s: '%.80s' is not one of error, warn, info, debug", option->name,
+                            text);
+        }
+        return UMB_OK;
+    default:
+        return set_number(option, text, options, error);
+    }
+}
+
+static const struct option *find_option(const char *text, size_t length)
+{
+    for (size_t i = 0; i < OPTION_COUNT; i++) {
+        if (strlen(table[i].name) == length && memcmp(table[i].name, text, length) == 0) {
+            return &table[i];
+        }
+    }
+    return NULL;
+}
+
+static void set_defaults(struct umbd_options *options)
+{
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    *options = (struct umbd_options){
+        .workers = cores >= 1 && cores <= 1024 ? (uint32_t)cores : 1,
+        .queue = 1024,
+        .max_connections = 4096,
+        .max_points = 4194304,
+        .max_message = (uint64_t)64 << 20,
+        .max_buffer = (uint64_t)1 << 30,
+        .connection_buffer = (uint64_t)256 << 20,
+        .drain_delay_ms = 5000,
+        .drain_timeout_ms = 30000,
+        .handshake_timeout_ms = 10000,
+        .idle_timeout_ms = 300000,
+        .body_timeout_ms = 30000,
+        .stall_timeout_ms = 30000,
+        .log_level = UMB_LOG_INFO,
+    };
+}
+
+/* Checks what single options cannot say. */
+static enum umb_status check_whole(struct umbd_options *options, struct umb_error *error)
+{
+    struct umbd_address address;
+    if (options->store == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--store DIR is required");
+    }
+    if (options->max_message > options->connection_buffer ||
+        options->connection_buffer > options->max_buffer) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--max-message (%llu) must not be above --connection-buffer (%llu), nor that "
+                        "above --max-buffer (%llu)",
+                        (unsigned long long)options->max_message,
+                        (unsigned long long)options->connection_buffer,
+                        (unsigned long long)options->max_buffer);
+    }
+    if (options->admin != NULL) {
+        enum umb_status status = umbd_address_parse_admin(options->admin, &address, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    if (options->listen_count == 0) {
+        options->listen[options->listen_count++] = "tcp:127.0.0.1:7420";
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
+                                   struct umb_error *error)
+{
+    set_defaults(options);
+    for (int i = 1; i < argc; i++) {
+        const char *text = argv[i];
+        const char *equals = strncmp(text, "--", 2) == 0 ? strchr(text, '=') : NULL;
+        size_t length = equals != NULL ? (size_t)(equals - text) : strlen(text);
+        const struct option *option = find_option(text, length);
+        if (option == NULL) {
+            return umb_fail(error, UMB_E_ARGUMENT, "unknown argument '%.80s' (see --help)", text);
+        }
+        if (option->kind == KIND_FLAG) {
+            if (equals != NULL) {
+                return umb_fail(error, UMB_E_ARGUMENT, "%s takes no value", option->name);
+            }
+            int one = 1;
+            memcpy((char *)options + option->offset, &one, sizeof one);
+            continue;
+        }
+        const char *value = equals != NULL ? equals + 1 : i + 1 < argc ? argv[++i] : NULL;
+        if (value == NULL) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s needs a value: %s", option->name,
+                            option->value);
+        }
+        enum umb_status status = set_option(option, value, options, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return options->help || options->version ? UMB_OK : check_whole(options, error);
+}
+
+void umbd_options_usage(FILE *out)
+{
+    fprintf(out, "usage: umbraged --store DIR [options]\n"
+                 "Answers shadow queries on the assets of a folder, over gRPC.\n\n");
+    for (size_t i = 0; i < OPTION_COUNT; i++) {
+        char left[48];
+        snprintf(left, sizeof left, "%s%s%s", table[i].name, table[i].value != NULL ? " " : "",
+                 table[i].value != NULL ? table[i].value : "");
+        fprintf(out, "  %-28s %s\n", left, table[i].help);
+    }
+    fprintf(out, "\nSIGTERM drains and exits, a second one exits at once; SIGHUP rescans the store.\n");
+}

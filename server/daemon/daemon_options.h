@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_DAEMON_OPTIONS_H
+#define UMBRAGE_SERVER_DAEMON_DAEMON_OPTIONS_H
+/*
+ * The command line of umbraged, checked. Text fields point into argv.
+ * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is seconds).
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include "umbrage/log.h"
+#include "umbrage/status.h"
+
+#define UMBD_LISTEN_MAX 16
+
+struct umbd_options {
+    const char *store;
+    const char *listen[UMBD_LISTEN_MAX];
+    size_t listen_count;
+    const char *admin;        /* HOST:PORT or NULL */
+    const char *address_file; /* or NULL */
+    uint32_t workers;         /* threads of the pool */
+    uint32_t queue;           /* batches that may wait for the pool */
+    uint32_t max_connections;
+    uint64_t max_points;      /* a batch */
+    uint64_t max_message;     /* bytes */
+    uint64_t max_buffer;      /* bytes of requests and replies held, process */
+    uint64_t connection_buffer; /* the same, one connection */
+    uint64_t drain_delay_ms, drain_timeout_ms;
+    uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
+    enum umb_log_level log_level;
+    int check, help, version; /* asked for instead of serving */
+};
+
+/*
+ * Reads argv. Fails: E_ARGUMENT with a message that names the option, the value and what it takes.
+ * With help or version set nothing else is required.
+ */
+UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
+                                               struct umb_error *error);
+
+/* Prints the usage. */
+void umbd_options_usage(FILE *out);
+
+#endif

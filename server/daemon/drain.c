@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The drain, as stages moved on by the tick: NOT_SERVING while balancers look away; then listeners
+ * close and every connection gets a GOAWAY that still admits what is on its way; a moment later
+ * the final GOAWAY; then calls finish until the timeout. A second signal ends it at once.
+ *
+ * Source: RFC 9113 section 6.8 (two GOAWAYs lose no request that was already sent).
+ */
+#include "daemon/admin.h"
+#include "daemon/call.h"
+#include "daemon/listener.h"
+
+#define NOTICE_MS 200 /* more than a round trip, for requests sent before the first GOAWAY came */
+
+static void enter(struct umbd_loop *loop, enum umbd_drain stage, const char *name)
+{
+    loop->drain = stage;
+    loop->drain_since_ms = uv_now(&loop->uv);
+    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "drain", "stage=%s connections=%zu", name,
+                   loop->conn_count);
+}
+
+static void tell_watchers(struct umbd_conn *conn)
+{
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        if (call->watch_last >= 0) {
+            umbd_service_health_update(call);
+        }
+    }
+}
+
+static void begin_notice(struct umbd_conn *conn)
+{
+    nghttp2_submit_shutdown_notice(conn->session);
+}
+
+/* The final GOAWAY; Watch calls would never end by themselves. */
+static void begin_last(struct umbd_conn *conn)
+{
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        if (call->watch_last >= 0) {
+            umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
+        }
+    }
+    nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
+                          nghttp2_session_get_last_proc_stream_id(conn->session),
+                          NGHTTP2_NO_ERROR, NULL, 0);
+}
+
+static void each_conn(struct umbd_loop *loop, void (*act)(struct umbd_conn *conn))
+{
+    struct umbd_conn *conn = loop->first_conn;
+    while (conn != NULL) {
+        struct umbd_conn *next = conn->next;
+        act(conn);
+        umbd_conn_flush(conn);
+        conn = next;
+    }
+}
+
+/* Ends the loop: everything is closed, so uv_run returns. */
+static void finish(struct umbd_loop *loop)
+{
+    enter(loop, UMBD_DRAIN_OVER, "over");
+    while (loop->first_conn != NULL) {
+        umbd_conn_close(loop->first_conn, "server stopped");
+    }
+    umbd_listeners_close(loop);
+    umbd_admin_close(loop);
+    uv_stop(&loop->uv);
+}
+
+void umbd_loop_drain(struct umbd_loop *loop)
+{
+    if (loop->drain != UMBD_DRAIN_NO) {
+        if (loop->drain != UMBD_DRAIN_OVER) {
+            finish(loop);
+        }
+        return;
+    }
+    atomic_store(&loop->daemon->draining, 1);
+    enter(loop, UMBD_DRAIN_DELAY, "delay");
+    each_conn(loop, tell_watchers);
+    umbd_loop_drain_step(loop);
+}
+
+void umbd_loop_drain_step(struct umbd_loop *loop)
+{
+    const struct umbd_options *options = &loop->daemon->options;
+    uint64_t passed_ms = uv_now(&loop->uv) - loop->drain_since_ms;
+    if (loop->drain == UMBD_DRAIN_DELAY && passed_ms >= options->drain_delay_ms) {
+        umbd_listeners_close(loop);
+        enter(loop, UMBD_DRAIN_NOTICE, "notice");
+        each_conn(loop, begin_notice);
+        passed_ms = 0;
+    }
+    if (loop->drain == UMBD_DRAIN_NOTICE && (passed_ms >= NOTICE_MS || loop->conn_count == 0)) {
+        enter(loop, UMBD_DRAIN_LAST, "last");
+        each_conn(loop, begin_last);
+        passed_ms = 0;
+    }
+    if (loop->drain == UMBD_DRAIN_LAST &&
+        (loop->conn_count == 0 || passed_ms >= options->drain_timeout_ms)) {
+        finish(loop);
+    }
+}

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Opening listeners and accepting. Running out of descriptors: libuv keeps one in reserve, uses it
+ * to accept and drop the waiting connection, and so does not spin; the event is counted and logged
+ * at a limited rate.
+ */
+#include "daemon/listener.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "daemon/conn.h"
+
+#define BACKLOG 1024
+
+static void on_connection(uv_stream_t *server, int status)
+{
+    struct umbd_listener *listener = server->data;
+    struct umbd_loop *loop = listener->loop;
+    if (status < 0) {
+        umbd_count(&loop->daemon->metrics.connections_refused, 1);
+        if (umbd_loop_may_log(loop)) {
+            umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
+                           uv_strerror(status));
+        }
+        return;
+    }
+    umbd_conn_accept(loop, server, listener->is_unix);
+}
+
+/* 1 if a process answers on a Unix socket. */
+static int is_alive(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+    if (fd < 0) {
+        return 1;
+    }
+    int alive = connect(fd, (struct sockaddr *)&address, sizeof address) == 0 || errno == EAGAIN;
+    close(fd);
+    return alive;
+}
+
+static void remove_stale(const char *path)
+{
+    struct stat status;
+    if (lstat(path, &status) == 0 && S_ISSOCK(status.st_mode) && !is_alive(path)) {
+        unlink(path);
+    }
+}
+
+static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address)
+{
+    remove_stale(address->path);
+    int code = uv_pipe_bind(&listener->socket.pipe, address->path);
+    if (code == 0) {
+        memcpy(listener->path, address->path, sizeof listener->path);
+        snprintf(listener->text, sizeof listener->text, "unix:%s", address->path);
+    }
+    return code;
+}
+
+static int bind_tcp(struct umbd_listener *listener, const struct sockaddr_storage *address)
+{
+    return uv_tcp_bind(&listener->socket.tcp, (const struct sockaddr *)address, 0);
+}
+
+/* Port 0 has become a real one only now. */
+static void name_tcp(struct umbd_listener *listener)
+{
+    struct sockaddr_storage address;
+    int size = sizeof address;
+    memset(&address, 0, sizeof address);
+    memcpy(listener->text, "tcp:", 5);
+    uv_tcp_getsockname(&listener->socket.tcp, (struct sockaddr *)&address, &size);
+    umbd_address_text(&address, listener->text + 4, sizeof listener->text - 4);
+}
+
+static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct umb_error *error)
+{
+    struct umbd_address address;
+    struct sockaddr_storage resolved;
+    enum umb_status status = umbd_address_parse("--listen", text, &address, error);
+    if (status == UMB_OK && !address.is_unix) {
+        status = umbd_address_resolve(&address, &resolved, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbd_listener *listener = calloc(1, sizeof *listener);
+    if (listener == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
+    }
+    listener->loop = loop;
+    listener->is_unix = address.is_unix;
+    if (address.is_unix) {
+        uv_pipe_init(&loop->uv, &listener->socket.pipe, 0);
+    } else {
+        uv_tcp_init(&loop->uv, &listener->socket.tcp);
+    }
+    listener->socket.handle.data = listener;
+    struct umbd_listener **last = &loop->listeners;
+    while (*last != NULL) {
+        last = &(*last)->next;
+    }
+    *last = listener;
+    int code = address.is_unix ? bind_unix(listener, &address) : bind_tcp(listener, &resolved);
+    if (code == 0) {
+        code = uv_listen(&listener->socket.stream, BACKLOG, on_connection);
+    }
+    if (code != 0) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s", text,
+                        uv_strerror(code));
+    }
+    if (!address.is_unix) {
+        name_tcp(listener);
+    }
+    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "listening", "address=\"%s\"", listener->text);
+    return UMB_OK;
+}
+
+enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error)
+{
+    const struct umbd_options *options = &loop->daemon->options;
+    for (size_t i = 0; i < options->listen_count; i++) {
+        enum umb_status status = open_one(loop, options->listen[i], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+static void on_closed(uv_handle_t *handle)
+{
+    free(handle->data);
+}
+
+void umbd_listeners_close(struct umbd_loop *loop)
+{
+    while (loop->listeners != NULL) {
+        struct umbd_listener *listener = loop->listeners;
+        loop->listeners = listener->next;
+        if (listener->path[0] != '\0') {
+            unlink(listener->path);
+        }
+        uv_close(&listener->socket.handle, on_closed);
+    }
+}

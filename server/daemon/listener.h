@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_LISTENER_H
+#define UMBRAGE_SERVER_DAEMON_LISTENER_H
+/* Listening sockets of a loop, TCP and Unix. */
+#include "daemon/loop.h"
+#include "daemon/net_address.h"
+
+struct umbd_listener {
+    struct umbd_listener *next;
+    struct umbd_loop *loop;
+    union {
+        uv_handle_t handle;
+        uv_stream_t stream;
+        uv_tcp_t tcp;
+        uv_pipe_t pipe;
+    } socket;
+    int is_unix;
+    char path[UMBD_UNIX_PATH_SIZE];       /* unlinked at close */
+    char text[UMBD_ADDRESS_TEXT_SIZE];    /* what was chosen: tcp:HOST:PORT or unix:PATH */
+};
+
+/*
+ * Opens all addresses of the options. A stale Unix socket, one that nobody answers on, is replaced;
+ * anything else at that path is left alone.
+ * Fails: E_UNAVAILABLE (in use, no permission), E_ARGUMENT (unknown host), E_NO_MEMORY; what was
+ * opened is closed by umbd_listeners_close.
+ */
+UMB_CHECKED enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error);
+
+/* Stops listening; the handles' memory goes when the loop has run once more. */
+void umbd_listeners_close(struct umbd_loop *loop);
+
+#endif

@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The event loop: timers, finished batches, signals, the store folder's events.
+ *
+ * A batch ends on a worker's thread, is put on done_list and the loop is woken; here its
+ * connection is found by serial and its stream by number, so a batch whose call has gone meets
+ * nobody and is only freed.
+ */
+#include "daemon/loop.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/admin.h"
+#include "daemon/call.h"
+#include "daemon/listener.h"
+
+#define LOG_BURST 20 /* warnings about peers at once */
+#define LOG_RATE 5   /* and a second */
+
+int umbd_loop_may_log(struct umbd_loop *loop)
+{
+    return umbd_bucket_take(&loop->log_budget, uv_hrtime());
+}
+
+void umbd_loop_batch_done(struct umbd_batch *batch)
+{
+    struct umbd_loop *loop = batch->home;
+    batch->next_done = NULL;
+    pthread_mutex_lock(&loop->done_mutex);
+    if (loop->done_last != NULL) {
+        loop->done_last->next_done = batch;
+    } else {
+        loop->done_first = batch;
+    }
+    loop->done_last = batch;
+    pthread_mutex_unlock(&loop->done_mutex);
+    uv_async_send(&loop->wake);
+}
+
+static void mark_dirty(struct umbd_conn *conn)
+{
+    if (!conn->dirty) {
+        conn->dirty = 1;
+        conn->next_dirty = conn->loop->first_dirty;
+        conn->loop->first_dirty = conn;
+    }
+}
+
+static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
+{
+    struct umbd_conn *conn = umbd_conn_find(loop, batch->lane);
+    struct umbd_call *call =
+        conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, batch->stream_id) : NULL;
+    if (call != NULL && call->batch == batch) {
+        call->batch = NULL;
+        umbd_service_query_done(call, batch);
+        mark_dirty(conn);
+    } else {
+        umbd_daemon_uncharge(loop->daemon, batch->charged);
+    }
+    umbd_batch_destroy(batch);
+}
+
+/* Takes what the workers finished; then sends, once a connection. */
+static void collect_done(struct umbd_loop *loop)
+{
+    pthread_mutex_lock(&loop->done_mutex);
+    struct umbd_batch *batch = loop->done_first;
+    loop->done_first = loop->done_last = NULL;
+    pthread_mutex_unlock(&loop->done_mutex);
+    while (batch != NULL) {
+        struct umbd_batch *next = batch->next_done;
+        deliver(loop, batch);
+        batch = next;
+    }
+    while (loop->first_dirty != NULL) {
+        struct umbd_conn *conn = loop->first_dirty;
+        loop->first_dirty = conn->next_dirty;
+        conn->dirty = 0;
+        umbd_conn_flush(conn);
+    }
+}
+
+static void on_wake(uv_async_t *async)
+{
+    collect_done(async->data);
+}
+
+static void on_tick(uv_timer_t *timer)
+{
+    struct umbd_loop *loop = timer->data;
+    uint64_t now_ms = uv_now(&loop->uv);
+    struct umbd_conn *conn = loop->first_conn;
+    while (conn != NULL) {
+        struct umbd_conn *next = conn->next;
+        umbd_conn_tick(conn, now_ms);
+        conn = next;
+    }
+    umbd_admin_tick(loop, now_ms);
+    umbd_loop_drain_step(loop);
+}
+
+static void on_signal(uv_signal_t *signal, int number)
+{
+    struct umbd_loop *loop = signal->data;
+    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "signal", "number=%d", number);
+    if (number == SIGHUP) {
+        umbd_store_watch_kick(loop->daemon->watch);
+    } else {
+        umbd_loop_drain(loop);
+    }
+}
+
+static void on_folder_event(uv_fs_event_t *handle, const char *name, int events, int status)
+{
+    struct umbd_loop *loop = handle->data;
+    (void)name;
+    (void)events;
+    if (status == 0) {
+        umbd_store_watch_kick(loop->daemon->watch);
+    }
+}
+
+static void start_handles(struct umbd_loop *loop)
+{
+    uv_async_init(&loop->uv, &loop->wake, on_wake);
+    uv_timer_init(&loop->uv, &loop->tick);
+    uv_signal_init(&loop->uv, &loop->terminate);
+    uv_signal_init(&loop->uv, &loop->interrupt);
+    uv_signal_init(&loop->uv, &loop->hangup);
+    uv_fs_event_init(&loop->uv, &loop->folder);
+    loop->wake.data = loop->tick.data = loop->folder.data = loop;
+    loop->terminate.data = loop->interrupt.data = loop->hangup.data = loop;
+    uv_timer_start(&loop->tick, on_tick, UMBD_TICK_MS, UMBD_TICK_MS);
+    uv_signal_start(&loop->terminate, on_signal, SIGTERM);
+    uv_signal_start(&loop->interrupt, on_signal, SIGINT);
+    uv_signal_start(&loop->hangup, on_signal, SIGHUP);
+    int code = uv_fs_event_start(&loop->folder, on_folder_event, loop->daemon->options.store, 0);
+    if (code != 0) {
+        umbs_log_event(&loop->daemon->log, UMB_LOG_WARN, "watch_unavailable",
+                       "reason=\"%s\" rescan_s=%d", uv_strerror(code), UMBD_RESCAN_S);
+    }
+}
+
+enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,
+                               struct umb_error *error)
+{
+    memset(loop, 0, sizeof *loop);
+    loop->daemon = daemon;
+    loop->read_buffer = malloc(UMBD_READ_BYTES);
+    loop->out = malloc(UMBD_OUT_CAPACITY);
+    int code = loop->read_buffer != NULL && loop->out != NULL ? uv_loop_init(&loop->uv) : UV_ENOMEM;
+    if (code != 0) {
+        free(loop->read_buffer);
+        free(loop->out);
+        return umb_fail(error, UMB_E_NO_MEMORY, "cannot start a loop: %s", uv_strerror(code));
+    }
+    pthread_mutex_init(&loop->done_mutex, NULL);
+    umbd_bucket_init(&loop->log_budget, LOG_BURST, LOG_RATE, uv_hrtime());
+    start_handles(loop);
+    return UMB_OK;
+}
+
+void umbd_loop_run(struct umbd_loop *loop)
+{
+    uv_run(&loop->uv, UV_RUN_DEFAULT);
+}
+
+static void close_handle(uv_handle_t *handle, void *unused)
+{
+    (void)unused;
+    if (!uv_is_closing(handle)) {
+        uv_close(handle, NULL);
+    }
+}
+
+void umbd_loop_finish(struct umbd_loop *loop)
+{
+    while (loop->first_conn != NULL) {
+        umbd_conn_close(loop->first_conn, "server stopped");
+    }
+    umbd_listeners_close(loop);
+    umbd_admin_close(loop);
+    /* Batches of calls that went are still with the workers: they come home before the async goes. */
+    umbd_pool_destroy(loop->daemon->pool);
+    loop->daemon->pool = NULL;
+    collect_done(loop);
+    uv_walk(&loop->uv, close_handle, NULL);
+    uv_run(&loop->uv, UV_RUN_DEFAULT);
+    uv_loop_close(&loop->uv);
+    pthread_mutex_destroy(&loop->done_mutex);
+    free(loop->read_buffer);
+    free(loop->out);
+}

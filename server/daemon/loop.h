@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_LOOP_H
+#define UMBRAGE_SERVER_DAEMON_LOOP_H
+/*
+ * One event loop: it owns its listeners and connections, and gets finished batches from the pool.
+ *
+ * Life: umbd_loop_init, listen (listener.h), umbd_loop_run, umbd_loop_finish. Nothing here is
+ * shared between loops but the daemon; a batch comes home through `done_list` and the async
+ * handle, and its connection is looked up by serial, never by pointer.
+ */
+#include <pthread.h>
+#include <uv.h>
+#include "daemon/daemon.h"
+#include "daemon/h2_guard.h"
+
+#define UMBD_TICK_MS 100              /* resolution of all timers */
+#define UMBD_READ_BYTES (256 * 1024)  /* the loop's read buffer */
+#define UMBD_OUT_SOFT (256 * 1024)    /* output collected before a write */
+#define UMBD_SEND_FRAME (128 * 1024)  /* longest DATA frame sent */
+#define UMBD_OUT_RESERVE (64 * 1024)  /* always left for frames that nghttp2 hands out itself */
+#define UMBD_OUT_CAPACITY (UMBD_OUT_SOFT + UMBD_SEND_FRAME + 9 + UMBD_OUT_RESERVE)
+#define UMBD_INLINE_NS 4000000        /* of small batches in one wake-up, then they go to the pool */
+#define UMBD_CONN_BUCKETS 1024        /* of the table by serial; a power of 2 */
+
+struct umbd_conn;
+struct umbd_listener;
+struct umbd_admin;
+
+enum umbd_drain {
+    UMBD_DRAIN_NO = 0,
+    UMBD_DRAIN_DELAY,  /* NOT_SERVING, still listening */
+    UMBD_DRAIN_NOTICE, /* listeners closed, first GOAWAY sent */
+    UMBD_DRAIN_LAST,   /* final GOAWAY sent, calls finish */
+    UMBD_DRAIN_OVER,   /* handles closed */
+};
+
+struct umbd_loop {
+    uv_loop_t uv;
+    struct umbd_daemon *daemon;
+    uv_async_t wake;
+    uv_timer_t tick;
+    uv_signal_t terminate, interrupt, hangup;
+    uv_fs_event_t folder;
+
+    struct umbd_conn *first_conn;
+    struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
+    size_t conn_count;
+    struct umbd_listener *listeners;
+    struct umbd_admin *admin;
+
+    enum umbd_drain drain;
+    uint64_t drain_since_ms; /* of the stage, uv_now */
+
+    uint8_t *read_buffer;  /* [UMBD_READ_BYTES] */
+    uint8_t *out;          /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
+    size_t out_size;
+    uint64_t inline_ns;    /* spent on small batches in this wake-up */
+    uint64_t inline_at_ms; /* uv_now of that wake-up */
+    struct umbd_conn *first_dirty; /* connections with frames queued by finished batches */
+    struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
+
+    pthread_mutex_t done_mutex;
+    struct umbd_batch *done_first, *done_last; /* under done_mutex */
+};
+
+UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,
+                                           struct umb_error *error);
+
+/* Runs until drained. */
+void umbd_loop_run(struct umbd_loop *loop);
+void umbd_loop_finish(struct umbd_loop *loop);
+
+/* The `done` of batches made on a loop; home is the loop. Any thread. */
+void umbd_loop_batch_done(struct umbd_batch *batch);
+
+/* 1 if a warning about a peer may be logged now. */
+int umbd_loop_may_log(struct umbd_loop *loop);
+
+/* Starts the drain; a second call ends everything at once. */
+void umbd_loop_drain(struct umbd_loop *loop);
+
+/* Moves the drain on; called by the tick. */
+void umbd_loop_drain_step(struct umbd_loop *loop);
+
+#endif

@@ -1,0 +1,101 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_POOL_H
+#define UMBRAGE_SERVER_DAEMON_POOL_H
+/*
+ * The workers: a fixed number of threads that answer large batches in slices.
+ *
+ * Life of a batch: made by the loop (umbd_batch_create), handed over (umbd_pool_submit), answered
+ * slice by slice, given back exactly once by its `done` call-back on some thread, freed by the loop
+ * (umbd_batch_destroy). Small batches never come here: umbd_batch_run answers them at once.
+ *
+ * Fair: each connection (lane) with work gets a slice in turn, whatever the number and size of its
+ * batches. Bounded: a submit beyond the limit fails with E_BUSY. Deadlines are looked at before
+ * each slice: a batch that expired while it waited is never begun, one that expires midway stops.
+ * Cancelling drops what has not been begun.
+ *
+ * Threads: all functions but create and destroy may be called from any thread. A batch belongs to
+ * the pool between submit and done; the maker may only cancel it.
+ */
+#include <pthread.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "common/store.h"
+#include "daemon/daemon_metrics.h"
+#include "umbrage/query.h"
+
+#define UMBD_SLICE_POINTS 8192 /* at one tap; fewer with wide windows; a multiple of 8 */
+
+struct umbd_batch {
+    /* set by the maker */
+    uint8_t *message;            /* owned: what the points lie in */
+    struct umbs_entry *entry;    /* owned: the one version that answers */
+    struct umb_query query;
+    struct umb_points points;
+    struct umb_query_settings settings;
+    uint8_t *values;             /* owned: the answers */
+    size_t value_bytes;
+    int want_stats;
+    uint64_t deadline_ns;        /* CLOCK_MONOTONIC, 0 = none */
+    uint64_t lane;               /* serial of the connection */
+    int32_t stream_id;
+    size_t charged;              /* bytes the maker counted for it */
+    void (*done)(struct umbd_batch *batch); /* any thread; must not block */
+    void *home;                  /* for done */
+    struct umbd_batch *next_done; /* for done's list */
+
+    /* results, valid in done */
+    enum umb_status status;
+    struct umb_error error;
+    struct umb_query_stats stats;
+    uint64_t cpu_ns;
+
+    /* the pool's, under its mutex */
+    size_t next_point;     /* first point not handed out */
+    size_t slice_points;
+    size_t in_flight;      /* slices being answered */
+    size_t error_point;    /* first point of the slice whose error is kept */
+    int begun, linked;
+    struct umbd_batch *ring_next, *ring_previous; /* heads of lanes */
+    struct umbd_batch *follower, *last_follower;  /* later batches of the lane */
+};
+
+/*
+ * Makes a batch for `count` points; takes entry and message over, also on failure.
+ * Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbd_batch_create(struct umbs_entry *entry, uint8_t *message,
+                                              const struct umb_query_settings *settings,
+                                              const struct umb_points *points,
+                                              struct umbd_batch **out, struct umb_error *error);
+void umbd_batch_destroy(struct umbd_batch *batch);
+
+/* Checks and answers a whole batch on the calling thread; the results are in the batch. */
+void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics);
+
+struct umbd_pool; /* opaque */
+
+/* Starts the threads. Fails: E_NO_MEMORY, E_LIMIT (thread). */
+UMB_CHECKED enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limit,
+                                             struct umbd_metrics *metrics, struct umbd_pool **out,
+                                             struct umb_error *error);
+
+/* Cancels what is there, gives everything back, joins the threads. NULL is allowed. */
+void umbd_pool_destroy(struct umbd_pool *pool);
+
+/* Hands a batch over. Fails: E_BUSY (queue full): the batch stays the caller's. */
+UMB_CHECKED enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batch,
+                                             struct umb_error *error);
+
+/*
+ * Stops a batch: no further slice is begun. Its done comes as soon as none is under way, perhaps
+ * before this returns, with E_CANCELLED unless it had ended before.
+ */
+void umbd_pool_cancel(struct umbd_pool *pool, struct umbd_batch *batch);
+
+/* Batches waiting for a worker. */
+size_t umbd_pool_depth(struct umbd_pool *pool);
+
+/* CLOCK_MONOTONIC in nanoseconds. */
+uint64_t umbd_now_ns(void);
+
+#endif

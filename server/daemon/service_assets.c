@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shadows.Describe and Shadows.List. */
+#include "daemon/call.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_store_item *item)
+{
+    memset(summary, 0, sizeof *summary);
+    memcpy(summary->name, item->name, strlen(item->name) + 1); /* 251 bytes at most */
+    memcpy(summary->id, item->id, UMB_ID_BYTES);
+    summary->packed_bytes = item->packed_bytes;
+    summary->memory_bytes = item->memory_bytes;
+    summary->light_count = item->light_count;
+}
+
+/* Resolution and voxel size are those of the light's first frustum; all of its frusta have the same. */
+static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
+                                  struct umbw_light *light)
+{
+    struct umb_frustum_info frustum;
+    enum umb_status status = umb_asset_get_light(asset, index, &light->info);
+    if (status != UMB_OK || light->info.frustum_count == 0) {
+        return status;
+    }
+    status = umb_asset_get_frustum(asset, light->info.first_frustum, &frustum);
+    if (status == UMB_OK) {
+        light->resolution = (uint64_t)1 << frustum.log2_size;
+        light->closed = frustum.closed;
+        for (size_t i = 0; i < 3; i++) {
+            const double *step = frustum.voxel_step[i];
+            light->voxel_m[i] = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        }
+    }
+    return status;
+}
+
+/* Borrows the asset's strings; the lights are the caller's to free. */
+static enum umb_status fill_description(const struct umbs_entry *entry,
+                                        struct umbw_describe_reply *reply)
+{
+    const struct umb_asset *asset = umbs_entry_asset(entry);
+    struct umb_asset_info info;
+    umb_asset_get_info(asset, &info);
+    fill_summary(&reply->summary, umbs_entry_item(entry));
+    reply->light_count = info.light_count;
+    reply->lights = calloc((size_t)info.light_count + 1, sizeof *reply->lights);
+    if (reply->lights == NULL) {
+        return UMB_E_NO_MEMORY;
+    }
+    memcpy(reply->origin, info.origin, sizeof reply->origin);
+    reply->bounds = info.bounds;
+    reply->plan = (char *)(uintptr_t)info.plan; /* read only by the encoder */
+    reply->settings = (char *)(uintptr_t)info.settings;
+    memcpy(reply->scene_hash, info.scene_hash, sizeof reply->scene_hash);
+    for (uint32_t i = 0; i < info.light_count; i++) {
+        enum umb_status status = fill_light(asset, i, &reply->lights[i]);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* Sends an encoded reply, or the failure instead. */
+static void finish(struct umbd_call *call, enum umb_status status, struct umbw_buffer *head,
+                   const struct umb_error *error)
+{
+    if (status != UMB_OK) {
+        umbw_buffer_finish(head);
+        umbd_call_fail_status(call, status, error);
+    } else if (umbd_call_charge(call, head->size)) {
+        umbd_call_reply(call, head, NULL, 0);
+    } else {
+        umbw_buffer_finish(head);
+    }
+}
+
+void umbd_service_describe(struct umbd_call *call)
+{
+    char name[UMBW_ASSET_NAME_MAX + 1];
+    struct umbs_entry *entry = NULL;
+    struct umbw_describe_reply reply = {0};
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    enum umb_status status =
+        umbw_decode_describe_request(call->message, call->message_size, name, &error);
+    if (status == UMB_OK) {
+        status = umbs_store_acquire(call->conn->loop->daemon->store, name, &entry, &error);
+    }
+    if (status == UMB_OK) {
+        status = fill_description(entry, &reply);
+    }
+    if (status == UMB_OK) {
+        status = umbw_encode_describe_reply(&reply, &head, &error);
+    }
+    free(reply.lights);
+    umbs_entry_release(entry);
+    finish(call, status, &head, &error);
+}
+
+void umbd_service_list(struct umbd_call *call)
+{
+    struct umbs_store_item *items = NULL;
+    struct umbw_list_reply reply = {0};
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    size_t count = 0;
+    enum umb_status status =
+        umbs_store_list(call->conn->loop->daemon->store, &items, &count, &error);
+    if (status == UMB_OK) {
+        reply.assets = calloc(count + 1, sizeof *reply.assets);
+        status = reply.assets != NULL ? UMB_OK : UMB_E_NO_MEMORY;
+    }
+    for (size_t i = 0; status == UMB_OK && i < count; i++) {
+        if (items[i].status == UMB_OK) {
+            fill_summary(&reply.assets[reply.count++], &items[i]);
+        }
+    }
+    if (status == UMB_OK) {
+        status = umbw_encode_list_reply(&reply, &head, &error);
+    }
+    free(reply.assets);
+    free(items);
+    finish(call, status, &head, &error);
+}

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_STORE_WATCH_H
+#define UMBRAGE_SERVER_DAEMON_STORE_WATCH_H
+/*
+ * The thread that rescans the store and frees retired assets, so that no loop ever blocks on the
+ * disk. It scans when kicked (a folder event, SIGHUP), every 30 s in any case, and soon again while
+ * a young file looks half copied.
+ */
+#include "common/store.h"
+#include "daemon/daemon_metrics.h"
+
+#define UMBD_RESCAN_S 30       /* events can be lost; this is the safety */
+#define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
+
+struct umbd_store_watch; /* opaque */
+
+/* Makes the object; the store may be opened with its umbd_store_watch_retired before start. */
+UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics,
+                                                    const struct umbs_log *log,
+                                                    struct umbd_store_watch **out,
+                                                    struct umb_error *error);
+
+/* Starts the thread on a store. Fails: E_LIMIT. */
+UMB_CHECKED enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch,
+                                                   struct umbs_store *store,
+                                                   struct umb_error *error);
+
+/* Asks for a scan soon. Any thread, at once. */
+void umbd_store_watch_kick(struct umbd_store_watch *watch);
+
+/* The store's `retired` call-back; user is the watch. */
+void umbd_store_watch_retired(void *user);
+
+/* Stops and joins the thread, frees the object. NULL is allowed. */
+void umbd_store_watch_destroy(struct umbd_store_watch *watch);
+
+#endif

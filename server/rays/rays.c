@@ -1,0 +1,384 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Embree 3.13 behind rays.h: one triangle geometry, robust, built for speed of tracing.
+ *
+ * The vertices that Embree traces, floats relative to the centre, stay readable through its own
+ * buffer; normals and the treatment of shared edges are computed from them in doubles.
+ *
+ * Counting all crossings needs care in three places:
+ * - Embree's high-quality build may split triangles among leaves, and its manual allows the filter
+ *   to be called twice for one hit then. Hits are kept in a list without repetitions.
+ * - The list has a fixed size (a query allocates nothing). A ray with more hits is traced again
+ *   for those beyond the last one kept, until none are left: exact for any number.
+ * - A ray through an edge or a corner that two facets share hits both, which is one crossing of
+ *   the surface. Hits on a triangle's border that face the same way at the same distance and touch
+ *   in a vertex count once. On a silhouette they face opposite ways and cancel each other.
+ *
+ * Source: Wald et al. 2014 (Embree); Woop, Benthin, Wald 2013 (watertight intersection).
+ */
+#include "rays/rays.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <embree3/rtcore.h>
+
+#include "base/memory.h"
+
+enum {
+    HITS_MAX = 128, /* kept at a time; rays through a city have fewer than twenty */
+};
+
+/* Barycentric coordinates below this are on the border: float rounding of robust mode, times 16. */
+static const double border_coordinate = 16 * FLT_EPSILON;
+
+/* Hits nearer together than this share of their distance (and of a metre) may be one crossing. */
+static const double same_distance = 64 * FLT_EPSILON;
+
+struct umbr_rays {
+    RTCDevice device;
+    RTCScene scene;
+    const float (*vertices)[3]; /* [3 * count], relative to centre; Embree's buffer */
+    double centre[3];
+    size_t count;
+};
+
+struct crossing {
+    float distance;
+    uint32_t triangle;
+    int32_t sign;   /* +1 back-facing (leaving a solid), -1 front-facing */
+    int32_t border; /* 1 if the hit lies on the triangle's border */
+};
+
+/* The context of one all-hits ray. Embree hands its first member back to the filter. */
+struct crossing_list {
+    struct RTCIntersectContext context;
+    const uint8_t *closed;
+    struct crossing hits[HITS_MAX]; /* sorted by distance, then triangle */
+    size_t count;
+    int more;        /* hits were left out */
+    int has_last;    /* only hits beyond `last` are wanted */
+    struct crossing last;
+};
+
+/* Remembers Embree's first message. */
+struct build_report {
+    enum RTCError code;
+    char text[160];
+};
+
+static void note_error(void *user, enum RTCError code, const char *text)
+{
+    struct build_report *report = user;
+    if (report->code == RTC_ERROR_NONE) {
+        report->code = code;
+        (void)snprintf(report->text, sizeof report->text, "%s", text != NULL ? text : "");
+    }
+}
+
+static void find_centre(const double (*corners)[3][3], size_t count, double centre[3])
+{
+    for (int i = 0; i < 3; i++) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t t = 0; t < count; t++) {
+            for (int k = 0; k < 3; k++) {
+                double value = corners[t][k][i];
+                low = value < low ? value : low;
+                high = value > high ? value : high;
+            }
+        }
+        centre[i] = low <= high ? 0.5 * low + 0.5 * high : 0;
+    }
+}
+
+/* Hands the triangles over; on failure Embree has reported why. */
+static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
+{
+    RTCGeometry geometry = rtcNewGeometry(rays->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (geometry == NULL) {
+        return 0;
+    }
+    float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
+                                              RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                                              3 * rays->count);
+    uint32_t *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0,
+                                                RTC_FORMAT_UINT3, 3 * sizeof(uint32_t),
+                                                rays->count);
+    if (vertices == NULL || indices == NULL) {
+        rtcReleaseGeometry(geometry);
+        return 0;
+    }
+    for (size_t t = 0; t < rays->count; t++) {
+        for (size_t k = 0; k < 9; k++) {
+            vertices[9 * t + k] = (float)(corners[t][k / 3][k % 3] - rays->centre[k % 3]);
+        }
+        for (size_t k = 0; k < 3; k++) {
+            indices[3 * t + k] = (uint32_t)(3 * t + k);
+        }
+    }
+    rays->vertices = (const float(*)[3])vertices;
+    rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_HIGH);
+    rtcCommitGeometry(geometry);
+    (void)rtcAttachGeometry(rays->scene, geometry);
+    rtcReleaseGeometry(geometry); /* the scene holds it, and with it the vertices */
+    return 1;
+}
+
+static int build_scene(struct umbr_rays *rays, const double (*corners)[3][3])
+{
+    rays->scene = rtcNewScene(rays->device);
+    if (rays->scene == NULL) {
+        return 0;
+    }
+    rtcSetSceneFlags(rays->scene,
+                     RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
+    rtcSetSceneBuildQuality(rays->scene, RTC_BUILD_QUALITY_HIGH);
+    if (rays->count > 0 && !add_geometry(rays, corners)) {
+        return 0;
+    }
+    rtcCommitScene(rays->scene);
+    return rtcGetDeviceError(rays->device) == RTC_ERROR_NONE;
+}
+
+enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
+                                 struct umbr_rays **out, struct umb_error *error)
+{
+    *out = NULL;
+    if (count > UINT32_MAX / 3) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "%zu triangles to trace; the limit is %u", count,
+                        (unsigned)(UINT32_MAX / 3));
+    }
+    struct umbr_rays *rays = umb__alloc_zeroed(NULL, 1, sizeof *rays);
+    if (rays == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "no memory for a ray tracer");
+    }
+    rays->count = count;
+    find_centre(corners, count, rays->centre);
+    struct build_report report = {.code = RTC_ERROR_NONE};
+    rays->device = rtcNewDevice(NULL);
+    if (rays->device == NULL) {
+        report.code = rtcGetDeviceError(NULL);
+        (void)snprintf(report.text, sizeof report.text, "cannot make a device");
+    } else {
+        rtcSetDeviceErrorFunction(rays->device, note_error, &report);
+        if (!build_scene(rays, corners) && report.code == RTC_ERROR_NONE) {
+            note_error(&report, RTC_ERROR_UNKNOWN, "cannot build the scene");
+        }
+        rtcSetDeviceErrorFunction(rays->device, NULL, NULL);
+    }
+    if (report.code != RTC_ERROR_NONE || rays->device == NULL) {
+        umbr_rays_destroy(rays);
+        return umb_fail(error,
+                        report.code == RTC_ERROR_OUT_OF_MEMORY ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
+                        "Embree, building %zu triangles: %s", count, report.text);
+    }
+    *out = rays;
+    return UMB_OK;
+}
+
+void umbr_rays_destroy(struct umbr_rays *rays)
+{
+    if (rays == NULL) {
+        return;
+    }
+    if (rays->scene != NULL) {
+        rtcReleaseScene(rays->scene);
+    }
+    if (rays->device != NULL) {
+        rtcReleaseDevice(rays->device);
+    }
+    umb__free(NULL, rays);
+}
+
+static struct RTCRay ray_of(const struct umbr_rays *rays, const double from[3],
+                            const double direction[3], double near_m, double far_m)
+{
+    struct RTCRay ray = {
+        .org_x = (float)(from[0] - rays->centre[0]),
+        .org_y = (float)(from[1] - rays->centre[1]),
+        .org_z = (float)(from[2] - rays->centre[2]),
+        .dir_x = (float)direction[0],
+        .dir_y = (float)direction[1],
+        .dir_z = (float)direction[2],
+        .tnear = near_m > 0 ? (float)near_m : 0, /* Embree insists on it */
+        .tfar = (float)far_m,
+        .mask = UINT32_MAX,
+    };
+    return ray;
+}
+
+int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                  double near_m, double far_m)
+{
+    struct RTCIntersectContext context;
+    struct RTCRay ray = ray_of(rays, from, direction, near_m, far_m);
+    if (!(ray.tfar >= ray.tnear)) {
+        return 0; /* an empty range; Embree leaves its result undefined */
+    }
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(rays->scene, &context, &ray);
+    return isinf(ray.tfar) && ray.tfar < 0; /* how Embree marks a hit */
+}
+
+/* Twice the area vector of a triangle, by its winding, in doubles. */
+static void area_vector(const struct umbr_rays *rays, uint32_t triangle, double out[3])
+{
+    const float(*v)[3] = rays->vertices + 3 * (size_t)triangle;
+    double a[3], b[3];
+    for (int i = 0; i < 3; i++) {
+        a[i] = (double)v[1][i] - (double)v[0][i];
+        b[i] = (double)v[2][i] - (double)v[0][i];
+    }
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                  double near_m, double far_m, struct umbr_hit *hit)
+{
+    struct RTCIntersectContext context;
+    struct RTCRayHit query = {.ray = ray_of(rays, from, direction, near_m, far_m)};
+    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    query.hit.primID = RTC_INVALID_GEOMETRY_ID;
+    *hit = (struct umbr_hit){.distance = -1, .triangle = UINT32_MAX};
+    if (!(query.ray.tfar >= query.ray.tnear)) {
+        return;
+    }
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(rays->scene, &context, &query);
+    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+        return;
+    }
+    hit->distance = (double)query.ray.tfar;
+    hit->triangle = query.hit.primID;
+    double n[3];
+    area_vector(rays, hit->triangle, n);
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int i = 0; i < 3; i++) {
+        hit->normal[i] = length > 0 ? n[i] / length : 0;
+    }
+}
+
+static int before(const struct crossing *a, const struct crossing *b)
+{
+    return a->distance < b->distance || (a->distance == b->distance && a->triangle < b->triangle);
+}
+
+/* Puts a hit in its place. A repeated one is dropped, of too many the farthest. */
+static void keep_hit(struct crossing_list *list, const struct crossing *hit)
+{
+    if (list->has_last && !before(&list->last, hit)) {
+        return;
+    }
+    for (size_t i = 0; i < list->count; i++) {
+        if (list->hits[i].triangle == hit->triangle) {
+            return;
+        }
+    }
+    if (list->count == HITS_MAX) {
+        list->more = 1;
+        if (!before(hit, &list->hits[HITS_MAX - 1])) {
+            return;
+        }
+        list->count--;
+    }
+    size_t at = list->count++;
+    while (at > 0 && before(hit, &list->hits[at - 1])) {
+        list->hits[at] = list->hits[at - 1];
+        at--;
+    }
+    list->hits[at] = *hit;
+}
+
+/* Embree's filter: notes the hit and refuses it, so that the ray goes on. */
+static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
+{
+    /* The context is the list's first member, so the cast gives the list back. */
+    struct crossing_list *list = (struct crossing_list *)(void *)arguments->context;
+    if (arguments->N != 1 || arguments->valid[0] == 0) {
+        return;
+    }
+    const struct RTCRay *ray = (const struct RTCRay *)(const void *)arguments->ray;
+    const struct RTCHit *found = (const struct RTCHit *)(const void *)arguments->hit;
+    arguments->valid[0] = 0;
+    if (list->closed[found->primID] == 0) {
+        return;
+    }
+    double u = (double)found->u, v = (double)found->v, w = 1 - u - v;
+    double facing = (double)found->Ng_x * (double)ray->dir_x +
+                    (double)found->Ng_y * (double)ray->dir_y +
+                    (double)found->Ng_z * (double)ray->dir_z;
+    const struct crossing hit = {
+        .distance = ray->tfar,
+        .triangle = found->primID,
+        .sign = facing > 0 ? 1 : -1,
+        .border = u < border_coordinate || v < border_coordinate || w < border_coordinate,
+    };
+    keep_hit(list, &hit);
+}
+
+static int share_a_vertex(const struct umbr_rays *rays, uint32_t a, uint32_t b)
+{
+    for (size_t i = 0; i < 3; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            const float *p = rays->vertices[3 * (size_t)a + i];
+            const float *q = rays->vertices[3 * (size_t)b + k];
+            if (p[0] == q[0] && p[1] == q[1] && p[2] == q[2]) {
+                return 1;
+            }
+        }
+    }
+    return 0;
+}
+
+/* 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it already. */
+static int crossed_already(const struct umbr_rays *rays, const struct crossing_list *list, size_t i)
+{
+    const struct crossing *hit = &list->hits[i];
+    double reach = same_distance * (1 + fabs((double)hit->distance));
+    if (!hit->border) {
+        return 0;
+    }
+    for (size_t j = i; j-- > 0;) {
+        const struct crossing *other = &list->hits[j];
+        if ((double)hit->distance - (double)other->distance > reach) {
+            return 0;
+        }
+        if (other->border && other->sign == hit->sign &&
+            share_a_vertex(rays, hit->triangle, other->triangle)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                    const uint8_t *closed, int *winding, int *crossings)
+{
+    struct crossing_list list;
+    list.closed = closed;
+    list.has_last = 0;
+    *winding = 0;
+    *crossings = 0;
+    do {
+        rtcInitIntersectContext(&list.context);
+        list.context.filter = collect_hit;
+        list.count = 0;
+        list.more = 0;
+        struct RTCRay ray = ray_of(rays, from, direction, 0, INFINITY);
+        rtcOccluded1(rays->scene, &list.context, &ray);
+        for (size_t i = 0; i < list.count; i++) {
+            if (!crossed_already(rays, &list, i)) {
+                *winding += list.hits[i].sign;
+                (*crossings)++;
+            }
+        }
+        if (list.count > 0) {
+            list.last = list.hits[list.count - 1];
+            list.has_last = 1;
+        }
+    } while (list.more); /* ends: each round counts at least one hit more */
+}

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_RAYS_VERIFY_FRAME_H
+#define UMBRAGE_SERVER_RAYS_VERIFY_FRAME_H
+/* From voxels back to the world, and from there to the light. */
+#include "umbrage/asset.h"
+
+struct umbr_frame {
+    double voxel_to_world[4][4]; /* row major; world - origin = M * (voxel, 1), then divide by w */
+    double origin[3];            /* metres, world */
+    double size;                 /* voxels a side */
+    int closed;                  /* baked under the closed rule */
+};
+
+/*
+ * Reads a frustum of an asset and inverts its matrix in doubles.
+ * Fails: E_ARGUMENT (no such frustum, or a matrix that has no inverse).
+ */
+UMB_CHECKED enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset *asset,
+                                            uint32_t frustum, struct umb_error *error);
+
+/* World position of a point in voxel space; 0 if it lies at or behind a perspective's eye. */
+int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3]);
+
+/* Unit direction from a point to the light, and how far it is (infinite for directional lights). */
+void umbr_towards_light(const struct umb_light_info *light, const double world[3],
+                        double direction[3], double *distance_m);
+
+#endif

@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Pinhole cameras: parsing, fitting, rays.
+ *
+ * Fitting is exact, not iterative: with the view's axes fixed, a point at (x, z) in the camera's
+ * plane is inside the side planes if |x - ex| <= (z - ez) t. The two planes are tight for
+ * A = max(x - z t) and B = max(-x - z t), so the nearest eye that sees everything has
+ * ex = (A - B) / 2 and ez = -(A + B) / (2 t); the same holds for y, and the farther of both wins.
+ */
+#include "study/camera.h"
+
+#include <math.h>
+#include <string.h>
+#include "study/study_args.h"
+#include "study/study_vec.h"
+
+#define PI              3.14159265358979323846
+#define DEFAULT_FOV     35.0
+#define DEFAULT_TURN    80.0 /* to either side of the sun's azimuth */
+#define DEFAULT_ABOVE   35.0
+#define DEFAULT_AZIMUTH 215.0 /* under a sun straight overhead */
+#define FOV_MIN         1.0
+#define FOV_MAX         150.0
+#define COORDINATE_MAX  1e12
+#define FIT_MARGIN      1.04
+#define VERTICAL_SINE   0.99985 /* cosine of 1 degree */
+
+struct key {
+    const char *name;
+    int *has;
+    double *values;
+    int count;
+    double limit;
+};
+
+static enum umb_status key_read(const struct key *key, const char **at, struct umb_error *error)
+{
+    if (*key->has) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: %s is given twice", key->name);
+    }
+    *key->has = 1;
+    *at += strlen(key->name) + 1;
+    for (int i = 0; i < key->count; i++) {
+        if (i > 0 && *(*at)++ != ',') {
+            return umb_fail(error, UMB_E_ARGUMENT, "--camera: %s needs %d numbers, has %d",
+                            key->name, key->count, i);
+        }
+        const char *from = *at;
+        if (!umbt_number_read(at, &key->values[i]) || fabs(key->values[i]) > key->limit) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--camera: %s: '%.40s' is not a number from -%g to %g", key->name, from,
+                            key->limit, key->limit);
+        }
+    }
+    return UMB_OK;
+}
+
+/* What the keys say together. */
+static enum umb_status request_check(const struct umbt_camera_request *request, int has_fov,
+                                     struct umb_error *error)
+{
+    if (has_fov && (request->fov_deg < FOV_MIN || request->fov_deg > FOV_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: fov=%g is not from %g to %g degrees",
+                        request->fov_deg, FOV_MIN, FOV_MAX);
+    }
+    if (request->has_elevation && fabs(request->elevation_deg) > 90.0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: el=%g is not from -90 to 90 degrees",
+                        request->elevation_deg);
+    }
+    if (request->has_eye && (request->has_azimuth || request->has_elevation)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--camera: eye= places the camera, az= and el= fit it; give one of both");
+    }
+    if (request->has_target && !request->has_eye) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: target= needs eye=");
+    }
+    if (request->has_target && memcmp(request->eye, request->target, sizeof request->eye) == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: eye and target are the same point");
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbt_camera_parse(const char *text, struct umbt_camera_request *request,
+                                  struct umb_error *error)
+{
+    struct umbt_camera_request parsed = {0};
+    int has_fov = 0;
+    const struct key keys[] = {
+        {"eye", &parsed.has_eye, parsed.eye, 3, COORDINATE_MAX},
+        {"target", &parsed.has_target, parsed.target, 3, COORDINATE_MAX},
+        {"fov", &has_fov, &parsed.fov_deg, 1, FOV_MAX},
+        {"az", &parsed.has_azimuth, &parsed.azimuth_deg, 1, 360.0},
+        {"el", &parsed.has_elevation, &parsed.elevation_deg, 1, 90.0},
+    };
+    const char *at = text;
+    for (;;) {
+        size_t k = 0;
+        for (; k < sizeof keys / sizeof keys[0]; k++) {
+            const size_t length = strlen(keys[k].name);
+            if (strncmp(at, keys[k].name, length) == 0 && at[length] == '=') {
+                break;
+            }
+        }
+        if (k == sizeof keys / sizeof keys[0]) {
+            return umb_fail(
+                error, UMB_E_ARGUMENT,
+                "--camera: '%.40s' is none of eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", at);
+        }
+        enum umb_status status = key_read(&keys[k], &at, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (*at == '\0') {
+            break;
+        }
+        if (*at++ != ',') {
+            return umb_fail(error, UMB_E_ARGUMENT, "--camera: '%.40s' where a comma was expected",
+                            at - 1);
+        }
+    }
+    const enum umb_status status = request_check(&parsed, has_fov, error);
+    if (status == UMB_OK) {
+        *request = parsed;
+    }
+    return status;
+}
+
+void umbt_compass_vector(double azimuth_deg, double elevation_deg, int z_up, double out[3])
+{
+    const double azimuth = azimuth_deg * (PI / 180.0);
+    const double elevation = elevation_deg * (PI / 180.0);
+    const double east = sin(azimuth) * cos(elevation);
+    const double north = cos(azimuth) * cos(elevation);
+    const double above = sin(elevation);
+    out[0] = east;
+    out[1] = z_up ? north : above;
+    out[2] = z_up ? above : -north;
+}
+
+double umbt_compass_azimuth(const double direction[3], int z_up, double otherwise)
+{
+    const double above = z_up ? direction[2] : direction[1];
+    const double north = z_up ? direction[1] : -direction[2];
+    if (!(fabs(above) < VERTICAL_SINE * umbt_length(direction))) {
+        return otherwise;
+    }
+    const double degrees = atan2(direction[0], north) * (180.0 / PI);
+    return degrees < 0.0 ? degrees + 360.0 : degrees;
+}
+
+/* right and up from forward, so that the picture stands upright; looking straight up or down,
+ * north is at the top. */
+static void axes_make(struct umbt_camera *camera, int z_up)
+{
+    double vertical[3] = {0.0, z_up ? 0.0 : 1.0, z_up ? 1.0 : 0.0};
+    if (fabs(umbt_dot(vertical, camera->forward)) > 0.999999) {
+        umbt_compass_vector(0.0, 0.0, z_up, vertical);
+    }
+    umbt_cross(camera->forward, vertical, camera->right);
+    (void)umbt_normalize(camera->right);
+    umbt_cross(camera->right, camera->forward, camera->up);
+    (void)umbt_normalize(camera->up);
+}
+
+/* Places the eye and returns how far it stands back from the centre, in metres along the view. */
+static double eye_fit(const struct umbt_camera_subject *subject, const double centre[3],
+                      struct umbt_camera *camera)
+{
+    const double tan_xy[2] = {camera->tan_x / FIT_MARGIN, camera->tan_y / FIT_MARGIN};
+    const double *const across[2] = {camera->right, camera->up};
+    double high[2] = {-INFINITY, -INFINITY}, low[2] = {-INFINITY, -INFINITY};
+    double size = 0.0, nearest = INFINITY;
+    for (size_t i = 0; i < subject->count; i++) {
+        double p[3];
+        umbt_subtract(subject->points[i], centre, p);
+        const double z = umbt_dot(p, camera->forward);
+        for (int k = 0; k < 2; k++) {
+            const double x = umbt_dot(p, across[k]);
+            high[k] = fmax(high[k], x - z * tan_xy[k]);
+            low[k] = fmax(low[k], -x - z * tan_xy[k]);
+        }
+        nearest = fmin(nearest, z);
+        size = fmax(size, umbt_dot(p, p));
+    }
+    double back =
+        fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
+    /* One point, or points in a line with the view, would put the eye on the geometry. */
+    back = fmin(back, nearest - fmax(1e-3 * sqrt(size), 1e-6));
+    umbt_along(centre, back, camera->forward, camera->eye);
+    for (int k = 0; k < 2; k++) {
+        umbt_along(camera->eye, (high[k] - low[k]) / 2.0, across[k], camera->eye);
+    }
+    return -back;
+}
+
+/* A camera from a compass direction, fitted; returns its distance as eye_fit does. */
+static double compass_fit(const struct umbt_camera_subject *subject, const double centre[3],
+                          double azimuth_deg, double elevation_deg, struct umbt_camera *camera)
+{
+    double outwards[3];
+    umbt_compass_vector(azimuth_deg, elevation_deg, subject->z_up, outwards);
+    for (int k = 0; k < 3; k++) {
+        camera->forward[k] = -outwards[k];
+    }
+    (void)umbt_normalize(camera->forward);
+    axes_make(camera, subject->z_up);
+    return eye_fit(subject, centre, camera);
+}
+
+enum umb_status umbt_camera_make(const struct umbt_camera_request *request,
+                                 const struct umbt_camera_subject *subject, uint32_t width,
+                                 uint32_t height, struct umbt_camera *camera,
+                                 struct umb_error *error)
+{
+    const double fov = request->fov_deg > 0.0 ? request->fov_deg : DEFAULT_FOV;
+    double centre[3];
+    for (int k = 0; k < 3; k++) {
+        centre[k] = 0.5 * (subject->box.min[k] + subject->box.max[k]);
+    }
+    camera->tan_y = tan(fov * (PI / 360.0));
+    camera->tan_x = camera->tan_y * (double)width / (double)height;
+    if (request->has_eye) {
+        memcpy(camera->eye, request->eye, sizeof camera->eye);
+        umbt_subtract(request->has_target ? request->target : centre, request->eye,
+                      camera->forward);
+        if (!(umbt_normalize(camera->forward) > 0.0)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--camera: eye is at the scene's centre; give target= as well");
+        }
+        axes_make(camera, subject->z_up);
+        return UMB_OK;
+    }
+    const double elevation = request->has_elevation ? request->elevation_deg : DEFAULT_ABOVE;
+    if (request->has_azimuth) {
+        (void)compass_fit(subject, centre, request->azimuth_deg, elevation, camera);
+        return UMB_OK;
+    }
+    const double sun =
+        umbt_compass_azimuth(subject->to_light, subject->z_up, DEFAULT_AZIMUTH - DEFAULT_TURN);
+    struct umbt_camera other = *camera;
+    const double clockwise = compass_fit(subject, centre, sun + DEFAULT_TURN, elevation, camera);
+    if (compass_fit(subject, centre, sun - DEFAULT_TURN, elevation, &other) < clockwise) {
+        *camera = other;
+    }
+    return UMB_OK;
+}
+
+void umbt_camera_ray(const struct umbt_camera *camera, double u, double v, double direction[3])
+{
+    umbt_along(camera->forward, (2.0 * u - 1.0) * camera->tan_x, camera->right, direction);
+    umbt_along(direction, (1.0 - 2.0 * v) * camera->tan_y, camera->up, direction);
+    (void)umbt_normalize(direction);
+}

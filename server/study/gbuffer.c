@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the camera sees; see gbuffer.h. */
+#include "study/gbuffer.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "study/parallel_for.h"
+#include "study/study_vec.h"
+
+struct fill {
+    struct umbt_gbuffer *buffer;
+    const struct umbt_scene *scene;
+    const struct umbt_camera *camera;
+    uint32_t height;
+    double far_m;
+};
+
+enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, uint32_t aa,
+                                  uint32_t rows, struct umb_error *error)
+{
+    /* Callers bound these by 16384, 3 and 16384, so that the product stays below 2^32. */
+    const size_t capacity = (size_t)width * rows * aa * aa;
+    memset(buffer, 0, sizeof *buffer);
+    buffer->width = width;
+    buffer->aa = aa;
+    buffer->capacity = capacity;
+    buffer->slots = calloc(capacity, sizeof *buffer->slots);
+    buffer->positions = calloc(capacity, 3 * sizeof *buffer->positions);
+    buffer->normals = calloc(capacity, 3 * sizeof *buffer->normals);
+    buffer->triangles = calloc(capacity, sizeof *buffer->triangles);
+    buffer->raw_positions = calloc(capacity, 3 * sizeof *buffer->raw_positions);
+    buffer->raw_triangles = calloc(capacity, sizeof *buffer->raw_triangles);
+    if (buffer->slots == NULL || buffer->positions == NULL || buffer->normals == NULL ||
+        buffer->triangles == NULL || buffer->raw_positions == NULL ||
+        buffer->raw_triangles == NULL) {
+        umbt_gbuffer_finish(buffer);
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu picture samples do not fit in memory",
+                        capacity);
+    }
+    return UMB_OK;
+}
+
+void umbt_gbuffer_finish(struct umbt_gbuffer *buffer)
+{
+    free(buffer->slots);
+    free(buffer->positions);
+    free(buffer->normals);
+    free(buffer->triangles);
+    free(buffer->raw_positions);
+    free(buffer->raw_triangles);
+    memset(buffer, 0, sizeof *buffer);
+}
+
+void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
+{
+    const double i = (double)(k % aa), j = (double)(k / aa), n = (double)aa;
+    *u = (i + (j + 0.5) / n) / n;
+    *v = (j + (n - 0.5 - i) / n) / n;
+}
+
+/* Unit normal by the triangle's winding, in doubles. Returns 0 if it has no area. */
+static int triangle_normal(const double corners[3][3], double normal[3])
+{
+    double a[3], b[3];
+    umbt_subtract(corners[1], corners[0], a);
+    umbt_subtract(corners[2], corners[0], b);
+    umbt_cross(a, b, normal);
+    return umbt_normalize(normal) > 0.0;
+}
+
+/* The distance at which a ray meets the triangle's plane, if that is a small correction of Embree's
+ * answer; edge-on the plane says nothing about the distance. */
+static double distance_refine(const double corners[3][3], const double normal[3],
+                              const double eye[3], const double direction[3], double distance,
+                              double tolerance)
+{
+    double to_corner[3];
+    umbt_subtract(corners[0], eye, to_corner);
+    const double refined = umbt_dot(to_corner, normal) / umbt_dot(direction, normal);
+    return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
+}
+
+static void sample_trace(const struct fill *fill, size_t index)
+{
+    struct umbt_gbuffer *buffer = fill->buffer;
+    const uint32_t per_pixel = buffer->aa * buffer->aa;
+    const size_t pixel = index / per_pixel;
+    double u = 0.0, v = 0.0, direction[3];
+    umbt_subsample_offset(buffer->aa, (uint32_t)(index % per_pixel), &u, &v);
+    u = ((double)(pixel % buffer->width) + u) / (double)buffer->width;
+    v = ((double)(buffer->first_row + pixel / buffer->width) + v) / (double)fill->height;
+    umbt_camera_ray(fill->camera, u, v, direction);
+
+    struct umbr_hit hit = {.distance = -1.0};
+    umbr_nearest(fill->scene->rays, fill->camera->eye, direction, 0.0, fill->far_m, &hit);
+    buffer->raw_triangles[index] = UMBT_SKY;
+    if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count) {
+        return;
+    }
+    const double(*corners)[3] = (const double(*)[3])fill->scene->corners[hit.triangle];
+    double normal[3];
+    if (!triangle_normal(corners, normal)) {
+        return;
+    }
+    const double distance = distance_refine(corners, normal, fill->camera->eye, direction,
+                                            hit.distance, 1e-5 * (hit.distance + fill->far_m));
+    umbt_along(fill->camera->eye, distance, direction, &buffer->raw_positions[3 * index]);
+    buffer->raw_triangles[index] = hit.triangle;
+}
+
+static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        sample_trace(user, i);
+    }
+    return UMB_OK;
+}
+
+/* Moves the hits to the front, in order, and gives them normals that face the camera. */
+static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
+                        const double eye[3], size_t sample_count)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < sample_count; i++) {
+        const uint32_t triangle = buffer->raw_triangles[i];
+        buffer->slots[i] = UMBT_SKY;
+        if (triangle == UMBT_SKY) {
+            continue;
+        }
+        const double *position = &buffer->raw_positions[3 * i];
+        double normal[3], to_eye[3];
+        (void)triangle_normal((const double(*)[3])scene->corners[triangle], normal);
+        umbt_subtract(eye, position, to_eye);
+        const double side = umbt_dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
+        for (int k = 0; k < 3; k++) {
+            buffer->positions[3 * n + (size_t)k] = position[k];
+            buffer->normals[3 * n + (size_t)k] = (float)(side * normal[k]);
+        }
+        buffer->triangles[n] = triangle;
+        buffer->slots[i] = (uint32_t)n++;
+    }
+    buffer->receiver_count = n;
+}
+
+enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
+                                  const struct umbt_camera *camera, uint32_t height,
+                                  uint32_t first_row, uint32_t row_count, unsigned threads,
+                                  struct umb_error *error)
+{
+    double to_centre[3];
+    for (int k = 0; k < 3; k++) {
+        to_centre[k] = 0.5 * (scene->box.min[k] + scene->box.max[k]) - camera->eye[k];
+    }
+    struct fill fill = {
+        .buffer = buffer,
+        .scene = scene,
+        .camera = camera,
+        .height = height,
+        .far_m = umbt_length(to_centre) + scene->diagonal_m,
+    };
+    const size_t count = (size_t)buffer->width * row_count * buffer->aa * buffer->aa;
+    buffer->first_row = first_row;
+    buffer->row_count = row_count;
+    const enum umb_status status =
+        umbt_parallel_for(threads, count, 4096, block_trace, &fill, error);
+    if (status == UMB_OK) {
+        hits_gather(buffer, scene, camera->eye, count);
+    }
+    return status;
+}

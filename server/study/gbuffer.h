@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_GBUFFER_H
+#define UMBRAGE_SERVER_STUDY_GBUFFER_H
+/*
+ * What the camera sees in a band of pixel rows: for each sub-sample the surface point, its
+ * geometric normal turned towards the camera, and its triangle.
+ *
+ * Points are intersected again with the triangle's plane in doubles, so that they lie on the
+ * surface to rounding and not to Embree's float distance, which far away is off by more than a
+ * voxel. Points of all hits stand first and dense in the arrays (`receivers`), ready for a query;
+ * `slots` says where a sub-sample's point is.
+ */
+#include "study/camera.h"
+#include "study/study_scene.h"
+
+#define UMBT_SKY UINT32_MAX
+
+struct umbt_gbuffer {
+    uint32_t width, aa; /* pixels a row; aa * aa sub-samples a pixel */
+    uint32_t first_row, row_count;
+    size_t capacity;       /* of each array, in sub-samples */
+    size_t receiver_count; /* hits of the band */
+    uint32_t *slots;       /* [row_count * width * aa * aa], receiver number or UMBT_SKY */
+    double *positions;     /* [3 * receiver_count], world space */
+    float *normals;        /* [3 * receiver_count], unit */
+    uint32_t *triangles;   /* [receiver_count] */
+    double *raw_positions; /* scratch, one a sub-sample */
+    uint32_t *raw_triangles;
+};
+
+/* Makes a buffer for bands of up to `rows` rows. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width,
+                                              uint32_t aa, uint32_t rows, struct umb_error *error);
+void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
+
+/* Sub-pixel offset of sub-sample k of aa * aa: a grid turned so that no two share a row or column.
+ */
+void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
+
+/*
+ * Fills rows first_row .. first_row + row_count - 1 of a picture of `height` rows.
+ *
+ * Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer,
+                                              const struct umbt_scene *scene,
+                                              const struct umbt_camera *camera, uint32_t height,
+                                              uint32_t first_row, uint32_t row_count,
+                                              unsigned threads, struct umb_error *error);
+
+#endif

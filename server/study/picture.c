@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * PNG files. libpng's simplified interface encodes into memory, so that no longjmp crosses our
+ * frames and the file is written in one go.
+ */
+#include "study/picture.h"
+
+#include <png.h>
+#include <stdlib.h>
+#include <string.h>
+#include "common/file.h"
+
+enum umb_status umbt_picture_init(struct umbt_picture *picture, uint32_t width, uint32_t height,
+                                  struct umb_error *error)
+{
+    memset(picture, 0, sizeof *picture);
+    picture->pixels = calloc((size_t)width * height, 3);
+    if (picture->pixels == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "a picture of %ux%u pixels does not fit in memory",
+                        width, height);
+    }
+    picture->width = width;
+    picture->height = height;
+    return UMB_OK;
+}
+
+void umbt_picture_finish(struct umbt_picture *picture)
+{
+    free(picture->pixels);
+    memset(picture, 0, sizeof *picture);
+}
+
+static enum umb_status bytes_write(const char *path, const void *bytes, size_t size,
+                                   struct umb_error *error)
+{
+    struct umbs_file file;
+    enum umb_status status = umbs_file_begin(path, &file, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umbs_file_write(&file, bytes, size, error);
+    if (status == UMB_OK) {
+        return umbs_file_commit(&file, error);
+    }
+    umbs_file_abandon(&file);
+    return status;
+}
+
+enum umb_status umbt_picture_write(const struct umbt_picture *picture, const char *path,
+                                   struct umb_error *error)
+{
+    png_image image;
+    memset(&image, 0, sizeof image);
+    image.version = PNG_IMAGE_VERSION;
+    image.width = picture->width;
+    image.height = picture->height;
+    image.format = PNG_FORMAT_RGB;
+    png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(image);
+    void *bytes = malloc(size);
+    if (bytes == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%s: %zu bytes for encoding do not fit in memory",
+                        path, (size_t)size);
+    }
+    enum umb_status status = UMB_OK;
+    if (!png_image_write_to_memory(&image, bytes, &size, 0, picture->pixels, 0, NULL)) {
+        status = umb_fail(error, UMB_E_INTERNAL, "%s: libpng: %s", path, image.message);
+    }
+    png_image_free(&image);
+    if (status == UMB_OK) {
+        status = bytes_write(path, bytes, size, error);
+    }
+    free(bytes);
+    return status;
+}

@@ -1,0 +1,265 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * `render`: a picture of a scene with its shadows, and how it differs from a ray-traced one.
+ *
+ * Outputs are written only after everything was rendered; each replaces its file atomically.
+ */
+#include "study/study_command.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+#include "study/render_options.h"
+#include "study/study_frame.h"
+#include "study/study_json.h"
+#include "study/study_vec.h"
+
+struct render {
+    struct umbt_render_options options;
+    struct umbt_scene scene;
+    struct umbt_source source;
+    struct umbt_camera camera;
+    struct umbt_truth truth;
+    struct umbt_picture asset, traced, difference;
+    struct umbt_frame_result result;
+    double load_s;
+};
+
+static const char *truth_name(enum umbt_truth_kind kind)
+{
+    static const char *const names[] = {"texels", "area", "surface"};
+    return names[kind];
+}
+
+static enum umb_status inputs_open(struct render *render, struct umb_error *error)
+{
+    const struct umbt_render_options *options = &render->options;
+    const double start = umbt_now_s();
+    enum umb_status status = umbt_source_init(&render->source, options->asset, options->address,
+                                              &options->settings, error);
+    if (status == UMB_OK) {
+        status = umbt_scene_init(&render->scene, options->scene, error);
+    }
+    if (status == UMB_OK && !options->force) {
+        status = umbt_scene_match(&render->scene, options->asset, render->source.scene_hash, error);
+    }
+    render->load_s = umbt_now_s() - start;
+    return status;
+}
+
+static enum umb_status view_make(struct render *render, struct umb_error *error)
+{
+    struct umbt_render_options *options = &render->options;
+    if (!options->up_given) {
+        options->z_up = render->scene.scene->view.z_up;
+    }
+    struct umbt_truth *truth = &render->truth;
+    *truth = (struct umbt_truth){
+        .rays = render->scene.rays,
+        .kind = options->truth,
+        .settings = options->settings,
+        .samples = options->samples,
+        .diagonal_m = render->scene.diagonal_m,
+        .frustum = render->source.frustum,
+        .closed = render->source.frustum.closed ? render->scene.parts.closed : NULL,
+    };
+    memcpy(truth->origin, render->source.origin, sizeof truth->origin);
+    for (int k = 0; k < 3; k++) {
+        truth->to_light[k] = -render->source.light.direction[k];
+    }
+    struct umbt_camera_subject subject = {
+        .points = (const double(*)[3])render->scene.corners,
+        .count = 3 * render->scene.count,
+        .box = render->scene.box,
+        .z_up = options->z_up,
+    };
+    memcpy(subject.to_light, truth->to_light, sizeof subject.to_light);
+    return umbt_camera_make(&options->camera, &subject, options->width, options->height,
+                            &render->camera, error);
+}
+
+static enum umb_status frame_make(struct render *render, struct umb_error *error)
+{
+    const struct umbt_render_options *options = &render->options;
+    const int from_asset = !options->traced;
+    const int from_rays = options->traced || options->compare;
+    enum umb_status status = UMB_OK;
+    if (from_asset) {
+        status = umbt_picture_init(&render->asset, options->width, options->height, error);
+    }
+    if (status == UMB_OK && from_rays) {
+        status = umbt_picture_init(&render->traced, options->width, options->height, error);
+    }
+    if (status == UMB_OK && options->difference != NULL) {
+        status = umbt_picture_init(&render->difference, options->width, options->height, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbt_frame_request request = {
+        .scene = &render->scene,
+        .camera = &render->camera,
+        .source = from_asset ? &render->source : NULL,
+        .truth = from_rays ? &render->truth : NULL,
+        .z_up = options->z_up,
+        .aa = options->aa,
+        .threads = options->threads,
+        .asset = from_asset ? &render->asset : NULL,
+        .traced = from_rays ? &render->traced : NULL,
+        .difference = options->difference != NULL ? &render->difference : NULL,
+        .quiet = options->quiet,
+    };
+    memcpy(request.to_light, render->truth.to_light, sizeof request.to_light);
+    return umbt_frame_render(&request, &render->result, error);
+}
+
+static enum umb_status pictures_write(const struct render *render, struct umb_error *error)
+{
+    const struct umbt_render_options *options = &render->options;
+    enum umb_status status = UMB_OK;
+    if (options->output != NULL) {
+        status = umbt_picture_write(options->traced ? &render->traced : &render->asset,
+                                    options->output, error);
+    }
+    if (status == UMB_OK && options->reference != NULL) {
+        status = umbt_picture_write(&render->traced, options->reference, error);
+    }
+    if (status == UMB_OK && options->difference != NULL) {
+        status = umbt_picture_write(&render->difference, options->difference, error);
+    }
+    return status;
+}
+
+/* A daemon does not say enough to find the windows that reach into closed solids. */
+static int undefined_is_known(const struct render *render)
+{
+    return render->source.asset != NULL;
+}
+
+static void compare_text(const struct render *render)
+{
+    const struct umbt_frame_result *result = &render->result;
+    printf("asset against rays (%s) on %" PRIu64 " samples that face the light:\n"
+           "  mean absolute difference %.5f (asset lighter %.5f, darker %.5f)\n"
+           "  differing by more than 0.5: %.4f %%\n",
+           truth_name(render->options.truth), result->facing, result->mean_difference,
+           result->mean_lighter, result->mean_darker, 100.0 * result->over_half);
+    if (undefined_is_known(render)) {
+        printf("  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
+               result->undefined, result->mean_defined, 100.0 * result->over_half_defined);
+    }
+    printf("  pictures: mean absolute difference %.5f of full scale\n", result->picture_difference);
+}
+
+static void compare_json(const struct render *render)
+{
+    const struct umbt_frame_result *result = &render->result;
+    printf(",\"truth\":\"%s\",\"mean_difference\":%.9g,\"mean_lighter\":%.9g"
+           ",\"mean_darker\":%.9g,\"over_half\":%.9g,\"picture_difference\":%.9g",
+           truth_name(render->options.truth), result->mean_difference, result->mean_lighter,
+           result->mean_darker, result->over_half, result->picture_difference);
+    if (undefined_is_known(render)) {
+        printf(",\"undefined\":%" PRIu64 ",\"mean_defined\":%.9g,\"over_half_defined\":%.9g",
+               result->undefined, result->mean_defined, result->over_half_defined);
+    }
+}
+
+static void report_text(const struct render *render)
+{
+    const struct umbt_render_options *options = &render->options;
+    const struct umbt_frame_result *result = &render->result;
+    const struct umbt_camera *camera = &render->camera;
+    printf("%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
+           render->scene.count, options->width, options->height, result->samples,
+           result->receivers);
+    printf("camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g\n", camera->eye[0], camera->eye[1],
+           camera->eye[2], camera->eye[0] + camera->forward[0], camera->eye[1] + camera->forward[1],
+           camera->eye[2] + camera->forward[2]);
+    printf("load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
+    if (!options->traced) {
+        printf(", asset %.2f s (%.2f Mpoints/s)", result->query_s,
+               result->query_s > 0.0 ? 1e-6 * (double)result->receivers / result->query_s : 0.0);
+    }
+    if (options->traced || options->compare) {
+        printf(", rays %.2f s", result->trace_s);
+    }
+    printf("\n");
+    if (options->compare) {
+        compare_text(render);
+    }
+}
+
+static void report_json(const struct render *render)
+{
+    const struct umbt_render_options *options = &render->options;
+    const struct umbt_frame_result *result = &render->result;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(render->source.id, id);
+    printf("{\"asset\":\"%s\",\"scene\":", id);
+    umbt_json_text(stdout, options->scene);
+    if (options->output != NULL) {
+        printf(",\"picture\":");
+        umbt_json_text(stdout, options->output);
+    }
+    printf(",\"triangles\":%zu,\"width\":%u,\"height\":%u,\"samples\":%" PRIu64
+           ",\"receivers\":%" PRIu64 ",\"facing\":%" PRIu64 ",\"taps\":%u",
+           render->scene.count, options->width, options->height, result->samples, result->receivers,
+           result->facing, options->settings.taps);
+    printf(",\"load_s\":%.4f,\"surface_s\":%.4f,\"query_s\":%.4f,\"trace_s\":%.4f", render->load_s,
+           result->gbuffer_s, result->query_s, result->trace_s);
+    printf(",\"outside\":%" PRIu64 ",\"before\":%" PRIu64 ",\"behind\":%" PRIu64
+           ",\"facing_away\":%" PRIu64 ",\"nodes\":%" PRIu64 ",\"bricks\":%" PRIu64,
+           result->stats.outside, result->stats.before, result->stats.behind,
+           result->stats.facing_away, result->stats.nodes, result->stats.bricks);
+    if (options->compare) {
+        compare_json(render);
+    }
+    printf("}\n");
+}
+
+static enum umb_status render_run(struct render *render, struct umb_error *error)
+{
+    enum umb_status status = inputs_open(render, error);
+    if (status == UMB_OK) {
+        status = view_make(render, error);
+    }
+    if (status == UMB_OK) {
+        status = frame_make(render, error);
+    }
+    if (status == UMB_OK) {
+        status = pictures_write(render, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (render->options.json) {
+        report_json(render);
+    } else if (!render->options.quiet || render->options.compare) {
+        report_text(render);
+    }
+    return UMB_OK;
+}
+
+int umbt_render_command(int argc, char **argv)
+{
+    struct render render;
+    struct umb_error error = {0};
+    memset(&render, 0, sizeof render);
+    enum umb_status status = umbt_render_options_parse(argc, argv, &render.options, &error);
+    if (status == UMB_OK && render.options.help) {
+        fputs(umbt_render_help, stdout);
+        return 0;
+    }
+    if (status == UMB_OK) {
+        status = render_run(&render, &error);
+    }
+    umbt_picture_finish(&render.asset);
+    umbt_picture_finish(&render.traced);
+    umbt_picture_finish(&render.difference);
+    umbt_scene_finish(&render.scene);
+    umbt_source_finish(&render.source);
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage render: %s\n", error.message);
+    }
+    return umb_status_exit(status);
+}

@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The command line of `render`. */
+#include "study/render_options.h"
+
+#include <string.h>
+#include "study/parallel_for.h"
+#include "study/shadow_source.h"
+#include "study/study_args.h"
+
+const char umbt_render_help[] =
+    "usage: umbrage render SCENE --asset FILE|ASSET -o OUT.png [options]\n"
+    "\n"
+    "Makes a picture of a scene with the shadows of an asset that was baked from it.\n"
+    "\n"
+    "  --asset FILE|ASSET   asset file, or the name or id of a daemon's asset\n"
+    "  --address ADDRESS    the daemon: tcp:HOST:PORT or unix:PATH\n"
+    "                       (else UMBRAGE_ADDRESS, else tcp:127.0.0.1:7420)\n"
+    "  -o, --output FILE    the picture, PNG\n"
+    "  --camera WHERE       eye=X,Y,Z[,target=X,Y,Z][,fov=DEG], or [az=DEG][,el=DEG][,fov=DEG]:\n"
+    "                       fitted to the scene from a compass direction. Default: fitted, from\n"
+    "                       80 degrees beside the sun, 35 above the horizon, fov 35\n"
+    "  --up y|z             the scene's up axis (default: by its format)\n"
+    "  --size WxH           pixels (default 1280x720)\n"
+    "  --aa N               N x N samples a pixel, 1 to 3 (default 2; 1 with traced windows)\n"
+    "  --light N            the asset's light (default 0)\n"
+    "  --taps N             filter width in texels, odd, 1 to 17 (default 9)\n"
+    "  --bias B             auto, none, 1.5vox or 0.02m (default auto)\n"
+    "\n"
+    "  --traced             shadows by rays instead of the asset: the reference\n"
+    "  --compare            both; prints how they differ where the surface faces the light\n"
+    "  --difference FILE    with --compare: a picture, red where the asset is lighter, blue "
+    "darker\n"
+    "  --reference FILE     with --compare: the traced picture\n"
+    "  --truth KIND         what is traced: texels: a ray from each texel centre of the filter's\n"
+    "                       window, at the moved point's depth (default for more than one tap);\n"
+    "                       area: --samples N squared rays over the window's area around the "
+    "moved\n"
+    "                       point; surface: one ray from the surface (default for one tap)\n"
+    "  --samples N          rays a side for --truth area, 1 to 64 (default 16; implies area)\n"
+    "\n"
+    "  --threads N          default: all processors\n"
+    "  --force              even if the asset was baked from another scene\n"
+    "  --json               print one JSON object\n"
+    "  --quiet              no progress, no summary\n"
+    "  --help\n"
+    "\n"
+    "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create, 74 "
+    "I/O,\n"
+    "75 temporary.\n";
+
+/* What the table cannot hold directly. */
+struct raw {
+    const char *camera, *size, *bias, *truth, *up;
+    uint64_t taps, light, aa, threads, samples;
+};
+
+static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_options *options,
+                                   struct umb_error *error)
+{
+    if (raw->truth == NULL) {
+        options->truth = raw->samples > 0 ? UMBT_TRUTH_AREA
+                         : raw->taps > 1  ? UMBT_TRUTH_TEXELS
+                                          : UMBT_TRUTH_SURFACE;
+    } else if (strcmp(raw->truth, "texels") == 0) {
+        options->truth = UMBT_TRUTH_TEXELS;
+    } else if (strcmp(raw->truth, "area") == 0) {
+        options->truth = UMBT_TRUTH_AREA;
+    } else if (strcmp(raw->truth, "surface") == 0) {
+        options->truth = UMBT_TRUTH_SURFACE;
+    } else {
+        return umb_fail(error, UMB_E_ARGUMENT, "--truth: '%.60s' is none of texels, area, surface",
+                        raw->truth);
+    }
+    if (raw->samples > 0 && options->truth != UMBT_TRUTH_AREA) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--samples: only --truth area takes it");
+    }
+    options->samples = raw->samples > 0 ? (uint32_t)raw->samples : 16;
+    return UMB_OK;
+}
+
+static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_options *options,
+                                   struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    if (raw->taps % 2 == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %u is not odd", (unsigned)raw->taps);
+    }
+    options->settings.taps = (uint32_t)raw->taps;
+    options->settings.light = (uint32_t)raw->light;
+    options->settings.format = UMB_ANSWER_F32;
+    options->width = 1280;
+    options->height = 720;
+    options->threads = raw->threads > 0 ? (unsigned)raw->threads : umbt_processor_count();
+    if (raw->camera != NULL) {
+        status = umbt_camera_parse(raw->camera, &options->camera, error);
+    }
+    if (status == UMB_OK && raw->size != NULL) {
+        status = umbt_size_parse(raw->size, &options->width, &options->height, error);
+    }
+    if (status == UMB_OK && raw->bias != NULL) {
+        status = umbt_bias_parse(raw->bias, &options->settings, error);
+    }
+    if (status == UMB_OK && raw->up != NULL) {
+        options->up_given = 1;
+        status = umbt_up_parse(raw->up, &options->z_up, error);
+    }
+    if (status == UMB_OK) {
+        status = truth_parse(raw, options, error);
+    }
+    const int windows =
+        (options->traced || options->compare) && options->truth != UMBT_TRUTH_SURFACE;
+    options->aa = raw->aa > 0 ? (uint32_t)raw->aa : windows ? 1 : 2;
+    return status;
+}
+
+/* What the options say together. */
+static enum umb_status options_check(const struct umbt_render_options *options,
+                                     struct umb_error *error)
+{
+    if (options->asset == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--asset: is needed; see --help");
+    }
+    if (options->output == NULL && !options->compare) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
+    }
+    if (options->traced && options->compare) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--traced: --compare traces as well; give one of both");
+    }
+    if ((options->difference != NULL || options->reference != NULL) && !options->compare) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--difference and --reference need --compare");
+    }
+    if ((options->traced || options->compare) && options->truth != UMBT_TRUTH_SURFACE &&
+        !umbt_source_is_file(options->asset)) {
+        return umb_fail(
+            error, UMB_E_ARGUMENT,
+            "--truth: a window's rays need the asset as a file, %.80s is a daemon's; give "
+            "--truth surface",
+            options->asset);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbt_render_options_parse(int argc, char **argv,
+                                          struct umbt_render_options *options,
+                                          struct umb_error *error)
+{
+    memset(options, 0, sizeof *options);
+    struct raw raw = {.taps = 9};
+    const struct umbt_option table[] = {
+        {"--asset", UMBT_TEXT, &options->asset, 0, 0},
+        {"--address", UMBT_TEXT, &options->address, 0, 0},
+        {"-o", UMBT_TEXT, &options->output, 0, 0},
+        {"--output", UMBT_TEXT, &options->output, 0, 0},
+        {"--camera", UMBT_TEXT, &raw.camera, 0, 0},
+        {"--up", UMBT_TEXT, &raw.up, 0, 0},
+        {"--size", UMBT_TEXT, &raw.size, 0, 0},
+        {"--aa", UMBT_COUNT, &raw.aa, 1, 3},
+        {"--light", UMBT_COUNT, &raw.light, 0, UMB_LIGHTS_MAX - 1},
+        {"--taps", UMBT_COUNT, &raw.taps, 1, UMB_TAPS_MAX},
+        {"--bias", UMBT_TEXT, &raw.bias, 0, 0},
+        {"--traced", UMBT_FLAG, &options->traced, 0, 0},
+        {"--compare", UMBT_FLAG, &options->compare, 0, 0},
+        {"--difference", UMBT_TEXT, &options->difference, 0, 0},
+        {"--reference", UMBT_TEXT, &options->reference, 0, 0},
+        {"--truth", UMBT_TEXT, &raw.truth, 0, 0},
+        {"--samples", UMBT_COUNT, &raw.samples, 1, 64},
+        {"--threads", UMBT_COUNT, &raw.threads, 1, 256},
+        {"--force", UMBT_FLAG, &options->force, 0, 0},
+        {"--json", UMBT_FLAG, &options->json, 0, 0},
+        {"--quiet", UMBT_FLAG, &options->quiet, 0, 0},
+        {"--help", UMBT_FLAG, &options->help, 0, 0},
+    };
+    struct umbt_positionals positionals = {.max = 1};
+    enum umb_status status =
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+    if (status != UMB_OK || options->help) {
+        return status;
+    }
+    if (positionals.count != 1) {
+        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
+    }
+    options->scene = positionals.values[0];
+    status = raw_convert(&raw, options, error);
+    return status == UMB_OK ? options_check(options, error) : status;
+}

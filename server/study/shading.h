@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_SHADING_H
+#define UMBRAGE_SERVER_STUDY_SHADING_H
+/*
+ * How pictures look: muted surface colours, a warm sun by Lambert's law, a sky dome that tints
+ * ambient light cool from above and warm from the ground, a soft shoulder, sRGB.
+ *
+ * Colours are linear RGB, 0..1 once displayed. Pure functions.
+ */
+#include <stdint.h>
+
+struct umbt_rgb {
+    double c[3];
+};
+
+/* The surface colour of a group of triangles (a material or a part); the same key, the same colour.
+ */
+struct umbt_rgb umbt_surface_color(uint32_t key);
+
+/*
+ * Light that leaves a surface, before the shoulder.
+ *
+ * In: visibility: of the sun, 0..1. cosine: of the angle to the sun, clamped at 0 here.
+ *     upward: the normal's vertical component, -1..1.
+ */
+struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
+                           double upward);
+
+/* The sky behind the scene; upward: vertical component of the unit view direction. */
+struct umbt_rgb umbt_sky(double upward);
+
+/* Rolls highlights off: 0 stays 0, the slope there is 1, nothing reaches 1. */
+double umbt_shoulder(double linear);
+
+/* Encodes one linear value (clamped to 0..1) as 8-bit sRGB. Source: IEC 61966-2-1. */
+uint8_t umbt_srgb8(double linear);
+
+#endif

@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Where shadows come from; see shadow_source.h. */
+#include "study/shadow_source.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
+
+static int ends_with(const char *text, const char *end)
+{
+    const size_t length = strlen(text), end_length = strlen(end);
+    return length >= end_length && strcmp(text + length - end_length, end) == 0;
+}
+
+int umbt_source_is_file(const char *argument)
+{
+    struct stat facts;
+    return strchr(argument, '/') != NULL || ends_with(argument, ".umb") ||
+           ends_with(argument, ".umbm") || stat(argument, &facts) == 0;
+}
+
+static enum umb_status file_open(struct umbt_source *source, struct umb_error *error)
+{
+    enum umb_status status = umb_asset_open_file(source->name, NULL, &source->asset, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb_query_prepare(source->asset, &source->settings, &source->query, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb_asset_info info;
+    umb_asset_get_info(source->asset, &info);
+    memcpy(source->id, info.id, sizeof source->id);
+    memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
+    memcpy(source->origin, info.origin, sizeof source->origin);
+    status = umb_asset_get_light(source->asset, source->settings.light, &source->light);
+    if (status == UMB_OK) {
+        status =
+            umb_asset_get_frustum(source->asset, source->light.first_frustum, &source->frustum);
+    }
+    if (status != UMB_OK) {
+        return umb_fail(error, status, "%s: light %u has no frustum", source->name,
+                        source->settings.light);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status daemon_open(struct umbt_source *source, const char *address,
+                                   struct umb_error *error)
+{
+    if (address == NULL) {
+        address = getenv("UMBRAGE_ADDRESS");
+    }
+    enum umb_status status =
+        umb_client_open(address != NULL && address[0] != '\0' ? address : DEFAULT_ADDRESS, NULL,
+                        &source->client, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb_client_description *description = NULL;
+    status = umb_client_describe(source->client, source->name, &description, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (source->settings.light >= description->light_count) {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
+                          source->settings.light, source->name, description->light_count);
+    } else {
+        memcpy(source->id, description->asset.id, sizeof source->id);
+        memcpy(source->scene_hash, description->scene_hash, sizeof source->scene_hash);
+        source->light = description->lights[source->settings.light].info;
+    }
+    umb_client_description_free(description);
+    return status;
+}
+
+enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
+                                 const char *address, const struct umb_query_settings *settings,
+                                 struct umb_error *error)
+{
+    memset(source, 0, sizeof *source);
+    source->name = argument;
+    source->settings = *settings;
+    enum umb_status status = umbt_source_is_file(argument) ? file_open(source, error)
+                                                           : daemon_open(source, address, error);
+    if (status == UMB_OK && source->light.kind != UMB_LIGHT_DIRECTIONAL) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED,
+                          "--light: light %u of %s is not directional, the only kind pictures know",
+                          settings->light, argument);
+    }
+    if (status != UMB_OK) {
+        umbt_source_finish(source);
+    }
+    return status;
+}
+
+void umbt_source_finish(struct umbt_source *source)
+{
+    umb_asset_close(source->asset);
+    if (source->client != NULL) {
+        umb_client_close(source->client);
+    }
+    memset(source, 0, sizeof *source);
+}
+
+enum umb_status umbt_source_answer(const struct umbt_source *source, const double *positions,
+                                   const float *normals, size_t first, size_t count, float *values,
+                                   struct umb_query_stats *stats, struct umb_error *error)
+{
+    const struct umb_points points = {
+        .positions = positions + 3 * first,
+        .format = UMB_POINT_F64,
+        .normals = normals + 3 * first,
+        .count = count,
+    };
+    if (source->client == NULL) {
+        struct umb_answers answers = {.values = values + first, .stats = *stats};
+        const enum umb_status status = umb_points_check(&points, error);
+        if (status == UMB_OK) {
+            umb_query_run(&source->query, &points, 0, count, &answers);
+            *stats = answers.stats;
+        }
+        return status;
+    }
+    const struct umb_client_query_request request = {
+        .asset = source->name,
+        .settings = source->settings,
+        .points = points,
+        .want_stats = 1,
+    };
+    struct umb_client_query_reply reply;
+    const enum umb_status status =
+        umb_client_query(source->client, &request, values + first, &reply, error);
+    if (status == UMB_OK) {
+        stats->points += reply.stats.points;
+        stats->outside += reply.stats.outside;
+        stats->before += reply.stats.before;
+        stats->behind += reply.stats.behind;
+        stats->facing_away += reply.stats.facing_away;
+        stats->nodes += reply.stats.nodes;
+        stats->bricks += reply.stats.bricks;
+    }
+    return status;
+}

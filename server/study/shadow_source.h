@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_SHADOW_SOURCE_H
+#define UMBRAGE_SERVER_STUDY_SHADOW_SOURCE_H
+/*
+ * Where shadows come from: an asset file queried in process, or an asset of a daemon queried over
+ * libumbrage. The answers are the same bits.
+ *
+ * An argument is a file if it exists as one, holds a '/', or ends in .umb or .umbm; else it names
+ * an asset at `address`, or at UMBRAGE_ADDRESS, or at tcp:127.0.0.1:7420.
+ * Threads: after init, umbt_source_answer may be called from any number of threads.
+ */
+#include "umbrage/client.h"
+#include "umbrage/query.h"
+
+struct umbt_source {
+    const char *name;          /* file or asset as given, borrowed */
+    struct umb_asset *asset;   /* file, else NULL */
+    struct umb_client *client; /* daemon, else NULL */
+    struct umb_query_settings settings;
+    struct umb_query query; /* file */
+    uint8_t id[UMB_ID_BYTES];
+    uint8_t scene_hash[UMB_ID_BYTES];
+    double origin[3]; /* file: that transforms start from */
+    struct umb_light_info light;
+    struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
+};
+
+/* 1 if the argument names a file by the rule above. */
+int umbt_source_is_file(const char *argument);
+
+/*
+ * Opens the source and checks the settings against it.
+ *
+ * In:    settings: format must be UMB_ANSWER_F32.
+ * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe; E_UNSUPPORTED for lights
+ *        that are not directional.
+ */
+UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
+                                             const char *address,
+                                             const struct umb_query_settings *settings,
+                                             struct umb_error *error);
+void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */
+
+/*
+ * Answers points first .. first + count - 1.
+ *
+ * In:    positions: double[3 * (first + count)], world space, finite; normals: float, likewise.
+ * Out:   values: float, written at the same indices. stats: added to.
+ * Fails: file: E_ARGUMENT (not finite); daemon: as umb_client_query.
+ */
+UMB_CHECKED enum umb_status umbt_source_answer(const struct umbt_source *source,
+                                               const double *positions, const float *normals,
+                                               size_t first, size_t count, float *values,
+                                               struct umb_query_stats *stats,
+                                               struct umb_error *error);
+
+#endif

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage-study: everything that needs rays and a scene beside an asset. Dispatches sub-commands.
+ */
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include "study/study_command.h"
+#include "umbrage/status.h"
+
+static const char help[] =
+    "usage: umbrage-study COMMAND ...\n"
+    "\n"
+    "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
+    "  verify FILE --scene SCENE                    compare an asset with traced rays\n"
+    "\n"
+    "`umbrage-study COMMAND --help` lists a command's options.\n"
+    "  --version   --help\n";
+
+static const struct command {
+    const char *name;
+    int (*run)(int argc, char **argv);
+} commands[] = {
+    {"render", umbt_render_command},
+    {"verify", umbt_verify_command},
+};
+
+/* Data that did not reach stdout must not look like success. */
+static int output_finish(int code)
+{
+    if ((fflush(stdout) != 0 || ferror(stdout)) && code <= 1) {
+        fputs("umbrage-study: standard output could not be written\n", stderr);
+        return umb_status_exit(UMB_E_IO);
+    }
+    return code;
+}
+
+int main(int argc, char **argv)
+{
+    /* A closed pipe or connection is an error of that write, not the end of the process. */
+    (void)signal(SIGPIPE, SIG_IGN);
+    if (argc < 2) {
+        fputs(help, stderr);
+        return umb_status_exit(UMB_E_ARGUMENT);
+    }
+    for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
+        if (strcmp(argv[1], commands[i].name) == 0) {
+            return output_finish(commands[i].run(argc - 2, argv + 2));
+        }
+    }
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "help") == 0) {
+        fputs(help, stdout);
+        return output_finish(0);
+    }
+    if (strcmp(argv[1], "--version") == 0) {
+        puts("umbrage-study " UMB_VERSION);
+        return output_finish(0);
+    }
+    fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n", argv[1]);
+    return umb_status_exit(UMB_E_ARGUMENT);
+}

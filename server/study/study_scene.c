@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A scene beside an asset; see study_scene.h. */
+#include "study/study_scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "study/study_vec.h"
+
+/* Turns closed parts of negative volume around, as the bake does. */
+static void parts_turn(struct umbt_scene *scene)
+{
+    for (size_t i = 0; i < scene->count; i++) {
+        const uint32_t part = scene->parts.part_of[i];
+        if (part < scene->parts.part_count && scene->parts.parts[part].flipped) {
+            double kept[3];
+            memcpy(kept, scene->corners[i][1], sizeof kept);
+            memcpy(scene->corners[i][1], scene->corners[i][2], sizeof kept);
+            memcpy(scene->corners[i][2], kept, sizeof kept);
+        }
+    }
+}
+
+static void box_measure(struct umbt_scene *scene)
+{
+    double sum = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t i = 0; i < scene->count; i++) {
+            for (int c = 0; c < 3; c++) {
+                low = fmin(low, scene->corners[i][c][k]);
+                high = fmax(high, scene->corners[i][c][k]);
+            }
+        }
+        scene->box.min[k] = low;
+        scene->box.max[k] = high;
+        sum += (high - low) * (high - low);
+    }
+    scene->diagonal_m = sqrt(sum);
+}
+
+/* The material or the part of a triangle; UINT32_MAX if it has none. */
+static uint32_t surface_group(const struct umbt_scene *scene, size_t triangle)
+{
+    return scene->by_material ? scene->materials[triangle] : scene->parts.part_of[triangle];
+}
+
+static double triangle_area(const double corners[3][3])
+{
+    double a[3], b[3], normal[3];
+    umbt_subtract(corners[1], corners[0], a);
+    umbt_subtract(corners[2], corners[0], b);
+    umbt_cross(a, b, normal);
+    return 0.5 * umbt_length(normal);
+}
+
+/* Decides by what surfaces are told apart, and which is the main one. */
+static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error *error)
+{
+    for (size_t i = 1; i < scene->count && !scene->by_material; i++) {
+        scene->by_material = scene->materials[i] != scene->materials[0];
+    }
+    const size_t group_count =
+        scene->by_material ? scene->scene->view.material_count : scene->parts.part_count;
+    double *areas = calloc(group_count + 1, sizeof *areas);
+    if (areas == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu surfaces do not fit in memory", group_count);
+    }
+    for (size_t i = 0; i < scene->count; i++) {
+        const uint32_t group = surface_group(scene, i);
+        /* Triangles of no group share the last place. */
+        areas[group < group_count ? group : group_count] +=
+            triangle_area((const double(*)[3])scene->corners[i]);
+    }
+    size_t largest = group_count;
+    for (size_t g = 0; g < group_count; g++) {
+        largest = areas[g] > areas[largest] ? g : largest;
+    }
+    scene->main_surface = largest < group_count ? (uint32_t)largest : UINT32_MAX;
+    free(areas);
+    return UMB_OK;
+}
+
+enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
+{
+    const struct umbs_import_options options = {0};
+    memset(scene, 0, sizeof *scene);
+    scene->path = path;
+    enum umb_status status = umbs_scene_import(path, &options, &scene->scene, error);
+    if (status == UMB_OK) {
+        umbs_scene_hash(&scene->scene->view, scene->hash);
+        status = umbs_scene_flatten(&scene->scene->view, &scene->corners, &scene->materials,
+                                    &scene->count, error);
+    }
+    if (status == UMB_OK && scene->count == 0) {
+        status = umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", path);
+    }
+    if (status == UMB_OK) {
+        status = umbs_parts_find((const double(*)[3][3])scene->corners, scene->count, &scene->parts,
+                                 error);
+    }
+    if (status == UMB_OK) {
+        parts_turn(scene);
+        box_measure(scene);
+        status = surfaces_find(scene, error);
+    }
+    if (status == UMB_OK) {
+        status = umbr_rays_create((const double(*)[3][3])scene->corners, scene->count, &scene->rays,
+                                  error);
+    }
+    if (status != UMB_OK) {
+        umbt_scene_finish(scene);
+    }
+    return status;
+}
+
+void umbt_scene_finish(struct umbt_scene *scene)
+{
+    if (scene->rays != NULL) {
+        umbr_rays_destroy(scene->rays);
+    }
+    umbs_parts_finish(&scene->parts);
+    free(scene->corners);
+    free(scene->materials);
+    if (scene->scene != NULL) {
+        umbs_scene_destroy(scene->scene);
+    }
+    memset(scene, 0, sizeof *scene);
+}
+
+enum umb_status umbt_scene_match(const struct umbt_scene *scene, const char *asset,
+                                 const uint8_t asset_hash[UMB_ID_BYTES], struct umb_error *error)
+{
+    if (memcmp(scene->hash, asset_hash, UMB_ID_BYTES) == 0) {
+        return UMB_OK;
+    }
+    char of_scene[UMB_ID_TEXT_SIZE], of_asset[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(scene->hash, of_scene);
+    umb_id_to_text(asset_hash, of_asset);
+    return umb_fail(
+        error, UMB_E_BAD_SCENE,
+        "%.80s was not baked from %.80s: scene hash %.16s... in the asset, %.16s... of the "
+        "scene (--force goes on)",
+        asset, scene->path, of_asset, of_scene);
+}
+
+uint32_t umbt_scene_surface_key(const struct umbt_scene *scene, size_t triangle)
+{
+    const uint32_t group = surface_group(scene, triangle);
+    if (group == scene->main_surface) {
+        return 0;
+    }
+    return group < UINT32_MAX ? group + 1 : group;
+}

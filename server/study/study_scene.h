@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_STUDY_SCENE_H
+#define UMBRAGE_SERVER_STUDY_STUDY_SCENE_H
+/*
+ * A scene beside an asset: imported, flattened, split into parts and ready for rays.
+ *
+ * Closed parts that the bake turns around (umbs_part.flipped) are turned around here too, so that
+ * "outside" means the same to the rays and to the bake.
+ */
+#include "common/parts.h"
+#include "common/scene.h"
+#include "rays/rays.h"
+
+struct umbt_scene {
+    const char *path; /* borrowed */
+    struct umbs_scene *scene;
+    double (*corners)[3][3]; /* [count], world space, metres, closed parts outward */
+    uint32_t *materials;     /* [count] */
+    size_t count;            /* at least 1 */
+    struct umbs_parts parts;
+    struct umbr_rays *rays;
+    struct umb_box box; /* of all triangles */
+    double diagonal_m;  /* of the box */
+    uint8_t hash[UMB_ID_BYTES];
+    int by_material;       /* surfaces are told apart by material, else by part */
+    uint32_t main_surface; /* the material or part of the largest area */
+};
+
+/* Loads a scene. Fails: as umbs_scene_import, umbs_scene_flatten, umbs_parts_find,
+ * umbr_rays_create. */
+UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
+                                            struct umb_error *error);
+void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */
+
+/*
+ * Checks that an asset was baked from this scene: equal content hashes.
+ *
+ * Fails: E_BAD_SCENE, naming both hashes.
+ */
+UMB_CHECKED enum umb_status umbt_scene_match(const struct umbt_scene *scene, const char *asset,
+                                             const uint8_t asset_hash[UMB_ID_BYTES],
+                                             struct umb_error *error);
+
+/* Key of a triangle's surface colour, by its material if several are used, else by its part; 0 for
+ * the one of the largest area, usually the ground. */
+uint32_t umbt_scene_surface_key(const struct umbt_scene *scene, size_t triangle);
+
+#endif

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
+#define UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
+/*
+ * Shadows by rays: what an asset's pictures are compared with.
+ *
+ * Three references, each towards the light from points outside the surface, 0 where the normal
+ * faces away:
+ *
+ * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1: the point is moved as the query
+ *   moves it (computed here from the documented formula, not asked from the query); n x n rays
+ *   start at the centres of the n x n texels around the moved point's texel, all at the moved
+ *   point's own depth. Same footprint, but each texel's answer is traced; what remains is the
+ *   quantisation of depth to voxels.
+ * - UMBT_TRUTH_AREA: the same, with samples x samples rays spread evenly over the n texels wide
+ *   square centred on the moved point itself. What remains also holds the texel grid.
+ * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. What remains is
+ *   everything: resolution, bias and filter.
+ *
+ * Precision: starts are moved 2e-6 of the scene's diagonal off the surface for UMBT_TRUTH_SURFACE,
+ * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
+ */
+#include "rays/rays.h"
+#include "umbrage/query.h"
+
+enum umbt_truth_kind {
+    UMBT_TRUTH_TEXELS = 0,
+    UMBT_TRUTH_AREA = 1,
+    UMBT_TRUTH_SURFACE = 2,
+};
+
+struct umbt_truth {
+    const struct umbr_rays *rays; /* borrowed */
+    enum umbt_truth_kind kind;
+    struct umb_query_settings settings;
+    uint32_t samples;                /* for AREA: rays a side, 1..64 */
+    double to_light[3];              /* unit */
+    double diagonal_m;               /* of the scene */
+    double origin[3];                /* of the asset; TEXELS and AREA */
+    struct umb_frustum_info frustum; /* affine; TEXELS and AREA */
+    const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
+};
+
+/*
+ * Metres a point is moved along its unit normal, as umbrage/query.h documents for points with
+ * normals. Pure.
+ */
+double umbt_truth_bias(const struct umb_query_settings *settings,
+                       const struct umb_frustum_info *frustum, const double normal[3]);
+
+/*
+ * 1 if a texel of the point's filter window lies, at the moved point's depth, inside a closed solid
+ * of an asset baked under the closed rule: the asset's answer there is unspecified (design,
+ * "defined space"), so a difference says nothing about it. Needs frustum and origin, whatever the
+ * kind.
+ */
+int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
+                            const double normal[3]);
+
+/* Share of the reference's rays that reach the light. Threads: any. */
+float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
+                            const double normal[3]);
+
+#endif

@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * `verify`: an asset file against rays through the scene it was baked from.
+ *
+ * Exit 1 means that the asset disagrees with the rays outside the one-voxel band around shadow
+ * boundaries, where it must not (rays/verify.h).
+ */
+#include "study/study_command.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "rays/verify.h"
+#include "study/parallel_for.h"
+#include "study/study_args.h"
+#include "study/study_json.h"
+#include "study/study_progress.h"
+#include "study/study_scene.h"
+
+static const char help[] =
+    "usage: umbrage verify FILE --scene SCENE [options]\n"
+    "\n"
+    "Compares an asset with rays traced through the scene it was baked from. Half of the points "
+    "lie\n"
+    "within 4 voxels of a shadow boundary. Disagreement within one voxel of a boundary is "
+    "counted;\n"
+    "outside that band there must be none.\n"
+    "\n"
+    "  --scene SCENE   the scene file\n"
+    "  --points N      points a light, 1 to 1000000000 (default 1000000)\n"
+    "  --light N       only this light (default: all)\n"
+    "  --seed N        of the points (default 1); the same seed gives the same points\n"
+    "  --threads N     default: all processors\n"
+    "  --force         even if the asset was baked from another scene\n"
+    "  --json          print one JSON object\n"
+    "  --quiet         print nothing\n"
+    "  --help\n"
+    "\n"
+    "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another "
+    "scene),\n"
+    "66 no input, 69 unavailable, 74 I/O, 75 temporary.\n";
+
+struct verify {
+    const char *file, *scene_path;
+    uint64_t points, light, seed, threads;
+    int force, json, quiet, help;
+    struct umb_asset *asset;
+    struct umb_asset_info info;
+    struct umbt_scene scene;
+    uint32_t first_light, light_count;  /* to verify */
+    struct umbr_verify_result *results; /* [light_count] */
+    double seconds;
+    uint64_t outside_band;
+};
+
+static enum umb_status verify_parse(int argc, char **argv, struct verify *verify,
+                                    struct umb_error *error)
+{
+    const struct umbt_option table[] = {
+        {"--scene", UMBT_TEXT, &verify->scene_path, 0, 0},
+        {"--points", UMBT_COUNT, &verify->points, 1, 1000000000},
+        {"--light", UMBT_COUNT, &verify->light, 0, UMB_LIGHTS_MAX - 1},
+        {"--seed", UMBT_COUNT, &verify->seed, 0, UINT64_MAX},
+        {"--threads", UMBT_COUNT, &verify->threads, 1, 256},
+        {"--force", UMBT_FLAG, &verify->force, 0, 0},
+        {"--json", UMBT_FLAG, &verify->json, 0, 0},
+        {"--quiet", UMBT_FLAG, &verify->quiet, 0, 0},
+        {"--help", UMBT_FLAG, &verify->help, 0, 0},
+    };
+    struct umbt_positionals positionals = {.max = 1};
+    verify->points = 1000000;
+    verify->light = UINT64_MAX;
+    verify->seed = 1;
+    const enum umb_status status =
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+    if (status != UMB_OK || verify->help) {
+        return status;
+    }
+    if (positionals.count != 1) {
+        return umb_fail(error, UMB_E_ARGUMENT, "FILE: is needed; see --help");
+    }
+    if (verify->scene_path == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
+    }
+    verify->file = positionals.values[0];
+    return UMB_OK;
+}
+
+static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
+{
+    enum umb_status status = umb_asset_open_file(verify->file, NULL, &verify->asset, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_asset_get_info(verify->asset, &verify->info);
+    verify->light_count = verify->info.light_count;
+    if (verify->light != UINT64_MAX) {
+        if (verify->light >= verify->info.light_count) {
+            return umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
+                            (unsigned)verify->light, verify->file, verify->info.light_count);
+        }
+        verify->first_light = (uint32_t)verify->light;
+        verify->light_count = 1;
+    }
+    status = umbt_scene_init(&verify->scene, verify->scene_path, error);
+    if (status == UMB_OK && !verify->force) {
+        status = umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
+    }
+    return status;
+}
+
+/* 1 if the light's frusta were baked under the closed rule. */
+static int light_is_closed(const struct umb_asset *asset, uint32_t light)
+{
+    struct umb_light_info info;
+    struct umb_frustum_info frustum;
+    if (umb_asset_get_light(asset, light, &info) != UMB_OK ||
+        umb_asset_get_frustum(asset, info.first_frustum, &frustum) != UMB_OK) {
+        return 0;
+    }
+    return frustum.closed;
+}
+
+static enum umb_status lights_verify(struct verify *verify, struct umb_error *error)
+{
+    verify->results =
+        calloc(verify->light_count > 0 ? verify->light_count : 1, sizeof *verify->results);
+    if (verify->results == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%u results do not fit in memory",
+                        verify->light_count);
+    }
+    const double start = umbt_now_s();
+    for (uint32_t i = 0; i < verify->light_count; i++) {
+        const uint32_t light = verify->first_light + i;
+        const struct umbr_verify_options options = {
+            .points = verify->points,
+            .seed = verify->seed,
+            .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
+            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        };
+        const enum umb_status status = umbr_verify(verify->asset, light, verify->scene.rays,
+                                                   &options, &verify->results[i], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        verify->outside_band += verify->results[i].outside_band;
+    }
+    verify->seconds = umbt_now_s() - start;
+    return UMB_OK;
+}
+
+static double rate(uint64_t part, uint64_t whole)
+{
+    return whole > 0 ? (double)part / (double)whole : 0.0;
+}
+
+static void report_text(const struct verify *verify)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(verify->info.id, id);
+    printf("asset %s\nscene %s: %zu triangles, %zu in closed parts\n", id, verify->scene_path,
+           verify->scene.count, verify->scene.parts.closed_triangles);
+    for (uint32_t i = 0; i < verify->light_count; i++) {
+        const struct umbr_verify_result *result = &verify->results[i];
+        printf("light %u: %" PRIu64 " points compared, %" PRIu64 " near a boundary, %" PRIu64
+               " inside solids left out\n"
+               "  inside the band:  %" PRIu64 " disagree (%.4f %%)\n"
+               "  outside the band: %" PRIu64 " disagree (%.6f %%)\n",
+               verify->first_light + i, result->points, result->near_boundary,
+               result->skipped_inside, result->inside_band,
+               100.0 * rate(result->inside_band, result->points), result->outside_band,
+               100.0 * rate(result->outside_band, result->points));
+        if (result->has_worst) {
+            printf("  for example at %.9g %.9g %.9g\n", result->worst_point[0],
+                   result->worst_point[1], result->worst_point[2]);
+        }
+    }
+    printf("%s in %.2f s\n", verify->outside_band > 0 ? "DISAGREES" : "agrees", verify->seconds);
+}
+
+static void report_json(const struct verify *verify)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(verify->info.id, id);
+    printf("{\"asset\":\"%s\",\"scene\":", id);
+    umbt_json_text(stdout, verify->scene_path);
+    printf(",\"triangles\":%zu,\"closed_triangles\":%zu,\"seed\":%" PRIu64
+           ",\"seconds\":%.4f,\"agrees\":%s,\"lights\":[",
+           verify->scene.count, verify->scene.parts.closed_triangles, verify->seed, verify->seconds,
+           verify->outside_band > 0 ? "false" : "true");
+    for (uint32_t i = 0; i < verify->light_count; i++) {
+        const struct umbr_verify_result *result = &verify->results[i];
+        printf("%s{\"light\":%u,\"points\":%" PRIu64 ",\"near_boundary\":%" PRIu64
+               ",\"skipped_inside\":%" PRIu64 ",\"inside_band\":%" PRIu64
+               ",\"outside_band\":%" PRIu64 ",\"inside_rate\":%.9g,\"outside_rate\":%.9g",
+               i > 0 ? "," : "", verify->first_light + i, result->points, result->near_boundary,
+               result->skipped_inside, result->inside_band, result->outside_band,
+               rate(result->inside_band, result->points),
+               rate(result->outside_band, result->points));
+        if (result->has_worst) {
+            printf(",\"worst_point\":[%.17g,%.17g,%.17g]", result->worst_point[0],
+                   result->worst_point[1], result->worst_point[2]);
+        }
+        printf("}");
+    }
+    printf("]}\n");
+}
+
+int umbt_verify_command(int argc, char **argv)
+{
+    struct verify verify;
+    struct umb_error error = {0};
+    memset(&verify, 0, sizeof verify);
+    enum umb_status status = verify_parse(argc, argv, &verify, &error);
+    if (status == UMB_OK && verify.help) {
+        fputs(help, stdout);
+        return 0;
+    }
+    if (status == UMB_OK) {
+        status = inputs_open(&verify, &error);
+    }
+    if (status == UMB_OK) {
+        status = lights_verify(&verify, &error);
+    }
+    if (status == UMB_OK && verify.json) {
+        report_json(&verify);
+    } else if (status == UMB_OK && !verify.quiet) {
+        report_text(&verify);
+    }
+    free(verify.results);
+    umbt_scene_finish(&verify.scene);
+    umb_asset_close(verify.asset);
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage verify: %s\n", error.message);
+        return umb_status_exit(status);
+    }
+    return verify.outside_band > 0 ? 1 : 0;
+}

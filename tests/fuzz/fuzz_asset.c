@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Hostile asset files: open, validate, query, export, pack again. The first byte picks how the rest
+ * is used, because checksums would stop a fuzzer at the door:
+ *   0  the file as it is
+ *   1  a mapped file whose section and head checksums are made right
+ *   2  raw pages (u16 length, bytes, ...) in an otherwise right packed file
+ */
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+#include <zstd.h>
+
+#include "base/bytes.h"
+#include "format/canonical.h"
+#include "format/head.h"
+#include "format/layout.h"
+#include "format/page.h"
+#include "fuzz.h"
+#include "make_asset.h"
+#include "umbrage/query.h"
+
+enum { MAX_PAGES = 8, MAX_FILE = 1 << 20 };
+
+static void query_everywhere(const struct umb_asset *asset)
+{
+    struct umb_query_settings settings = {.taps = 17, .format = UMB_ANSWER_U8};
+    struct umb_query query;
+    double points[64][3];
+    uint8_t values[64];
+    uint64_t seed = 99;
+    struct umb_frustum_info frustum;
+    if (umb_query_prepare(asset, &settings, &query, NULL) != UMB_OK ||
+        umb_asset_get_frustum(asset, 0, &frustum) != UMB_OK) {
+        return;
+    }
+    for (size_t i = 0; i < 64 * 3; i++) {
+        double extent = (double)(1U << frustum.log2_size) * frustum.voxel_step[i % 3][i % 3];
+        points[i / 3][i % 3] = (random_unit(&seed) * 1.1 - 0.05) * extent;
+    }
+    struct umb_points batch = {.positions = points, .format = UMB_POINT_F64, .count = 64};
+    struct umb_answers answers = {.values = values};
+    umb_query_run(&query, &batch, 0, 64, &answers);
+    struct umb_explanation explanation;
+    umb_query_explain(&query, &batch, 3, &explanation);
+}
+
+/* What opened must survive exporting, packing and opening again. */
+static void round_trip(const struct umb_asset *asset)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    struct bytes again = {0};
+    struct umb_sink sink = bytes_sink(&again);
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_asset *reopened;
+    if (umb_asset_export(asset, &octree, &content, NULL) == UMB_OK) {
+        FUZZ_DEMAND(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK);
+        FUZZ_DEMAND(umb_asset_open_bytes(again.data, again.size, NULL, &reopened, NULL) == UMB_OK);
+        umb_asset_close(reopened);
+        bytes_finish(&again);
+    }
+    umb_octree_finish(&octree);
+}
+
+static void try_file(const uint8_t *bytes, size_t size)
+{
+    struct umb_open_options options = {.max_memory_bytes = (uint64_t)64 << 20};
+    struct umb_asset *asset;
+    uint8_t *exact = aligned_alloc(64, (size + 63) / 64 * 64 + 64);
+    if (!exact) {
+        return;
+    }
+    memcpy(exact, bytes, size);
+    if (umb_asset_open_bytes(exact, size, &options, &asset, NULL) == UMB_OK) {
+        query_everywhere(asset);
+        round_trip(asset);
+        umb_asset_close(asset);
+    }
+    free(exact);
+}
+
+/* Makes the checksums of a mapped file right, as far as its lengths allow. */
+static void seal_mapped(uint8_t *file, size_t size)
+{
+    if (size < UMB__HEAD_SIZE) {
+        return;
+    }
+    uint64_t canonical = umb__load64(file + UMB__HEAD_CANONICAL_LENGTH);
+    uint64_t head = umb__load64(file + UMB__HEAD_LENGTH);
+    uint32_t count = umb__load32(file + UMB__HEAD_DIRECTORY_COUNT);
+    umb__store64(file + UMB__HEAD_FILE_LENGTH, size);
+    if (head < UMB__HEAD_SIZE || head > size || canonical > head || count > 5 ||
+        UMB__HEAD_SIZE + canonical + count * UMB__SECTION_ENTRY > head) {
+        return;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        uint8_t *entry = file + UMB__HEAD_SIZE + canonical + i * UMB__SECTION_ENTRY;
+        uint64_t offset = umb__load64(entry + UMB__SECTION_OFFSET);
+        uint64_t length = umb__load64(entry + UMB__SECTION_LENGTH);
+        if (offset <= size && length <= size - offset) {
+            umb__store64(entry + UMB__SECTION_CHECK, XXH3_64bits(file + offset, (size_t)length));
+        }
+    }
+    uint8_t both[16];
+    umb__store64(both, XXH3_64bits(file, UMB__HEAD_CHECK));
+    umb__store64(both + 8, XXH3_64bits(file + UMB__HEAD_SIZE, (size_t)(head - UMB__HEAD_SIZE)));
+    umb__store64(file + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
+}
+
+/* Adds one page to the file under construction. */
+static void add_page(const uint8_t *raw, size_t size, struct bytes *stored, uint8_t *entry,
+                     uint64_t counts[UMB_LEVEL_MAX + 1])
+{
+    struct umb__page page;
+    uint8_t compressed[1 << 17];
+    size_t length = ZSTD_compress(compressed, sizeof compressed, raw, size, 1);
+    FUZZ_DEMAND(!ZSTD_isError(length));
+    umb__store64(entry + UMB__PAGE_OFFSET, stored->size);
+    umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+    umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)size);
+    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(compressed, length));
+    if (umb__page_parse(raw, size, &page, NULL) == UMB_OK) {
+        uint64_t records = 0;
+        for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+            counts[level] += page.node_count[level];
+            records += page.node_count[level];
+        }
+        entry[UMB__PAGE_LEVEL_HIGH] = (uint8_t)page.level_high;
+        entry[UMB__PAGE_LEVEL_LOW] = (uint8_t)page.level_low;
+        umb__store32(entry + UMB__PAGE_RECORDS, (uint32_t)records);
+    }
+    struct umb_sink sink = bytes_sink(stored);
+    FUZZ_DEMAND(sink.write(sink.user, compressed, length) == UMB_OK);
+}
+
+static void try_pages(const uint8_t *data, size_t size)
+{
+    static const double origin[3] = {0, 0, 0};
+    struct bytes stored = {0};
+    uint8_t directory[MAX_PAGES * UMB__PAGE_ENTRY] = {0};
+    struct umb__packed_root root = {UMB_NODE_MIXED, 0, 0};
+    struct umb__canonical canonical = {.roots = &root};
+    uint32_t log2_size = size > 0 ? 6 + data[0] % 5 : 6, pages = 0;
+    struct voxels voxels = {NULL, NULL, log2_size, 1};
+    size_t at = 1;
+    while (pages < MAX_PAGES && at + 2 <= size) {
+        size_t length = umb__load16(data + at);
+        at += 2;
+        length = length < size - at ? length : size - at;
+        add_page(data + at, length, &stored, directory + pages * UMB__PAGE_ENTRY,
+                 canonical.counts);
+        at += length;
+        pages++;
+    }
+    make_content(&voxels, 1, origin, &canonical.content);
+    struct umb__head head = {
+        .encoding = UMB_ENCODING_PACKED, .directory = directory, .directory_count = pages};
+    uint8_t *block;
+    FUZZ_DEMAND(umb__canonical_encode(&canonical, NULL, &block, &head.canonical_length, NULL) ==
+                UMB_OK);
+    head.canonical = block;
+    head.head_length =
+        umb__head_length(head.canonical_length, pages, UMB__PAGE_ENTRY, 0);
+    head.file_length = head.head_length + stored.size;
+    for (uint32_t i = 0; i < pages; i++) {
+        uint8_t *entry = directory + i * UMB__PAGE_ENTRY;
+        umb__store64(entry, umb__load64(entry) + head.head_length);
+    }
+    uint8_t *file = malloc((size_t)head.file_length);
+    if (file) {
+        umb__head_write(&head, UMB__PAGE_ENTRY, file);
+        if (stored.size > 0) {
+            memcpy(file + head.head_length, stored.data, stored.size);
+        }
+        try_file(file, (size_t)head.file_length);
+    }
+    free(file);
+    free(block);
+    bytes_finish(&stored);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (size < 1 || size > MAX_FILE) {
+        return 0;
+    }
+    uint8_t mode = data[0] % 3;
+    if (mode == 2) {
+        try_pages(data + 1, size - 1);
+        return 0;
+    }
+    uint8_t *file = malloc(size);
+    if (file) {
+        memcpy(file, data + 1, size - 1);
+        if (mode == 1) {
+            seal_mapped(file, size - 1);
+        }
+        try_file(file, size - 1);
+    }
+    free(file);
+    return 0;
+}

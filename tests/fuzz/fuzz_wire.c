@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Hostile messages and gRPC bytes: every decoder, and the reader fed in pieces the input chooses. */
+#include <string.h>
+
+#include "fuzz.h"
+#include "wire/grpc.h"
+#include "wire/messages.h"
+
+static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
+{
+    size_t *total = user;
+    (void)compressed;
+    for (size_t i = 0; i < size; i++) {
+        *total += message[i];
+    }
+    return UMB_OK;
+}
+
+static void feed_reader(const uint8_t *data, size_t size)
+{
+    struct umbw_reader reader;
+    size_t total = 0, at = 0;
+    umbw_reader_init(&reader, 4096);
+    while (at < size) {
+        size_t piece = 1 + data[at] % 37;
+        piece = piece < size - at ? piece : size - at;
+        if (umbw_reader_feed(&reader, data + at, piece, on_message, &total, NULL) != UMB_OK) {
+            break;
+        }
+        at += piece;
+    }
+    umbw_reader_finish(&reader);
+}
+
+static void decode_all(const uint8_t *message, size_t size)
+{
+    struct umbw_query_request request;
+    struct umbw_query_reply query_reply;
+    struct umbw_describe_reply describe;
+    struct umbw_list_reply list;
+    char text[256];
+    int serving;
+    if (umbw_decode_query_request(message, size, 1000, &request, NULL) == UMB_OK) {
+        FUZZ_DEMAND(request.points.count <= 1000);
+        (void)!umb_points_check(&request.points, NULL);
+    }
+    (void)!umbw_decode_query_reply(message, size, &query_reply, NULL);
+    if (umbw_decode_describe_reply(message, size, &describe, NULL) == UMB_OK) {
+        umbw_describe_reply_finish(&describe);
+    }
+    if (umbw_decode_list_reply(message, size, &list, NULL) == UMB_OK) {
+        umbw_list_reply_finish(&list);
+    }
+    (void)!umbw_decode_describe_request(message, size, text, NULL);
+    (void)!umbw_decode_health_request(message, size, text, NULL);
+    (void)!umbw_decode_health_reply(message, size, &serving, NULL);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    int64_t nanoseconds;
+    char text[64];
+    uint8_t *exact = malloc(size ? size : 1);
+    if (!exact) {
+        return 0;
+    }
+    memcpy(exact, data, size);
+    decode_all(exact, size);
+    feed_reader(exact, size);
+    (void)!umbw_timeout_parse((const char *)exact, size, &nanoseconds);
+    (void)umbw_message_unescape((const char *)exact, size, text, sizeof text);
+    free(exact);
+    return 0;
+}

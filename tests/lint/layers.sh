@@ -1,0 +1,70 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Proves the include rules of docs/ARCHITECTURE.md: who may include whom, and who may see which library.
+#
+# core <- wire <- {rpc, daemon};  {core, common} <- {daemon, bake, rays, study};  rays <- {bake, study};
+# rpc <- {cli, study}. Nothing under client/ or proto/ includes server/.
+set -eu
+cd "$(dirname "$0")/../.."
+failures=0
+
+fail() {
+    echo "layers: $1"
+    failures=$((failures + 1))
+}
+
+includes() { # folder: every "path" include in it, as file:path
+    grep -rnoE '^[[:space:]]*#[[:space:]]*include[[:space:]]*["<][^">]+[">]' "$1" --include='*.c' --include='*.h' |
+        sed -E 's/:[0-9]+:[^"<]*["<]/ /; s/[">]$//'
+}
+
+# forbid FOLDER REGEX WHY: no include of FOLDER matches REGEX
+forbid() {
+    [ -d "$1" ] || return 0
+    found=$(includes "$1" | awk -v pattern="$2" '$2 ~ pattern { print "  " $1 " includes " $2 }')
+    [ -z "$found" ] || fail "$1 $3:
+$found"
+}
+
+EMBREE='^embree3/'
+ASSIMP='^assimp/'
+LIBUV='^uv\.h'
+HTTP2='^nghttp2/'
+PROTOBUF='(pb-c\.h$|^protobuf-c/)'
+SERVER='^(common|daemon|bake|rays|study|depth|build|analysis|import)/'
+
+forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/' "is public and sees only itself"
+forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
+forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
+forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
+forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core and protobuf-c"
+forbid server/common "$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
+forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire and common"
+forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"
+forbid server/bake "$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
+forbid server/study "$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
+
+# Assimp: the sandboxed importer alone. Embree: rays, and the bake's candidate path.
+others=$(includes server/bake | awk -v pattern="$ASSIMP" '$2 ~ pattern && $1 !~ /^server\/bake\/import\// { print "  " $1 }')
+[ -z "$others" ] || fail "only server/bake/import sees Assimp:
+$others"
+others=$(grep -rlE 'rtc(New|Intersect|Occluded)' server client proto --include='*.c' --include='*.h' |
+    grep -vE '^server/(rays|bake/depth)/' || true)
+[ -z "$others" ] || fail "only server/rays and server/bake/depth call Embree:
+  $others"
+
+# protobuf-c's generated code: only proto/wire.
+others=$(grep -rlE 'pb-c\.h' client server --include='*.c' --include='*.h' || true)
+[ -z "$others" ] || fail "only proto/wire sees generated code: $others"
+
+# Public headers compile as C99 and as C++11.
+for header in client/include/umbrage/*.h; do
+    for mode in "-x c -std=c99" "-x c++ -std=c++11"; do
+        # shellcheck disable=SC2086
+        ${CC:-cc} $mode -Wall -Wextra -Werror -pedantic -fsyntax-only -Iclient/include "$header" ||
+            fail "$header does not compile with $mode"
+    done
+done
+
+[ "$failures" -eq 0 ] && echo "layers: ok"
+exit "$failures"

@@ -1,0 +1,32 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Rules that no compiler checks: banned functions, SPDX lines, file names, long functions, leftovers.
+set -eu
+cd "$(dirname "$0")/../.."
+failures=0
+
+report() { # WHAT OUTPUT
+    if [ -n "$2" ]; then
+        echo "lint: $1"
+        echo "$2" | sed 's/^/  /'
+        failures=$((failures + 1))
+    fi
+}
+
+sources=$(git ls-files '*.c' '*.h')
+
+report "banned function" "$(echo "$sources" | xargs grep -nE '(^|[^a-zA-Z0-9_])(strcpy|strcat|sprintf|vsprintf|strtok|gets|rand|srand|atoi|atof|alloca)\(' || true)"
+report "first line is not the SPDX line" "$(for f in $sources; do head -n 1 "$f" | grep -q 'SPDX-License-Identifier: Apache-2.0' || echo "$f"; done)"
+report "header guard is missing" "$(for f in $(echo "$sources" | tr ' ' '\n' | grep '\.h$' | grep -v kernel_body.h); do grep -q '^#ifndef [A-Z]' "$f" || echo "$f"; done)"
+report "file name not unique" "$(echo "$sources" | tr ' ' '\n' | grep -v '^client/include/' | sed 's|.*/||' | sort | uniq -d)"
+report "leftover" "$(git ls-files '*.c' '*.h' '*.sh' '*.mk' '*.py' Makefile | grep -v '^tests/lint/' | xargs grep -nE 'TODO|FIXME|XXX|HACK' || true)"
+report "line over 100 columns" "$(echo "$sources" | xargs awk 'length($0) > 100 { print FILENAME ":" FNR }' || true)"
+report "file over 700 lines" "$(echo "$sources" | xargs wc -l | awk '$1 > 700 && $2 != "total" { print $2 ": " $1 }')"
+report "function over 80 lines" "$(echo "$sources" | tr ' ' '\n' | grep '\.c$' | xargs awk '
+    FNR == 1 { start = 0 }
+    /^{/ { start = FNR }
+    /^}/ { if (start && FNR - start > 80) print FILENAME ":" start ": " FNR - start " lines"; start = 0 }')"
+report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
+
+[ "$failures" -eq 0 ] && echo "lint: ok"
+exit "$failures"

@@ -1,0 +1,359 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The oracle's reader: head, info and canonical block. Source: docs/umb-format.md, sections 2 and 3.
+ */
+#include "oracle_parts.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <xxhash.h>
+
+enum {
+    HEAD_FIXED = 128,
+    CHECK_AT = 120,
+    BLOCK_LIMIT = 64 << 20,
+    INFO_LIMIT = 1 << 20,
+    PACKED_ENTRY = 64,
+    MAPPED_ENTRY = 32,
+    MAPPED_SECTIONS = 5,
+    LIGHT_SIZE = 136,
+    FRUSTUM_SIZE = 144,
+    ROOT_SIZE = 16,
+    LIGHTS_LIMIT = 4096,
+    FRUSTA_LIMIT = 24576,
+};
+
+static int check_magic(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    static const uint8_t packed[8] = {0x89, 0x55, 0x4d, 0x42, 0x0d, 0x0a, 0x1a, 0x0a};
+    static const uint8_t mapped[8] = {0x89, 0x55, 0x4d, 0x4d, 0x0d, 0x0a, 0x1a, 0x0a};
+    if (oracle->size < HEAD_FIXED) {
+        return oracle_refuse(error, "file: %zu bytes, a head has 128", oracle->size);
+    }
+    if (memcmp(oracle->bytes, packed, 8) == 0) {
+        oracle->form = ORACLE_PACKED;
+    } else if (memcmp(oracle->bytes, mapped, 8) == 0) {
+        oracle->form = ORACLE_MAPPED;
+    } else {
+        return oracle_refuse(error, "magic: neither packed nor mapped");
+    }
+    uint64_t major = oracle_number(oracle->bytes + 8, 2);
+    if (major != 1) {
+        return oracle_refuse(error, "major version: %" PRIu64 ", not 1", major);
+    }
+    return 1;
+}
+
+static int check_head_hash(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    const uint64_t parts[2] = {
+        XXH3_64bits(oracle->bytes, CHECK_AT),
+        XXH3_64bits(oracle->bytes + HEAD_FIXED, (size_t)(oracle->head_size - HEAD_FIXED))};
+    uint8_t both[16];
+    for (int i = 0; i < 16; i++) {
+        both[i] = (uint8_t)(parts[i / 8] >> (8 * (i % 8)));
+    }
+    if (XXH3_64bits(both, sizeof both) != oracle_number(oracle->bytes + CHECK_AT, 8)) {
+        return oracle_refuse(error, "check: does not match the head");
+    }
+    return 1;
+}
+
+/* `key=value` lines of UTF-8. */
+static int is_key_value_text(const uint8_t *bytes, uint64_t size)
+{
+    if (!oracle_is_utf8(bytes, size)) {
+        return 0;
+    }
+    for (uint64_t start = 0; start < size;) {
+        const uint8_t *line = bytes + start;
+        const uint8_t *end = memchr(line, '\n', (size_t)(size - start));
+        uint64_t length = end != NULL ? (uint64_t)(end - line) : size - start;
+        if (length > 0 && memchr(line + 1, '=', (size_t)(length - 1)) == NULL) {
+            return 0;
+        }
+        start += length + 1;
+    }
+    return 1;
+}
+
+int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    const uint8_t *head = oracle->bytes;
+    if (!check_magic(oracle, error)) {
+        return 0;
+    }
+    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 80, 40)) {
+        return oracle_refuse(error, "head: flags or the 40 bytes from 80 are not zero");
+    }
+    if (oracle_number(head + 16, 8) != oracle->size) {
+        return oracle_refuse(error, "file length: %" PRIu64 ", the file has %zu bytes",
+                             oracle_number(head + 16, 8), oracle->size);
+    }
+    oracle->head_size = oracle_number(head + 24, 8);
+    oracle->block_size = oracle_number(head + 32, 8);
+    oracle->directory_count = (uint32_t)oracle_number(head + 40, 4);
+    oracle->info_size = (uint32_t)oracle_number(head + 44, 4);
+    memcpy(oracle->id, head + 48, 32);
+    if (oracle->block_size > BLOCK_LIMIT || oracle->block_size % 8 != 0) {
+        return oracle_refuse(error, "canonical block: %" PRIu64 " bytes, limit 64 MiB by eights",
+                             oracle->block_size);
+    }
+    if (oracle->info_size > INFO_LIMIT) {
+        return oracle_refuse(error, "info: %" PRIu32 " bytes, limit 1 MiB", oracle->info_size);
+    }
+    uint64_t entry = oracle->form == ORACLE_PACKED ? PACKED_ENTRY : MAPPED_ENTRY;
+    uint64_t before_info = HEAD_FIXED + oracle->block_size + oracle->directory_count * entry;
+    if (oracle->head_size != before_info + oracle->info_size || oracle->head_size > oracle->size) {
+        return oracle_refuse(error, "head length: %" PRIu64 ", its parts have %" PRIu64,
+                             oracle->head_size, before_info + oracle->info_size);
+    }
+    if (oracle->form == ORACLE_MAPPED && oracle->directory_count != MAPPED_SECTIONS) {
+        return oracle_refuse(error, "directory: %" PRIu32 " sections, not 5",
+                             oracle->directory_count);
+    }
+    if (!check_head_hash(oracle, error)) {
+        return 0;
+    }
+    if (!is_key_value_text(head + before_info, oracle->info_size)) {
+        return oracle_refuse(error, "info: not key=value lines of UTF-8");
+    }
+    return 1;
+}
+
+static int read_scene(struct oracle *oracle, const uint8_t *data, char error[ORACLE_ERROR_SIZE])
+{
+    for (uint32_t k = 0; k < 3; k++) {
+        oracle->origin[k] = oracle_double(data + 8 * k);
+        oracle->box_min[k] = oracle_double(data + 24 + 8 * k);
+        oracle->box_max[k] = oracle_double(data + 48 + 8 * k);
+        if (!isfinite(oracle->origin[k]) || !isfinite(oracle->box_min[k]) ||
+            !isfinite(oracle->box_max[k]) || oracle->box_min[k] > oracle->box_max[k]) {
+            return oracle_refuse(error, "SCEN: axis %" PRIu32 " has no origin and box", k);
+        }
+    }
+    return 1;
+}
+
+static int read_light(struct oracle_light *light, const uint8_t *data,
+                      char error[ORACLE_ERROR_SIZE])
+{
+    if (oracle_number(data, 4) != 0 || oracle_number(data + 12, 4) != 0) {
+        return oracle_refuse(error, "LGHT: kind %" PRIu64 " is not 0, or a zero field is set",
+                             oracle_number(data, 4));
+    }
+    light->first_frustum = (uint32_t)oracle_number(data + 4, 4);
+    light->frustum_count = (uint32_t)oracle_number(data + 8, 4);
+    double square = 0.0;
+    for (uint32_t k = 0; k < 3; k++) {
+        light->direction[k] = oracle_double(data + 16 + 8 * k);
+        square += light->direction[k] * light->direction[k];
+    }
+    /* A unit vector of rounded doubles is off by a few units of 2^-53; 1e-9 is far beyond that. */
+    if (!(fabs(square - 1.0) < 1e-9)) {
+        return oracle_refuse(error, "LGHT: the direction's square is %.17g, not 1", square);
+    }
+    double extent = oracle_double(data + 64);
+    if (!(extent >= 0.0) || !isfinite(extent)) {
+        return oracle_refuse(error, "LGHT: extent %g is not a size", extent);
+    }
+    const uint8_t *name = data + 72;
+    const uint8_t *end = memchr(name, 0, 64);
+    if (end == NULL || !oracle_all_zero(end, 64 - (uint64_t)(end - name)) ||
+        !oracle_is_utf8(name, (uint64_t)(end - name))) {
+        return oracle_refuse(error, "LGHT: the name is not NUL-padded UTF-8");
+    }
+    memcpy(light->name, name, 64);
+    return 1;
+}
+
+static int read_lights(struct oracle *oracle, const uint8_t *data, uint64_t size,
+                       char error[ORACLE_ERROR_SIZE])
+{
+    uint64_t count = size / LIGHT_SIZE;
+    if (size % LIGHT_SIZE != 0 || count < 1 || count > LIGHTS_LIMIT) {
+        return oracle_refuse(error, "LGHT: %" PRIu64 " bytes are not 1 to 4096 lights", size);
+    }
+    oracle->lights = calloc((size_t)count, sizeof *oracle->lights);
+    if (oracle->lights == NULL) {
+        return oracle_refuse(error, "out of memory");
+    }
+    oracle->light_count = (uint32_t)count;
+    for (uint32_t i = 0; i < oracle->light_count; i++) {
+        if (!read_light(&oracle->lights[i], data + (size_t)i * LIGHT_SIZE, error)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int read_frustum(struct oracle_frustum *frustum, const uint8_t *data,
+                        char error[ORACLE_ERROR_SIZE])
+{
+    frustum->n = (uint32_t)oracle_number(data, 4);
+    frustum->light = (uint32_t)oracle_number(data + 4, 4);
+    frustum->flags = (uint32_t)oracle_number(data + 8, 4);
+    if (frustum->n < 6 || frustum->n > 20) {
+        return oracle_refuse(error, "FRUS: n is %" PRIu32 ", not 6 to 20", frustum->n);
+    }
+    if (frustum->flags > 1 || oracle_number(data + 12, 4) != 0) {
+        return oracle_refuse(error, "FRUS: unknown flags or a zero field is set");
+    }
+    for (uint32_t k = 0; k < 16; k++) {
+        double value = oracle_double(data + 16 + 8 * k);
+        double last_row = k == 15 ? 1.0 : 0.0;
+        if (!isfinite(value) || (k >= 12 && value != last_row)) {
+            return oracle_refuse(error, "FRUS: M[%" PRIu32 "] is %g", k, value);
+        }
+        frustum->m[k] = value;
+    }
+    return 1;
+}
+
+static int read_frusta(struct oracle *oracle, const uint8_t *data, uint64_t size,
+                       char error[ORACLE_ERROR_SIZE])
+{
+    uint64_t count = size / FRUSTUM_SIZE;
+    if (size % FRUSTUM_SIZE != 0 || count < 1 || count > FRUSTA_LIMIT) {
+        return oracle_refuse(error, "FRUS: %" PRIu64 " bytes are not 1 to 24576 frusta", size);
+    }
+    oracle->frusta = calloc((size_t)count, sizeof *oracle->frusta);
+    if (oracle->frusta == NULL) {
+        return oracle_refuse(error, "out of memory");
+    }
+    oracle->frustum_count = (uint32_t)count;
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        if (!read_frustum(&oracle->frusta[i], data + (size_t)i * FRUSTUM_SIZE, error)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int read_roots(struct oracle *oracle, const uint8_t *data, uint64_t size,
+                      char error[ORACLE_ERROR_SIZE])
+{
+    if (size != (uint64_t)oracle->frustum_count * ROOT_SIZE) {
+        return oracle_refuse(error, "ROOT: %" PRIu64 " bytes for %" PRIu32 " frusta", size,
+                             oracle->frustum_count);
+    }
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        const uint8_t *entry = data + (size_t)i * ROOT_SIZE;
+        struct oracle_frustum *frustum = &oracle->frusta[i];
+        frustum->root_state = (uint32_t)oracle_number(entry, 4);
+        frustum->root_page = (uint32_t)oracle_number(entry + 4, 4);
+        frustum->root_position = (uint32_t)oracle_number(entry + 8, 4);
+        if (frustum->root_state > 2 || oracle_number(entry + 12, 4) != 0) {
+            return oracle_refuse(error, "ROOT: frustum %" PRIu32 " has state %" PRIu32, i,
+                                 frustum->root_state);
+        }
+    }
+    return 1;
+}
+
+/* Each frustum lies in the range of exactly one light, and names it. */
+static int check_ranges(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        uint32_t holders = 0;
+        for (uint32_t k = 0; k < oracle->light_count; k++) {
+            const struct oracle_light *light = &oracle->lights[k];
+            if (i >= light->first_frustum && i - light->first_frustum < light->frustum_count) {
+                holders += oracle->frusta[i].light == k ? 1 : 2;
+            }
+        }
+        if (holders != 1) {
+            return oracle_refuse(error, "frustum %" PRIu32 ": not in the one light it names", i);
+        }
+    }
+    for (uint32_t k = 0; k < oracle->light_count; k++) {
+        const struct oracle_light *light = &oracle->lights[k];
+        if (light->frustum_count != 1 ||
+            light->first_frustum >= oracle->frustum_count) {
+            return oracle_refuse(error, "light %" PRIu32 ": directional with %" PRIu32
+                                 " frusta from %" PRIu32, k, light->frustum_count,
+                                 light->first_frustum);
+        }
+    }
+    return 1;
+}
+
+/* The entries of the canonical block, found by tag. */
+enum entry_tag {
+    ENTRY_SCEN,
+    ENTRY_LGHT,
+    ENTRY_FRUS,
+    ENTRY_CNTS,
+    ENTRY_PLAN,
+    ENTRY_BAKE,
+    ENTRY_ROOT,
+    ENTRY_COUNT,
+};
+
+static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS",
+                                                 "PLAN", "BAKE", "ROOT"};
+
+static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
+                        char error[ORACLE_ERROR_SIZE])
+{
+    struct oracle_cursor cursor = {.data = oracle->bytes + HEAD_FIXED, .size = oracle->block_size};
+    while (cursor.at < cursor.size) {
+        const uint8_t *tag = oracle_take_bytes(&cursor, 4);
+        uint64_t flags = oracle_take(&cursor, 4);
+        uint64_t length = oracle_take(&cursor, 8);
+        const uint8_t *data = oracle_take_bytes(&cursor, length);
+        const uint8_t *padding = oracle_take_bytes(&cursor, (8 - length % 8) % 8);
+        if (cursor.overrun || !oracle_all_zero(padding, (8 - length % 8) % 8)) {
+            return oracle_refuse(error, "canonical block: an entry runs over its end or its "
+                                 "padding is not zero");
+        }
+        uint32_t kind = 0;
+        while (kind < ENTRY_COUNT && memcmp(tag, entry_names[kind], 4) != 0) {
+            kind++;
+        }
+        if (kind == ENTRY_COUNT) {
+            if ((flags & 1) != 0) {
+                return oracle_refuse(error, "canonical block: unknown entry that must be known");
+            }
+            continue;
+        }
+        if (found[kind].data != NULL) {
+            return oracle_refuse(error, "%s: stands twice", entry_names[kind]);
+        }
+        found[kind] = (struct oracle_section){data, length};
+    }
+    for (uint32_t kind = 0; kind < ENTRY_COUNT; kind++) {
+        if (found[kind].data == NULL) {
+            return oracle_refuse(error, "%s: missing", entry_names[kind]);
+        }
+    }
+    return 1;
+}
+
+int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    struct oracle_section found[ENTRY_COUNT] = {{NULL, 0}};
+    if (!find_entries(oracle, found, error)) {
+        return 0;
+    }
+    if (found[ENTRY_SCEN].size != 104 || found[ENTRY_CNTS].size != 152) {
+        return oracle_refuse(error, "SCEN, CNTS: %" PRIu64 ", %" PRIu64 " bytes, not 104, 152",
+                             found[ENTRY_SCEN].size, found[ENTRY_CNTS].size);
+    }
+    for (uint32_t l = 3; l < ORACLE_LEVELS; l++) {
+        oracle->unique[l] = oracle_number(found[ENTRY_CNTS].data + 8 * (l - 3), 8);
+    }
+    if (!oracle_is_utf8(found[ENTRY_PLAN].data, found[ENTRY_PLAN].size)) {
+        return oracle_refuse(error, "PLAN: not UTF-8");
+    }
+    if (!is_key_value_text(found[ENTRY_BAKE].data, found[ENTRY_BAKE].size)) {
+        return oracle_refuse(error, "BAKE: not key=value lines of UTF-8");
+    }
+    return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
+           read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
+           read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&
+           read_roots(oracle, found[ENTRY_ROOT].data, found[ENTRY_ROOT].size, error) &&
+           check_ranges(oracle, error);
+}

@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* From a scene to casters, light and plan; and the texts that come of it. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/analysis/analysis.h"
+#include "bake/analysis/plan.h"
+#include "bake/depth/tile.h"
+#include "bake/memory_plan.h"
+#include "bake/print_text.h"
+#include "bake/progress.h"
+
+/* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
+struct small_scene {
+    double positions[14][3];
+    uint32_t triangles[14][3];
+    struct umbs_mesh meshes[2];
+    struct umbs_instance instances[2];
+    struct umbs_material materials[2];
+    struct umbs_light lights[3];
+    struct umbs_scene_view view;
+};
+
+static void small_scene_init(struct small_scene *s)
+{
+    static const uint32_t cube[12][3] = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6},
+                                         {0, 1, 5}, {0, 5, 4}, {2, 6, 7}, {2, 7, 3},
+                                         {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+    memset(s, 0, sizeof *s);
+    for (uint32_t i = 0; i < 8; i++) {
+        s->positions[i][0] = 99.4 + 2.0 * (i & 1);
+        s->positions[i][1] = -1.0 + 2.0 * (i >> 1 & 1);
+        s->positions[i][2] = -1.0 + 2.0 * (i >> 2 & 1);
+    }
+    memcpy(s->triangles, cube, sizeof cube);
+    const double open[6][3] = {{90, 0, -3}, {92, 0, -3}, {90, 2, -3},
+                               {1, 1, 1},   {1, 1, 1},   {2, 2, 2}};
+    memcpy(s->positions + 8, open, sizeof open);
+    const uint32_t two[2][3] = {{0, 1, 2}, {3, 4, 5}};
+    memcpy(s->triangles + 12, two, sizeof two);
+    s->meshes[0] =
+        (struct umbs_mesh){.vertex_count = 8, .triangle_count = 12, .material = UMBS_NO_INDEX};
+    s->meshes[1] = (struct umbs_mesh){.first_vertex = 8,
+                                      .vertex_count = 6,
+                                      .first_triangle = 12,
+                                      .triangle_count = 2,
+                                      .material = 1};
+    for (uint32_t i = 0; i < 2; i++) {
+        s->instances[i].mesh = i;
+        for (int k = 0; k < 3; k++) {
+            s->instances[i].mesh_to_world[k][k] = 1.0;
+        }
+    }
+    memcpy(s->materials[1].name, "leaf \"x\"\n", 10);
+    s->materials[1].alpha_mode = UMBS_ALPHA_MASK;
+    memcpy(s->lights[0].name, "lamp", 5);
+    s->lights[0].kind = UMB_LIGHT_SPOT;
+    memcpy(s->lights[1].name, "key", 4);
+    s->lights[1].direction[1] = 3.0;
+    s->lights[1].direction[2] = -4.0;
+    memcpy(s->lights[2].name, "fill", 5);
+    s->lights[2].direction[0] = 1.0;
+    s->view = (struct umbs_scene_view){
+        .format = UMBS_FORMAT_OBJ,
+        .z_up = 1,
+        .mesh_count = 2,
+        .instance_count = 2,
+        .material_count = 2,
+        .light_count = 3,
+        .vertex_count = 14,
+        .triangle_count = 14,
+        .meshes = s->meshes,
+        .instances = s->instances,
+        .materials = s->materials,
+        .lights = s->lights,
+        .positions = (const double(*)[3])s->positions,
+        .triangles = (const uint32_t(*)[3])s->triangles,
+        .world_triangle_count = 14,
+        .warnings = "",
+    };
+}
+
+static struct umbb_options options_of(enum umbb_closed_mode closed)
+{
+    return (struct umbb_options){
+        .resolution_log2 = 10, .closed = closed, .threads = 1, .memory_bytes = 1 << 30};
+}
+
+static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    const struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(a.count, 13);
+    assert_int_equal(a.degenerate_count, 1);
+    assert_int_equal(a.part_count, 2);
+    assert_int_equal(a.closed_part_count, 1);
+    assert_int_equal(a.closed_triangles, 12);
+    assert_true(a.closed_rule && a.frustum.closed);
+    for (int i = 0; i < 12; i++) {
+        assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED);
+    }
+    assert_int_equal(a.kinds[12], UMBB_CASTER_OPEN);
+    assert_true(a.bounds.min[0] == 90.0 && a.bounds.max[0] == 101.4);
+    assert_true(a.bounds.min[2] == -3.0 && a.bounds.max[2] == 1.0);
+    assert_true(a.origin[0] == 96.0 && a.origin[1] == 0.0 && a.origin[2] == -1.0);
+    assert_int_equal(a.mask.triangles, 1);
+    /* The first directional light, made unit; the others are mentioned. */
+    assert_string_equal(a.light.name, "key");
+    assert_true(a.light.direction[1] == 0.6 && a.light.direction[2] == -0.8);
+    assert_non_null(strstr(a.notices, "'lamp' is a spot light"));
+    assert_non_null(strstr(a.notices, "'fill' is left out"));
+
+    double before[13][3][3];
+    memcpy(before, a.corners, sizeof before);
+    umbb_analysis_to_voxels(&a);
+    assert_memory_not_equal(before, a.corners, sizeof before);
+    assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+    assert_memory_equal(before, a.corners, sizeof before);
+    umbb_analysis_finish(&a);
+    umbb_analysis_finish(&a); /* harmless */
+}
+
+static void closed_option_overrules_the_parts(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    struct umbb_analysis a;
+    struct umb_error error;
+    struct umbb_options options = options_of(UMBB_CLOSED_OFF);
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_false(a.closed_rule || a.frustum.closed);
+    assert_int_equal(a.kinds[0], UMBB_CASTER_OPEN);
+    umbb_analysis_finish(&a);
+    options = options_of(UMBB_CLOSED_ON);
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(a.kinds[12], UMBB_CASTER_CLOSED);
+    umbb_analysis_finish(&a);
+}
+
+static void lights_are_chosen_by_option(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    struct umbb_analysis a;
+    struct umb_error error;
+    struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    options.light = "fill";
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_true(a.light.direction[0] == 1.0);
+    umbb_analysis_finish(&a);
+    options.light = "lamp";
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_UNSUPPORTED);
+    options.light = "moon";
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "moon"));
+    options.light = NULL;
+    options.has_sun = 1;
+    options.sun_elevation_deg = 90.0;
+    options.up = UMBB_UP_Y;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_true(a.light.direction[1] == -1.0);
+    assert_null(a.notices);
+    umbb_analysis_finish(&a);
+    options.has_sun = 0;
+    s.view.light_count = 0;
+    options.up = UMBB_UP_OF_FORMAT;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_non_null(strstr(a.notices, "azimuth 135, elevation 45"));
+    assert_true(a.light.direction[2] < 0.0); /* z up: the sun stands above */
+    umbb_analysis_finish(&a);
+}
+
+static void scenes_without_area_or_over_memory_are_refused(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    struct umbb_analysis a;
+    struct umb_error error;
+    struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    options.memory_bytes = 1000;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_LIMIT);
+    assert_non_null(strstr(error.message, "--memory"));
+    options.memory_bytes = 1 << 30;
+    memset(s.positions, 0, sizeof s.positions);
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_BAD_SCENE);
+    assert_null(a.corners);
+}
+
+static void plan_and_settings_say_what_and_why(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    const struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    char *plan, *settings;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+    assert_non_null(strstr(plan, "effect=closed state=on reason=\"1 of 2 parts closed"));
+    assert_non_null(strstr(plan, "effect=origin state=off reason="));
+    assert_non_null(strstr(plan, "effect=cut-out state=off reason=\"not in this version: 1 "));
+    assert_non_null(strstr(plan, "leaf \\x22x\\x22\\x0a"));
+    assert_null(strstr(plan, "transmittance"));
+    assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
+    assert_string_equal(settings, "bake=1\nclosed=auto\n"
+                                  "light.0.direction=0,0.59999999999999998,-0.80000000000000004\n"
+                                  "resolution=1024\nup=z\n");
+    free(plan);
+    free(settings);
+    umbb_analysis_finish(&a);
+}
+
+static void memory_is_divided_within_the_limit(void **state)
+{
+    (void)state;
+    struct umb_error error;
+    struct umbb_memory_input input = {.memory_bytes = (uint64_t)4 << 30,
+                                      .triangles = 2000000,
+                                      .log2_size = 14,
+                                      .tile_log2 = 12,
+                                      .threads = 2,
+                                      .closed_rule = 1};
+    struct umbb_memory_plan plan;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    assert_int_equal(plan.tile_log2, 12);
+    assert_true(plan.fixed_bytes + plan.octree_max_bytes <= input.memory_bytes);
+    input.memory_bytes = (uint64_t)700 << 20;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    assert_true(plan.tile_log2 < 12 && plan.tile_log2 >= UMBB_TILE_LOG2_MIN);
+    assert_true(plan.fixed_bytes + plan.octree_max_bytes <= input.memory_bytes);
+    input.memory_bytes = (uint64_t)100 << 20;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_E_LIMIT);
+    assert_non_null(strstr(error.message, "100 MiB"));
+}
+
+static void foreign_text_is_escaped(void **state)
+{
+    (void)state;
+    char out[64];
+    umbb_escape("plain \xc3\xa9", out, sizeof out);
+    assert_string_equal(out, "plain \xc3\xa9");
+    umbb_escape("a\x1b[2J\"\\\xff\xc0\x80\xc2\x9b", out, sizeof out);
+    assert_string_equal(out, "a\\x1b[2J\\x22\\x5c\\xff\\xc0\\x80\\xc2\\x9b");
+    umbb_escape("\xc3\xa9\xc3\xa9", out, 4); /* cut between characters */
+    assert_string_equal(out, "\xc3\xa9");
+    char *text;
+    size_t size;
+    FILE *to = open_memstream(&text, &size);
+    assert_non_null(to);
+    umbb_json_string(to, "q\"\\\n\x01\xff\xed\xa0\x80\xe2\x82\xac");
+    fclose(to);
+    assert_string_equal(text,
+                        "\"q\\\"\\\\\\u000a\\u0001\\ufffd\\ufffd\\ufffd\\ufffd\xe2\x82\xac\"");
+    free(text);
+}
+
+static void progress_tells_share_rate_and_time_left(void **state)
+{
+    (void)state;
+    char text[160];
+    umbb_progress_text(text, sizeof text, 50000000, 200000000, 2.0);
+    assert_string_equal(text, "[######..................]  25 %  25.0 Mtexel/s  0:06 left");
+    umbb_progress_text(text, sizeof text, 0, 100, 5.0);
+    assert_non_null(strstr(text, "  0 %"));
+    umbb_progress_text(text, sizeof text, 100, 100, 100.0);
+    assert_non_null(strstr(text, "100 %"));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(analysis_drops_degenerates_and_finds_closed_parts),
+        cmocka_unit_test(closed_option_overrules_the_parts),
+        cmocka_unit_test(lights_are_chosen_by_option),
+        cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),
+        cmocka_unit_test(plan_and_settings_say_what_and_why),
+        cmocka_unit_test(memory_is_divided_within_the_limit),
+        cmocka_unit_test(foreign_text_is_escaped),
+        cmocka_unit_test(progress_tells_share_rate_and_time_left),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

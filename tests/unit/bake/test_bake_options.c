@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The command line: what is read, what is refused, and that a refusal names option and value. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+
+#include "bake/bake_options.h"
+
+#define MAX_WORDS 16
+
+/* Splits at blanks and parses. */
+static enum umb_status parse(const char *line, struct umbb_options *options,
+                             struct umb_error *error)
+{
+    static char copy[512];
+    char *words[MAX_WORDS];
+    char program[] = "umbrage-bake";
+    int count = 1;
+    assert_true(strlen(line) < sizeof copy);
+    memcpy(copy, line, strlen(line) + 1);
+    words[0] = program;
+    for (char *at = copy; *at != '\0';) {
+        assert_true(count < MAX_WORDS);
+        words[count++] = at;
+        at += strcspn(at, " ");
+        if (*at == ' ') {
+            *at++ = '\0';
+        }
+    }
+    memset(error, 0, sizeof *error);
+    return umbb_options_parse(count, words, options, error);
+}
+
+static void defaults_are_those_of_the_manual(void **state)
+{
+    (void)state;
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("city.obj -o city.umb", &o, &e), UMB_OK);
+    assert_string_equal(o.scene, "city.obj");
+    assert_string_equal(o.output, "city.umb");
+    assert_int_equal(o.resolution_log2, 14);
+    assert_int_equal(o.tile_log2, 12);
+    assert_int_equal(o.memory_bytes, (uint64_t)4 << 30);
+    assert_int_equal(o.verify_points, 100000);
+    assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
+    assert_int_equal(o.depth, UMBB_DEPTH_AUTO);
+    assert_int_equal(o.up, UMBB_UP_OF_FORMAT);
+    assert_true(o.threads >= 1 && o.threads <= UMBB_THREADS_MAX);
+    assert_false(o.has_sun || o.plan || o.json || o.quiet);
+    assert_null(o.light);
+}
+
+static void every_option_is_read_with_blank_or_equals_sign(void **state)
+{
+    (void)state;
+    static const char *const lines[] = {
+        "s.ply --output o.umb --resolution 64 --sun -90,12.5 --up y --closed on --threads 256 "
+        "--json",
+        "s.ply --output=o.umb --resolution=64 --sun=-90,12.5 --up=y --closed=on --threads=256 "
+        "--json",
+    };
+    for (size_t i = 0; i < 2; i++) {
+        struct umbb_options o;
+        struct umb_error e;
+        assert_int_equal(parse(lines[i], &o, &e), UMB_OK);
+        assert_string_equal(o.output, "o.umb");
+        assert_int_equal(o.resolution_log2, 6);
+        assert_int_equal(o.tile_log2, 6); /* never larger than the resolution */
+        assert_true(o.has_sun);
+        assert_true(o.sun_azimuth_deg == -90.0 && o.sun_elevation_deg == 12.5);
+        assert_int_equal(o.up, UMBB_UP_Y);
+        assert_int_equal(o.closed, UMBB_CLOSED_ON);
+        assert_int_equal(o.threads, 256);
+        assert_true(o.json);
+    }
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("--memory 900MiB --tile 128 --depth embree --verify 0 --light Key "
+                           "--quiet -o x -- -odd-name",
+                           &o, &e),
+                     UMB_OK);
+    assert_int_equal(o.memory_bytes, (uint64_t)900 << 20);
+    assert_int_equal(o.tile_log2, 7);
+    assert_int_equal(o.depth, UMBB_DEPTH_EMBREE);
+    assert_int_equal(o.verify_points, 0);
+    assert_string_equal(o.light, "Key");
+    assert_string_equal(o.scene, "-odd-name");
+}
+
+static void help_version_and_plan_need_no_output(void **state)
+{
+    (void)state;
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("--help", &o, &e), UMB_OK);
+    assert_true(o.help);
+    assert_int_equal(parse("--version", &o, &e), UMB_OK);
+    assert_true(o.version);
+    assert_int_equal(parse("s.obj --plan", &o, &e), UMB_OK);
+    assert_true(o.plan);
+}
+
+static void refusals_name_the_option_and_the_value(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *line, *option, *value;
+    } cases[] = {
+        {"s -o o --resolution 100", "--resolution", "100"},
+        {"s -o o --resolution 32", "--resolution", "32"},
+        {"s -o o --resolution 524288", "--resolution", "524288"},
+        {"s -o o --resolution -64", "--resolution", "-64"},
+        {"s -o o --resolution 64x", "--resolution", "64x"},
+        {"s -o o --resolution 0", "--resolution", "0"},
+        {"s -o o --resolution 99999999999999999999999", "--resolution", "99999999999999999999999"},
+        {"s -o o --sun 135", "--sun", "135"},
+        {"s -o o --sun 135,91", "--sun", "135,91"},
+        {"s -o o --sun 135,-1", "--sun", "135,-1"},
+        {"s -o o --sun 361,5", "--sun", "361,5"},
+        {"s -o o --sun nan,5", "--sun", "nan,5"},
+        {"s -o o --sun 5,inf", "--sun", "5,inf"},
+        {"s -o o --sun 1e999,5", "--sun", "1e999,5"},
+        {"s -o o --sun 5,5,5", "--sun", "5,5,5"},
+        {"s -o o --up x", "--up", "x"},
+        {"s -o o --closed maybe", "--closed", "maybe"},
+        {"s -o o --threads 0", "--threads", "0"},
+        {"s -o o --threads 257", "--threads", "257"},
+        {"s -o o --threads +2", "--threads", "+2"},
+        {"s -o o --memory 1MiB", "--memory", "1MiB"},
+        {"s -o o --memory 4GB", "--memory", "4GB"},
+        {"s -o o --memory 99999999999TiB", "--memory", "99999999999TiB"},
+        {"s -o o --tile 48", "--tile", "48"},
+        {"s -o o --tile 32", "--tile", "32"},
+        {"s -o o --resolution 1024 --tile 2048", "--tile", "2048"},
+        {"s -o o --depth guess", "--depth", "guess"},
+        {"s -o o --verify many", "--verify", "many"},
+        {"s -o o --verify 1000000001", "--verify", "1000000001"},
+        {"s -o o --static", "option", "--static"},
+        {"s -o o -x", "option", "-x"},
+        {"s -o o -o=y", "option", "-o=y"},
+        {"s -o o second", "SCENE", "second"},
+        {"s -o o --light A --sun 1,1", "--light", "A"},
+        {"s -o o --tile", "--tile", "value"},
+        {"s -o o --light=", "--light", "''"},
+        {"-o o", "SCENE", "no scene"},
+        {"s", "-o", "no output"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbb_options o;
+        struct umb_error e;
+        const enum umb_status status = parse(cases[i].line, &o, &e);
+        if (status != UMB_E_ARGUMENT || strstr(e.message, cases[i].option) == NULL ||
+            strstr(e.message, cases[i].value) == NULL) {
+            fail_msg("'%s': status %d, message '%s'", cases[i].line, (int)status, e.message);
+        }
+        assert_int_equal(umb_status_exit(status), 2);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(defaults_are_those_of_the_manual),
+        cmocka_unit_test(every_option_is_read_with_blank_or_equals_sign),
+        cmocka_unit_test(help_version_and_plan_need_no_output),
+        cmocka_unit_test(refusals_name_the_option_and_the_value),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

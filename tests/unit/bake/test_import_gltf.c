@@ -1,0 +1,407 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* glTF, GLB and STL through Assimp: instances, lights, materials, what is refused and why. */
+#include "import_try.h"
+
+#include <math.h>
+#include <time.h>
+
+#include "bake/import/gltf_guard.h"
+
+/* One triangle: 0 0 0, 1 0 0, 0 1 0. */
+static const float triangle[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+
+/* A glTF of that triangle in "tri.bin"; the rest is given. */
+static const char *gltf(const char *nodes, const char *roots, const char *more)
+{
+    static char text[1 << 18];
+    int length = snprintf(
+        text, sizeof(text),
+        "{\"asset\":{\"version\":\"2.0\"},%s\"buffers\":[{\"uri\":\"tri.bin\",\"byteLength\":36}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"material\":0}]}],"
+        "\"scene\":0,\"scenes\":[{\"nodes\":[%s]}],\"nodes\":[%s]}",
+        more, roots, nodes);
+    assert_in_range(length, 1, sizeof(text) - 1);
+    return text;
+}
+
+#define PLAIN "\"materials\":[{\"name\":\"m\"}],"
+
+static void gltf_nodes_become_instances_of_one_mesh(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene = import_text(
+        "nodes.gltf",
+        gltf("{\"translation\":[10,0,0],\"scale\":[2,2,2],\"children\":[1]},"
+             "{\"translation\":[0,3,0],\"mesh\":0,\"name\":\"same\"},"
+             "{\"mesh\":0,\"name\":\"same\",\"scale\":[-1,1,1]},"
+             "{\"mesh\":0,\"rotation\":[0,0,0.70710678118654752,0.70710678118654752]}",
+             "0,2,3", PLAIN));
+    assert_int_equal(scene->view.mesh_count, 1);
+    assert_int_equal(scene->view.triangle_count, 1);
+    assert_int_equal(scene->view.instance_count, 3);
+    assert_int_equal(scene->view.z_up, 0);
+    assert_int_equal(scene->view.format, UMBS_FORMAT_GLTF);
+    expect_corner(scene, 0, 0, 10, 6, 0);
+    expect_corner(scene, 0, 1, 12, 6, 0);
+    expect_corner(scene, 0, 2, 10, 8, 0);
+    expect_corner(scene, 1, 1, 0, 1, 0); /* mirrored: the corners changed places */
+    expect_corner(scene, 1, 2, -1, 0, 0);
+    umbs_scene_destroy(scene);
+}
+
+#define LIGHTS(list)                                                                               \
+    PLAIN "\"extensionsUsed\":[\"KHR_lights_punctual\"],"                                          \
+          "\"extensionsRequired\":[\"KHR_lights_punctual\"],"                                      \
+          "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[" list "]}},"
+#define LIGHT_NODE(number, more)                                                                   \
+    "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":" number "}}," more "}"
+
+static void expect_vector(const double got[3], double x, double y, double z)
+{
+    const double wanted[3] = {x, y, z};
+    for (int k = 0; k < 3; k++) {
+        /* Assimp's matrices are floats: a few times 2^-24 of lengths up to 10. */
+        if (!(fabs(got[k] - wanted[k]) <= 4e-6)) {
+            print_error("%.9g %.9g %.9g, expected %g %g %g\n", got[0], got[1], got[2], x, y, z);
+            fail();
+        }
+    }
+}
+
+static void gltf_lights_shine_along_minus_z_of_their_nodes(void **state)
+{
+    (void)state;
+    /* Light 0 is used by nobody, light 2 by two nodes of one name: Assimp's own list has neither.
+     * The first node is turned by -90 degrees about x, so that -z becomes -y; its parent scales. */
+    struct umbs_scene *scene = import_text(
+        "lights.gltf",
+        gltf("{\"mesh\":0},{\"scale\":[3,3,3],\"translation\":[0,1,0],\"children\":[2]},"
+             LIGHT_NODE("1", "\"name\":\"sun\",\"translation\":[0,2,0],"
+                             "\"rotation\":[-0.70710678118654752,0,0,0.70710678118654752]") ","
+             LIGHT_NODE("2", "\"name\":\"lamp\",\"translation\":[1,2,3]") ","
+             LIGHT_NODE("2", "\"name\":\"lamp\",\"translation\":[4,5,6]") ","
+             LIGHT_NODE("3", "\"name\":\"bulb\""),
+             "0,1,3,4,5",
+             LIGHTS("{\"type\":\"point\",\"intensity\":77},"
+                    "{\"type\":\"directional\",\"intensity\":8,\"color\":[1,0.5,0.25]},"
+                    "{\"type\":\"spot\",\"intensity\":10,\"range\":7,"
+                    "\"spot\":{\"innerConeAngle\":0.25,\"outerConeAngle\":0.5}},"
+                    "{\"type\":\"point\",\"intensity\":3}")));
+    const struct umbs_light *lights = scene->view.lights;
+    assert_int_equal(scene->view.light_count, 4);
+    assert_int_equal(lights[0].kind, UMB_LIGHT_DIRECTIONAL);
+    assert_string_equal(lights[0].name, "sun");
+    expect_vector(lights[0].direction, 0, -1, 0);
+    assert_true(lights[0].intensity == 8.0);
+    expect_vector(lights[0].color, 1, 0.5, 0.25);
+    for (int i = 1; i < 3; i++) {
+        assert_int_equal(lights[i].kind, UMB_LIGHT_SPOT);
+        assert_string_equal(lights[i].name, "lamp");
+        expect_vector(lights[i].direction, 0, 0, -1);
+        expect_vector(lights[i].position, 3 * i - 2, 3 * i - 1, 3 * i);
+        assert_true(lights[i].inner_cone == 0.25 && lights[i].outer_cone == 0.5);
+    }
+    assert_int_equal(lights[3].kind, UMB_LIGHT_POINT);
+    assert_true(lights[3].intensity == 3.0);
+    umbs_scene_destroy(scene);
+}
+
+static void gltf_materials_keep_what_matters_to_shadows(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene = import_text(
+        "materials.gltf",
+        gltf("{\"mesh\":0}", "0",
+             "\"materials\":[{\"name\":\"leaves\",\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,"
+             "\"doubleSided\":true,\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.5]}},"
+             "{\"alphaMode\":\"BLEND\"},{\"alphaMode\":\"MASK\",\"alphaCutoff\":2}],"
+             "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"material\":0},"
+             "{\"attributes\":{\"POSITION\":0},\"material\":1},"
+             "{\"attributes\":{\"POSITION\":0},\"material\":2}]}],"));
+    const struct umbs_material *materials = scene->view.materials;
+    assert_int_equal(scene->view.material_count, 4); /* Assimp adds its default */
+    assert_int_equal(scene->view.mesh_count, 3);
+    assert_int_equal(scene->view.meshes[2].material, 2);
+    assert_string_equal(materials[0].name, "leaves");
+    assert_int_equal(materials[0].alpha_mode, UMBS_ALPHA_MASK);
+    assert_true(materials[0].alpha_cutoff == 0.25F && materials[0].base_alpha == 0.5F);
+    assert_int_equal(materials[0].double_sided, 1);
+    assert_int_equal(materials[1].alpha_mode, UMBS_ALPHA_BLEND);
+    assert_true(materials[1].base_alpha == 1.0F);
+    assert_int_equal(materials[1].double_sided, 0);
+    assert_non_null(strstr(scene->view.warnings, "alphaCutoff 2"));
+    assert_int_equal(scene->view.meshes[0].material, 0);
+    umbs_scene_destroy(scene);
+}
+
+static void expect_gltf_refusal(const char *nodes, const char *more, const char *words)
+{
+    expect_refusal("refused.gltf", gltf(nodes, "0", more), words);
+}
+
+static void gltf_that_would_be_read_wrongly_is_refused(void **state)
+{
+    (void)state;
+    static const char node[] = "{\"mesh\":0}";
+    expect_gltf_refusal(node, PLAIN "\"extensionsRequired\":[\"KHR_mesh_quantization\"],",
+                        "'KHR_mesh_quantization', which is not supported");
+    expect_gltf_refusal(node, PLAIN "\"extensionsRequired\" : [ \"KHR_materials_unlit\" , "
+                                    "\"EXT_meshopt_compression\"],",
+                        "'EXT_meshopt_compression'");
+    expect_gltf_refusal(node,
+                        PLAIN "\"accessors\":[{\"componentType\":5123,\"count\":3}],"
+                              "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],",
+                        "must be 5126");
+    expect_gltf_refusal("{\"mesh\":0,\"translation\":[1e30,0,0]}", PLAIN,
+                        "transform of node 'nodes[0]'");
+    expect_gltf_refusal("{\"mesh\":0,\"matrix\":[1,0,0,5,0,1,0,0,0,0,1,0,0,0,0,1]}", PLAIN,
+                        "not affine");
+    expect_gltf_refusal("{\"children\":[1]},{\"children\":[0],\"mesh\":0}", PLAIN, "recursive");
+    expect_refusal("one.gltf", "{\"asset\":{\"version\":\"1.0\"}}", "glTF version '1.0' is not supported");
+    expect_refusal("noversion.gltf", "{\"scene\":0}", "no asset.version");
+    expect_refusal("text.gltf", "glTF", "is not JSON");
+    expect_refusal("cut.gltf", "{\"asset\":{\"version\":\"2.0\"", "cut.gltf: ");
+}
+
+static void gltf_nodes_too_deep_are_refused(void **state)
+{
+    (void)state;
+    char *nodes = malloc(1 << 17);
+    size_t used = 0;
+    assert_non_null(nodes);
+    for (int i = 0; i < 2000; i++) {
+        used += (size_t)snprintf(nodes + used, (1 << 17) - used, "{\"children\":[%d]},", i + 1);
+    }
+    (void)snprintf(nodes + used, (1 << 17) - used, "{\"mesh\":0}");
+    expect_gltf_refusal(nodes, PLAIN, "deeper than 1024");
+    free(nodes);
+}
+
+static void gltf_without_triangles_says_why(void **state)
+{
+    (void)state;
+    expect_refusal("none.gltf",
+                   "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+                   "\"nodes\":[{\"name\":\"empty\"}]}",
+                   "no meshes, so no triangles");
+    float broken[9];
+    memcpy(broken, triangle, sizeof(broken));
+    broken[4] = (float)NAN;
+    put_file("tri.bin", broken, sizeof(broken));
+    expect_gltf_refusal("{\"mesh\":0}", PLAIN, "1 faces dropped");
+    put_file("tri.bin", triangle, sizeof(triangle));
+}
+
+static void gltf_buffers_come_from_beneath_the_folder_only(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *uri, *words;
+    } cases[] = {
+        /* Assimp itself also tries the last part of a name in the folder: so no existing one. */
+        {"../../../absent.bin", "'..' is refused"},
+        {"/etc/hostname", "absolute file name"},
+        {"absent.bin", "absent.bin"},
+        {"link.bin", "link.bin"},
+    };
+    assert_int_equal(symlink("/etc/hostname", try_path("link.bin")), 0);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        char more[256];
+        (void)snprintf(more, sizeof(more), PLAIN "\"buffers\":[{\"uri\":\"%s\",\"byteLength\":36}],",
+                       cases[i].uri);
+        char *text = strdup(gltf("{\"mesh\":0}", "0", more));
+        assert_non_null(text);
+        char *second = strstr(text, "\"buffers\":[{\"uri\":\"tri.bin\"");
+        assert_non_null(second);
+        memcpy(second, "\"unused_", 8); /* leave the first one only */
+        expect_refusal("buffers.gltf", text, cases[i].words);
+        free(text);
+    }
+    drop_file("link.bin");
+    /* A name with a blank, percent-encoded as RFC 3986 asks. */
+    put_file("my tri.bin", triangle, sizeof(triangle));
+    char *text = strdup(gltf("{\"mesh\":0}", "0",
+                             PLAIN "\"buffers\":[{\"uri\":\"my%20tri.bin\",\"byteLength\":36}],"));
+    assert_non_null(text);
+    memcpy(strstr(text, "\"buffers\":[{\"uri\":\"tri.bin\""), "\"unused_", 8);
+    struct umbs_scene *scene = import_text("blank.gltf", text);
+    assert_int_equal(scene->view.triangle_count, 1);
+    umbs_scene_destroy(scene);
+    free(text);
+    drop_file("my tri.bin");
+}
+
+/* The same as one GLB. Returns its size. */
+static size_t make_glb(unsigned char *out, size_t room)
+{
+    char *json = strdup(gltf("{\"mesh\":0}", "0", PLAIN));
+    assert_non_null(json);
+    char *uri = strstr(json, "\"uri\":\"tri.bin\",");
+    assert_non_null(uri);
+    memset(uri, ' ', 16); /* the buffer is the file's own chunk */
+    size_t length = (strlen(json) + 3) & ~(size_t)3;
+    uint32_t head[5] = {0x46546c67, 2, (uint32_t)(20 + length + 8 + 36), (uint32_t)length,
+                        0x4e4f534a};
+    uint32_t chunk[2] = {36, 0x004e4942};
+    assert_in_range(head[2], 1, room);
+    memset(out, ' ', room);
+    memcpy(out, head, 20);
+    memcpy(out + 20, json, strlen(json));
+    memcpy(out + 20 + length, chunk, 8);
+    memcpy(out + 28 + length, triangle, 36);
+    free(json);
+    return head[2];
+}
+
+static void glb_imports_and_its_prefixes_are_refused(void **state)
+{
+    (void)state;
+    unsigned char bytes[2048];
+    size_t size = make_glb(bytes, sizeof(bytes));
+    struct umbs_scene *scene;
+    struct umb_error error;
+    enum umb_status status = try_bytes("whole.glb", bytes, size, &scene, &error);
+    assert_string_equal(error.message, "");
+    assert_int_equal(status, UMB_OK);
+    expect_corner(scene, 0, 1, 1, 0, 0);
+    umbs_scene_destroy(scene);
+    for (size_t cut = 0; cut < size; cut += 37) {
+        status = try_bytes("cut.glb", bytes, cut, &scene, &error);
+        assert_int_equal(status, UMB_E_BAD_SCENE);
+    }
+    bytes[4] = 1;
+    assert_int_equal(try_bytes("old.glb", bytes, size, &scene, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "another version"));
+}
+
+static void glb_with_random_changes_never_harms_the_caller(void **state)
+{
+    (void)state;
+    uint64_t seed = (uint64_t)time(NULL);
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int round = 0; round < 30; round++) {
+        unsigned char bytes[2048];
+        struct umbs_scene *scene;
+        struct umb_error error;
+        size_t size = make_glb(bytes, sizeof(bytes));
+        for (int i = 0; i < 4; i++) {
+            seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
+            bytes[20 + (seed >> 33) % (size - 20)] ^= (unsigned char)(1U << (seed >> 61));
+        }
+        enum umb_status status = try_bytes("random.glb", bytes, size, &scene, &error);
+        assert_true(status == UMB_OK || status == UMB_E_BAD_SCENE || status == UMB_E_LIMIT);
+        umbs_scene_destroy(scene);
+    }
+}
+
+static enum umb_status guard(struct umbb_import *job, struct umb_error *error)
+{
+    enum umb_status json = umbb_gltf_guard(job, UMBB_KIND_GLTF, error);
+    enum umb_status binary = umbb_gltf_guard(job, UMBB_KIND_GLB, error);
+    assert_true(json == UMB_OK || json == UMB_E_BAD_SCENE);
+    assert_true(binary == UMB_OK || binary == UMB_E_BAD_SCENE);
+    return umb_fail(error, UMB_E_BAD_SCENE, "done"); /* there is no scene to look at */
+}
+
+static void gltf_guard_survives_every_prefix_and_change(void **state)
+{
+    (void)state;
+    const char *text = gltf("{\"mesh\":0}", "0",
+                            PLAIN "\"extensionsRequired\":[\"KHR_lights_punctual\",[{}]],");
+    size_t size = strlen(text);
+    for (size_t cut = 0; cut < size; cut++) {
+        (void)read_here(guard, text, cut);
+    }
+    char *copy = malloc(size);
+    assert_non_null(copy);
+    static const char swap[] = "{}[]\",:\\0 ";
+    for (size_t at = 0; at < size; at++) {
+        for (size_t i = 0; i < sizeof(swap) - 1; i++) {
+            memcpy(copy, text, size);
+            copy[at] = swap[i];
+            (void)read_here(guard, copy, size);
+        }
+    }
+    free(copy);
+    unsigned char bytes[2048];
+    size = make_glb(bytes, sizeof(bytes));
+    for (size_t cut = 0; cut < size; cut++) {
+        (void)read_here(guard, bytes, cut);
+    }
+}
+
+static void stl_of_both_kinds_imports(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene =
+        import_text("text.STL", "solid thing\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0.5\n"
+                                "vertex 1 0 0.5\nvertex 0 1 0.5\nendloop\nendfacet\n"
+                                "endsolid thing\n");
+    assert_int_equal(scene->view.triangle_count, 1);
+    assert_int_equal(scene->view.z_up, 1);
+    assert_int_equal(scene->view.material_count, 0);
+    assert_int_equal(scene->view.meshes[0].material, UMBS_NO_INDEX);
+    expect_corner(scene, 0, 1, 1, 0, 0.5);
+    umbs_scene_destroy(scene);
+    unsigned char bytes[84 + 50] = {0};
+    static const float facet[12] = {0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 2, 0};
+    struct umb_error error;
+    bytes[80] = 1;
+    memcpy(bytes + 84, facet, sizeof(facet));
+    assert_int_equal(try_bytes("binary.stl", bytes, sizeof(bytes), &scene, &error), UMB_OK);
+    expect_corner(scene, 0, 2, 0, 2, 0);
+    umbs_scene_destroy(scene);
+}
+
+static void stl_without_triangles_says_why(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene;
+    struct umb_error error;
+    unsigned char bytes[84] = {0};
+    assert_int_equal(try_bytes("zero.stl", bytes, 84, &scene, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "zero.stl: the file has no triangles"));
+    bytes[80] = 200;
+    assert_int_equal(try_bytes("lies.stl", bytes, 84, &scene, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "fits its count of facets"));
+    expect_refusal("empty.stl", "solid Empty\nendsolid Empty", "has no triangles");
+}
+
+static int make_files(void **state)
+{
+    if (make_try_folder(state) != 0) {
+        return -1;
+    }
+    put_file("tri.bin", triangle, sizeof(triangle));
+    return 0;
+}
+
+static int remove_files(void **state)
+{
+    drop_file("tri.bin");
+    return remove_try_folder(state);
+}
+
+int main(int argc, char **argv)
+{
+    if (is_import_child(argc, argv)) {
+        return umbb_import_child(argc, argv);
+    }
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(gltf_nodes_become_instances_of_one_mesh),
+        cmocka_unit_test(gltf_lights_shine_along_minus_z_of_their_nodes),
+        cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
+        cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
+        cmocka_unit_test(gltf_nodes_too_deep_are_refused),
+        cmocka_unit_test(gltf_without_triangles_says_why),
+        cmocka_unit_test(gltf_buffers_come_from_beneath_the_folder_only),
+        cmocka_unit_test(glb_imports_and_its_prefixes_are_refused),
+        cmocka_unit_test(glb_with_random_changes_never_harms_the_caller),
+        cmocka_unit_test(gltf_guard_survives_every_prefix_and_change),
+        cmocka_unit_test(stl_of_both_kinds_imports),
+        cmocka_unit_test(stl_without_triangles_says_why),
+    };
+    return cmocka_run_group_tests(tests, make_files, remove_files);
+}

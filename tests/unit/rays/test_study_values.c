@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The study's option values, tone curve and traced reference. The study has no library of its own,
+ * so its pure files are compiled in here.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "study/shading.c"
+#include "study/study_args.c"
+#include "study/study_json.c"
+#include "study/traced_shadow.c"
+
+static void near_check(const char *what, double have, double want, double tolerance)
+{
+    if (!(fabs(have - want) <= tolerance)) {
+        fail_msg("%s: have %.17g, want %.17g", what, have, want);
+    }
+}
+
+static void options_are_read_in_every_spelling(void **state)
+{
+    (void)state;
+    uint64_t points = 0;
+    const char *camera = NULL, *output = NULL;
+    int json = 0;
+    const struct umbt_option table[] = {
+        {"--points", UMBT_COUNT, &points, 1, 100},
+        {"--camera", UMBT_TEXT, &camera, 0, 0},
+        {"-o", UMBT_TEXT, &output, 0, 0},
+        {"--json", UMBT_FLAG, &json, 0, 0},
+    };
+    char *argv[] = {"a.glb", "--points=7", "--camera", "eye=1,2,3", "-o",
+                    "-",     "--json",     "--",       "--b"};
+    struct umbt_positionals positionals = {.max = 2};
+    struct umb_error error;
+    assert_int_equal(umbt_args_parse(9, argv, table, 4, &positionals, &error), UMB_OK);
+    assert_int_equal(points, 7);
+    assert_string_equal(camera, "eye=1,2,3");
+    assert_string_equal(output, "-");
+    assert_int_equal(json, 1);
+    assert_int_equal(positionals.count, 2);
+    assert_string_equal(positionals.values[1], "--b");
+}
+
+static void bad_options_are_refused_by_name(void **state)
+{
+    (void)state;
+    static const struct {
+        char *argv[2];
+        int argc;
+        const char *names;
+    } cases[] = {
+        {{"--points", "0"}, 2, "--points: '0' is not a whole number from 1 to 100"},
+        {{"--points", "101"}, 2, "--points: '101'"},
+        {{"--points", "-1"}, 2, "--points: '-1'"},
+        {{"--points", " 1"}, 2, "--points"},
+        {{"--points=1x", NULL}, 1, "'1x'"},
+        {{"--points=99999999999999999999", NULL}, 1, "--points"},
+        {{"--points", NULL}, 1, "--points: needs a value"},
+        {{"--point", "1"}, 2, "'--point' is not known"},
+        {{"--json=1", NULL}, 1, "--json: takes no value"},
+        {{"a", "b"}, 2, "argument 'b'"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        uint64_t points = 50;
+        int json = 0;
+        const struct umbt_option table[] = {
+            {"--points", UMBT_COUNT, &points, 1, 100},
+            {"--json", UMBT_FLAG, &json, 0, 0},
+        };
+        struct umbt_positionals positionals = {.max = 1};
+        struct umb_error error = {0};
+        char *argv[2] = {cases[i].argv[0], cases[i].argv[1]};
+        const enum umb_status status =
+            umbt_args_parse(cases[i].argc, argv, table, 2, &positionals, &error);
+        if (status != UMB_E_ARGUMENT || strstr(error.message, cases[i].names) == NULL) {
+            fail_msg("case %zu: status %d, message '%s' should hold '%s'", i, (int)status,
+                     error.message, cases[i].names);
+        }
+        assert_int_equal(points, 50);
+    }
+}
+
+static void sizes_and_biases_have_limits(void **state)
+{
+    (void)state;
+    uint32_t width = 0, height = 0;
+    struct umb_query_settings settings = {0};
+    int z_up = -1;
+    assert_int_equal(umbt_size_parse("1280x720", &width, &height, NULL), UMB_OK);
+    assert_int_equal(width, 1280);
+    assert_int_equal(height, 720);
+    static const char *const bad_sizes[] = {
+        "", "1280", "0x1", "1x0", "16385x1", "16384x16384", "1.5x2", "12x", "12x3 ", "-1x1"};
+    for (size_t i = 0; i < sizeof bad_sizes / sizeof bad_sizes[0]; i++) {
+        assert_int_equal(umbt_size_parse(bad_sizes[i], &width, &height, NULL), UMB_E_ARGUMENT);
+    }
+    assert_int_equal(umbt_bias_parse("1.5vox", &settings, NULL), UMB_OK);
+    assert_int_equal(settings.bias_mode, UMB_BIAS_VOXELS);
+    near_check("bias", settings.bias, 1.5, 0.0);
+    assert_int_equal(umbt_bias_parse("0.02m", &settings, NULL), UMB_OK);
+    assert_int_equal(settings.bias_mode, UMB_BIAS_METRES);
+    assert_int_equal(umbt_bias_parse("none", &settings, NULL), UMB_OK);
+    assert_int_equal(settings.bias_mode, UMB_BIAS_NONE);
+    static const char *const bad_biases[] = {"", "1", "-1m", "2000000m", "1mm", "vox", "nanm"};
+    for (size_t i = 0; i < sizeof bad_biases / sizeof bad_biases[0]; i++) {
+        assert_int_equal(umbt_bias_parse(bad_biases[i], &settings, NULL), UMB_E_ARGUMENT);
+    }
+    assert_int_equal(umbt_up_parse("z", &z_up, NULL), UMB_OK);
+    assert_int_equal(z_up, 1);
+    assert_int_equal(umbt_up_parse("x", &z_up, NULL), UMB_E_ARGUMENT);
+}
+
+static void tone_curve_rises_and_stays_in_range(void **state)
+{
+    (void)state;
+    double last = -1.0;
+    for (double x = 0.0; x < 8.0; x += 0.01) {
+        const double y = umbt_shoulder(x);
+        assert_true(y > last && y >= 0.0 && y < 1.0 && y <= x + 1e-15);
+        last = y;
+    }
+    assert_int_equal(umbt_srgb8(0.0), 0);
+    assert_int_equal(umbt_srgb8(1.0), 255);
+    assert_int_equal(umbt_srgb8(2.0), 255);
+    assert_int_equal(umbt_srgb8(-1.0), 0);
+    assert_int_equal(umbt_srgb8(0.2140411), 127); /* the middle code, IEC 61966-2-1 */
+    const struct umbt_rgb surface = umbt_surface_color(3);
+    const struct umbt_rgb lit = umbt_shade(surface, 1.0, 0.8, 1.0);
+    const struct umbt_rgb shadowed = umbt_shade(surface, 0.0, 0.8, 1.0);
+    const struct umbt_rgb away = umbt_shade(surface, 1.0, -0.8, 1.0);
+    for (int k = 0; k < 3; k++) {
+        assert_true(lit.c[k] > 2.0 * shadowed.c[k]);
+        near_check("facing away", away.c[k], shadowed.c[k], 0.0);
+    }
+}
+
+static void json_strings_are_always_utf8(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text, *want;
+    } cases[] = {
+        {"a\"b\\c\n", "\"a\\\"b\\\\c\\u000a\""},
+        {"Gr\xc3\xbc\xc3\x9f", "\"Gr\xc3\xbc\xc3\x9f\""},
+        {"\xff.png", "\"\\ufffd.png\""},
+        {"\xe2\x82", "\"\\ufffd\\ufffd\""},
+        {"\xed\xa0\x80", "\"\\ufffd\\ufffd\\ufffd\""}, /* a surrogate */
+        {"\xc0\xaf", "\"\\ufffd\\ufffd\""},            /* over-long */
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char have[64] = {0};
+        FILE *file = tmpfile();
+        assert_non_null(file);
+        umbt_json_text(file, cases[i].text);
+        rewind(file);
+        (void)fread(have, 1, sizeof have - 1, file);
+        (void)fclose(file);
+        assert_string_equal(have, cases[i].want);
+    }
+}
+
+/* A frustum of half-metre voxels that looks straight down. */
+static void frustum_make(struct umb_frustum_info *frustum)
+{
+    memset(frustum, 0, sizeof *frustum);
+    frustum->log2_size = 6;
+    frustum->world_to_voxel[0][0] = 2.0;
+    frustum->world_to_voxel[1][1] = -2.0;
+    frustum->world_to_voxel[2][2] = -2.0;
+    frustum->world_to_voxel[3][3] = 1.0;
+    for (int k = 0; k < 3; k++) {
+        frustum->world_to_voxel[k][3] = 32.0;
+        frustum->voxel_step[k][k] = 1.0 / frustum->world_to_voxel[k][k];
+    }
+}
+
+static void bias_follows_the_documented_formula(void **state)
+{
+    (void)state;
+    struct umb_frustum_info frustum;
+    struct umb_query_settings settings = {.taps = 1};
+    frustum_make(&frustum);
+    const double up[3] = {0.0, 0.0, 1.0}, slanted[3] = {0.6, 0.0, 0.8};
+    near_check("one tap, facing", umbt_truth_bias(&settings, &frustum, up), 0.25, 1e-15);
+    near_check("one tap, slanted", umbt_truth_bias(&settings, &frustum, slanted), 0.35, 1e-15);
+    settings.taps = 9;
+    near_check("nine taps", umbt_truth_bias(&settings, &frustum, slanted), 0.25 * (9.0 * 0.6 + 0.8),
+               1e-15);
+    settings.bias_mode = UMB_BIAS_VOXELS;
+    settings.bias = 3.0;
+    near_check("voxels", umbt_truth_bias(&settings, &frustum, slanted), 1.5, 1e-15);
+    settings.bias_mode = UMB_BIAS_METRES;
+    near_check("metres", umbt_truth_bias(&settings, &frustum, slanted), 3.0, 0.0);
+    settings.bias_mode = UMB_BIAS_NONE;
+    near_check("none", umbt_truth_bias(&settings, &frustum, slanted), 0.0, 0.0);
+}
+
+/* A floor at z = 0 and, 2 m above it, a roof over x < 0. */
+static const double house[4][3][3] = {
+    {{-9.0, -9.0, 0.0}, {9.0, -9.0, 0.0}, {9.0, 9.0, 0.0}},
+    {{-9.0, -9.0, 0.0}, {9.0, 9.0, 0.0}, {-9.0, 9.0, 0.0}},
+    {{-9.0, -9.0, 2.0}, {0.0, -9.0, 2.0}, {0.0, 9.0, 2.0}},
+    {{-9.0, -9.0, 2.0}, {0.0, 9.0, 2.0}, {-9.0, 9.0, 2.0}},
+};
+
+static void window_counts_the_texels_beyond_the_edge(void **state)
+{
+    (void)state;
+    struct umbr_rays *rays = NULL;
+    struct umb_error error;
+    assert_int_equal(umbr_rays_create(house, 4, &rays, &error), UMB_OK);
+    struct umbt_truth truth = {.rays = rays,
+                               .kind = UMBT_TRUTH_TEXELS,
+                               .settings = {.taps = 3},
+                               .samples = 30,
+                               .to_light = {0.0, 0.0, 1.0},
+                               .diagonal_m = 26.0};
+    frustum_make(&truth.frustum);
+    const double up[3] = {0.0, 0.0, 1.0}, down[3] = {0.0, 0.0, -1.0};
+    const double under[3] = {-5.0, 1.0, 0.0}, open[3] = {5.0, 1.0, 0.0}, edge[3] = {0.1, 1.1, 0.0};
+    near_check("under the roof", (double)umbt_truth_visibility(&truth, under, up), 0.0, 0.0);
+    near_check("in the open", (double)umbt_truth_visibility(&truth, open, up), 1.0, 0.0);
+    near_check("facing away", (double)umbt_truth_visibility(&truth, open, down), 0.0, 0.0);
+    /* Texels [-0.5,0) [0,0.5) [0.5,1): one of three columns has its centre under the roof. */
+    near_check("at the edge", (double)umbt_truth_visibility(&truth, edge, up), 2.0 / 3.0, 1e-6);
+    /* The area around x = 0.1 is 1.5 m wide: 0.85 of it beyond the edge; 30 columns resolve 1/30.
+     */
+    truth.kind = UMBT_TRUTH_AREA;
+    near_check("area", (double)umbt_truth_visibility(&truth, edge, up), 0.85 / 1.5, 1.0 / 30.0);
+    truth.kind = UMBT_TRUTH_SURFACE;
+    near_check("surface", (double)umbt_truth_visibility(&truth, edge, up), 1.0, 0.0);
+    near_check("surface, under", (double)umbt_truth_visibility(&truth, under, up), 0.0, 0.0);
+    umbr_rays_destroy(rays);
+}
+
+/* A cube of 6 m, wound outwards: bit k of a corner's number is the side along axis k. */
+static void cube_make(double corners[12][3][3])
+{
+    static const int faces[12][3] = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6},
+                                     {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7},
+                                     {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+    for (int t = 0; t < 12; t++) {
+        for (int c = 0; c < 3; c++) {
+            for (int k = 0; k < 3; k++) {
+                corners[t][c][k] = ((faces[t][c] >> k) & 1) ? 3.0 : -3.0;
+            }
+        }
+    }
+}
+
+static void window_knows_when_it_reaches_into_a_closed_solid(void **state)
+{
+    (void)state;
+    struct umbr_rays *rays = NULL;
+    struct umb_error error;
+    double cube[12][3][3];
+    uint8_t closed[12];
+    cube_make(cube);
+    memset(closed, 1, sizeof closed);
+    assert_int_equal(umbr_rays_create((const double(*)[3][3])cube, 12, &rays, &error), UMB_OK);
+    struct umbt_truth truth = {.rays = rays,
+                               .settings = {.taps = 3, .bias_mode = UMB_BIAS_NONE},
+                               .to_light = {0.0, 0.0, 1.0},
+                               .diagonal_m = 11.0,
+                               .closed = closed};
+    frustum_make(&truth.frustum);
+    const double up[3] = {0.0, 0.0, 1.0};
+    const double inside[3] = {0.1, 0.2, 0.3}, above[3] = {0.1, 0.2, 3.1};
+    /* Texels are 0.5 m: around x = 3.1 the nearest centre is 3.25 or, one to the left, 2.75. */
+    const double beside[3] = {3.1, 0.2, 0.3}, apart[3] = {3.6, 0.2, 0.3};
+    assert_int_equal(umbt_truth_is_undefined(&truth, inside, up), 1);
+    assert_int_equal(umbt_truth_is_undefined(&truth, above, up), 0);
+    assert_int_equal(umbt_truth_is_undefined(&truth, beside, up), 1);
+    assert_int_equal(umbt_truth_is_undefined(&truth, apart, up), 0);
+    truth.settings.taps = 1;
+    assert_int_equal(umbt_truth_is_undefined(&truth, beside, up), 0);
+    truth.closed = NULL;
+    assert_int_equal(umbt_truth_is_undefined(&truth, inside, up), 0);
+    umbr_rays_destroy(rays);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(options_are_read_in_every_spelling),
+        cmocka_unit_test(bad_options_are_refused_by_name),
+        cmocka_unit_test(sizes_and_biases_have_limits),
+        cmocka_unit_test(tone_curve_rises_and_stays_in_range),
+        cmocka_unit_test(json_strings_are_always_utf8),
+        cmocka_unit_test(bias_follows_the_documented_formula),
+        cmocka_unit_test(window_counts_the_texels_beyond_the_edge),
+        cmocka_unit_test(window_knows_when_it_reaches_into_a_closed_solid),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

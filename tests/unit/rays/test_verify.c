@@ -1,0 +1,352 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Verification against rays, on assets made voxel by voxel from traced truth: a faithful asset
+ * passes, and each kind of wrong one is found.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/parts.h"
+#include "gen.h"
+#include "make_asset.h"
+#include "rays/verify.h"
+#include "rays/verify_frame.h"
+
+enum {
+    LOG2_SIZE = 6,
+    SIZE = 1 << LOG2_SIZE,
+    POINTS = 60000,
+};
+
+/* Far out, so that anything that loses doubles on the way fails. */
+static const double scene_origin[3] = {500000, 4200000, 120};
+static const double sun[3] = {0.48, -0.6, -0.64};
+static const double other_sun[3] = {-0.6, -0.48, -0.64};
+static const double voxel_m = 0.5;
+
+struct world {
+    struct umbr_rays *rays;
+    uint8_t *closed; /* [triangles] */
+    size_t count;
+};
+
+/* How an asset is made, and how it is spoilt. */
+struct recipe {
+    const struct world *world;
+    const struct umbr_frame *frame;
+    double towards[3];
+    int fill_inside; /* random answers inside closed solids, as the closed rule allows */
+    int planted;     /* wrong single voxels, one in each 16^3 block */
+};
+
+static struct world world;
+
+static uint32_t scatter(uint32_t x, uint32_t y, uint32_t z)
+{
+    uint32_t h = x * 0x9e3779b1U ^ y * 0x85ebca77U ^ z * 0xc2b2ae3dU;
+    h = (h ^ h >> 15) * 0x2c1b3c6dU;
+    return h ^ h >> 13;
+}
+
+static int voxel_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    const struct recipe *recipe = user;
+    const double voxel[3] = {x + 0.5, y + 0.5, z + 0.5};
+    double point[3];
+    int winding, crossings;
+    (void)frustum;
+    assert_true(umbr_frame_world(recipe->frame, voxel, point));
+    int lit = !umbr_occluded(recipe->world->rays, point, recipe->towards, 0, INFINITY);
+    if (recipe->fill_inside && !lit) {
+        umbr_crossings(recipe->world->rays, point, recipe->towards, recipe->world->closed, &winding,
+                       &crossings);
+        lit = winding > 0 ? (int)(scatter(x, y, z) & 1) : lit;
+    }
+    return lit ^ (recipe->planted && x % 16 == 7 && y % 16 == 9 && z % 16 == 5);
+}
+
+/* Row i of the frustum's rotation: x, y across the light, z along it. */
+static void frame_axes(const double direction[3], double axes[3][3])
+{
+    static const double up[3] = {0, 0, 1};
+    double length = 0;
+    for (int i = 0; i < 3; i++) {
+        int a = (i + 1) % 3, b = (i + 2) % 3;
+        axes[0][i] = up[a] * direction[b] - up[b] * direction[a];
+        length += axes[0][i] * axes[0][i];
+    }
+    for (int i = 0; i < 3; i++) {
+        axes[0][i] /= sqrt(length);
+        axes[2][i] = direction[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        int a = (i + 1) % 3, b = (i + 2) % 3;
+        axes[1][i] = axes[2][a] * axes[0][b] - axes[2][b] * axes[0][a];
+    }
+}
+
+static void set_light(struct umb_content *content, const double direction[3], int closed)
+{
+    double axes[3][3];
+    frame_axes(direction, axes);
+    content->frusta[0].closed = closed;
+    for (int i = 0; i < 3; i++) {
+        content->lights[0].direction[i] = direction[i];
+        for (int k = 0; k < 3; k++) {
+            content->frusta[0].world_to_voxel[i][k] = axes[i][k] / voxel_m;
+        }
+        content->frusta[0].world_to_voxel[i][3] = SIZE / 2.0;
+    }
+}
+
+static struct umb_asset *open_packed(const struct umb_content *content,
+                                     const struct umb_octree *octree, struct bytes *bytes)
+{
+    struct umb_error error = {0};
+    struct umb_asset *asset;
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_sink sink = bytes_sink(bytes);
+    if (umb_pack_write(content, octree, &test_digest, &sink, id, &error) != UMB_OK ||
+        umb_asset_open_bytes(bytes->data, bytes->size, NULL, &asset, &error) != UMB_OK) {
+        fail_msg("asset: %s", error.message);
+        return NULL;
+    }
+    return asset;
+}
+
+/*
+ * Makes an asset whose frustum says the light is `claimed`, with the shadows of `traced`. The frame
+ * of a first, empty asset tells where its voxels are.
+ */
+static struct umb_asset *make(const double claimed[3], const double traced[3],
+                              struct recipe recipe, int closed, struct bytes *bytes)
+{
+    struct voxels voxels = {voxel_lit, &recipe, LOG2_SIZE, 1};
+    struct umb_content content;
+    struct umb_octree octree = {0};
+    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
+    struct umbr_frame frame;
+    struct bytes empty = {0};
+    make_content(&voxels, voxel_m, scene_origin, &content);
+    set_light(&content, claimed, closed);
+    octree.root_count = 1;
+    octree.roots = &root;
+    struct umb_asset *asset = open_packed(&content, &octree, &empty);
+    assert_int_equal(umbr_frame_init(&frame, asset, 0, NULL), UMB_OK);
+    umb_asset_close(asset);
+    bytes_finish(&empty);
+    recipe.world = &world;
+    recipe.frame = &frame;
+    for (int i = 0; i < 3; i++) {
+        recipe.towards[i] = -traced[i];
+    }
+    make_octree(&voxels, &octree);
+    asset = open_packed(&content, &octree, bytes);
+    umb_octree_finish(&octree);
+    return asset;
+}
+
+static struct umbr_verify_result verify(const struct umb_asset *asset, const uint8_t *closed,
+                                        unsigned threads, uint64_t seed)
+{
+    const struct umbr_verify_options options = {
+        .points = POINTS, .seed = seed, .closed = closed, .threads = threads};
+    struct umbr_verify_result result;
+    struct umb_error error = {0};
+    if (umbr_verify(asset, 0, world.rays, &options, &result, &error) != UMB_OK) {
+        fail_msg("verify: %s", error.message);
+    }
+    return result;
+}
+
+/* A slab, a ball above it, a block that pierces it, and a wire thinner than any voxel. */
+static int make_world(void **state)
+{
+    (void)state;
+    struct gen_mesh mesh = {0};
+    struct umbs_parts parts;
+    struct gen_rng rng = {1};
+    gen_box(&mesh, (const int32_t[3]){-8000, -8000, -1500}, (const int32_t[3]){8000, 8000, 0});
+    gen_ball(&mesh, (const int32_t[3]){-1000, 500, 4500}, 2500, 12, &rng, 0);
+    gen_box(&mesh, (const int32_t[3]){2000, -3000, -700}, (const int32_t[3]){4600, -1100, 3000});
+    gen_bar(&mesh, (const int32_t[3]){-7000, -5000, 2000}, (const int32_t[3]){7000, -4000, 2500},
+            5);
+    world.count = mesh.triangle_count;
+    double(*corners)[3][3] = calloc(world.count, sizeof *corners);
+    assert_non_null(corners);
+    for (size_t t = 0; t < world.count; t++) {
+        for (size_t k = 0; k < 9; k++) {
+            corners[t][k / 3][k % 3] =
+                mesh.vertices[mesh.triangles[t][k / 3]][k % 3] / 1000.0 + scene_origin[k % 3];
+        }
+    }
+    assert_int_equal(umbs_parts_find((const double(*)[3][3])corners, world.count, &parts, NULL),
+                     UMB_OK);
+    assert_int_equal(parts.closed_triangles, world.count);
+    world.closed = calloc(world.count, 1);
+    assert_non_null(world.closed);
+    memcpy(world.closed, parts.closed, world.count);
+    assert_int_equal(
+        umbr_rays_create((const double(*)[3][3])corners, world.count, &world.rays, NULL), UMB_OK);
+    umbs_parts_finish(&parts);
+    gen_mesh_finish(&mesh);
+    free(corners);
+    return 0;
+}
+
+static int drop_world(void **state)
+{
+    (void)state;
+    umbr_rays_destroy(world.rays);
+    free(world.closed);
+    return 0;
+}
+
+static void faithful_asset_has_nothing_outside_the_band(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, sun, (struct recipe){0}, 0, &bytes);
+    struct umbr_verify_result result = verify(asset, NULL, 0, 42);
+    print_message("points %llu near %llu in band %llu\n", (unsigned long long)result.points,
+                  (unsigned long long)result.near_boundary, (unsigned long long)result.inside_band);
+    assert_int_equal(result.points, POINTS);
+    assert_true(result.near_boundary >= POINTS * 4 / 10);
+    assert_int_equal(result.skipped_inside, 0);
+    assert_int_equal(result.outside_band, 0);
+    assert_int_equal(result.has_worst, 0);
+    assert_true(result.inside_band > 0); /* half a metre a voxel cannot be exact */
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void closed_asset_is_judged_outside_its_solids_only(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, sun, (struct recipe){.fill_inside = 1}, 1, &bytes);
+    struct umbr_verify_result result = verify(asset, world.closed, 0, 43);
+    assert_int_equal(result.points, POINTS);
+    assert_true(result.skipped_inside > 100);
+    assert_int_equal(result.outside_band, 0);
+    /* Told that nothing is closed it must see the noise inside: the leaving out is what passes. */
+    result = verify(asset, NULL, 0, 43);
+    assert_int_equal(result.skipped_inside, 0);
+    assert_true(result.outside_band > 0);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void planted_wrong_voxels_are_outside_the_band(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    /* 64 lone voxels of 262144: half of 60000 uniform points meet seven, walks meet more. */
+    struct umb_asset *asset = make(sun, sun, (struct recipe){.planted = 1}, 0, &bytes);
+    struct umbr_verify_result result = verify(asset, NULL, 0, 44);
+    assert_true(result.outside_band > 0);
+    assert_true(result.has_worst);
+    /* The point it names lies in a planted voxel. */
+    struct umbr_frame frame;
+    struct umb_frustum_info info;
+    assert_int_equal(umbr_frame_init(&frame, asset, 0, NULL), UMB_OK);
+    assert_int_equal(umb_asset_get_frustum(asset, 0, &info), UMB_OK);
+    static const int planted[3] = {7, 9, 5};
+    for (int i = 0; i < 3; i++) {
+        double v = info.world_to_voxel[i][3];
+        for (int k = 0; k < 3; k++) {
+            v += info.world_to_voxel[i][k] * (result.worst_point[k] - scene_origin[k]);
+        }
+        assert_int_equal((int)floor(v) % 16, planted[i]);
+    }
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void asset_of_another_light_is_found_out(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, other_sun, (struct recipe){0}, 0, &bytes);
+    struct umbr_verify_result result = verify(asset, NULL, 0, 45);
+    assert_true(result.outside_band > 100);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void result_does_not_depend_on_threads_but_on_the_seed(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct recipe recipe = {.fill_inside = 1, .planted = 1};
+    struct umb_asset *asset = make(sun, sun, recipe, 1, &bytes);
+    struct umbr_verify_result one = verify(asset, world.closed, 1, 7);
+    static const unsigned threads[3] = {2, 5, 300};
+    for (int i = 0; i < 3; i++) {
+        struct umbr_verify_result many = verify(asset, world.closed, threads[i], 7);
+        assert_memory_equal(&one.points, &many.points, 5 * sizeof one.points);
+        assert_int_equal(one.has_worst, many.has_worst);
+        for (int k = 0; k < 3; k++) {
+            assert_true(one.worst_point[k] == many.worst_point[k]);
+        }
+    }
+    struct umbr_verify_result other = verify(asset, world.closed, 2, 8);
+    assert_true(one.skipped_inside != other.skipped_inside || one.inside_band != other.inside_band);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void asset_without_any_shadow_boundary_still_gets_its_points(void **state)
+{
+    (void)state;
+    struct umb_content content;
+    struct bytes bytes = {0};
+    struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
+    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
+    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    make_content(&voxels, voxel_m, scene_origin, &content);
+    set_light(&content, sun, 0);
+    struct umb_asset *asset = open_packed(&content, &octree, &bytes);
+    struct umbr_verify_result result = verify(asset, NULL, 2, 1);
+    assert_int_equal(result.points, POINTS);
+    assert_int_equal(result.near_boundary, 0);
+    assert_true(result.outside_band > 0); /* it is lit where the slab's shadow should be */
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static void unknown_light_is_refused(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, sun, (struct recipe){0}, 0, &bytes);
+    struct umbr_verify_result result;
+    struct umb_error error = {0};
+    assert_int_equal(umbr_verify(asset, 1, world.rays, NULL, &result, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "light 1"));
+    assert_int_equal(result.points, 0);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(faithful_asset_has_nothing_outside_the_band),
+        cmocka_unit_test(closed_asset_is_judged_outside_its_solids_only),
+        cmocka_unit_test(planted_wrong_voxels_are_outside_the_band),
+        cmocka_unit_test(asset_of_another_light_is_found_out),
+        cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),
+        cmocka_unit_test(asset_without_any_shadow_boundary_still_gets_its_points),
+        cmocka_unit_test(unknown_light_is_refused),
+    };
+    return cmocka_run_group_tests(tests, make_world, drop_world);
+}

@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Addresses, the SHA-256 wrapper, and the verdict on a reply however it was cut. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "../../../client/rpc/rpc_address.h"
+#include "../../../client/rpc/rpc_reply.h"
+#include "../../../client/rpc/rpc_sha256.h"
+
+static void address_forms_are_told_apart(void **state)
+{
+    struct umb__address address;
+    (void)state;
+    assert_int_equal(umb__address_parse("tcp:127.0.0.1:7420", &address, NULL), UMB_OK);
+    assert_string_equal(address.host, "127.0.0.1");
+    assert_string_equal(address.port, "7420");
+    assert_string_equal(address.authority, "127.0.0.1:7420");
+    assert_int_equal(umb__address_parse("tcp:[::1]:65535", &address, NULL), UMB_OK);
+    assert_string_equal(address.host, "::1");
+    assert_string_equal(address.authority, "[::1]:65535");
+    assert_int_equal(umb__address_parse("tcp:shadow-1.example.org:1", &address, NULL), UMB_OK);
+    assert_int_equal(umb__address_parse("unix:/run/umbrage.sock", &address, NULL), UMB_OK);
+    assert_true(address.is_unix);
+    assert_string_equal(address.path, "/run/umbrage.sock");
+    assert_string_equal(address.authority, "localhost");
+}
+
+static void bad_addresses_are_refused(void **state)
+{
+    static const char *const bad[] = {
+        "",         "tcp:",         "tcp:host",  "tcp:host:",     "tcp::1",     "tcp:host:0",
+        "tcp:h:65536", "tcp:h:7420x", "tcp:h:-1", "tcp:::1:7420", "tcp:[]:1",   "tcp:a b:1",
+        "tcp:a\n:1", "unix:",        "http://h:1", "h:7420",      "tcp:a/b:1", "tcp:h:123456"};
+    struct umb__address address;
+    struct umb_error error;
+    char long_path[200] = "unix:";
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        print_message("'%s'\n", bad[i]);
+        assert_int_equal(umb__address_parse(bad[i], &address, &error), UMB_E_ARGUMENT);
+    }
+    memset(long_path + 5, 'a', 108);
+    assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_E_ARGUMENT);
+    long_path[5 + 107] = '\0';
+    assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_OK);
+}
+
+static void sha256_matches_the_standard_vectors(void **state)
+{
+    /* FIPS 180-4 examples: "abc", here in two parts, and the empty message. */
+    static const char abc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+    static const char nothing[] = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+    const void *const parts[] = {"a", "bc"};
+    const size_t sizes[] = {1, 2};
+    uint8_t digest[UMB_ID_BYTES];
+    char text[UMB_ID_TEXT_SIZE];
+    (void)state;
+    umb__client_sha256.digest(umb__client_sha256.user, parts, sizes, 2, digest);
+    umb_id_to_text(digest, text);
+    assert_string_equal(text, abc);
+    umb__client_sha256.digest(umb__client_sha256.user, parts, sizes, 0, digest);
+    umb_id_to_text(digest, text);
+    assert_string_equal(text, nothing);
+}
+
+static void add_header(struct umb__reply *reply, const char *name, const char *value)
+{
+    assert_int_equal(umb__reply_header(reply, (const uint8_t *)name, strlen(name),
+                                       (const uint8_t *)value, strlen(value), NULL),
+                     UMB_OK);
+}
+
+static void reply_is_the_same_split_at_every_point(void **state)
+{
+    static const uint8_t bytes[] = {0, 0, 0, 0, 5, 'h', 'e', 'l', 'l', 'o'};
+    (void)state;
+    for (size_t split = 0; split <= sizeof bytes; split++) {
+        struct umb__reply reply;
+        umb__reply_init(&reply, 100);
+        add_header(&reply, ":status", "200");
+        add_header(&reply, "content-type", "application/grpc;x=y");
+        if (split > 0) {
+            assert_int_equal(umb__reply_data(&reply, bytes, split, NULL), UMB_OK);
+        }
+        if (split < sizeof bytes) {
+            assert_int_equal(umb__reply_data(&reply, bytes + split, sizeof bytes - split, NULL),
+                             UMB_OK);
+        }
+        add_header(&reply, "grpc-status", "0");
+        assert_int_equal(umb__reply_verdict(&reply, NULL), UMB_OK);
+        assert_int_equal(reply.message_size, 5);
+        assert_memory_equal(reply.message, "hello", 5);
+        umb__reply_finish(&reply);
+    }
+}
+
+static void http_statuses_have_their_meaning(void **state)
+{
+    static const struct {
+        const char *http;
+        enum umb_status status;
+    } cases[] = {{"401", UMB_E_UNAUTHENTICATED}, {"403", UMB_E_PERMISSION},
+                 {"404", UMB_E_UNSUPPORTED},     {"429", UMB_E_UNAVAILABLE},
+                 {"502", UMB_E_UNAVAILABLE},     {"503", UMB_E_UNAVAILABLE},
+                 {"504", UMB_E_UNAVAILABLE},     {"400", UMB_E_PROTOCOL},
+                 {"500", UMB_E_PROTOCOL},        {"abc", UMB_E_PROTOCOL}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umb__reply reply;
+        struct umb_error error;
+        umb__reply_init(&reply, 100);
+        add_header(&reply, ":status", cases[i].http);
+        assert_int_equal(umb__reply_verdict(&reply, &error), cases[i].status);
+        /* A status from the server itself counts more than a proxy's code. */
+        add_header(&reply, "grpc-status", "5");
+        assert_int_equal(umb__reply_verdict(&reply, &error), UMB_E_NOT_FOUND);
+        umb__reply_finish(&reply);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(address_forms_are_told_apart),
+        cmocka_unit_test(bad_addresses_are_refused),
+        cmocka_unit_test(sha256_matches_the_standard_vectors),
+        cmocka_unit_test(reply_is_the_same_split_at_every_point),
+        cmocka_unit_test(http_statuses_have_their_meaning),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,335 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Describe, List and health messages: round trips, limits, sweeps over prefixes and flips. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+#include "grpc/health/v1/health.pb-c.h"
+#include "umbrage/v1/shadows.pb-c.h"
+#include "wire_samples.h"
+
+static uint8_t *take_message(struct umbw_buffer *buffer, size_t *size)
+{
+    assert_true(buffer->size >= UMBW_PREFIX_BYTES);
+    *size = buffer->size - UMBW_PREFIX_BYTES;
+    uint8_t *message = malloc(*size == 0 ? 1 : *size);
+    assert_non_null(message);
+    memcpy(message, buffer->bytes + UMBW_PREFIX_BYTES, *size);
+    umbw_buffer_finish(buffer);
+    return message;
+}
+
+static char plan_text[] = "effect=closed state=on reason=\"\xc3\xa9\"\n";
+static char settings_text[] = "resolution=1024\n";
+
+static uint8_t *sample_description(size_t *size)
+{
+    struct umbw_light lights[3];
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    for (unsigned i = 0; i < 3; i++) {
+        sample_light(i, &lights[i]);
+    }
+    struct umbw_describe_reply reply = {
+        .summary = sample_summary(3),
+        .light_count = 3,
+        .lights = lights,
+        .origin = {1, 2, 3},
+        .bounds = {{-1, -2, -3}, {4, 5, 6}},
+        .plan = plan_text,
+        .settings = settings_text,
+    };
+    memset(reply.scene_hash, 0x5a, sizeof reply.scene_hash);
+    assert_int_equal(umbw_encode_describe_reply(&reply, &buffer, NULL), UMB_OK);
+    return take_message(&buffer, size);
+}
+
+static void description_round_trip_keeps_every_field(void **state)
+{
+    struct umbw_describe_reply out;
+    struct umbw_light light;
+    size_t size;
+    (void)state;
+    uint8_t *message = sample_description(&size);
+    assert_int_equal(umbw_decode_describe_reply(message, size, &out, NULL), UMB_OK);
+    struct umbw_asset_summary summary = sample_summary(3);
+    assert_string_equal(out.summary.name, summary.name);
+    assert_memory_equal(out.summary.id, summary.id, sizeof summary.id);
+    assert_true(out.summary.memory_bytes == 1ULL << 35);
+    assert_int_equal(out.light_count, 3);
+    for (unsigned i = 0; i < 3; i++) {
+        sample_light(i, &light);
+        assert_string_equal(out.lights[i].info.name, light.info.name);
+        assert_int_equal(out.lights[i].info.kind, light.info.kind);
+        assert_memory_equal(out.lights[i].info.direction, light.info.direction, 24);
+        assert_memory_equal(out.lights[i].info.position, light.info.position, 24);
+        assert_memory_equal(out.lights[i].voxel_m, light.voxel_m, 24);
+        assert_true(out.lights[i].info.extent == light.info.extent);
+        assert_true(out.lights[i].resolution == light.resolution);
+        assert_int_equal(out.lights[i].closed, light.closed);
+    }
+    assert_true(out.origin[2] == 3 && out.bounds.min[1] == -2 && out.bounds.max[0] == 4);
+    assert_string_equal(out.plan, plan_text);
+    assert_string_equal(out.settings, settings_text);
+    assert_int_equal(out.scene_hash[31], 0x5a);
+    umbw_describe_reply_finish(&out);
+    free(message);
+}
+
+static void expect_bad_description(const Umbrage__V1__DescribeReply *other,
+                                   enum umb_status expected, const char *word)
+{
+    struct umbw_describe_reply out;
+    struct umb_error error = {.status = UMB_OK};
+    size_t size = umbrage__v1__describe_reply__get_packed_size(other);
+    uint8_t *message = malloc(size + 1);
+    assert_non_null(message);
+    (void)umbrage__v1__describe_reply__pack(other, message);
+    assert_int_equal(umbw_decode_describe_reply(message, size, &out, &error), expected);
+    print_message("%s\n", error.message);
+    assert_non_null(strstr(error.message, word));
+    assert_null(out.lights);
+    assert_null(out.plan);
+    free(message);
+}
+
+static void broken_descriptions_are_named_and_leave_nothing(void **state)
+{
+    uint8_t id[32] = {0};
+    char name[] = "a";
+    char long_name[70];
+    double two[2] = {1, 2};
+    Umbrage__V1__DescribeReply other = UMBRAGE__V1__DESCRIBE_REPLY__INIT;
+    Umbrage__V1__AssetSummary summary = UMBRAGE__V1__ASSET_SUMMARY__INIT;
+    Umbrage__V1__Light light = UMBRAGE__V1__LIGHT__INIT;
+    Umbrage__V1__Light *lights[] = {&light};
+    (void)state;
+    memset(long_name, 'a', sizeof long_name - 1);
+    long_name[sizeof long_name - 1] = '\0';
+    expect_bad_description(&other, UMB_E_ARGUMENT, "summary: is missing");
+    other.summary = &summary;
+    summary.name = name;
+    summary.id.data = id;
+    summary.id.len = 31;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "summary.id: length is 31");
+    summary.id.len = 32;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "scene_hash");
+    other.scene_hash.data = id;
+    other.scene_hash.len = 32;
+    other.lights = lights;
+    other.n_lights = 1;
+    light.kind = (Umbrage__V1__LightKind)3;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "lights.kind: 3");
+    light.kind = (Umbrage__V1__LightKind)0;
+    light.name = long_name;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "lights.name: 69 bytes");
+    light.name = name;
+    light.direction = two;
+    light.n_direction = 2;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "lights.direction: has 2");
+}
+
+/* 2 bytes a light on the wire, hundreds in memory: the count is checked before. */
+static void too_many_lights_are_refused_before_they_cost_memory(void **state)
+{
+    size_t size = 2 * (UMB_LIGHTS_MAX + 1);
+    uint8_t *message = malloc(size);
+    struct umbw_describe_reply out;
+    struct umb_error error = {.status = UMB_OK};
+    (void)state;
+    assert_non_null(message);
+    for (size_t i = 0; i < size; i += 2) {
+        message[i] = 0x12;
+        message[i + 1] = 0;
+    }
+    assert_int_equal(umbw_decode_describe_reply(message, size, &out, &error), UMB_E_TOO_LARGE);
+    assert_non_null(strstr(error.message, "4097"));
+    free(message);
+}
+
+static void nested_empty_fields_meet_the_memory_limit(void **state)
+{
+    /* One light whose sub-fields are 2-byte unknown fields: protobuf-c keeps about 24 bytes of each. */
+    size_t count = 3 << 20;
+    uint8_t *message = malloc(count + 5);
+    struct umbw_describe_reply out;
+    (void)state;
+    assert_non_null(message);
+    message[0] = 0x12;
+    message[1] = (uint8_t)(count | 0x80);
+    message[2] = (uint8_t)(count >> 7 | 0x80);
+    message[3] = (uint8_t)(count >> 14 | 0x80);
+    message[4] = (uint8_t)(count >> 21);
+    for (size_t i = 0; i < count; i += 2) {
+        message[5 + i] = 0x78; /* field 15 */
+        message[6 + i] = 0;
+    }
+    struct umb_error error = {.status = UMB_OK};
+    enum umb_status status = umbw_decode_describe_reply(message, count + 5, &out, &error);
+    print_message("%s\n", error.message);
+    assert_true(status == UMB_E_NO_MEMORY || status == UMB_E_ARGUMENT);
+    free(message);
+}
+
+static void touch_description(const uint8_t *message, size_t size)
+{
+    struct umbw_describe_reply out;
+    if (umbw_decode_describe_reply(message, size, &out, NULL) == UMB_OK) {
+        assert_true(strlen(out.plan) < size && strlen(out.settings) < size);
+        umbw_describe_reply_finish(&out);
+    }
+}
+
+static void touch_list(const uint8_t *message, size_t size)
+{
+    struct umbw_list_reply out;
+    if (umbw_decode_list_reply(message, size, &out, NULL) == UMB_OK) {
+        for (size_t i = 0; i < out.count; i++) {
+            assert_true(strlen(out.assets[i].name) <= UMBW_ASSET_NAME_MAX);
+        }
+        umbw_list_reply_finish(&out);
+    }
+}
+
+static void touch_small(const uint8_t *message, size_t size)
+{
+    char text[UMBW_ASSET_NAME_MAX + 1];
+    int serving;
+    if (umbw_decode_describe_request(message, size, text, NULL) == UMB_OK) {
+        assert_true(strlen(text) > 0);
+    }
+    if (umbw_decode_health_request(message, size, text, NULL) == UMB_OK) {
+        assert_true(strlen(text) <= 255);
+    }
+    enum umb_status status = umbw_decode_health_reply(message, size, &serving, NULL);
+    assert_true(status == UMB_OK || serving == 0);
+}
+
+static void sweep(const uint8_t *message, size_t size, void (*touch)(const uint8_t *, size_t))
+{
+    for (size_t length = 0; length <= size; length++) {
+        uint8_t *copy = malloc(length == 0 ? 1 : length);
+        assert_non_null(copy);
+        memcpy(copy, message, length);
+        touch(copy, length);
+        free(copy);
+    }
+    for (size_t at = 0; at < size; at++) {
+        for (unsigned bit = 0; bit < 9; bit++) {
+            uint8_t *copy = malloc(size);
+            assert_non_null(copy);
+            memcpy(copy, message, size);
+            copy[at] ^= (uint8_t)(bit < 8 ? 1U << bit : 0xffU);
+            touch(copy, size);
+            free(copy);
+        }
+    }
+}
+
+static void description_decoder_survives_prefixes_and_flips(void **state)
+{
+    size_t size;
+    (void)state;
+    uint8_t *message = sample_description(&size);
+    sweep(message, size, touch_description);
+    free(message);
+}
+
+static uint8_t *sample_list(size_t count, size_t *size)
+{
+    struct umbw_asset_summary assets[8];
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    for (unsigned i = 0; i < 8; i++) {
+        assets[i] = sample_summary(i);
+    }
+    struct umbw_list_reply reply = {.count = count, .assets = assets};
+    assert_int_equal(umbw_encode_list_reply(&reply, &buffer, NULL), UMB_OK);
+    return take_message(&buffer, size);
+}
+
+static void list_round_trip_keeps_order(void **state)
+{
+    (void)state;
+    for (size_t count = 0; count <= 8; count += 4) {
+        struct umbw_list_reply out;
+        size_t size;
+        uint8_t *message = sample_list(count, &size);
+        assert_int_equal(umbw_decode_list_reply(message, size, &out, NULL), UMB_OK);
+        assert_int_equal(out.count, count);
+        for (unsigned i = 0; i < count; i++) {
+            struct umbw_asset_summary expected = sample_summary(i);
+            assert_string_equal(out.assets[i].name, expected.name);
+            assert_true(out.assets[i].packed_bytes == expected.packed_bytes);
+        }
+        umbw_list_reply_finish(&out);
+        free(message);
+    }
+}
+
+static void list_decoder_survives_prefixes_and_flips(void **state)
+{
+    size_t size;
+    (void)state;
+    uint8_t *message = sample_list(3, &size);
+    sweep(message, size, touch_list);
+    free(message);
+}
+
+static void list_request_is_an_empty_message(void **state)
+{
+    static const uint8_t expected[5];
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    (void)state;
+    assert_int_equal(umbw_encode_list_request(&buffer, NULL), UMB_OK);
+    assert_int_equal(buffer.size, 5);
+    assert_memory_equal(buffer.bytes, expected, 5);
+    umbw_buffer_finish(&buffer);
+}
+
+static void small_messages_round_trip(void **state)
+{
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    char text[256];
+    int serving = -1;
+    size_t size;
+    (void)state;
+    assert_int_equal(umbw_encode_describe_request("stadt \xc3\xbc", &buffer, NULL), UMB_OK);
+    uint8_t *message = take_message(&buffer, &size);
+    assert_int_equal(umbw_decode_describe_request(message, size, text, NULL), UMB_OK);
+    assert_string_equal(text, "stadt \xc3\xbc");
+    sweep(message, size, touch_small);
+    free(message);
+    assert_int_equal(umbw_encode_health_request("umbrage.v1.Shadows", &buffer, NULL), UMB_OK);
+    message = take_message(&buffer, &size);
+    assert_int_equal(umbw_decode_health_request(message, size, text, NULL), UMB_OK);
+    assert_string_equal(text, "umbrage.v1.Shadows");
+    free(message);
+    assert_int_equal(umbw_encode_health_reply(2, &buffer, NULL), UMB_OK);
+    message = take_message(&buffer, &size);
+    assert_int_equal(umbw_decode_health_reply(message, size, &serving, NULL), UMB_OK);
+    assert_int_equal(serving, 2);
+    free(message);
+    /* An empty body asks for the server as a whole. */
+    assert_int_equal(umbw_decode_health_request(NULL, 0, text, NULL), UMB_OK);
+    assert_string_equal(text, "");
+    assert_int_equal(umbw_encode_describe_request("", &buffer, NULL), UMB_E_ARGUMENT);
+    umbw_buffer_finish(&buffer);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(description_round_trip_keeps_every_field),
+        cmocka_unit_test(broken_descriptions_are_named_and_leave_nothing),
+        cmocka_unit_test(too_many_lights_are_refused_before_they_cost_memory),
+        cmocka_unit_test(nested_empty_fields_meet_the_memory_limit),
+        cmocka_unit_test(description_decoder_survives_prefixes_and_flips),
+        cmocka_unit_test(list_round_trip_keeps_order),
+        cmocka_unit_test(list_decoder_survives_prefixes_and_flips),
+        cmocka_unit_test(list_request_is_an_empty_message),
+        cmocka_unit_test(small_messages_round_trip),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
