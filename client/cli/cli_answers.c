@@ -59,8 +59,8 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
 {
     (void)fprintf(file,
                   "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s\n"
-                  "  moved %.6g m to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64 " %" PRId64
-                  " %" PRId64 ") of frustum %" PRIu32 ", %.6g m a voxel, %" PRIu32
+                  "  moved %.6g m to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64
+                  " %" PRId64 " %" PRId64 ") of frustum %" PRIu32 ", %.6g m a voxel, %" PRIu32
                   " nodes and %" PRIu32 " bricks read\n",
                   number, (double)value, e->lit_taps, e->taps * e->taps,
                   e->facing_away ? ", faces away" : "", e->outside ? ", outside" : "",
@@ -146,8 +146,8 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     (void)fputc('\n', json->file);
 }
 
-enum umb_status umbc_answers_end(struct umbc_answers *answers,
-                                 const struct umbc_query_total *total, struct umb_error *error)
+enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc_query_total *total,
+                                 struct umb_error *error)
 {
     if (answers->options->json) {
         end_json(answers, total);

@@ -21,7 +21,8 @@ static void print_help(const struct umbc_command *command)
             (void)snprintf(letter, sizeof letter, "-%c,", option->letter);
         }
         (void)snprintf(left, sizeof left, "%3s --%s%s%s", letter, option->name,
-                       option->value != NULL ? " " : "", option->value != NULL ? option->value : "");
+                       option->value != NULL ? " " : "",
+                       option->value != NULL ? option->value : "");
         (void)printf("  %-28s %s\n", left, option->help);
     }
     (void)printf("  %-28s %s\n", "    --help", "this text");

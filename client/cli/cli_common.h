@@ -22,19 +22,20 @@ struct umbc_option {
     const char *name;  /* without the dashes */
     const char *value; /* what it takes, for --help; NULL = a switch */
     const char *help;
-    char letter;       /* short form, 0 = none */
+    char letter; /* short form, 0 = none */
 };
 
 struct umbc_command {
-    const char *usage;   /* "umbrage info FILE|ASSET [options]" */
-    const char *summary; /* one or more lines for --help */
+    const char *usage;                 /* "umbrage info FILE|ASSET [options]" */
+    const char *summary;               /* one or more lines for --help */
     const struct umbc_option *options; /* --help is added by itself */
     size_t option_count;
     size_t min_words, max_words; /* arguments that are no options */
 };
 
 struct umbc_parsed {
-    const char *values[UMBC_OPTIONS_MAX]; /* by place in the table; "" for a switch, NULL = not given */
+    const char
+        *values[UMBC_OPTIONS_MAX]; /* by place in the table; "" for a switch, NULL = not given */
     const char *words[UMBC_WORDS_MAX];
     size_t word_count;
 };

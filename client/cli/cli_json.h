@@ -19,8 +19,8 @@ struct umbc_json {
     bool needs_comma;
 };
 
-void umbc_json_begin(struct umbc_json *json, const char *key, char bracket); /* '{' or '[' */
-void umbc_json_end(struct umbc_json *json, char bracket);                    /* '}' or ']' */
+void umbc_json_begin(struct umbc_json *json, const char *key, char bracket);    /* '{' or '[' */
+void umbc_json_end(struct umbc_json *json, char bracket);                       /* '}' or ']' */
 void umbc_json_text(struct umbc_json *json, const char *key, const char *text); /* UTF-8 */
 void umbc_json_integer(struct umbc_json *json, const char *key, uint64_t value);
 void umbc_json_signed(struct umbc_json *json, const char *key, int64_t value);

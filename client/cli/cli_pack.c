@@ -59,7 +59,8 @@ static enum umb_status write_packed(const struct umb_asset *asset, struct umbc_o
     umb_octree_finish(&octree);
     umb_asset_get_info(asset, &info);
     if (status == UMB_OK && memcmp(id, info.id, sizeof id) != 0) {
-        status = umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
+        status =
+            umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
     }
     return status;
 }
@@ -81,7 +82,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
     }
     if (status != UMB_OK) {
         if (error->message[0] == '\0') {
-            (void)umb_fail(error, status, "cannot write '%.200s': %s", path, umb_status_text(status));
+            (void)umb_fail(error, status, "cannot write '%.200s': %s", path,
+                           umb_status_text(status));
         }
         umbc_output_abandon(&output);
         return status;
@@ -89,7 +91,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
     return umbc_output_commit(&output, error);
 }
 
-static void report(const struct umbc_parsed *parsed, const struct umb_asset *asset, const char *path)
+static void report(const struct umbc_parsed *parsed, const struct umb_asset *asset,
+                   const char *path)
 {
     struct umb_asset_info info;
     char id[UMB_ID_TEXT_SIZE];

@@ -132,7 +132,7 @@ static bool parse_token(char *token, size_t length, double *value)
 {
     char after = token[length];
     token[length] = '\0';
-    bool good = umbc_parse_number(token, value);
+    bool good = strlen(token) == length && umbc_parse_number(token, value); /* no NUL inside */
     token[length] = after;
     return good;
 }
@@ -267,16 +267,17 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
                 continue;
             }
             size_t left = points->end - points->begin;
-            return left == 0 ? UMB_OK
-                             : umb_fail(error, UMB_E_TRUNCATED,
-                                        "%.120s: the last %zu bytes are no whole point of %zu bytes",
-                                        points->name, left, record);
+            return left == 0
+                       ? UMB_OK
+                       : umb_fail(error, UMB_E_TRUNCATED,
+                                  "%.120s: the last %zu bytes are no whole point of %zu bytes",
+                                  points->name, left, record);
         }
         const unsigned char *bytes = (const unsigned char *)points->buffer + points->begin;
         points->begin += record;
         if (!add_record(points, bytes, batch)) {
-            return umb_fail(error, UMB_E_FORMAT, "%.120s: point %llu has a coordinate that is not finite",
-                            points->name,
+            return umb_fail(error, UMB_E_FORMAT,
+                            "%.120s: point %llu has a coordinate that is not finite", points->name,
                             (unsigned long long)(batch->first + batch->count - 1));
         }
     }
@@ -303,7 +304,8 @@ enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity, struc
     batch->normals = calloc(capacity, 3 * sizeof *batch->normals);
     if (batch->wide == NULL || batch->narrow == NULL || batch->normals == NULL) {
         umbc_batch_finish(batch);
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch of %zu points", capacity);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch of %zu points",
+                        capacity);
     }
     batch->capacity = capacity;
     return UMB_OK;

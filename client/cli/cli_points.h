@@ -42,11 +42,11 @@ struct umbc_points {
 /* Points and what belongs to them; memory for `capacity` points. */
 struct umbc_batch {
     size_t capacity, count;
-    double *wide;      /* [3 * capacity] text and f64 */
-    float *narrow;     /* [3 * capacity] f32 */
-    float *normals;    /* [3 * capacity] */
+    double *wide;   /* [3 * capacity] text and f64 */
+    float *narrow;  /* [3 * capacity] f32 */
+    float *normals; /* [3 * capacity] */
     bool has_normals;
-    uint64_t first;    /* number of the first point, from 0 */
+    uint64_t first; /* number of the first point, from 0 */
 };
 
 /* Opens path ("-" is stdin). Fails: E_NO_INPUT. */
@@ -59,7 +59,8 @@ void umbc_points_close(struct umbc_points *points);
  * Reads up to batch->capacity points.
  *
  * Out:   batch->count: 0 at the end of the input.
- * Fails: E_FORMAT (a bad line, a number that is not finite), E_TRUNCATED (raw bytes left over), E_IO.
+ * Fails: E_FORMAT (a bad line, a number that is not finite), E_TRUNCATED (raw bytes left over),
+ * E_IO.
  */
 UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
                                              struct umb_error *error);

@@ -34,7 +34,7 @@ struct slot {
 
 struct job {
     const struct umbc_query_options *options;
-    struct umb_asset *asset;   /* a file ... */
+    struct umb_asset *asset; /* a file ... */
     struct umb_query query;
     struct umb_client *client; /* ... or a daemon */
     struct umbc_points source;
@@ -42,6 +42,7 @@ struct job {
     struct umbc_progress progress;
     struct umbc_query_total total;
     struct slot slots[SLOTS];
+    size_t slot_count; /* in use: a file needs one */
     pthread_mutex_t lock;
     pthread_cond_t changed;
 };
@@ -166,8 +167,8 @@ static enum umb_status run_ring(struct job *job, struct umb_error *error)
     bool input_over = false;
     enum umb_status status = UMB_OK;
     while (status == UMB_OK) {
-        while (status == UMB_OK && !input_over && next - oldest < (job->client != NULL ? SLOTS : 1)) {
-            struct slot *slot = &job->slots[next % SLOTS];
+        while (status == UMB_OK && !input_over && next - oldest < job->slot_count) {
+            struct slot *slot = &job->slots[next % job->slot_count];
             status = umbc_points_read(&job->source, &slot->batch, error);
             if (status == UMB_OK && slot->batch.count == 0) {
                 input_over = true;
@@ -179,7 +180,7 @@ static enum umb_status run_ring(struct job *job, struct umb_error *error)
         if (status != UMB_OK || oldest == next) {
             break;
         }
-        status = finish_slot(job, &job->slots[oldest % SLOTS], error);
+        status = finish_slot(job, &job->slots[oldest % job->slot_count], error);
         oldest++;
     }
     return status;
@@ -219,9 +220,9 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
 
 static enum umb_status open_slots(struct job *job, struct umb_error *error)
 {
-    size_t count = job->client != NULL ? SLOTS : 1;
+    job->slot_count = job->client != NULL ? SLOTS : 1;
     size_t batch = job->options->batch;
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < job->slot_count; i++) {
         struct slot *slot = &job->slots[i];
         slot->job = job;
         enum umb_status status = umbc_batch_init(&slot->batch, batch, error);

@@ -28,14 +28,16 @@ enum query_option {
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_POINTS] = {"points", "FILE|-", "points to ask for; - is stdin; needed", 0},
-    [OPTION_FORMAT] = {"format", "FORMAT", "text (default), f32 or f64: raw little-endian x y z", 0},
+    [OPTION_FORMAT] = {"format", "FORMAT", "text (default), f32 or f64: raw little-endian x y z",
+                       0},
     [OPTION_NORMALS] = {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", 0},
     [OPTION_ORIGIN] = {"origin", "X,Y,Z", "metres, added to every point", 0},
     [OPTION_LIGHT] = {"light", "N", "index of the light, default 0", 0},
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
-    [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8", 0},
+    [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
+                      0},
     [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
     [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},

@@ -31,9 +31,10 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
 
 static const struct umbc_command COMMAND = {
     .usage = "umbrage verify FILE [options]   or   umbrage verify FILE --scene SCENE [...]",
-    .summary = "Checks every byte of an asset file and proves that its content has the id it claims.\n"
-               "With --scene SCENE the shadows are compared with rays traced in the scene\n"
-               "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
+    .summary =
+        "Checks every byte of an asset file and proves that its content has the id it claims.\n"
+        "With --scene SCENE the shadows are compared with rays traced in the scene\n"
+        "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .min_words = 1,
@@ -62,7 +63,8 @@ static enum umb_status prove_mapped(const struct umb_asset *asset, const uint8_t
     status = umb_pack_write(&content, &octree, &umb__client_sha256, &sink, made, error);
     umb_octree_finish(&octree);
     if (status == UMB_OK && memcmp(made, id, sizeof made) != 0) {
-        status = umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
+        status =
+            umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
     }
     return status;
 }

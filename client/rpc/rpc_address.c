@@ -49,7 +49,8 @@ static bool parse_host(const char *text, size_t length, struct umb__address *add
     if (length == 0 || length >= sizeof address->host) {
         return false;
     }
-    static const char allowed[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
+    static const char allowed[] =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
     for (size_t i = 0; i < length; i++) {
         bool numeric_only = bracketed && (text[i] == ':' || text[i] == '%');
         if (text[i] == '\0' || (strchr(allowed, text[i]) == NULL && !numeric_only)) {
@@ -89,8 +90,8 @@ enum umb_status umb__address_parse(const char *text, struct umb__address *addres
     memset(address, 0, sizeof *address);
     size_t length = strlen(text);
     if (length >= sizeof address->text) {
-        return umb_fail(error, UMB_E_ARGUMENT, "address: %zu bytes are over the limit of %zu", length,
-                        sizeof address->text - 1);
+        return umb_fail(error, UMB_E_ARGUMENT, "address: %zu bytes are over the limit of %zu",
+                        length, sizeof address->text - 1);
     }
     memcpy(address->text, text, length + 1);
     if (strncmp(text, "tcp:", 4) == 0) {

@@ -9,9 +9,9 @@ struct umb__address {
     char text[320];      /* as given, for messages */
     char authority[280]; /* for :authority: HOST:PORT, or localhost */
     bool is_unix;
-    char host[256];      /* tcp: without brackets */
-    char port[6];        /* tcp: decimal, 1..65535 */
-    char path[108];      /* unix: sun_path's size on Linux */
+    char host[256]; /* tcp: without brackets */
+    char port[6];   /* tcp: decimal, 1..65535 */
+    char path[108]; /* unix: sun_path's size on Linux */
 };
 
 /* Parses an address. Fails: E_ARGUMENT, naming what is wrong. */

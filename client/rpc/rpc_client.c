@@ -105,9 +105,10 @@ static void expire_list(struct umb_client *client, struct umb__call_list *list, 
             continue;
         }
         struct umb_error error;
-        enum umb_status status = umb_fail(
-            &error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
-            call->connection != NULL ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
+        enum umb_status status =
+            umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
+                     call->connection != NULL ? "no answer" : "no connection",
+                     (unsigned long)call->timeout_ms);
         if (call->connection != NULL) {
             umb__session_cancel(call->connection, call);
         }

@@ -173,7 +173,8 @@ static int write_output(struct umb__connection *connection)
     return code;
 }
 
-/* True if nothing will come or go any more: a broken session, or the last call of a draining one. */
+/* True if nothing will come or go any more: a broken session, or the last call of a draining one.
+ */
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
@@ -243,8 +244,8 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         connection->saw_bytes = true;
         connection->http1 = count >= 5 && memcmp(buffer->base, "HTTP/", 5) == 0;
     }
-    ssize_t taken = nghttp2_session_mem_recv(connection->session, (const uint8_t *)buffer->base,
-                                             (size_t)count);
+    ssize_t taken =
+        nghttp2_session_mem_recv(connection->session, (const uint8_t *)buffer->base, (size_t)count);
     if (taken < 0) {
         lose_session(connection, nghttp2_strerror((int)taken));
         return;

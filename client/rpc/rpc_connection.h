@@ -32,16 +32,17 @@ struct umb__connection {
     struct umbw_buffer out; /* given to uv_write while writing */
     nghttp2_session *session;
     struct umb__call_list active;
-    bool ready;       /* settings came: takes calls */
-    bool draining;    /* GOAWAY came, or stream numbers ran out: takes no more calls */
+    bool ready;    /* settings came: takes calls */
+    bool draining; /* GOAWAY came, or stream numbers ran out: takes no more calls */
     bool lost;
-    bool http1;       /* the first bytes were an HTTP/1 answer */
+    bool http1; /* the first bytes were an HTTP/1 answer */
     bool saw_bytes;
-    char detail[160]; /* what nghttp2 said about a broken peer */
+    char detail[160];            /* what nghttp2 said about a broken peer */
     struct umb_error last_error; /* of the last address tried */
 };
 
-/* Opens a connection and makes it client->current. On failure the waiting calls have been failed. */
+/* Opens a connection and makes it client->current. On failure the waiting calls have been failed.
+ */
 void umb__connection_open(struct umb_client *client);
 
 /* Ends a connection for a reason. Never from inside an nghttp2 call-back. */

@@ -104,8 +104,8 @@ enum umb_status umb_client_describe(struct umb_client *client, const char *asset
     *description = NULL;
     enum umb_status status = umbw_encode_describe_request(asset, &body, error);
     if (status == UMB_OK) {
-        status = umb__call_wait(client, UMBW_PATH_DESCRIBE, &body, 0, decode_description, &reply,
-                                error);
+        status =
+            umb__call_wait(client, UMBW_PATH_DESCRIBE, &body, 0, decode_description, &reply, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -139,8 +139,8 @@ enum umb_status umb_client_health(struct umb_client *client, const char *service
     struct umbw_buffer body = {NULL, 0, 0};
     int answer = 0;
     *serving = 0;
-    enum umb_status status = umbw_encode_health_request(service == NULL ? "" : service, &body,
-                                                        error);
+    enum umb_status status =
+        umbw_encode_health_request(service == NULL ? "" : service, &body, error);
     if (status == UMB_OK) {
         status = umb__call_wait(client, UMBW_PATH_CHECK, &body, 0, decode_health, &answer, error);
     }

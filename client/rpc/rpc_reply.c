@@ -69,8 +69,8 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
         reply->has_grpc_status = true;
         reply->grpc_status = small_number(value, value_size);
     } else if (is_name(name, name_size, "grpc-message")) {
-        size_t size = value_size < sizeof reply->grpc_message ? value_size
-                                                              : sizeof reply->grpc_message;
+        size_t size =
+            value_size < sizeof reply->grpc_message ? value_size : sizeof reply->grpc_message;
         memcpy(reply->grpc_message, value, size);
         reply->grpc_message_size = size;
     }
@@ -117,7 +117,7 @@ enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes, 
     }
     if (detail.status == UMB_OK) {
         return umb_fail(error, status, "reply: %s",
-                        status == UMB_E_NO_MEMORY   ? "out of memory for its message"
+                        status == UMB_E_NO_MEMORY  ? "out of memory for its message"
                         : reply->message_count > 1 ? "more than one message for a single call"
                                                    : "a compressed message that was not asked for");
     }

@@ -23,7 +23,7 @@ struct umb__reply {
     unsigned http_status; /* 0 = none yet */
     bool is_grpc;         /* content-type begins with application/grpc */
     bool has_grpc_status;
-    int grpc_status;      /* -1 = not a number */
+    int grpc_status; /* -1 = not a number */
     char content_type[64];
     char grpc_message[1024]; /* still escaped */
     size_t grpc_message_size;

@@ -161,7 +161,8 @@ static int on_frame_sent(nghttp2_session *session, const nghttp2_frame *frame, v
     return 0;
 }
 
-static int on_error(nghttp2_session *session, int code, const char *message, size_t size, void *user)
+static int on_error(nghttp2_session *session, int code, const char *message, size_t size,
+                    void *user)
 {
     (void)session;
     (void)code;
@@ -189,8 +190,8 @@ static ssize_t frame_length(nghttp2_session *session, uint8_t frame_type, int32_
     return length < 1 ? 1 : length;
 }
 
-static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *buffer, size_t length,
-                         uint32_t *flags, nghttp2_data_source *source, void *user)
+static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *buffer,
+                         size_t length, uint32_t *flags, nghttp2_data_source *source, void *user)
 {
     (void)source; /* may be gone; the stream knows */
     (void)user;
@@ -283,8 +284,8 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     }
     if (id < 0) {
         struct umb_error error;
-        enum umb_status status = umb_fail(&error, UMB_E_NO_MEMORY, "cannot send the call: %s",
-                                          nghttp2_strerror(id));
+        enum umb_status status =
+            umb_fail(&error, UMB_E_NO_MEMORY, "cannot send the call: %s", nghttp2_strerror(id));
         umb__call_complete(client, call, status, &error);
         return true;
     }

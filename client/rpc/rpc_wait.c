@@ -42,8 +42,8 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
 }
 
 enum umb_status umb__call_wait(struct umb_client *client, const char *path,
-                               struct umbw_buffer *body, uint32_t timeout_ms,
-                               umb__decode_fn decode, void *out, struct umb_error *error)
+                               struct umbw_buffer *body, uint32_t timeout_ms, umb__decode_fn decode,
+                               void *out, struct umb_error *error)
 {
     struct waiter waiter = {.finished = false, .error = error, .decode = decode, .out = out};
     enum umb_status status;

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "format/intern.h"
+#include "format/node_pool.h"
 
 static void demand(int ok, const char *what)
 {
@@ -81,8 +81,8 @@ struct cube {
     uint32_t frustum, level, x, y, z; /* in voxels */
 };
 
-static void build(const struct voxels *voxels, struct umb_intern *intern, struct cube cube,
-                  struct umb_node_value *value)
+static void build(const struct voxels *voxels, struct umb_pool *pool, struct cube cube,
+                  uint32_t *ref)
 {
     if (cube.level == UMB_LEVEL_BRICK) {
         uint64_t brick[8] = {0};
@@ -92,39 +92,35 @@ static void build(const struct voxels *voxels, struct umb_intern *intern, struct
                                        cube.z + z) != 0;
             brick[z] |= lit << (x + 8 * y);
         }
-        demand(umb_intern_brick(intern, brick, value, NULL) == UMB_OK, "brick");
+        demand(umb_pool_brick(pool, brick, ref, NULL) == UMB_OK, "brick");
         return;
     }
-    struct umb_node_value children[8];
+    uint32_t children[8];
     uint32_t half = 1U << (cube.level - 1);
     for (unsigned c = 0; c < 8; c++) {
         struct cube part = {cube.frustum, cube.level - 1, cube.x + (c & 1) * half,
                             cube.y + (c >> 1 & 1) * half, cube.z + (c >> 2) * half};
-        build(voxels, intern, part, &children[c]);
+        build(voxels, pool, part, &children[c]);
     }
-    demand(umb_intern_node(intern, cube.level, children, value, NULL) == UMB_OK, "node");
-}
-
-void make_octree(const struct voxels *voxels, struct umb_octree *octree)
-{
-    struct umb_intern intern;
-    umb_intern_init(&intern, NULL);
-    struct umb_octree_root *roots = calloc(voxels->frustum_count, sizeof *roots);
-    demand(roots != NULL, "roots");
-    for (uint32_t i = 0; i < voxels->frustum_count; i++) {
-        struct umb_node_value value;
-        struct cube whole = {i, voxels->log2_size, 0, 0, 0};
-        build(voxels, &intern, whole, &value);
-        roots[i].state = value.state;
-        roots[i].level = voxels->log2_size;
-        roots[i].index = value.state == UMB_NODE_MIXED ? value.index : 0;
-    }
-    umb_intern_take(&intern, octree);
-    octree->roots = roots;
-    octree->root_count = voxels->frustum_count;
+    demand(umb_pool_node(pool, cube.level, children, ref, NULL) == UMB_OK, "node");
 }
 
 enum { HARNESS_LIGHTS = 16 };
+
+void make_octree(const struct voxels *voxels, struct umb_octree *octree)
+{
+    struct umb_pool pool;
+    uint32_t refs[HARNESS_LIGHTS], levels[HARNESS_LIGHTS];
+    demand(voxels->frustum_count <= HARNESS_LIGHTS, "too many lights");
+    umb_pool_init(&pool, NULL, SIZE_MAX);
+    for (uint32_t i = 0; i < voxels->frustum_count; i++) {
+        struct cube whole = {i, voxels->log2_size, 0, 0, 0};
+        levels[i] = voxels->log2_size;
+        build(voxels, &pool, whole, &refs[i]);
+    }
+    demand(umb_pool_take(&pool, refs, levels, voxels->frustum_count, octree, NULL) == UMB_OK,
+           "roots");
+}
 
 void make_content(const struct voxels *voxels, double voxel_m, const double origin[3],
                   struct umb_content *content)
@@ -134,7 +130,6 @@ void make_content(const struct voxels *voxels, double voxel_m, const double orig
     static char plan[] = "effect=closed state=off reason=\"made for a test\" cost=\"none\"\n";
     static char settings[] = "resolution=test\n";
     static char notes[] = "writer=test\n";
-    demand(voxels->frustum_count <= HARNESS_LIGHTS, "too many lights");
     memset(lights, 0, sizeof lights);
     memset(frusta, 0, sizeof frusta);
     memset(content, 0, sizeof *content);

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void *resize(const struct umb_alloc *alloc, void *block, size_t bytes)
+void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes)
 {
     if (alloc) {
         return alloc->resize(alloc->user, block, bytes);
@@ -23,7 +23,7 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
     if (__builtin_mul_overflow(count, size, &bytes)) {
         return NULL;
     }
-    return resize(alloc, NULL, bytes ? bytes : 1);
+    return umb__resize(alloc, NULL, bytes ? bytes : 1);
 }
 
 void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size)
@@ -38,7 +38,7 @@ void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size
 void umb__free(const struct umb_alloc *alloc, void *block)
 {
     if (block) {
-        (void)resize(alloc, block, 0);
+        (void)umb__resize(alloc, block, 0);
     }
 }
 
@@ -60,7 +60,7 @@ bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, siz
     }
     void *old;
     memcpy(&old, array, sizeof old);
-    void *block = resize(alloc, old, bytes);
+    void *block = umb__resize(alloc, old, bytes);
     if (!block) {
         return false;
     }

@@ -10,6 +10,9 @@
 #include <stdint.h>
 #include "umbrage/alloc.h"
 
+/* Grows or shrinks a block as realloc does; 0 bytes frees it and gives NULL. */
+void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes);
+
 /* Returns count * size bytes, not zeroed, or NULL (also if the product overflows). */
 void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
 

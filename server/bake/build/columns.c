@@ -92,11 +92,11 @@ static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs,
     const struct umbb_column *column = cursor->column;
     if (z < column->mixed_first) {
         *end = column->mixed_first;
-        return UMBB_REF_LIT;
+        return UMB_REF_LIT;
     }
     if (z >= column->mixed_end) {
         *end = UINT32_MAX;
-        return UMBB_REF_SHADOWED;
+        return UMB_REF_SHADOWED;
     }
     while (runs->items[cursor->run].z_end <= z) {
         cursor->run++;
@@ -128,7 +128,7 @@ static uint32_t read_children(struct cursor cursors[4], const struct umbb_runs *
     return next > z + 1 ? next : z + 1;
 }
 
-enum umb_status umbb_column_join(struct umbb_pool *pool, uint32_t level,
+enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
                                  const struct umbb_column four[4], size_t runs_mark,
                                  struct umbb_runs *runs, struct umbb_column *column,
                                  struct umb_error *error)
@@ -143,7 +143,7 @@ enum umb_status umbb_column_join(struct umbb_pool *pool, uint32_t level,
         uint32_t children[8], ref;
         uint32_t next = read_children(cursors, runs, z, children);
         next = next < column->mixed_end ? next : column->mixed_end;
-        enum umb_status status = umbb_pool_node(pool, level, children, &ref, error);
+        enum umb_status status = umb_pool_node(pool, level, children, &ref, error);
         if (status == UMB_OK) {
             status = push_run(runs, first, next, ref, error);
         }
@@ -165,7 +165,7 @@ enum umb_status umbb_column_join(struct umbb_pool *pool, uint32_t level,
 
 /* What a tile's recursion carries along. */
 struct walk {
-    struct umbb_pool *pool;
+    struct umb_pool *pool;
     const struct umbb_tile *tile;
     struct umbb_runs *runs;
     struct umb_error *error;
@@ -181,7 +181,7 @@ static enum umb_status build_brick(struct walk *walk, const int32_t *lit, const 
         umbb_slices_above(end, (int32_t)(8 * z), allowed);
         umbb_slices_fill(visible, allowed, visible);
     }
-    return umbb_pool_brick(walk->pool, visible, ref, walk->error);
+    return umb_pool_brick(walk->pool, visible, ref, walk->error);
 }
 
 /* The first brick at or after z into which some value falls; `end` if none before it. */
@@ -252,7 +252,7 @@ static enum umb_status square_column(struct walk *walk, uint32_t level, size_t x
     return umbb_column_join(walk->pool, level, four, mark, walk->runs, column, walk->error);
 }
 
-enum umb_status umbb_column_of_tile(struct umbb_pool *pool, const struct umbb_tile *tile,
+enum umb_status umbb_column_of_tile(struct umb_pool *pool, const struct umbb_tile *tile,
                                     struct umbb_runs *runs, struct umbb_column *column,
                                     struct umb_error *error)
 {

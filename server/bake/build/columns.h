@@ -17,7 +17,7 @@
  *
  * The nodes depend on lit and end only: not on tiles, their order, or threads.
  */
-#include "bake/build/node_pool.h"
+#include "format/node_pool.h"
 #include "bake/depth/tile.h"
 
 /* Nodes z_before .. z_end - 1 are `ref`; z_before is the run before's end. */
@@ -52,9 +52,9 @@ struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit, int32_t m
  *
  * In:    tile: texels and pyramid filled.
  * Out:   column: its runs are the last of `runs`.
- * Fails: as umbb_pool_brick.
+ * Fails: as umb_pool_brick.
  */
-UMB_CHECKED enum umb_status umbb_column_of_tile(struct umbb_pool *pool,
+UMB_CHECKED enum umb_status umbb_column_of_tile(struct umb_pool *pool,
                                                 const struct umbb_tile *tile,
                                                 struct umbb_runs *runs, struct umbb_column *column,
                                                 struct umb_error *error);
@@ -65,7 +65,7 @@ UMB_CHECKED enum umb_status umbb_column_of_tile(struct umbb_pool *pool,
  * In:    column: bounds set; the four's runs are the last of `runs`, from runs_mark on.
  * Out:   column: its runs replace the four's.
  */
-UMB_CHECKED enum umb_status umbb_column_join(struct umbb_pool *pool, uint32_t level,
+UMB_CHECKED enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
                                              const struct umbb_column four[4], size_t runs_mark,
                                              struct umbb_runs *runs, struct umbb_column *column,
                                              struct umb_error *error);

@@ -23,7 +23,7 @@ struct grid_level {
 struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
-    struct umbb_pool pool;
+    struct umb_pool pool;
     struct umbb_jobs *jobs;
     struct umbb_tile tiles[2];
     struct umbb_runs runs;                     /* working stack */
@@ -61,7 +61,7 @@ static uint32_t grid_width(const struct umbb_bake_options *options)
 static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
-    umbb_pool_init(&loop->pool, o->octree_max_bytes);
+    umb_pool_init(&loop->pool, NULL, o->octree_max_bytes);
     enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
     for (int i = 0; i < slots && status == UMB_OK; i++) {
@@ -87,7 +87,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 static void loop_finish(struct loop *loop)
 {
     umbb_jobs_destroy(loop->jobs);
-    umbb_pool_finish(&loop->pool);
+    umb_pool_finish(&loop->pool);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
     umbb_runs_finish(&loop->runs);
@@ -233,12 +233,12 @@ static enum umb_status build_root(struct loop *loop, struct umb_octree *octree,
         return status;
     }
     /* One node along z: mixed, or lit if nothing is ever shadowed, or shadowed. */
-    uint32_t root = column.mixed_end == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+    uint32_t root = column.mixed_end == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
     if (column.mixed_first < column.mixed_end) {
         root = loop->runs.items[column.run_first].ref;
     }
     loop->figures.octree_bytes = loop->pool.bytes;
-    return umbb_pool_take(&loop->pool, root, level, octree, error);
+    return umb_pool_take(&loop->pool, &root, &level, 1, octree, error);
 }
 
 enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,

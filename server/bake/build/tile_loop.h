@@ -9,7 +9,7 @@
  * column.
  * Equal casters give equal octrees up to numbering, whatever the tile size and threads.
  */
-#include "bake/build/node_pool.h"
+#include "format/node_pool.h"
 #include "bake/depth/tile.h"
 
 /* What a bake went through, for the summary. */

@@ -307,7 +307,7 @@ static void memory_limit_stops_the_build_with_a_reason(void **state)
         .log2_size = 9, .tile_log2 = 7, .threads = 2, .octree_max_bytes = 150000};
     struct umb_octree octree;
     assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
-    assert_non_null(strstr(error.message, "--memory"));
+    assert_non_null(strstr(error.message, "memory: the shadow octree"));
     assert_null(octree.bricks);
     depth.destroy(depth.state);
     soup_finish(&soup);

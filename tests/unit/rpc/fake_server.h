@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_FAKE_SERVER_H
 #define UMBRAGE_TESTS_FAKE_SERVER_H
 /*
- * A small gRPC server in a thread, which misbehaves on request: the asset's name in a query says how
- * it is answered. One thread a connection, blocking sockets.
+ * A small gRPC server in a thread, which misbehaves on request: the asset's name in a query says
+ * how it is answered. One thread a connection, blocking sockets.
  *
  * Names: ok not-found reset refuse refuse-once goaway-once silent garbage over-long http-503 html
  * no-status two-messages short compressed drop drop-inside bomb status-999. "ok" answers each point
@@ -190,15 +190,14 @@ static void fake_query(struct fake_connection *connection, struct fake_stream *s
     const char *type = "application/grpc+proto";
     bool first = atomic_load(&connection->server->requests) == 1;
     if (strcmp(name, "not-found") == 0) {
-        fake_trailers_only(connection, stream->id, "5", "asset: no %22not-found%22%0A caf%C3%A9 50%25");
+        fake_trailers_only(connection, stream->id, "5",
+                           "asset: no %22not-found%22%0A caf%C3%A9 50%25");
     } else if (strcmp(name, "status-999") == 0) {
         fake_trailers_only(connection, stream->id, "9x9", "");
     } else if (strcmp(name, "reset") == 0) {
-        (void)nghttp2_submit_rst_stream(connection->session, 0, stream->id,
-                                        NGHTTP2_INTERNAL_ERROR);
+        (void)nghttp2_submit_rst_stream(connection->session, 0, stream->id, NGHTTP2_INTERNAL_ERROR);
     } else if (strcmp(name, "refuse") == 0 || (strcmp(name, "refuse-once") == 0 && first)) {
-        (void)nghttp2_submit_rst_stream(connection->session, 0, stream->id,
-                                        NGHTTP2_REFUSED_STREAM);
+        (void)nghttp2_submit_rst_stream(connection->session, 0, stream->id, NGHTTP2_REFUSED_STREAM);
     } else if (strcmp(name, "goaway-once") == 0 && first) {
         (void)nghttp2_submit_goaway(connection->session, 0, 0, NGHTTP2_NO_ERROR, NULL, 0);
     } else if (strcmp(name, "silent") == 0) {
@@ -267,8 +266,8 @@ static void fake_describe(struct fake_stream *stream)
     char plan[] = "effect=closed state=on\n";
     struct umbw_buffer buffer = {NULL, 0, 0};
     struct umbw_light light = {.info = {.name = "sun"}, .resolution = 1024, .closed = 1};
-    struct umbw_describe_reply reply = {.summary = {.name = "a"}, .light_count = 1,
-                                        .lights = &light, .plan = plan};
+    struct umbw_describe_reply reply = {
+        .summary = {.name = "a"}, .light_count = 1, .lights = &light, .plan = plan};
     if (umbw_encode_describe_reply(&reply, &buffer, NULL) != UMB_OK) {
         abort();
     }
@@ -400,7 +399,8 @@ static bool fake_send_all(struct fake_connection *connection)
             return count == 0;
         }
         for (ssize_t sent = 0; sent < count;) {
-            ssize_t n = send(connection->socket, bytes + sent, (size_t)(count - sent), MSG_NOSIGNAL);
+            ssize_t n =
+                send(connection->socket, bytes + sent, (size_t)(count - sent), MSG_NOSIGNAL);
             if (n <= 0) {
                 return false;
             }
@@ -450,8 +450,7 @@ static void fake_session(struct fake_connection *connection)
             continue;
         }
         ssize_t count = recv(connection->socket, block, 65536, 0);
-        if (count <= 0 ||
-            nghttp2_session_mem_recv(connection->session, block, (size_t)count) < 0) {
+        if (count <= 0 || nghttp2_session_mem_recv(connection->session, block, (size_t)count) < 0) {
             break;
         }
     }

@@ -99,7 +99,9 @@ static void query_gets_its_answers_stats_and_id(void **state)
 
 static void large_requests_and_replies_pass_the_windows(void **state)
 {
-    enum { MANY = 400000 };
+    enum {
+        MANY = 400000
+    };
     struct fake_server server = {.http1 = false};
     char address[128];
     struct umb_error error;
@@ -384,7 +386,9 @@ static void connection_lost_in_a_reply_fails_the_call_and_the_next_one_reconnect
 
 static void early_error_ends_a_large_upload(void **state)
 {
-    enum { MANY = 2000000 }; /* 24 MB, far beyond the server's window */
+    enum {
+        MANY = 2000000
+    }; /* 24 MB, far beyond the server's window */
     struct fake_server server = {.early_error = true};
     char address[128];
     struct umb_error error;
@@ -506,7 +510,8 @@ static void start_another(void *user, enum umb_status status,
     if (chain->left-- > 0) {
         chain->blocking = umb_client_query(chain->client, &request, values, NULL, &ignored);
         assert_int_equal(
-            umb_client_query_start(chain->client, &request, start_another, chain, &ignored), UMB_OK);
+            umb_client_query_start(chain->client, &request, start_another, chain, &ignored),
+            UMB_OK);
     }
     count_call(&chain->tally, status, reply, error);
 }

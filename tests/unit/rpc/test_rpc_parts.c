@@ -31,9 +31,10 @@ static void address_forms_are_told_apart(void **state)
 static void bad_addresses_are_refused(void **state)
 {
     static const char *const bad[] = {
-        "",         "tcp:",         "tcp:host",  "tcp:host:",     "tcp::1",     "tcp:host:0",
-        "tcp:h:65536", "tcp:h:7420x", "tcp:h:-1", "tcp:::1:7420", "tcp:[]:1",   "tcp:a b:1",
-        "tcp:a\n:1", "unix:",        "http://h:1", "h:7420",      "tcp:a/b:1", "tcp:h:123456"};
+        "",           "tcp:",        "tcp:host",    "tcp:host:", "tcp::1",
+        "tcp:host:0", "tcp:h:65536", "tcp:h:7420x", "tcp:h:-1",  "tcp:::1:7420",
+        "tcp:[]:1",   "tcp:a b:1",   "tcp:a\n:1",   "unix:",     "http://h:1",
+        "h:7420",     "tcp:a/b:1",   "tcp:h:123456"};
     struct umb__address address;
     struct umb_error error;
     char long_path[200] = "unix:";
@@ -52,7 +53,8 @@ static void sha256_matches_the_standard_vectors(void **state)
 {
     /* FIPS 180-4 examples: "abc", here in two parts, and the empty message. */
     static const char abc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-    static const char nothing[] = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+    static const char nothing[] =
+        "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
     const void *const parts[] = {"a", "bc"};
     const size_t sizes[] = {1, 2};
     uint8_t digest[UMB_ID_BYTES];

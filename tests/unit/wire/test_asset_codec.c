@@ -151,7 +151,8 @@ static void too_many_lights_are_refused_before_they_cost_memory(void **state)
 
 static void nested_empty_fields_meet_the_memory_limit(void **state)
 {
-    /* One light whose sub-fields are 2-byte unknown fields: protobuf-c keeps about 24 bytes of each. */
+    /* One light whose sub-fields are 2-byte unknown fields: protobuf-c keeps about 24 bytes of
+     * each. */
     size_t count = 3 << 20;
     uint8_t *message = malloc(count + 5);
     struct umbw_describe_reply out;

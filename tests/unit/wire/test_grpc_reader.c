@@ -30,8 +30,8 @@ static enum umb_status note(void *user, const uint8_t *message, size_t size, int
 }
 
 /* Three messages: "hello", an empty one, "ab" with the compressed flag. */
-static const uint8_t STREAM[] = {0, 0, 0, 0, 5, 'h', 'e', 'l', 'l', 'o', 0,  0,
-                                 0, 0, 0, 1, 0, 0,   0,   2,   'a', 'b'};
+static const uint8_t STREAM[] = {0, 0, 0, 0, 5, 'h', 'e', 'l', 'l', 'o', 0,
+                                 0, 0, 0, 0, 1, 0,   0,   0,   2,   'a', 'b'};
 
 static void expect_whole_stream(const struct umbw_reader *reader, const struct log *log)
 {
@@ -154,7 +154,8 @@ static void reader_stops_when_the_callback_says_so(void **state)
     struct log log = {.answer = UMB_E_BUSY};
     (void)state;
     umbw_reader_init(&reader, 1024);
-    assert_int_equal(umbw_reader_feed(&reader, STREAM, sizeof STREAM, note, &log, NULL), UMB_E_BUSY);
+    assert_int_equal(umbw_reader_feed(&reader, STREAM, sizeof STREAM, note, &log, NULL),
+                     UMB_E_BUSY);
     assert_int_equal(log.count, 1);
     umbw_reader_finish(&reader);
 }

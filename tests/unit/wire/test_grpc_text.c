@@ -43,8 +43,9 @@ static void timeout_parse_knows_every_unit(void **state)
 
 static void timeout_parse_rejects_everything_else(void **state)
 {
-    static const char *const bad[] = {"",    "1",   "n",    "1s",         "1 n", " 1n", "-1n", "+1n",
-                                      "1.5", "1nn", "0x1n", "123456789n", "1N",  "H1",  "1h"};
+    static const char *const bad[] = {"",     "1",          "n",   "1s",  "1 n",
+                                      " 1n",  "-1n",        "+1n", "1.5", "1nn",
+                                      "0x1n", "123456789n", "1N",  "H1",  "1h"};
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         int64_t value = 7;
@@ -137,8 +138,8 @@ static void unescape_reverses_escape_for_any_text(void **state)
         size_t length = sample_random(&seed) % 12;
         size_t at = 0;
         for (size_t i = 0; i < length; i++) {
-            static const char *const pieces[] = {"a", "%",            "\n",           "\xc3\xa9",
-                                                 "~", "\xe2\x82\xac", "\xf0\x9f\x98\x80", " "};
+            static const char *const pieces[] = {
+                "a", "%", "\n", "\xc3\xa9", "~", "\xe2\x82\xac", "\xf0\x9f\x98\x80", " "};
             const char *piece = pieces[sample_random(&seed) % 8];
             memcpy(message + at, piece, strlen(piece));
             at += strlen(piece);
@@ -180,9 +181,10 @@ static void escape_survives_any_bytes(void **state)
 
 static void utf8_refuses_overlong_surrogates_and_cut_forms(void **state)
 {
-    static const char *const bad[] = {"\x80",         "\xc0\x80",         "\xc1\xbf", "\xe0\x80\x80",
-                                      "\xed\xa0\x80", "\xf0\x80\x80\x80", "\xf4\x90\x80\x80",
-                                      "\xf5\x80\x80\x80", "\xe2\x82", "\xc3\xc3"};
+    static const char *const bad[] = {
+        "\x80",         "\xc0\x80",         "\xc1\xbf",         "\xe0\x80\x80",
+        "\xed\xa0\x80", "\xf0\x80\x80\x80", "\xf4\x90\x80\x80", "\xf5\x80\x80\x80",
+        "\xe2\x82",     "\xc3\xc3"};
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         assert_false(umbw_utf8_valid((const uint8_t *)bad[i], strlen(bad[i])));

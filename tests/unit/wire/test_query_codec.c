@@ -232,8 +232,7 @@ static void point_lengths_that_do_not_fit_are_named(void **state)
     other.points.len = sizeof positions - 1;
     expect_refused(&other, 100, UMB_E_ARGUMENT, "points: length is 83 bytes");
     other = other_request();
-    expect_refused(&other, POINTS - 1, UMB_E_TOO_LARGE,
-                   "points: 7 is over the limit of 6 points");
+    expect_refused(&other, POINTS - 1, UMB_E_TOO_LARGE, "points: 7 is over the limit of 6 points");
     other.points_f64.data = (uint8_t *)positions;
     other.points_f64.len = 24;
     expect_refused(&other, 100, UMB_E_ARGUMENT, "points_f64");
@@ -280,13 +279,13 @@ static enum umb_status decode_with(const uint8_t *tail, size_t tail_size,
 static void duplicate_fields_take_the_last_one(void **state)
 {
     static const uint8_t tail[] = {
-        0x0a, 1,  'b',                                                /* asset "b" */
-        0x62, 12, 1,   2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,            /* points */
-        0x18, 3,                                                      /* taps 3 */
-        0x62, 12, 12,  2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 99,            /* points again */
-        0x18, 5,                                                      /* taps 5 */
-        0x6a, 24, 0,   0, 0, 0, 0, 0, 0, 0, 0, 0,  0,  0,  0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
-        0x6a, 0, /* points_f64, taken back */
+        0x0a, 1,  'b',                                       /* asset "b" */
+        0x62, 12, 1,   2, 3, 4, 5, 6, 7, 8, 9, 10, 11,   12, /* points */
+        0x18, 3,                                             /* taps 3 */
+        0x62, 12, 12,  2, 3, 4, 5, 6, 7, 8, 9, 10, 11,   99, /* points again */
+        0x18, 5,                                             /* taps 5 */
+        0x6a, 24, 0,   0, 0, 0, 0, 0, 0, 0, 0, 0,  0,    0,
+        0,    0,  0,   0, 0, 0, 0, 0, 0, 0, 0, 0,  0x6a, 0, /* points_f64, taken back */
     };
     struct umbw_query_request request;
     (void)state;
@@ -300,11 +299,11 @@ static void duplicate_fields_take_the_last_one(void **state)
 static void unknown_fields_are_skipped(void **state)
 {
     static const uint8_t tail[] = {
-        0xa0, 0x06, 0xff, 0x01,          /* field 100, varint */
-        0xa2, 0x06, 3,    1,    2, 3,    /* field 100, bytes */
-        0xa5, 0x06, 1,    2,    3, 4,    /* field 100, 32 bits */
+        0xa0, 0x06, 0xff, 0x01,                   /* field 100, varint */
+        0xa2, 0x06, 3,    1,    2, 3,             /* field 100, bytes */
+        0xa5, 0x06, 1,    2,    3, 4,             /* field 100, 32 bits */
         0xa1, 0x06, 1,    2,    3, 4, 5, 6, 7, 8, /* field 100, 64 bits */
-        0x18, 7,                         /* taps */
+        0x18, 7,                                  /* taps */
     };
     struct umbw_query_request request;
     (void)state;
@@ -339,8 +338,8 @@ static void wrong_wire_types_are_named(void **state)
         {{0x1a, 1, 1}, 3, "taps: wire type is 2, must be 0"},
         {{0x28, 1}, 2, "bias: wire type is 0, must be 1"},
         {{0x38, 1}, 2, "origin: wire type is 0"},
-        {{0x1b, 1}, 2, "field 3"},              /* a group */
-        {{0x00, 1}, 2, "tag"},                  /* field number 0 */
+        {{0x1b, 1}, 2, "field 3"},                             /* a group */
+        {{0x00, 1}, 2, "tag"},                                 /* field number 0 */
         {{0x62, 0xff, 0xff, 0xff, 0xff, 0x0f}, 6, "field 12"}, /* longer than the message */
         {{0x18, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f}, 11, "field 3"},
     };
@@ -362,15 +361,15 @@ static void repeated_small_fields_meet_a_limit(void **state)
     struct umb_error error = {.status = UMB_OK};
     (void)state;
     assert_non_null(message);
-    memcpy(message, "\x0a\x01"
-                    "a",
+    memcpy(message,
+           "\x0a\x01"
+           "a",
            3);
     for (size_t i = 3; i < size; i += 2) {
         message[i] = 0x18;
         message[i + 1] = 1;
     }
-    assert_int_equal(umbw_decode_query_request(message, size, 1, &request, &error),
-                     UMB_E_ARGUMENT);
+    assert_int_equal(umbw_decode_query_request(message, size, 1, &request, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "4096"));
     free(message);
 }

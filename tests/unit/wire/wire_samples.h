@@ -41,8 +41,13 @@ static inline struct umbw_query_reply sample_reply(const uint8_t *visibility, si
     struct umbw_query_reply reply = {
         .visibility = visibility,
         .visibility_bytes = bytes,
-        .stats = {.points = 5, .outside = 1, .before = 2, .behind = 3, .facing_away = 4,
-                  .nodes = 1ULL << 40, .bricks = 7},
+        .stats = {.points = 5,
+                  .outside = 1,
+                  .before = 2,
+                  .behind = 3,
+                  .facing_away = 4,
+                  .nodes = 1ULL << 40,
+                  .bricks = 7},
         .nanoseconds = 123456789,
         .has_stats = 1,
     };

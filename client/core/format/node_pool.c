@@ -7,44 +7,46 @@
  * gives the place, the high half the tag.
  */
 #define XXH_INLINE_ALL
-#include "bake/build/node_pool.h"
+#include "format/node_pool.h"
 
-#include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
+
+#include "base/memory.h"
 
 #define EMPTY          UINT64_MAX
 #define SLOTS_LOG2_MIN 10U
 #define SLOTS_LOG2_MAX 33U
 #define ITEMS_MIN      1024U
 
-void umbb_pool_init(struct umbb_pool *pool, size_t max_bytes)
+void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
 {
     memset(pool, 0, sizeof *pool);
+    pool->alloc = alloc;
     pool->max_bytes = max_bytes;
 }
 
-void umbb_pool_finish(struct umbb_pool *pool)
+void umb_pool_finish(struct umb_pool *pool)
 {
-    free(pool->brick_slots.words);
-    free(pool->bricks);
+    umb__free(pool->alloc, pool->brick_slots.words);
+    umb__free(pool->alloc, pool->bricks);
     for (uint32_t i = 0; i <= UMB_LEVEL_MAX; i++) {
-        free(pool->level[i].slots.words);
-        free(pool->level[i].masks);
-        free(pool->level[i].first);
-        free(pool->level[i].children);
+        umb__free(pool->alloc, pool->level[i].slots.words);
+        umb__free(pool->alloc, pool->level[i].masks);
+        umb__free(pool->alloc, pool->level[i].first);
+        umb__free(pool->alloc, pool->level[i].children);
     }
     memset(pool, 0, sizeof *pool);
 }
 
 /* Reserves bytes of the budget. */
-static enum umb_status charge(struct umbb_pool *pool, size_t more, struct umb_error *error)
+static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_error *error)
 {
     size_t total;
     if (__builtin_add_overflow(pool->bytes, more, &total) || total > pool->max_bytes) {
         return umb_fail(error, UMB_E_LIMIT,
                         "memory: the shadow octree needs %zu bytes more than the %zu it has of "
-                        "the %zu that --memory leaves for it; give more or lower --resolution",
+                        "the %zu allowed; give more or lower the resolution",
                         more, pool->bytes, pool->max_bytes);
     }
     pool->bytes = total;
@@ -52,14 +54,14 @@ static enum umb_status charge(struct umbb_pool *pool, size_t more, struct umb_er
 }
 
 /* Grows an array of items to new_count; the old block is charged until it is gone. */
-static enum umb_status grow(struct umbb_pool *pool, void **block, size_t item, size_t old_count,
+static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
     const enum umb_status status = charge(pool, new_count * item, error);
     if (status != UMB_OK) {
         return status;
     }
-    void *grown = realloc(*block, new_count * item);
+    void *grown = umb__resize(pool->alloc, *block, new_count * item);
     if (grown == NULL) {
         pool->bytes -= new_count * item;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
@@ -76,10 +78,10 @@ static uint32_t doubled(uint32_t capacity)
     if (capacity == 0) {
         return ITEMS_MIN;
     }
-    return capacity > UMBB_INDEX_MAX / 2U ? UMBB_INDEX_MAX + 1U : 2U * capacity;
+    return capacity > UMB_REF_INDEX_MAX / 2U ? UMB_REF_INDEX_MAX + 1U : 2U * capacity;
 }
 
-static size_t slot_place(const struct umbb_hash_slots *slots, uint64_t hash)
+static size_t slot_place(const struct umb_hash_slots *slots, uint64_t hash)
 {
     return (size_t)(hash & (((uint64_t)1 << slots->log2_size) - 1));
 }
@@ -90,7 +92,7 @@ static uint64_t slot_word(uint64_t hash, uint32_t number)
 }
 
 /* Puts a number that is known not to be there. */
-static void slots_put(struct umbb_hash_slots *slots, uint64_t hash, uint32_t number)
+static void slots_put(struct umb_hash_slots *slots, uint64_t hash, uint32_t number)
 {
     const size_t last = ((size_t)1 << slots->log2_size) - 1;
     size_t at = slot_place(slots, hash);
@@ -101,13 +103,13 @@ static void slots_put(struct umbb_hash_slots *slots, uint64_t hash, uint32_t num
 }
 
 /* Whether a table must grow before it takes one more. */
-static int slots_full(const struct umbb_hash_slots *slots, uint32_t count)
+static int slots_full(const struct umb_hash_slots *slots, uint32_t count)
 {
     return slots->words == NULL || (uint64_t)count + 1 > ((uint64_t)3 << slots->log2_size) / 4;
 }
 
 /* Replaces a table by an empty one twice as large. */
-static enum umb_status slots_grow(struct umbb_pool *pool, struct umbb_hash_slots *slots,
+static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *slots,
                                   struct umb_error *error)
 {
     const uint32_t log2_size = slots->words == NULL ? SLOTS_LOG2_MIN : slots->log2_size + 1;
@@ -122,13 +124,13 @@ static enum umb_status slots_grow(struct umbb_pool *pool, struct umbb_hash_slots
     if (status != UMB_OK) {
         return status;
     }
-    uint64_t *words = malloc(bytes);
+    uint64_t *words = umb__alloc(pool->alloc, bytes, 1);
     if (words == NULL) {
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
     }
     memset(words, 0xff, bytes);
-    free(slots->words);
+    umb__free(pool->alloc, slots->words);
     pool->bytes -= old_bytes;
     slots->words = words;
     slots->log2_size = log2_size;
@@ -141,12 +143,12 @@ static uint64_t brick_hash(const uint64_t slices[8])
 }
 
 /* Makes room for one more brick. */
-static enum umb_status brick_reserve(struct umbb_pool *pool, struct umb_error *error)
+static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *error)
 {
     enum umb_status status;
-    if (pool->brick_count > UMBB_INDEX_MAX) {
+    if (pool->brick_count > UMB_REF_INDEX_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
-                        UMBB_INDEX_MAX);
+                        UMB_REF_INDEX_MAX);
     }
     if (pool->brick_count == pool->brick_capacity) {
         const uint32_t capacity = doubled(pool->brick_capacity);
@@ -170,7 +172,7 @@ static enum umb_status brick_reserve(struct umbb_pool *pool, struct umb_error *e
     return UMB_OK;
 }
 
-enum umb_status umbb_pool_brick(struct umbb_pool *pool, const uint64_t slices[8], uint32_t *ref,
+enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
                                 struct umb_error *error)
 {
     uint64_t any = 0, all = UINT64_MAX;
@@ -179,7 +181,7 @@ enum umb_status umbb_pool_brick(struct umbb_pool *pool, const uint64_t slices[8]
         all &= slices[z];
     }
     if (any == 0 || all == UINT64_MAX) {
-        *ref = any == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+        *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
     const uint64_t hash = brick_hash(slices);
@@ -221,21 +223,17 @@ static void key_from_children(const uint32_t children[8], struct node_key *key)
 {
     uint32_t mask = 0, count = 0;
     for (unsigned c = 0; c < 8; c++) {
-        uint32_t state = UMB_NODE_MIXED;
-        if (children[c] == UMBB_REF_LIT) {
-            state = UMB_NODE_LIT;
-        } else if (children[c] == UMBB_REF_SHADOWED) {
-            state = UMB_NODE_SHADOWED;
-        } else {
+        const enum umb_node_state state = umb_ref_state(children[c]);
+        if (state == UMB_NODE_MIXED) {
             key->words[++count] = children[c];
         }
-        mask |= state << (2 * c);
+        mask |= (uint32_t)state << (2 * c);
     }
     key->words[0] = mask;
     key->child_count = count;
 }
 
-static void key_of_node(const struct umbb_pool_level *level, uint32_t node, struct node_key *key)
+static void key_of_node(const struct umb_pool_level *level, uint32_t node, struct node_key *key)
 {
     key->words[0] = level->masks[node];
     key->child_count = level->first[node + 1] - level->first[node];
@@ -243,7 +241,7 @@ static void key_of_node(const struct umbb_pool_level *level, uint32_t node, stru
            key->child_count * sizeof key->words[0]);
 }
 
-static int node_equals(const struct umbb_pool_level *level, uint32_t node,
+static int node_equals(const struct umb_pool_level *level, uint32_t node,
                        const struct node_key *key)
 {
     /* Equal masks have equally many mixed children. */
@@ -252,7 +250,7 @@ static int node_equals(const struct umbb_pool_level *level, uint32_t node,
                   key->child_count * sizeof key->words[0]) == 0;
 }
 
-static enum umb_status nodes_grow(struct umbb_pool *pool, struct umbb_pool_level *level,
+static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *level,
                                   struct umb_error *error)
 {
     const uint32_t capacity = doubled(level->capacity);
@@ -280,15 +278,15 @@ static enum umb_status nodes_grow(struct umbb_pool *pool, struct umbb_pool_level
 }
 
 /* Makes room for one more node of up to eight children. */
-static enum umb_status node_reserve(struct umbb_pool *pool, struct umbb_pool_level *level,
+static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level *level,
                                     struct umb_error *error)
 {
     enum umb_status status;
-    if (level->count > UMBB_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
+    if (level->count > UMB_REF_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
         return umb_fail(error, UMB_E_LIMIT,
                         "shadow octree: more than %u nodes or children in one "
                         "level",
-                        UMBB_INDEX_MAX);
+                        UMB_REF_INDEX_MAX);
     }
     if (level->count == level->capacity) {
         status = nodes_grow(pool, level, error);
@@ -322,14 +320,14 @@ static enum umb_status node_reserve(struct umbb_pool *pool, struct umbb_pool_lev
     return UMB_OK;
 }
 
-enum umb_status umbb_pool_node(struct umbb_pool *pool, uint32_t level_number,
+enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
                                const uint32_t children[8], uint32_t *ref, struct umb_error *error)
 {
-    struct umbb_pool_level *level = &pool->level[level_number];
+    struct umb_pool_level *level = &pool->level[level_number];
     struct node_key key;
     key_from_children(children, &key);
     if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
-        *ref = key.words[0] == 0 ? UMBB_REF_SHADOWED : UMBB_REF_LIT;
+        *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
     const uint64_t hash = key_hash(&key);
@@ -359,29 +357,29 @@ enum umb_status umbb_pool_node(struct umbb_pool *pool, uint32_t level_number,
     return UMB_OK;
 }
 
-enum umb_status umbb_pool_take(struct umbb_pool *pool, uint32_t root, uint32_t level,
-                               struct umb_octree *octree, struct umb_error *error)
+enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs,
+                              const uint32_t *levels, uint32_t root_count,
+                              struct umb_octree *octree, struct umb_error *error)
 {
     memset(octree, 0, sizeof *octree);
-    enum umb_status status = UMB_OK;
-    octree->roots = malloc(sizeof *octree->roots);
+    octree->alloc = pool->alloc;
+    octree->roots = umb__alloc_zeroed(pool->alloc, root_count, sizeof *octree->roots);
     if (octree->roots == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: memory for the root refused");
-        goto done;
+        umb_pool_finish(pool);
+        return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: memory for the roots refused");
     }
-    octree->root_count = 1;
-    octree->roots[0] = (struct umb_octree_root){.level = level};
-    if (root == UMBB_REF_LIT || root == UMBB_REF_SHADOWED) {
-        octree->roots[0].state = root == UMBB_REF_LIT ? UMB_NODE_LIT : UMB_NODE_SHADOWED;
-    } else {
-        octree->roots[0].state = UMB_NODE_MIXED;
-        octree->roots[0].index = root;
+    octree->root_count = root_count;
+    for (uint32_t i = 0; i < root_count; i++) {
+        struct umb_octree_root *root = &octree->roots[i];
+        root->level = levels[i];
+        root->state = umb_ref_state(refs[i]);
+        root->index = root->state == UMB_NODE_MIXED ? refs[i] : 0;
     }
     octree->brick_count = pool->brick_count;
     octree->bricks = pool->bricks;
     pool->bricks = NULL;
     for (uint32_t i = UMB_LEVEL_BRICK + 1; i <= UMB_LEVEL_MAX; i++) {
-        struct umbb_pool_level *from = &pool->level[i];
+        struct umb_pool_level *from = &pool->level[i];
         octree->level[i] = (struct umb_octree_level){
             .count = from->count,
             .masks = from->masks,
@@ -392,7 +390,6 @@ enum umb_status umbb_pool_take(struct umbb_pool *pool, uint32_t root, uint32_t l
         from->first = NULL;
         from->children = NULL;
     }
-done:
-    umbb_pool_finish(pool);
-    return status;
+    umb_pool_finish(pool);
+    return UMB_OK;
 }

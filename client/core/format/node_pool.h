@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_H
+#define UMBRAGE_CORE_FORMAT_NODE_POOL_H
+/*
+ * The merged octree under construction: equal bricks and equal nodes exist once a level.
+ *
+ *     umb_pool_init(&pool, NULL, max_bytes);
+ *     umb_pool_brick(&pool, slices, &ref, &error);            level 3
+ *     umb_pool_node(&pool, level, children, &ref, &error);    levels 4..
+ *     umb_pool_take(&pool, &root, &level, 1, &octree, &error);   the pool is empty afterwards
+ *     umb_pool_finish(&pool);
+ *
+ * A reference names a node of the level below or one of the two uniform states. What is uniform
+ * is never stored. Keys are compared in full: a hash only says where to look.
+ * Numbers follow the order of the calls; what they build does not depend on it.
+ * Threads: one at a time.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "format/octree.h"
+#include "umbrage/status.h"
+
+/* A child: one of these two, or the number of a node in the level below. */
+#define UMB_REF_LIT      UINT32_MAX
+#define UMB_REF_SHADOWED (UINT32_MAX - 1U)
+#define UMB_REF_INDEX_MAX    (UINT32_MAX - 2U) /* largest number of a node or brick */
+
+/* State that a reference stands for. */
+static inline enum umb_node_state umb_ref_state(uint32_t ref)
+{
+    return ref == UMB_REF_LIT        ? UMB_NODE_LIT
+           : ref == UMB_REF_SHADOWED ? UMB_NODE_SHADOWED
+                                     : UMB_NODE_MIXED;
+}
+
+/* An open-addressing table: tag and number in one word; all ones is empty. */
+struct umb_hash_slots {
+    uint64_t *words;
+    uint32_t log2_size; /* meaningless while words is NULL */
+};
+
+struct umb_pool_level {
+    struct umb_hash_slots slots;
+    uint32_t count, capacity; /* nodes */
+    uint32_t child_count, child_capacity;
+    uint16_t *masks;
+    uint32_t *first; /* [count + 1] */
+    uint32_t *children;
+};
+
+struct umb_pool {
+    const struct umb_alloc *alloc;
+    size_t bytes, max_bytes; /* in use; allowed */
+    struct umb_hash_slots brick_slots;
+    uint32_t brick_count, brick_capacity;
+    uint64_t (*bricks)[8];
+    struct umb_pool_level level[UMB_LEVEL_MAX + 1];
+};
+
+/* In: alloc: NULL = malloc. max_bytes: refuse to grow beyond; SIZE_MAX for no limit. */
+void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
+void umb_pool_finish(struct umb_pool *pool);
+
+/*
+ * Finds or adds a brick.
+ *
+ * Out:   ref: its number, or a uniform state if all its voxels are equal.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 2^32 - 2 bricks). The pool stays as it was.
+ * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
+ */
+UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8],
+                                            uint32_t *ref, struct umb_error *error);
+
+/*
+ * Finds or adds a node of a level from its eight children (x + 2 * y + 4 * z).
+ *
+ * Out:   ref: its number, or the children's state if all are uniform and the same.
+ * Fails: as umb_pool_brick.
+ */
+UMB_CHECKED enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level,
+                                           const uint32_t children[8], uint32_t *ref,
+                                           struct umb_error *error);
+
+/*
+ * Hands the arrays over as an octree.
+ *
+ * In:    refs, levels: uint32[root_count], the root of each frustum and its level.
+ * Out:   octree: canonical if all nodes are reachable from the roots; the caller finishes it.
+ * Fails: E_NO_MEMORY. The pool is left empty either way.
+ */
+UMB_CHECKED enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs,
+                                          const uint32_t *levels, uint32_t root_count,
+                                          struct umb_octree *octree, struct umb_error *error);
+
+#endif
