@@ -34,8 +34,7 @@ struct umbc_command {
 };
 
 struct umbc_parsed {
-    const char
-        *values[UMBC_OPTIONS_MAX]; /* by place in the table; "" for a switch, NULL = not given */
+    const char *values[UMBC_OPTIONS_MAX]; /* "" for a switch, NULL = not given */
     const char *words[UMBC_WORDS_MAX];
     size_t word_count;
 };

@@ -27,10 +27,9 @@
 #include "wire/messages.h"
 
 #define UMB__RETRIES_MAX   2                   /* of a call the server did not process */
-#define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* read buffer; measured in reference/protocol.md   \
-                                                */
-#define UMB__SEND_BYTES  ((size_t)1 << 20)     /* gathered before one write */
-#define UMB__FRAME_BYTES (1 << 20)             /* largest DATA frame sent and accepted */
+#define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* read buffer of all connections */
+#define UMB__SEND_BYTES    ((size_t)1 << 20)   /* gathered before one write */
+#define UMB__FRAME_BYTES   (1 << 20)           /* largest DATA frame sent and accepted */
 
 struct umb__call;
 struct umb__connection;

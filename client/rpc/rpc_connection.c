@@ -173,8 +173,7 @@ static int write_output(struct umb__connection *connection)
     return code;
 }
 
-/* True if nothing will come or go any more: a broken session, or the last call of a draining one.
- */
+/* True if nothing will come or go: a broken session, or the last call of a draining one. */
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {

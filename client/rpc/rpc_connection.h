@@ -41,8 +41,7 @@ struct umb__connection {
     struct umb_error last_error; /* of the last address tried */
 };
 
-/* Opens a connection and makes it client->current. On failure the waiting calls have been failed.
- */
+/* Opens a connection and makes it client->current; on failure the waiting calls are failed. */
 void umb__connection_open(struct umb_client *client);
 
 /* Ends a connection for a reason. Never from inside an nghttp2 call-back. */

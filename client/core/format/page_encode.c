@@ -26,6 +26,7 @@ struct encoder {
     size_t external_capacity[UMB_LEVEL_MAX + 1];
     uint64_t *leaves;                     /* sorted */
     size_t leaf_count, leaf_capacity;
+    size_t reference_count[UMB_LEVEL_MAX + 1]; /* [3]: runs of all bricks */
 };
 
 static uint8_t *append(struct encoder *e, size_t count)
@@ -45,14 +46,6 @@ static void append32(struct encoder *e, uint32_t value)
     uint8_t *at = append(e, 4);
     if (at) {
         umb__store32(at, value);
-    }
-}
-
-static void append_narrow(struct encoder *e, uint32_t value, unsigned width)
-{
-    uint8_t *at = append(e, width);
-    if (at) {
-        umb__store_narrow(at, value, width);
     }
 }
 
@@ -125,6 +118,7 @@ static void collect(struct encoder *e)
             for (size_t z = 0; z < 8; z++) {
                 if (z == 0 || brick[z] != brick[z - 1]) {
                     push(e, &e->leaves, &e->leaf_count, &e->leaf_capacity, brick[z]);
+                    e->reference_count[UMB_LEVEL_BRICK]++;
                 }
             }
             continue;
@@ -132,6 +126,7 @@ static void collect(struct encoder *e)
         const struct umb_octree_level *level = &e->octree->level[node.level];
         for (uint32_t c = level->first[node.index]; c < level->first[node.index + 1]; c++) {
             uint32_t child = level->children[c];
+            e->reference_count[node.level]++;
             if (e->order->page_of[node.level - 1][child] != e->page) {
                 push(e, &e->externals[node.level], &e->external_count[node.level],
                      &e->external_capacity[node.level], external_key(e, node.level - 1, child));
@@ -165,8 +160,9 @@ static void write_counts(struct encoder *e)
     }
 }
 
-static void write_references(struct encoder *e, uint32_t node_level, uint32_t index,
-                             unsigned width)
+/* Writes a node's references at `at` and returns where they end. */
+static uint8_t *write_references(const struct encoder *e, uint32_t node_level, uint32_t index,
+                                 unsigned width, uint8_t *at)
 {
     const struct umb_octree_level *level = &e->octree->level[node_level];
     for (uint32_t c = level->first[index]; c < level->first[index + 1]; c++) {
@@ -177,8 +173,10 @@ static void write_references(struct encoder *e, uint32_t node_level, uint32_t in
                      index_in(e->externals[node_level], e->external_count[node_level],
                               external_key(e, node_level - 1, child));
         }
-        append_narrow(e, number, width);
+        umb__store_narrow(at, number, width);
+        at += width;
     }
+    return at;
 }
 
 static void write_nodes(struct encoder *e, uint32_t node_level)
@@ -189,53 +187,58 @@ static void write_nodes(struct encoder *e, uint32_t node_level)
     for (size_t i = 0; i < e->external_count[node_level]; i++) {
         append32(e, (uint32_t)e->externals[node_level][i]);
     }
-    size_t begin = e->order->page_first[e->page], end = e->order->page_first[e->page + 1];
-    for (size_t s = begin; s < end; s++) {
-        struct umb__node_ref node = e->order->sequence[s];
-        if (node.level == node_level) {
-            append_narrow(e, e->octree->level[node_level].masks[node.index], 2);
-        }
-    }
     unsigned width = umb__narrow_width((uint64_t)e->node_count[node_level - 1] +
                                        e->external_count[node_level]);
-    for (size_t s = begin; s < end; s++) {
-        if (e->order->sequence[s].level == node_level) {
-            write_references(e, node_level, e->order->sequence[s].index, width);
+    size_t mask_bytes = 2 * (size_t)e->node_count[node_level];
+    uint8_t *mask = append(e, mask_bytes + width * e->reference_count[node_level]);
+    if (!mask) {
+        return;
+    }
+    uint8_t *reference = mask + mask_bytes;
+    size_t end = e->order->page_first[e->page + 1];
+    for (size_t s = e->order->page_first[e->page]; s < end; s++) {
+        struct umb__node_ref node = e->order->sequence[s];
+        if (node.level == node_level) {
+            umb__store16(mask, e->octree->level[node_level].masks[node.index]);
+            mask += 2;
+            reference = write_references(e, node_level, node.index, width, reference);
         }
     }
 }
 
-static uint8_t runs_of(const uint64_t *brick)
+/* Writes one brick's leaf numbers at `at`; returns where they end, and its runs. */
+static uint8_t *write_brick(const struct encoder *e, const uint64_t *brick, unsigned width,
+                            uint8_t *at, uint8_t *runs)
 {
-    unsigned runs = 1;
-    for (unsigned z = 1; z < 8; z++) {
-        runs |= (unsigned)(brick[z] != brick[z - 1]) << z;
+    unsigned bits = 0;
+    for (unsigned z = 0; z < 8; z++) {
+        if (z == 0 || brick[z] != brick[z - 1]) {
+            bits |= 1U << z;
+            umb__store_narrow(at, index_in(e->leaves, e->leaf_count, brick[z]), width);
+            at += width;
+        }
     }
-    return (uint8_t)runs;
+    *runs = (uint8_t)bits;
+    return at;
 }
 
 static void write_bricks(struct encoder *e)
 {
-    size_t begin = e->order->page_first[e->page], end = e->order->page_first[e->page + 1];
-    uint8_t *leaves = append(e, 8 * e->leaf_count);
-    for (size_t i = 0; leaves && i < e->leaf_count; i++) {
+    unsigned width = umb__narrow_width(e->leaf_count);
+    size_t leaf_bytes = 8 * e->leaf_count, bricks = e->node_count[UMB_LEVEL_BRICK];
+    uint8_t *leaves = append(e, leaf_bytes + bricks + width * e->reference_count[UMB_LEVEL_BRICK]);
+    if (!leaves) {
+        return;
+    }
+    for (size_t i = 0; i < e->leaf_count; i++) {
         umb__store64(leaves + 8 * i, e->leaves[i]);
     }
-    for (size_t s = begin; s < end; s++) {
-        if (e->order->sequence[s].level == UMB_LEVEL_BRICK) {
-            append_narrow(e, runs_of(e->octree->bricks[e->order->sequence[s].index]), 1);
-        }
-    }
-    unsigned width = umb__narrow_width(e->leaf_count);
-    for (size_t s = begin; s < end; s++) {
-        if (e->order->sequence[s].level != UMB_LEVEL_BRICK) {
-            continue;
-        }
-        const uint64_t *brick = e->octree->bricks[e->order->sequence[s].index];
-        for (size_t z = 0; z < 8; z++) {
-            if (z == 0 || brick[z] != brick[z - 1]) {
-                append_narrow(e, index_in(e->leaves, e->leaf_count, brick[z]), width);
-            }
+    uint8_t *runs = leaves + leaf_bytes, *numbers = runs + bricks;
+    size_t end = e->order->page_first[e->page + 1];
+    for (size_t s = e->order->page_first[e->page]; s < end; s++) {
+        struct umb__node_ref node = e->order->sequence[s];
+        if (node.level == UMB_LEVEL_BRICK) {
+            numbers = write_brick(e, e->octree->bricks[node.index], width, numbers, runs++);
         }
     }
 }
