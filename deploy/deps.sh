@@ -11,7 +11,7 @@
 set -eu
 
 needed="
-    gcc libc6-dev make pkg-config
+    gcc g++ libc6-dev make pkg-config
     libuv1-dev libnghttp2-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libssl-dev libzstd-dev libxxhash-dev

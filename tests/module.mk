@@ -75,3 +75,6 @@ format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
 .PHONY: unit check system sanitize sanitize-one test layers lint format
+
+# Tests of the wire library look at generated code.
+$(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -59,6 +59,7 @@ enum umb_status umbc_output_begin(const char *path, struct umbc_output *output,
     memset(output, 0, sizeof *output);
     output->path = path;
     if (strcmp(path, "-") == 0) {
+        output->path = "stdout"; /* for messages; it is never opened by name */
         output->file = stdout;
         return UMB_OK;
     }

@@ -8,7 +8,7 @@
 #include "wire/utf8.h"
 #include "wire/wire_buffer.h"
 
-#define EXPANSION_FACTOR 16              /* a Light of 150 bytes takes about 450 */
+#define EXPANSION_FACTOR 16 /* a Light of 150 bytes takes about 450 */
 #define EXPANSION_BASE   ((size_t)1 << 20)
 
 /* Counts what protobuf-c allocates during one unpack. */
@@ -84,8 +84,8 @@ enum umb_status umbw_text_copy(const char *name, const uint8_t *bytes, size_t si
 {
     out[0] = '\0';
     if (size > max) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: %zu bytes are over the limit of %zu bytes", name,
-                        size, max);
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: %zu bytes are over the limit of %zu bytes",
+                        name, size, max);
     }
     if (!umbw_utf8_valid(bytes, size)) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: not UTF-8 text without NUL", name);

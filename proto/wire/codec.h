@@ -30,7 +30,7 @@ UMB_CHECKED enum umb_status umbw_message_append(const ProtobufCMessage *message,
 /*
  * Checks a text field and copies it with a NUL.
  *
- * In:    name: of the field, for errors. bytes: uint8[size], NULL if absent. max: longest, in bytes.
+ * In:    name: of the field, for errors. bytes: uint8[size], NULL if absent. max: bytes.
  * Out:   out: char[max + 1].
  * Fails: E_ARGUMENT (too long, not UTF-8, a NUL inside).
  */

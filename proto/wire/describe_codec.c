@@ -118,8 +118,8 @@ static enum umb_status take_reply(const Umbrage__V1__DescribeReply *message,
         status = take_lights(message, reply, error);
     }
     if (status == UMB_OK) {
-        status = umbw_vector_copy("origin", message->origin, message->n_origin, reply->origin,
-                                  error);
+        status =
+            umbw_vector_copy("origin", message->origin, message->n_origin, reply->origin, error);
     }
     if (status == UMB_OK) {
         status = umbw_vector_copy("bounds_min", message->bounds_min, message->n_bounds_min,
@@ -151,8 +151,8 @@ enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
     memset(reply, 0, sizeof *reply);
     enum umb_status status = umbw_proto_scan(message, size, &field, 1, &found, NULL, error);
     if (status == UMB_OK && found.count > UMB_LIGHTS_MAX) {
-        status = umb_fail(error, UMB_E_TOO_LARGE, "lights: %zu is over the limit of %d", found.count,
-                          UMB_LIGHTS_MAX);
+        status = umb_fail(error, UMB_E_TOO_LARGE, "lights: %zu is over the limit of %d",
+                          found.count, UMB_LIGHTS_MAX);
     }
     ProtobufCMessage *whole = NULL;
     if (status == UMB_OK) {
@@ -237,11 +237,10 @@ enum umb_status umbw_encode_describe_reply(const struct umbw_describe_reply *rep
     size_t count = (size_t)reply->light_count + 1;
     struct light_parts *lights = calloc(count, sizeof *lights);
     Umbrage__V1__Light **pointers = calloc(count, sizeof *pointers);
-    enum umb_status status =
-        lights != NULL && pointers != NULL
-            ? append_reply(*reply, lights, pointers, buffer, error)
-            : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %lu lights",
-                       (unsigned long)reply->light_count);
+    enum umb_status status = lights != NULL && pointers != NULL
+                                 ? append_reply(*reply, lights, pointers, buffer, error)
+                                 : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %lu lights",
+                                            (unsigned long)reply->light_count);
     free(pointers);
     free(lights);
     return status;

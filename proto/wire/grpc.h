@@ -52,9 +52,9 @@ size_t umbw_message_unescape(const char *text, size_t size, char *message, size_
 struct umbw_reader {
     uint8_t prefix[5];
     unsigned prefix_bytes;
-    int compressed;          /* flag of the current message */
-    uint32_t message_size;   /* of the current message, valid once prefix_bytes == 5 */
-    uint8_t *message;        /* grows as bytes arrive, never sized from the declared length alone */
+    int compressed;        /* flag of the current message */
+    uint32_t message_size; /* of the current message, valid once prefix_bytes == 5 */
+    uint8_t *message;      /* grows as bytes arrive, never sized from the declared length alone */
     size_t received, capacity;
     size_t max_message;
 };
@@ -66,8 +66,8 @@ typedef enum umb_status (*umbw_message_fn)(void *user, const uint8_t *message, s
 void umbw_reader_init(struct umbw_reader *reader, size_t max_message);
 
 /*
- * Feeds bytes. Fails: E_TOO_LARGE on the prefix of an over-long message (before any of its bytes are
- * stored), E_NO_MEMORY, E_PROTOCOL (flag above 1), or what the callback returns.
+ * Feeds bytes. Fails: E_TOO_LARGE on the prefix of an over-long message (before any of its bytes
+ * are stored), E_NO_MEMORY, E_PROTOCOL (flag above 1), or what the callback returns.
  */
 UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *bytes,
                                              size_t count, umbw_message_fn on_message, void *user,

@@ -34,14 +34,15 @@ static enum umb_status check_prefix(struct umbw_reader *reader, struct umb_error
 {
     const uint8_t *p = reader->prefix;
     if (p[0] > 1) {
-        return umb_fail(error, UMB_E_PROTOCOL, "message prefix: compressed flag is %u, must be 0 or 1",
-                        (unsigned)p[0]);
+        return umb_fail(error, UMB_E_PROTOCOL,
+                        "message prefix: compressed flag is %u, must be 0 or 1", (unsigned)p[0]);
     }
     reader->compressed = p[0];
     reader->message_size =
         (uint32_t)p[1] << 24 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 8 | (uint32_t)p[4];
     if (reader->message_size > reader->max_message) {
-        return umb_fail(error, UMB_E_TOO_LARGE, "message: %lu bytes are over the limit of %zu bytes",
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "message: %lu bytes are over the limit of %zu bytes",
                         (unsigned long)reader->message_size, reader->max_message);
     }
     return UMB_OK;

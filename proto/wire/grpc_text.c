@@ -200,7 +200,8 @@ size_t umbw_message_unescape(const char *text, size_t size, char *message, size_
     if (at < size) {
         /* Cut: drop the beginning of a character whose end did not fit. */
         size_t back = 0;
-        while (back < 3 && back < written && ((uint8_t)message[written - 1 - back] & 0xc0) == 0x80) {
+        while (back < 3 && back < written &&
+               ((uint8_t)message[written - 1 - back] & 0xc0) == 0x80) {
             back++;
         }
         if (back < written && (uint8_t)message[written - 1 - back] >= 0xc0 &&

@@ -76,8 +76,8 @@ enum umb_status umbw_decode_list_reply(const uint8_t *message, size_t size,
     memset(reply, 0, sizeof *reply);
     enum umb_status status = umbw_proto_scan(message, size, &field, 1, &found, NULL, error);
     if (status == UMB_OK && found.count > LIST_MAX) {
-        status = umb_fail(error, UMB_E_TOO_LARGE, "assets: %zu is over the limit of %d", found.count,
-                          LIST_MAX);
+        status = umb_fail(error, UMB_E_TOO_LARGE, "assets: %zu is over the limit of %d",
+                          found.count, LIST_MAX);
     }
     ProtobufCMessage *whole = NULL;
     if (status == UMB_OK) {

@@ -18,12 +18,12 @@
 #include <stdint.h>
 #include "umbrage/query.h"
 
-#define UMBW_PATH_QUERY    "/umbrage.v1.Shadows/Query"
-#define UMBW_PATH_DESCRIBE "/umbrage.v1.Shadows/Describe"
-#define UMBW_PATH_LIST     "/umbrage.v1.Shadows/List"
-#define UMBW_PATH_CHECK    "/grpc.health.v1.Health/Check"
-#define UMBW_PATH_WATCH    "/grpc.health.v1.Health/Watch"
-#define UMBW_PREFIX_BYTES  5 /* compressed flag and big-endian length before each message */
+#define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
+#define UMBW_PATH_DESCRIBE  "/umbrage.v1.Shadows/Describe"
+#define UMBW_PATH_LIST      "/umbrage.v1.Shadows/List"
+#define UMBW_PATH_CHECK     "/grpc.health.v1.Health/Check"
+#define UMBW_PATH_WATCH     "/grpc.health.v1.Health/Watch"
+#define UMBW_PREFIX_BYTES   5 /* compressed flag and big-endian length before each message */
 #define UMBW_ASSET_NAME_MAX 255
 
 /* A growing byte buffer; zero it before use, umbw_buffer_finish frees it. */
@@ -69,7 +69,7 @@ struct umbw_describe_reply {
     struct umbw_light *lights; /* malloc, owned when decoded */
     double origin[3];
     struct umb_box bounds;
-    char *plan, *settings;     /* malloc, owned when decoded */
+    char *plan, *settings; /* malloc, owned when decoded */
     uint8_t scene_hash[UMB_ID_BYTES];
 };
 void umbw_describe_reply_finish(struct umbw_describe_reply *reply);
@@ -134,8 +134,7 @@ UMB_CHECKED enum umb_status umbw_encode_list_reply(const struct umbw_list_reply 
 UMB_CHECKED enum umb_status umbw_encode_health_request(const char *service,
                                                        struct umbw_buffer *buffer,
                                                        struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_health_reply(int serving_status,
-                                                     struct umbw_buffer *buffer,
+UMB_CHECKED enum umb_status umbw_encode_health_reply(int serving_status, struct umbw_buffer *buffer,
                                                      struct umb_error *error);
 
 #endif

@@ -47,7 +47,7 @@ struct umbw_field {
 struct umbw_field_found {
     const uint8_t *bytes; /* in place: the last occurrence, NULL if absent */
     size_t size;
-    size_t count;         /* occurrences */
+    size_t count; /* occurrences */
 };
 
 /* Fixed storage for the fields that protobuf-c decodes. */

@@ -79,7 +79,8 @@ static enum umb_status format_from_wire(int wire, enum umb_answer_format *format
             return UMB_OK;
         }
     }
-    return umb_fail(error, UMB_E_ARGUMENT, "format: %d is not one of 0 (U8), 1 (F32), 2 (BIT)", wire);
+    return umb_fail(error, UMB_E_ARGUMENT, "format: %d is not one of 0 (U8), 1 (F32), 2 (BIT)",
+                    wire);
 }
 
 static enum umb_status bias_mode_from_wire(int wire, enum umb_bias_mode *mode,
@@ -107,8 +108,7 @@ static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
 static enum umb_status check_bias(double bias, struct umb_error *error)
 {
     if (!isfinite(bias) || bias < 0 || bias > BIAS_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias,
-                        BIAS_MAX);
+        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias, BIAS_MAX);
     }
     return UMB_OK;
 }

@@ -39,7 +39,8 @@ enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t m
                                           size_t room, struct umb_error *error)
 {
     if (message_size > UINT32_MAX) {
-        return umb_fail(error, UMB_E_TOO_LARGE, "message: %llu bytes are over the limit of %lu bytes",
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "message: %llu bytes are over the limit of %lu bytes",
                         (unsigned long long)message_size, (unsigned long)UINT32_MAX);
     }
     if (room > SIZE_MAX - UMBW_PREFIX_BYTES) {
