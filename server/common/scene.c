@@ -90,14 +90,13 @@ void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYT
     /* The uvs count only where a texture is read through them. */
     int has_uvs = view->uvs != NULL && view->texture_count > 0;
     uint64_t counts[] = {
-        (uint64_t)view->z_up,    view->mesh_count,     view->instance_count, view->material_count,
-        view->light_count,       view->texture_count,  view->vertex_count,   view->triangle_count,
-        (uint64_t)has_uvs,       view->alpha_bytes,
+        (uint64_t)view->z_up, view->mesh_count,    view->instance_count, view->material_count,
+        view->light_count,    view->texture_count, view->vertex_count,   view->triangle_count,
+        (uint64_t)has_uvs,    view->alpha_bytes,
     };
     const void *const parts[] = {
-        hash_domain,     counts,           materials, textures,
-        view->meshes,    view->instances,  view->lights, view->positions,
-        view->triangles, view->alpha,      view->uvs,
+        hash_domain,  counts,          materials,       textures,    view->meshes, view->instances,
+        view->lights, view->positions, view->triangles, view->alpha, view->uvs,
     };
     const size_t sizes[] = {
         sizeof(hash_domain),

@@ -24,7 +24,7 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over littl
 
 /* A unit vector in doubles is off by a few 1e-16; one converted from floats by 1e-7. */
 #define UNIT_TOLERANCE 1e-6
-#define PI 3.14159265358979323846
+#define PI             3.14159265358979323846
 
 struct section_kind {
     const char *name;
@@ -166,8 +166,8 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     view->lights = (const void *)(bytes + offsets[UMBS_SECTION_LIGHTS]);
     view->textures = (const void *)(bytes + offsets[UMBS_SECTION_TEXTURES]);
     view->positions = (const void *)(bytes + offsets[UMBS_SECTION_POSITIONS]);
-    view->uvs = counts[UMBS_SECTION_UVS] > 0 ? (const void *)(bytes + offsets[UMBS_SECTION_UVS])
-                                             : NULL;
+    view->uvs =
+        counts[UMBS_SECTION_UVS] > 0 ? (const void *)(bytes + offsets[UMBS_SECTION_UVS]) : NULL;
     view->triangles = (const void *)(bytes + offsets[UMBS_SECTION_TRIANGLES]);
     view->alpha = bytes + offsets[UMBS_SECTION_ALPHA];
     view->alpha_bytes = counts[UMBS_SECTION_ALPHA];
@@ -260,8 +260,8 @@ static enum umb_status check_instances(const struct umbs_scene_view *view, struc
         world += view->meshes[instance->mesh].triangle_count; /* 2^32 terms below 2^32 each */
     }
     if (world != view->world_triangle_count) {
-        return bad(error, "world_triangle_count", view->world_triangle_count,
-                   "the instances have", world);
+        return bad(error, "world_triangle_count", view->world_triangle_count, "the instances have",
+                   world);
     }
     if (world == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene buffer: world_triangle_count is 0");
@@ -287,8 +287,7 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
             rule = "alpha_cutoff is not in 0..1";
         } else if (!in_range((double)material->base_alpha, 0.0, 1.0)) {
             rule = "base_alpha is not in 0..1";
-        } else if (material->texture != UMBS_NO_INDEX &&
-                   material->texture >= view->texture_count) {
+        } else if (material->texture != UMBS_NO_INDEX && material->texture >= view->texture_count) {
             rule = "texture beyond texture_count";
         } else if (material->reserved != 0) {
             rule = "reserved is not 0";
@@ -303,8 +302,8 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
 static const char *light_fault(const struct umbs_light *light)
 {
     const double *direction = light->direction;
-    double length = direction[0] * direction[0] + direction[1] * direction[1] +
-                    direction[2] * direction[2];
+    double length =
+        direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2];
     if (!is_name(light->name)) {
         return "name is not clean text";
     }
@@ -400,8 +399,8 @@ enum umb_status umbs_scene_view(const void *bytes, size_t size, struct umbs_scen
         status = check_warnings(&found, header->counts[UMBS_SECTION_WARNINGS], error);
     }
     enum umb_status (*const checks[])(const struct umbs_scene_view *, struct umb_error *) = {
-        check_textures, check_materials, check_lights, check_vertices, check_meshes,
-        check_instances,
+        check_textures, check_materials, check_lights,
+        check_vertices, check_meshes,    check_instances,
     };
     for (size_t i = 0; status == UMB_OK && i < sizeof(checks) / sizeof(checks[0]); i++) {
         status = checks[i](&found, error);

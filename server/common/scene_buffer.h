@@ -24,9 +24,10 @@
 #define UMBS_SCENE_MAGIC "UMBSCN1\n"
 
 /* Limits of every scene; options can only be stricter. */
-#define UMBS_COORDINATE_MAX 1e15 /* metres, and matrix entries: products stay finite in float too */
+#define UMBS_COORDINATE_MAX 1e15 /* metres, and matrix entries: products stay finite in float too  \
+                                  */
 #define UMBS_WORLD_TRIANGLES_MAX 0xffffffffULL
-#define UMBS_TEXTURE_SIDE_MAX 65536U
+#define UMBS_TEXTURE_SIDE_MAX    65536U
 
 enum umbs_section {
     UMBS_SECTION_MESHES = 0,

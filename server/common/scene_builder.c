@@ -70,9 +70,9 @@ void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_forma
 void umbs_scene_builder_finish(struct umbs_scene_builder *builder)
 {
     struct umbs_array *const arrays[] = {
-        &builder->meshes,    &builder->instances, &builder->materials, &builder->lights,
-        &builder->textures,  &builder->positions, &builder->uvs,       &builder->triangles,
-        &builder->alpha,     &builder->warnings,
+        &builder->meshes,   &builder->instances, &builder->materials, &builder->lights,
+        &builder->textures, &builder->positions, &builder->uvs,       &builder->triangles,
+        &builder->alpha,    &builder->warnings,
     };
     for (size_t i = 0; i < sizeof(arrays) / sizeof(arrays[0]); i++) {
         free(arrays[i]->data);

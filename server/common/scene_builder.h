@@ -28,18 +28,18 @@ struct umbs_array {
 struct umbs_scene_builder {
     enum umbs_format format;
     int z_up;
-    uint64_t max_triangles;       /* instances multiplied */
-    struct umbs_array meshes;     /* struct umbs_mesh */
-    struct umbs_array instances;  /* struct umbs_instance */
-    struct umbs_array materials;  /* struct umbs_material */
-    struct umbs_array lights;     /* struct umbs_light */
-    struct umbs_array textures;   /* struct umbs_texture */
-    struct umbs_array positions;  /* double[3] */
-    struct umbs_array uvs;        /* float[2]: as many as positions once used, else none */
-    struct umbs_array triangles;  /* uint32_t[3] */
-    struct umbs_array alpha;      /* uint8_t */
-    struct umbs_array warnings;   /* char, without a NUL */
-    uint64_t world_triangles;     /* of the instances so far */
+    uint64_t max_triangles;      /* instances multiplied */
+    struct umbs_array meshes;    /* struct umbs_mesh */
+    struct umbs_array instances; /* struct umbs_instance */
+    struct umbs_array materials; /* struct umbs_material */
+    struct umbs_array lights;    /* struct umbs_light */
+    struct umbs_array textures;  /* struct umbs_texture */
+    struct umbs_array positions; /* double[3] */
+    struct umbs_array uvs;       /* float[2]: as many as positions once used, else none */
+    struct umbs_array triangles; /* uint32_t[3] */
+    struct umbs_array alpha;     /* uint8_t */
+    struct umbs_array warnings;  /* char, without a NUL */
+    uint64_t world_triangles;    /* of the instances so far */
     uint32_t dropped_faces;
 };
 

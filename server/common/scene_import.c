@@ -23,13 +23,13 @@
 #include "common/scene_process.h"
 #include "common/scene_text.h"
 
-#define GIB (1ULL << 30)
-#define DEFAULT_MAX_INPUT_BYTES (4 * GIB)
+#define GIB                      (1ULL << 30)
+#define DEFAULT_MAX_INPUT_BYTES  (4 * GIB)
 #define DEFAULT_MAX_MEMORY_BYTES (8 * GIB)
-#define DEFAULT_MAX_TRIANGLES 200000000ULL
-#define DEFAULT_TIMEOUT_S 600U
-#define IMPORTER_NAME "umbrage-bake"
-#define PATH_BYTES 4096
+#define DEFAULT_MAX_TRIANGLES    200000000ULL
+#define DEFAULT_TIMEOUT_S        600U
+#define IMPORTER_NAME            "umbrage-bake"
+#define PATH_BYTES               4096
 
 /* One import: everything that has to be closed at its end. */
 struct import {
@@ -149,8 +149,7 @@ static enum umb_status classify(const struct import *import, const struct umbs_p
                         import->importer);
     default:
         return umb_fail(error, UMB_E_BAD_SCENE, "%s: importer failed (exit code %d)%s%.160s",
-                        import->shown, end->exit_code, end->talk[0] != '\0' ? ": " : "",
-                        end->talk);
+                        import->shown, end->exit_code, end->talk[0] != '\0' ? ": " : "", end->talk);
     }
     if (end->talk[0] == '\0') {
         return umb_fail(error, status, "%s: importer refused it without a word", import->shown);
@@ -268,8 +267,8 @@ enum umb_status umbs_scene_import(const char *path, const struct umbs_import_opt
     if (scene == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene");
     }
-    enum umb_status (*const steps[])(struct import *, struct umb_error *) = {
-        open_input, open_folder, find_importer};
+    enum umb_status (*const steps[])(struct import *,
+                                     struct umb_error *) = {open_input, open_folder, find_importer};
     enum umb_status status = UMB_OK;
     for (size_t i = 0; status == UMB_OK && i < sizeof(steps) / sizeof(steps[0]); i++) {
         status = steps[i](&import, error);

@@ -28,9 +28,9 @@
 #include "common/scene_contract.h"
 #include "common/scene_text.h"
 
-#define CHILD_FDS_MAX 32U   /* input, folder, output, one sibling at a time, sanitizer's own */
-#define CHILD_FD_SPARE 10   /* descriptors are parked from here up while 0..5 are laid out */
-#define POLL_STEP_MS 50     /* how late the end of a child is noticed whose pipe somebody holds */
+#define CHILD_FDS_MAX   32U /* input, folder, output, one sibling at a time, sanitizer's own */
+#define CHILD_FD_SPARE  10  /* descriptors are parked from here up while 0..5 are laid out */
+#define POLL_STEP_MS    50  /* how late the end of a child is noticed whose pipe somebody holds */
 #define ENVIRONMENT_MAX 8
 
 static int64_t now_ms(void)
@@ -101,9 +101,8 @@ static void become_program(const struct umbs_process *process, char *const *envi
     uint64_t seconds = process->timeout_s;
     if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
         getppid() != parent || /* the parent died before the line above */
-        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
-        lay_out_descriptors(process, talk) != 0 || limit(RLIMIT_CORE, 0, 0) != 0 ||
-        limit(RLIMIT_CPU, seconds, seconds + 1) != 0 ||
+        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || lay_out_descriptors(process, talk) != 0 ||
+        limit(RLIMIT_CORE, 0, 0) != 0 || limit(RLIMIT_CPU, seconds, seconds + 1) != 0 ||
         limit(RLIMIT_FSIZE, process->max_output_bytes, process->max_output_bytes) != 0 ||
         limit(RLIMIT_NOFILE, CHILD_FDS_MAX, CHILD_FDS_MAX) != 0 || reset_signals() != 0) {
         _exit(UMBS_PROCESS_EXIT_NOT_STARTED);
@@ -115,8 +114,8 @@ static void become_program(const struct umbs_process *process, char *const *envi
 /* The few variables that the importer may see: where libraries are, how a sanitizer behaves. */
 static void choose_environment(char *chosen[ENVIRONMENT_MAX])
 {
-    static const char *const allowed[] = {"LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=",
-                                          "LSAN_OPTIONS=", "TSAN_OPTIONS="};
+    static const char *const allowed[] = {
+        "LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=", "LSAN_OPTIONS=", "TSAN_OPTIONS="};
     static char locale[] = "LC_ALL=C";
     size_t count = 0;
     chosen[count++] = locale;
@@ -223,7 +222,8 @@ enum umb_status umbs_process_run(const struct umbs_process *process, struct umbs
     (void)close(ends[1]);
     if (child < 0) {
         (void)close(ends[0]);
-        return umb_fail_errno(error, UMB_E_IO, fork_error, "cannot start a process for the importer");
+        return umb_fail_errno(error, UMB_E_IO, fork_error,
+                              "cannot start a process for the importer");
     }
     int wait_status = 0;
     int taken = watch(child, ends[0], deadline_ms, end, &wait_status);

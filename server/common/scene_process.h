@@ -26,9 +26,9 @@ struct umbs_process {
 
 /* How it ended. */
 struct umbs_process_end {
-    int timed_out; /* it was killed at the wall-clock limit */
-    int exit_code; /* 0..255, or -1 if a signal ended it */
-    int signal;    /* or 0 */
+    int timed_out;                      /* it was killed at the wall-clock limit */
+    int exit_code;                      /* 0..255, or -1 if a signal ended it */
+    int signal;                         /* or 0 */
     char talk[UMBS_PROCESS_TALK_BYTES]; /* first line it wrote to stderr, clean text */
 };
 
@@ -42,8 +42,7 @@ struct umbs_process_end {
  * Cost:  blocks up to the time limit. No process is left behind.
  */
 UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,
-                                             struct umbs_process_end *end,
-                                             struct umb_error *error);
+                                             struct umbs_process_end *end, struct umb_error *error);
 
 /* Makes an empty memfd that can be sealed. Fails: E_IO. */
 UMB_CHECKED enum umb_status umbs_memfd_create(int *fd, struct umb_error *error);

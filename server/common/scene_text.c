@@ -28,7 +28,8 @@ static size_t clean_char(const char *text, size_t length)
     }
     static const uint32_t least[5] = {0, 0, 0x80, 0x800, 0x10000};
     /* U+0080..U+009F are control characters too, and terminals obey them. */
-    if (code < least[count] || code < 0xa0 || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) {
+    if (code < least[count] || code < 0xa0 || code > 0x10ffff ||
+        (code >= 0xd800 && code < 0xe000)) {
         return 0;
     }
     return count;

@@ -9,10 +9,10 @@
 #include "bake/import/import_job.h"
 
 struct umbb_assimp_files {
-    struct aiFileIO io;           /* hand this to Assimp */
+    struct aiFileIO io; /* hand this to Assimp */
     const struct umbb_import *job;
-    const char *main_name;        /* the name the scene file goes by */
-    char refused[160];            /* why the last missing file could not be had, or "" */
+    const char *main_name; /* the name the scene file goes by */
+    char refused[160];     /* why the last missing file could not be had, or "" */
 };
 
 /* Prepares io. It must not move afterwards. */

@@ -91,8 +91,7 @@ static void mark(const struct umbb_light_table *table, const struct aiNode *node
         mark(table, node->mChildren[i], depth - 1, marks);
     }
     size_t at = find_number(table, light_number(node));
-    if (at < table->numbers.count &&
-        same_name(&table->scene->mLights[at]->mName, &node->mName)) {
+    if (at < table->numbers.count && same_name(&table->scene->mLights[at]->mName, &node->mName)) {
         marks[at] = 1;
     }
 }
@@ -148,8 +147,8 @@ static double clamp(double value, double low, double high)
 /* Unit vector of -z of the node; straight down in node space if the node has lost that axis. */
 static void light_direction(const double world[3][4], double direction[3])
 {
-    double length = sqrt(world[0][2] * world[0][2] + world[1][2] * world[1][2] +
-                         world[2][2] * world[2][2]);
+    double length =
+        sqrt(world[0][2] * world[0][2] + world[1][2] * world[1][2] + world[2][2] * world[2][2]);
     for (int k = 0; k < 3; k++) {
         direction[k] = length > 1e-30 ? -world[k][2] / length : (k == 2 ? -1.0 : 0.0);
     }

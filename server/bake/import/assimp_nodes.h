@@ -11,7 +11,8 @@
  * Walks the tree and appends an instance for each mesh and a light for each light of a node.
  *
  * In:    mesh_of: uint32[scene->mNumMeshes], the builder's mesh or UMBS_NO_INDEX for none.
- * Fails: E_BAD_SCENE (too deep, a transform that is not finite or not affine), E_LIMIT, E_NO_MEMORY.
+ * Fails: E_BAD_SCENE (too deep, a transform that is not finite or not affine), E_LIMIT,
+ * E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_assimp_nodes(const struct aiScene *scene, const uint32_t *mesh_of,
                                               struct umbs_scene_builder *builder,

@@ -57,8 +57,7 @@ static void step_back(struct aiScene *scene, const struct aside *aside)
 }
 
 /* Assimp's word for a failure, and which file it missed. */
-static enum umb_status assimp_failed(const struct umbb_assimp_files *files,
-                                     struct umb_error *error)
+static enum umb_status assimp_failed(const struct umbb_assimp_files *files, struct umb_error *error)
 {
     char text[160];
     const char *words = aiGetErrorString();
@@ -74,8 +73,8 @@ static enum umb_status assimp_failed(const struct umbb_assimp_files *files,
                     files->refused[0] != '\0' ? "; " : "", files->refused);
 }
 
-static enum umb_status load(struct umbb_assimp_files *files, const char *name,
-                            struct aiScene **out, struct umb_error *error)
+static enum umb_status load(struct umbb_assimp_files *files, const char *name, struct aiScene **out,
+                            struct umb_error *error)
 {
     /* Static, because a failed validation deletes the scene and leaves these behind: still
      * reachable until the process ends, which is soon. */
@@ -270,9 +269,10 @@ static enum umb_status convert(struct umbs_scene_builder *builder, const struct 
         status = umbb_assimp_nodes(scene, mesh_of, builder, error);
     }
     if (status == UMB_OK && builder->world_triangles == 0) {
-        status = umb_fail(error, UMB_E_BAD_SCENE, "no node shows a triangle (%u meshes, %zu "
-                          "triangles, %u faces dropped)", scene->mNumMeshes,
-                          builder->triangles.count, builder->dropped_faces);
+        status = umb_fail(error, UMB_E_BAD_SCENE,
+                          "no node shows a triangle (%u meshes, %zu "
+                          "triangles, %u faces dropped)",
+                          scene->mNumMeshes, builder->triangles.count, builder->dropped_faces);
     }
     free(mesh_of);
     umbb_faces_finish(&faces);

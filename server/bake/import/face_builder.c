@@ -31,8 +31,7 @@ static int is_usable(const struct umbs_scene_builder *scene, uint64_t vertex)
            fabs(position[2]) <= UMBS_COORDINATE_MAX; /* false for NaN */
 }
 
-enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex,
-                                 struct umb_error *error)
+enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex, struct umb_error *error)
 {
     if (faces->corners.count >= UMBB_POLYGON_CORNERS_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "a face has more than %u corners",

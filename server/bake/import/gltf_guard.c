@@ -13,7 +13,7 @@
 #include "common/scene_text.h"
 
 #define COMPONENT_FLOAT 5126
-#define NO_TYPE (-1)
+#define NO_TYPE         (-1)
 
 /* A text inside the JSON, without its quotes, escapes as written. */
 struct text {

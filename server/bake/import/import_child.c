@@ -32,7 +32,7 @@
 #endif
 
 #define EXIT_USAGE 2
-#define EXIT_READ 74
+#define EXIT_READ  74
 
 /* Writes the one sentence; its reader is a pipe that may be gone, which changes nothing. */
 static void say(const char *name, const char *message)

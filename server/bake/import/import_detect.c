@@ -12,7 +12,7 @@
 
 #define TEXT_PROBE_BYTES 4096
 #define STL_HEADER_BYTES 84
-#define STL_FACET_BYTES 50
+#define STL_FACET_BYTES  50
 
 static int starts_with(const struct umbb_file *file, const char *magic)
 {
@@ -65,7 +65,7 @@ static const char *obj_fault(const struct umbb_file *file)
 static const char *ply_fault(const struct umbb_file *file)
 {
     return starts_with(file, "ply\n") || starts_with(file, "ply\r\n") ? NULL
-                                                                       : "does not begin with 'ply'";
+                                                                      : "does not begin with 'ply'";
 }
 
 static int is_binary_stl(const struct umbb_file *file)

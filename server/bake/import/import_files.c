@@ -42,10 +42,9 @@ enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file
     }
     void *map = mmap(NULL, (size_t)size, PROT_READ, MAP_PRIVATE, fd, 0);
     if (map == MAP_FAILED) {
-        return errno == ENOMEM
-                   ? umb_fail(error, UMB_E_NO_MEMORY, "no memory to map %llu bytes",
-                              (unsigned long long)size)
-                   : umb_fail_errno(error, UMB_E_IO, errno, "cannot map the file");
+        return errno == ENOMEM ? umb_fail(error, UMB_E_NO_MEMORY, "no memory to map %llu bytes",
+                                          (unsigned long long)size)
+                               : umb_fail_errno(error, UMB_E_IO, errno, "cannot map the file");
     }
     (void)posix_madvise(map, (size_t)size, POSIX_MADV_SEQUENTIAL);
     file->map = map;
@@ -112,7 +111,8 @@ static enum umb_status clean_name(const char *name, size_t length, char out[NAME
     for (const char *at = out; at != NULL; at = strchr(at, '/')) {
         at += *at == '/';
         if (strncmp(at, "..", 2) == 0 && (at[2] == '/' || at[2] == '\0')) {
-            return umb_fail(error, UMB_E_PERMISSION, "file name '%.100s' with '..' is refused", out);
+            return umb_fail(error, UMB_E_PERMISSION, "file name '%.100s' with '..' is refused",
+                            out);
         }
     }
     return UMB_OK;

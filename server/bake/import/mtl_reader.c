@@ -85,8 +85,8 @@ enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material
             struct umbb_cursor name = umbb_trim(line);
             memset(&current, 0, sizeof(current));
             current.dissolve = 1.0;
-            enum umb_status status = umbb_material_get(
-                table, name.at, (size_t)(name.end - name.at), &current.index, error);
+            enum umb_status status = umbb_material_get(table, name.at, (size_t)(name.end - name.at),
+                                                       &current.index, error);
             if (status != UMB_OK) {
                 return status;
             }

@@ -20,8 +20,8 @@
 #include "bake/import/mtl_reader.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
-#define CHAIN_MAX 64              /* longer chains are only searched so far: no quadratic time */
-#define NONE UMBS_NO_INDEX
+#define CHAIN_MAX      64         /* longer chains are only searched so far: no quadratic time */
+#define NONE           UMBS_NO_INDEX
 
 /* A v line, and the first scene vertex made of it. */
 struct corner_point {
@@ -108,8 +108,8 @@ static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, 
         return no_memory(error);
     }
     const float *uvs = obj->uvs.data;
-    enum umb_status status = umbs_scene_add_vertex(
-        scene, point->position, uv != NONE ? uvs + 2 * (size_t)uv : NULL, error);
+    enum umb_status status = umbs_scene_add_vertex(scene, point->position,
+                                                   uv != NONE ? uvs + 2 * (size_t)uv : NULL, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -204,8 +204,8 @@ static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
 }
 
 /* Reads one library, or warns: a scene without its materials still casts shadows. */
-static enum umb_status read_library(struct obj *obj, const char *name, size_t length,
-                                    int *found, struct umb_error *error)
+static enum umb_status read_library(struct obj *obj, const char *name, size_t length, int *found,
+                                    struct umb_error *error)
 {
     struct umbb_file file;
     struct umb_error why = {0};
@@ -388,10 +388,9 @@ static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
 {
     struct umbs_scene_builder *scene = &obj->job->scene;
     if (obj->face_count == 0) {
-        return obj->points.count == 0
-                   ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
-                   : umb_fail(error, UMB_E_BAD_SCENE, "%zu vertices and no faces",
-                              obj->points.count);
+        return obj->points.count == 0 ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
+                                      : umb_fail(error, UMB_E_BAD_SCENE,
+                                                 "%zu vertices and no faces", obj->points.count);
     }
     if (scene->triangles.count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE,

@@ -45,8 +45,8 @@ static int find_word(const struct words *words, uint32_t index, const char *cons
 static int read_type(const struct words *words, uint32_t index, enum umbb_ply_type *type)
 {
     static const char *const names[] = {
-        "char",   "int8",  "uchar", "uint8",  "short", "int16",   "ushort", "uint16", "int",
-        "int32",  "uint",  "uint32", "float", "float32", "double", "float64", NULL,
+        "char",  "int8", "uchar",  "uint8", "short",   "int16",  "ushort",  "uint16", "int",
+        "int32", "uint", "uint32", "float", "float32", "double", "float64", NULL,
     };
     int found = find_word(words, index, names);
     *type = (enum umbb_ply_type)(found / 2);
@@ -59,11 +59,11 @@ size_t umbb_ply_type_bytes(enum umbb_ply_type type)
     return bytes[type];
 }
 
-static enum umbb_ply_role find_role(const char *element, const struct words *words,
-                                    uint32_t index, int is_list)
+static enum umbb_ply_role find_role(const char *element, const struct words *words, uint32_t index,
+                                    int is_list)
 {
-    static const char *const names[] = {"x", "y", "z",         "u",         "v", "s",
-                                        "t", "texture_u", "texture_v", NULL};
+    static const char *const names[] = {"x", "y", "z",         "u",         "v",
+                                        "s", "t", "texture_u", "texture_v", NULL};
     static const enum umbb_ply_role roles[] = {
         UMBB_PLY_X, UMBB_PLY_Y, UMBB_PLY_Z, UMBB_PLY_U, UMBB_PLY_V,
         UMBB_PLY_U, UMBB_PLY_V, UMBB_PLY_U, UMBB_PLY_V,
@@ -127,8 +127,8 @@ static const char *read_element(struct umbb_ply_header *header, const struct wor
     if (count < 0) {
         return "element without a name and a count";
     }
-    size_t length = words->length[1] < sizeof(element->name) ? words->length[1]
-                                                             : sizeof(element->name) - 1;
+    size_t length =
+        words->length[1] < sizeof(element->name) ? words->length[1] : sizeof(element->name) - 1;
     memcpy(element->name, words->text[1], length);
     element->count = (uint64_t)count;
     header->element_count++;
@@ -148,8 +148,8 @@ static const char *read_format(struct umbb_ply_header *header, const struct word
     return NULL;
 }
 
-enum umb_status umbb_ply_header_read(const char *bytes, size_t size,
-                                     struct umbb_ply_header *header, struct umb_error *error)
+enum umb_status umbb_ply_header_read(const char *bytes, size_t size, struct umbb_ply_header *header,
+                                     struct umb_error *error)
 {
     struct umbb_cursor text = {bytes, bytes + size};
     struct umbb_cursor line;
@@ -185,8 +185,7 @@ enum umb_status umbb_ply_header_read(const char *bytes, size_t size,
     return umb_fail(error, UMB_E_BAD_SCENE, "header has no end_header");
 }
 
-const struct umbb_ply_element *umbb_ply_find(const struct umbb_ply_header *header,
-                                             const char *name)
+const struct umbb_ply_element *umbb_ply_find(const struct umbb_ply_header *header, const char *name)
 {
     for (uint32_t i = 0; i < header->element_count; i++) {
         if (strcmp(header->elements[i].name, name) == 0) {

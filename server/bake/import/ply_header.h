@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
-#define UMBB_PLY_ELEMENTS_MAX 16
+#define UMBB_PLY_ELEMENTS_MAX   16
 #define UMBB_PLY_PROPERTIES_MAX 128
 
 enum umbb_ply_encoding {

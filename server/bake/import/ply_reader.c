@@ -144,9 +144,8 @@ static enum umb_status read_vertices(struct ply *ply, const struct umbb_ply_elem
         double values[UMBB_PLY_CORNERS + 1] = {0};
         for (uint32_t k = 0; k < element->property_count; k++) {
             const struct umbb_ply_property *property = &element->properties[k];
-            int good = property->is_list
-                           ? skip_property(ply, property)
-                           : take_value(ply, property->type, &values[property->role]);
+            int good = property->is_list ? skip_property(ply, property)
+                                         : take_value(ply, property->type, &values[property->role]);
             if (!good) {
                 return bad_item(element, i, error);
             }
@@ -250,8 +249,7 @@ static enum umb_status check_header(struct ply *ply, struct umb_error *error)
         return umb_fail(error, UMB_E_BAD_SCENE, "no vertices and no faces");
     }
     if (face == NULL || face->count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "%" PRIu64 " vertices and no faces",
-                        vertex->count);
+        return umb_fail(error, UMB_E_BAD_SCENE, "%" PRIu64 " vertices and no faces", vertex->count);
     }
     if (!has_role(vertex, UMBB_PLY_X) || !has_role(vertex, UMBB_PLY_Y) ||
         !has_role(vertex, UMBB_PLY_Z)) {

@@ -4,8 +4,13 @@
  * that the normal is nearest to. Coordinates are taken relative to the first corner, so that
  * national grids cost no digits.
  *
- * It ends on any input: when a whole round finds no ear, the rule is relaxed by one step, and the
- * last rule takes any corner. Each ear shortens the ring by one.
+ * Ears wait in a queue; cutting one off re-examines its two neighbours and nobody else, because in
+ * a simple polygon no other corner can become an ear by it. The queue also spreads the cuts over
+ * the polygon, which makes fewer needles than a fan.
+ *
+ * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
+ * takes any corner. Each ear shortens the ring by one. Polygons that are not simple would need many
+ * such searches; a budget of tests, which simple polygons never use up, keeps them quadratic.
  */
 #include "bake/import/polygon_clip.h"
 
@@ -18,8 +23,18 @@ enum ear_rule {
     EAR_CLEAR = 0, /* strictly convex, no other corner in or on the triangle */
     EAR_OPEN,      /* strictly convex, no other corner strictly inside */
     EAR_CONVEX,    /* strictly convex */
-    EAR_ANY,
 };
+
+enum corner_flag {
+    CORNER_REFLEX = 1, /* or straight: not strictly convex */
+    CORNER_EAR = 2,
+    CORNER_QUEUED = 4,
+    CORNER_AGAIN = 8, /* a neighbour was cut off since it was queued: to the end of the queue */
+};
+
+/* Tests a simple polygon of n corners needs at most: n^2 to find the first ears, and for each of n
+ * cuts two times the n / 2 corners that the ring has on average. */
+#define BUDGET_FACTOR 2U
 
 enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
                                      struct umb_error *error)
@@ -37,10 +52,12 @@ enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corner
     polygon->flat = malloc(capacity * sizeof(*polygon->flat));
     polygon->previous = malloc(capacity * sizeof(*polygon->previous));
     polygon->next = malloc(capacity * sizeof(*polygon->next));
-    polygon->reflex = malloc(capacity);
+    polygon->queue = malloc(capacity * sizeof(*polygon->queue));
+    polygon->flags = malloc(capacity);
     polygon->triangles = malloc(capacity * sizeof(*polygon->triangles));
     if (polygon->points == NULL || polygon->flat == NULL || polygon->previous == NULL ||
-        polygon->next == NULL || polygon->reflex == NULL || polygon->triangles == NULL) {
+        polygon->next == NULL || polygon->queue == NULL || polygon->flags == NULL ||
+        polygon->triangles == NULL) {
         umbb_polygon_finish(polygon);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face of %zu corners", corners);
     }
@@ -54,7 +71,8 @@ void umbb_polygon_finish(struct umbb_polygon *polygon)
     free(polygon->flat);
     free(polygon->previous);
     free(polygon->next);
-    free(polygon->reflex);
+    free(polygon->queue);
+    free(polygon->flags);
     free(polygon->triangles);
     memset(polygon, 0, sizeof(*polygon));
 }
@@ -70,8 +88,8 @@ static void newell_normal(double (*points)[3], uint32_t count, double normal[3])
         for (int k = 0; k < 3; k++) {
             int u = (k + 1) % 3;
             int v = (k + 2) % 3;
-            normal[k] += (a[u] - origin[u]) * (b[v] - origin[v]) -
-                         (a[v] - origin[v]) * (b[u] - origin[u]);
+            normal[k] +=
+                (a[u] - origin[u]) * (b[v] - origin[v]) - (a[v] - origin[v]) * (b[u] - origin[u]);
         }
     }
 }
@@ -117,7 +135,7 @@ static int same_point(const double a[2], const double b[2])
 }
 
 /* Whether another corner of the ring stops this one from being an ear. */
-static int is_blocked(const struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
+static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
     uint32_t before = polygon->previous[corner];
     uint32_t after = polygon->next[corner];
@@ -130,8 +148,9 @@ static int is_blocked(const struct umbb_polygon *polygon, uint32_t corner, enum 
     double high_y = fmax(fmax(a[1], b[1]), c[1]);
     for (uint32_t i = polygon->next[after]; i != before; i = polygon->next[i]) {
         const double *p = polygon->flat[i];
+        polygon->budget -= polygon->budget > 0;
         /* Only a corner that is not strictly convex can be the first inside. */
-        if (!polygon->reflex[i] || p[0] < low_x || p[0] > high_x || p[1] < low_y ||
+        if (!(polygon->flags[i] & CORNER_REFLEX) || p[0] < low_x || p[0] > high_x || p[1] < low_y ||
             p[1] > high_y || same_point(p, a) || same_point(p, b) || same_point(p, c)) {
             continue;
         }
@@ -145,15 +164,70 @@ static int is_blocked(const struct umbb_polygon *polygon, uint32_t corner, enum 
     return 0;
 }
 
-static int is_ear(const struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
+static int is_ear(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
-    if (rule == EAR_ANY) {
-        return 1;
-    }
-    if (polygon->reflex[corner]) {
+    if (polygon->flags[corner] & CORNER_REFLEX) {
         return 0;
     }
     return rule == EAR_CONVEX || !is_blocked(polygon, corner, rule);
+}
+
+/* Each corner is in the queue at most once, so `capacity` slots are enough. */
+static void enqueue(struct umbb_polygon *polygon, uint32_t corner)
+{
+    size_t at = polygon->queue_first + polygon->queue_count++;
+    polygon->queue[at < polygon->capacity ? at : at - polygon->capacity] = corner;
+    polygon->flags[corner] |= CORNER_QUEUED;
+}
+
+static uint32_t dequeue(struct umbb_polygon *polygon)
+{
+    uint32_t corner = polygon->queue[polygon->queue_first];
+    polygon->queue_first =
+        polygon->queue_first + 1 < polygon->capacity ? polygon->queue_first + 1 : 0;
+    polygon->queue_count--;
+    polygon->flags[corner] &= (uint8_t)~CORNER_QUEUED;
+    return corner;
+}
+
+/* Finds out again what a corner is. */
+static void examine(struct umbb_polygon *polygon, uint32_t corner)
+{
+    int reflex = !(corner_turn(polygon, corner) > 0.0);
+    uint8_t *flags = &polygon->flags[corner];
+    *flags = (uint8_t)((*flags & CORNER_QUEUED) | (reflex ? CORNER_REFLEX : 0) | CORNER_AGAIN);
+    if (polygon->budget > 0 && is_ear(polygon, corner, EAR_CLEAR)) {
+        *flags |= CORNER_EAR;
+        if (!(*flags & CORNER_QUEUED)) {
+            enqueue(polygon, corner);
+        }
+    }
+}
+
+/* The next corner to cut off, any at all if there is no ear; `start` is in the ring, which has
+ * `left` corners. */
+static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_t left)
+{
+    while (polygon->queue_count > 0) {
+        uint32_t corner = dequeue(polygon);
+        if (!(polygon->flags[corner] & CORNER_EAR)) {
+            continue; /* no longer an ear, or cut off */
+        }
+        if (!(polygon->flags[corner] & CORNER_AGAIN)) {
+            return corner;
+        }
+        polygon->flags[corner] &= (uint8_t)~CORNER_AGAIN;
+        enqueue(polygon, corner);
+    }
+    for (int rule = EAR_OPEN; rule <= EAR_CONVEX; rule++) {
+        for (uint32_t i = 0; i < left; i++, start = polygon->next[start]) {
+            if ((polygon->budget > 0 || rule == EAR_CONVEX) &&
+                is_ear(polygon, start, (enum ear_rule)rule)) {
+                return start;
+            }
+        }
+    }
+    return start;
 }
 
 static void emit(struct umbb_polygon *polygon, uint32_t at, uint32_t a, uint32_t b, uint32_t c)
@@ -172,34 +246,27 @@ static void fan(struct umbb_polygon *polygon, uint32_t count)
 
 static void clip_ears(struct umbb_polygon *polygon, uint32_t count)
 {
-    uint32_t left = count;
-    uint32_t corner = 0;
-    uint32_t misses = 0;
-    int rule = EAR_CLEAR;
+    uint32_t start = 0;
     uint32_t made = 0;
-    while (left > 3) {
-        if (!is_ear(polygon, corner, (enum ear_rule)rule)) {
-            corner = polygon->next[corner];
-            if (++misses >= left) {
-                misses = 0;
-                rule++;
-            }
-            continue;
-        }
+    polygon->budget = (uint64_t)BUDGET_FACTOR * count * count;
+    polygon->queue_first = polygon->queue_count = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        examine(polygon, i);
+        polygon->flags[i] &= (uint8_t)~CORNER_AGAIN;
+    }
+    for (uint32_t left = count; left > 3; left--) {
+        uint32_t corner = choose_ear(polygon, start, left);
         uint32_t before = polygon->previous[corner];
         uint32_t after = polygon->next[corner];
         emit(polygon, made++, before, corner, after);
+        polygon->flags[corner] &= (uint8_t)~CORNER_EAR;
         polygon->next[before] = after;
         polygon->previous[after] = before;
-        polygon->reflex[before] = !(corner_turn(polygon, before) > 0.0);
-        polygon->reflex[after] = !(corner_turn(polygon, after) > 0.0);
-        left--;
-        misses = 0;
-        rule = EAR_CLEAR;
-        /* Going on behind the next corner spreads the cuts: fewer needles than a fan. */
-        corner = polygon->next[after];
+        examine(polygon, before);
+        examine(polygon, after);
+        start = after;
     }
-    emit(polygon, made, polygon->previous[corner], corner, polygon->next[corner]);
+    emit(polygon, made, polygon->previous[start], start, polygon->next[start]);
 }
 
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
@@ -214,8 +281,8 @@ void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
         polygon->next[i] = i + 1 < count ? i + 1 : 0;
     }
     for (uint32_t i = 0; i < count; i++) {
-        polygon->reflex[i] = !(corner_turn(polygon, i) > 0.0);
-        reflex_count += polygon->reflex[i];
+        polygon->flags[i] = corner_turn(polygon, i) > 0.0 ? 0 : CORNER_REFLEX;
+        reflex_count += polygon->flags[i] != 0;
     }
     if (count == 4 && reflex_count == 0) {
         fan(polygon, count);

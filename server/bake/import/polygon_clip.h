@@ -20,7 +20,10 @@ struct umbb_polygon {
     double (*points)[3]; /* [capacity], filled by the caller */
     double (*flat)[2];
     uint32_t *previous, *next;
-    uint8_t *reflex;
+    uint32_t *queue; /* corners that may be ears, a ring */
+    uint8_t *flags;
+    size_t queue_first, queue_count;
+    uint64_t budget;          /* tests of a corner against a triangle that are left */
     uint32_t (*triangles)[3]; /* [capacity], the result: corner numbers */
     size_t capacity;
 };
@@ -33,10 +36,11 @@ UMB_CHECKED enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, s
  * Fills polygon->triangles with count - 2 triangles.
  *
  * In:    polygon->points: double[count][3], finite, count >= 3 and within the room reserved.
- * Cost:  O(n) for convex polygons, O(n r) as a rule, r the number of reflex corners; O(n^2 r) at
- *        worst. Allocates nothing.
- * Source: G. H. Meisters, Polygons have ears, Amer. Math. Monthly 82 (1975); normal of a polygon
- *        that need not be flat: M. E. Newell, in Sutherland et al. 1974 (ACM Comp. Surveys 6/1).
+ * Cost:  O(n^2) at worst, for polygons that are not simple too. Allocates nothing.
+ * Source: G. H. Meisters, Polygons have ears, Amer. Math. Monthly 82 (1975); D. Eberly,
+ *        Triangulation by Ear Clipping (2002): only the neighbours of a cut ear can change; normal
+ *        of a polygon that need not be flat: M. E. Newell, in Sutherland et al. 1974 (ACM Comp.
+ *        Surveys 6/1).
  */
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count);
 

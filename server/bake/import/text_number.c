@@ -12,9 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define NUMBER_BYTES 1100 /* a double needs at most 767 significant digits */
+#define NUMBER_BYTES   1100 /* a double needs at most 767 significant digits */
 #define MANTISSA_EXACT (1ULL << 53)
-#define POWER_EXACT 22
+#define POWER_EXACT    22
 
 static const double powers_of_ten[POWER_EXACT + 1] = {
     1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,

@@ -7,11 +7,12 @@
 static void obj_keeps_doubles_exactly(void **state)
 {
     (void)state;
-    struct umbs_scene *scene = import_text("exact.obj", "v 84616.468000001 447423.0123456789 0.1\n"
-                                                        "v 1e-300 -2.5E+3 .5\r\n"
-                                                        "v 900719925474099.3125 123456789.123456789 "
-                                                        "0x1p-3 0.25 1 1 1\n"
-                                                        "f 1 2 3\n");
+    struct umbs_scene *scene =
+        import_text("exact.obj", "v 84616.468000001 447423.0123456789 0.1\n"
+                                 "v 1e-300 -2.5E+3 .5\r\n"
+                                 "v 900719925474099.3125 123456789.123456789 "
+                                 "0x1p-3 0.25 1 1 1\n"
+                                 "f 1 2 3\n");
     assert_int_equal(scene->view.triangle_count, 1);
     assert_int_equal(scene->view.z_up, 1);
     assert_int_equal(scene->view.format, UMBS_FORMAT_OBJ);
@@ -69,10 +70,9 @@ static void obj_concave_polygon_is_clipped_inside_it(void **state)
     double area = 0.0;
     assert_int_equal(umbs_scene_flatten(&scene->view, &corners, NULL, &count, NULL), UMB_OK);
     for (size_t i = 0; i < count; i++) {
-        double twice = (corners[i][1][0] - corners[i][0][0]) *
-                           (corners[i][2][1] - corners[i][0][1]) -
-                       (corners[i][1][1] - corners[i][0][1]) *
-                           (corners[i][2][0] - corners[i][0][0]);
+        double twice =
+            (corners[i][1][0] - corners[i][0][0]) * (corners[i][2][1] - corners[i][0][1]) -
+            (corners[i][1][1] - corners[i][0][1]) * (corners[i][2][0] - corners[i][0][0]);
         assert_true(twice > 0.0); /* every triangle keeps the polygon's winding */
         area += twice / 2.0;
     }
@@ -88,10 +88,10 @@ static void obj_groups_triangles_by_material_of_its_library(void **state)
                               "newmtl leaf\nmap_d leaf.png\n"
                               "newmtl old\nTr 0.5\nnewmtl solid\nd -halo 1\nd 7\nKd 1 1 1\n";
     put_file("my lib.mtl", mtl, sizeof(mtl) - 1);
-    struct umbs_scene *scene = import_text(
-        "materials.obj", "mtllib my lib.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 7 7 7\n"
-                         "f 1 2 4\nusemtl leaf\nf 1 2 3\nusemtl glass pane\nf 2 3 1\n"
-                         "usemtl leaf\nf 3 1 2\nusemtl unknown\nusemtl old\nf 1 2 3\n");
+    struct umbs_scene *scene =
+        import_text("materials.obj", "mtllib my lib.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 7 7 7\n"
+                                     "f 1 2 4\nusemtl leaf\nf 1 2 3\nusemtl glass pane\nf 2 3 1\n"
+                                     "usemtl leaf\nf 3 1 2\nusemtl unknown\nusemtl old\nf 1 2 3\n");
     drop_file("my lib.mtl");
     const struct umbs_scene_view *view = &scene->view;
     assert_int_equal(view->material_count, 5);

@@ -119,6 +119,33 @@ static void random_stars_are_covered_once(void **state)
     }
 }
 
+/* A wall along a spiral: nearly all corners block each other, and only two are ears at a time. */
+static void long_spirals_are_covered_once(void **state)
+{
+    (void)state;
+    enum {
+        SIDE = 1500
+    };
+    static double wall[2 * SIDE][2];
+    double area = 0.0;
+    for (int i = 0; i < SIDE; i++) {
+        double angle = 0.05 * i;
+        double radius = 1.0 + 0.01 * i;
+        wall[i][0] = radius * cos(angle);
+        wall[i][1] = radius * sin(angle);
+        wall[2 * SIDE - 1 - i][0] = (radius + 0.2) * cos(angle);
+        wall[2 * SIDE - 1 - i][1] = (radius + 0.2) * sin(angle);
+    }
+    for (int i = 0; i < 2 * SIDE; i++) {
+        const double *a = wall[i];
+        const double *b = wall[(i + 1) % (2 * SIDE)];
+        area += (a[0] * b[1] - a[1] * b[0]) / 2.0;
+    }
+    assert_true(area < -100.0);
+    /* Sums of 3000 terms up to 300, each rounded to 2^-53 of itself. */
+    expect_cover((const double(*)[2])wall, 2 * SIDE, area, 1e-8);
+}
+
 static void any_polygon_gives_two_triangles_less_than_corners(void **state)
 {
     (void)state;
@@ -152,10 +179,31 @@ static void numbers_are_what_strtod_makes_of_them(void **state)
 {
     (void)state;
     static const char *const texts[] = {
-        "0", "-0", "1", "+1.5", "123456789.123456789", "0.1", "1e22", "1e23", "9007199254740993",
-        "4.35", "1e-22", "2.2250738585072011e-308", "1.7976931348623157e308", "1e999", "-inf",
-        "5.", ".5", "1e+5", "1E-5", "000000000000000000000001.5", "0.00000000000000000000000012",
-        "3.14159265358979323846264338327950288", "8.5e-10", "447423.0123456789", "0x1.8p1",
+        "0",
+        "-0",
+        "1",
+        "+1.5",
+        "123456789.123456789",
+        "0.1",
+        "1e22",
+        "1e23",
+        "9007199254740993",
+        "4.35",
+        "1e-22",
+        "2.2250738585072011e-308",
+        "1.7976931348623157e308",
+        "1e999",
+        "-inf",
+        "5.",
+        ".5",
+        "1e+5",
+        "1E-5",
+        "000000000000000000000001.5",
+        "0.00000000000000000000000012",
+        "3.14159265358979323846264338327950288",
+        "8.5e-10",
+        "447423.0123456789",
+        "0x1.8p1",
     };
     for (size_t i = 0; i < sizeof(texts) / sizeof(texts[0]); i++) {
         double got;
@@ -204,6 +252,7 @@ int main(void)
         cmocka_unit_test(simple_polygons_are_covered_once),
         cmocka_unit_test(polygon_with_a_bridge_to_its_hole_is_covered_once),
         cmocka_unit_test(random_stars_are_covered_once),
+        cmocka_unit_test(long_spirals_are_covered_once),
         cmocka_unit_test(any_polygon_gives_two_triangles_less_than_corners),
         cmocka_unit_test(numbers_are_what_strtod_makes_of_them),
         cmocka_unit_test(random_numbers_are_what_strtod_makes_of_them),

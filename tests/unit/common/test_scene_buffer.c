@@ -394,8 +394,13 @@ static void text_is_cleaned_to_utf8_without_controls(void **state)
         {"a\tb\nc\x7f\x1b[31m", "a?b?c??[31m"},
         {"gr\xc3\xbcn \xe2\x82\xac \xf0\x9f\x8c\xb3", "gr\xc3\xbcn \xe2\x82\xac \xf0\x9f\x8c\xb3"},
         /* broken, broken, overlong, surrogate, cut off */
-        {"\xff\xc3" "a" "\xc0\xaf\xed\xa0\x80\xe2\x82", "??a???????"},
-        {"\xc2\x9b" "0m", "??0m"}, /* U+009B starts an escape sequence */
+        {"\xff\xc3"
+         "a"
+         "\xc0\xaf\xed\xa0\x80\xe2\x82",
+         "??a???????"},
+        {"\xc2\x9b"
+         "0m",
+         "??0m"}, /* U+009B starts an escape sequence */
         {"12345678901234567890", "123456789012345"},
         {"12345678901234\xc3\xbc", "12345678901234"}, /* never half a character */
     };
