@@ -12,8 +12,13 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
     answers->options = options;
     enum umb_status status = umbc_output_begin(options->out, &answers->output, error);
     if (status == UMB_OK && options->json) {
-        answers->json.file = answers->output.file;
+        /* Raw answers go to their file, then the object alone stands on stdout. */
+        bool raw = options->encoding != UMBC_ENCODING_TEXT;
+        answers->json.file = raw ? stdout : answers->output.file;
         umbc_json_begin(&answers->json, NULL, '{');
+        if (raw) {
+            return status;
+        }
         umbc_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
     }
     return status;
@@ -40,12 +45,12 @@ static void put_json(struct umbc_json *json, const float *values, size_t count)
 bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count)
 {
     FILE *file = answers->output.file;
-    if (answers->options->json) {
-        put_json(&answers->json, values, count);
-    } else if (answers->options->encoding == UMBC_ENCODING_TEXT) {
-        put_text(file, values, count);
-    } else {
+    if (answers->options->encoding != UMBC_ENCODING_TEXT) {
         (void)fwrite(values, 1, umb_answer_bytes(answers->options->settings.format, count), file);
+    } else if (answers->options->json) {
+        put_json(&answers->json, values, count);
+    } else {
+        put_text(file, values, count);
     }
     return !ferror(file);
 }
@@ -127,7 +132,9 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     struct umbc_json *json = &answers->json;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(total->asset_id, id);
-    umbc_json_end(json, ']');
+    if (answers->options->encoding == UMBC_ENCODING_TEXT) {
+        umbc_json_end(json, ']');
+    }
     umbc_json_text(json, "asset", id);
     umbc_json_integer(json, "light", answers->options->settings.light);
     umbc_json_integer(json, "taps", answers->options->settings.taps);

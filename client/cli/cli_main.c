@@ -28,6 +28,13 @@ static int run_render(int argc, char **argv)
     return umbc_start_program("render", "umbrage-study", prefix, argv + 1);
 }
 
+static int run_points(int argc, char **argv)
+{
+    static const char *const prefix[] = {"points", NULL};
+    (void)argc;
+    return umbc_start_program("points", "umbrage-study", prefix, argv + 1);
+}
+
 static int run_help(int argc, char **argv);
 
 static int run_version(int argc, char **argv)
@@ -54,6 +61,7 @@ static const struct command COMMANDS[] = {
     {"bake", run_bake, "bake a scene (starts umbrage-bake)"},
     {"study", run_study, "measure techniques against rays (starts umbrage-study)"},
     {"render", run_render, "a picture of a scene with its shadows (starts umbrage-study)"},
+    {"points", run_points, "sample points of a scene, for load tests (starts umbrage-study)"},
     {"help", run_help, "this text, or the help of a command"},
     {"version", run_version, "print the version"},
 };

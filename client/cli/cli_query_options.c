@@ -41,7 +41,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
     [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},
-    [OPTION_JSON] = {"json", NULL, "one object: asset, points, answers, stats", 0},
+    [OPTION_JSON] = {"json", NULL, "one object: asset, points, stats, and the answers if they are text", 0},
     [OPTION_QUIET] = {"quiet", NULL, "no summary and no progress on stderr", 'q'},
 };
 
@@ -187,8 +187,9 @@ static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_optio
 
 static int check_together(const struct umbc_query_options *options)
 {
-    if (options->json && options->encoding != UMBC_ENCODING_TEXT) {
-        return umbc_usage_error("query: --json needs --encoding text");
+    if (options->json && options->encoding != UMBC_ENCODING_TEXT &&
+        strcmp(options->out, "-") == 0) {
+        return umbc_usage_error("query: --json with raw answers needs --out FILE for them");
     }
     if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
         return umbc_usage_error("query: --explain needs --encoding text");

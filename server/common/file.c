@@ -19,7 +19,7 @@
 #include <unistd.h>
 
 #define NAME_KEPT 180 /* bytes of the target's name in the temporary's; NAME_MAX is 255 */
-#define TRIES 64      /* names tried before giving up */
+#define TRIES     64  /* names tried before giving up */
 
 static atomic_uint next_number;
 
@@ -84,8 +84,8 @@ enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct
             status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
             break;
         }
-        file->fd = open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
-                        0666);
+        file->fd =
+            open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
         if (file->fd >= 0) {
             return UMB_OK;
         }
@@ -135,7 +135,8 @@ static enum umb_status sync_folder(const char *path, struct umb_error *error)
     }
     enum umb_status status = UMB_OK;
     int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    /* Some file systems have no fsync for folders and say EINVAL: then there is nothing to wait for. */
+    /* Some file systems have no fsync for folders and say EINVAL: then there is nothing to wait
+     * for. */
     if (fd < 0 || (fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP)) {
         status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the folder of '%.200s'", path);
     }

@@ -15,8 +15,9 @@
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
-#define UMBS_LOG_LINE_MAX 2048  /* bytes of a line; longer ones are cut */
-#define UMBS_LOG_QUOTE_SIZE 520 /* enough for any quoted value: 128 bytes as \xNN, quotes and NUL */
+#define UMBS_LOG_LINE_MAX   2048 /* bytes of a line; longer ones are cut */
+#define UMBS_LOG_QUOTE_SIZE 520  /* enough for any quoted value: 128 bytes as \xNN, quotes and NUL \
+                                  */
 
 struct umbs_log {
     int fd;                   /* -1 = silent */

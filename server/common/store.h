@@ -36,18 +36,18 @@
 #include "common/log.h"
 #include "umbrage/asset.h"
 
-#define UMBS_STORE_NAME_MAX 251 /* bytes of an asset's name: a file name less ".umb" */
+#define UMBS_STORE_NAME_MAX        251  /* bytes of an asset's name: a file name less ".umb" */
 #define UMBS_STORE_TEMPORARY_AGE_S 3600 /* older `.tmp.*` files belong to nobody */
-#define UMBS_STORE_SETTLE_MS 500 /* a file changed less long ago may still be being copied */
+#define UMBS_STORE_SETTLE_MS       500  /* a file changed less long ago may still be being copied */
 
 struct umbs_store; /* opaque */
 struct umbs_entry; /* opaque: one version of one asset */
 
 struct umbs_store_options {
     const char *folder;
-    uint64_t max_memory_bytes;   /* of one asset expanded in memory; 0 = 64 GiB */
-    const struct umbs_log *log;  /* NULL = silent; must outlive the store */
-    int no_cache;                /* 1 = never write cache files, expand in memory */
+    uint64_t max_memory_bytes;  /* of one asset expanded in memory; 0 = 64 GiB */
+    const struct umbs_log *log; /* NULL = silent; must outlive the store */
+    int no_cache;               /* 1 = never write cache files, expand in memory */
     /* Called when a retired version waits to be freed, from whatever thread released it; the owner
      * then calls umbs_store_reap where blocking is allowed. NULL: it is freed at once. */
     void (*retired)(void *user);

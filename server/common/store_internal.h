@@ -18,13 +18,13 @@ struct umbs_stamp {
 
 struct umbs_entry {
     struct umbs_store *store;
-    size_t references;        /* under store->mutex; the table holds one */
-    struct umb_asset *asset;  /* NULL if the file cannot answer */
-    void *image;              /* packed bytes the asset borrows, or NULL */
+    size_t references;       /* under store->mutex; the table holds one */
+    struct umb_asset *asset; /* NULL if the file cannot answer */
+    void *image;             /* packed bytes the asset borrows, or NULL */
     struct umbs_store_item item;
-    struct umb_error error;   /* why it cannot answer */
+    struct umb_error error; /* why it cannot answer */
     struct umbs_stamp stamp;
-    int retry;                /* the failure was not the file's: try at each scan */
+    int retry; /* the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };
 

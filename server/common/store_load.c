@@ -61,16 +61,16 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.64s.umb'", entry->item.name);
     }
     if (fstat(fd, &stat_buffer) != 0) {
-        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot stat '%.64s.umb'",
-                                entry->item.name);
+        status =
+            umb_fail_errno(error, UMB_E_IO, errno, "cannot stat '%.64s.umb'", entry->item.name);
     } else if (!S_ISREG(stat_buffer.st_mode)) {
-        status = umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file",
-                          entry->item.name);
+        status =
+            umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", entry->item.name);
     } else if ((uint64_t)stat_buffer.st_size > store->max_memory_bytes) {
-        status = umb_fail(error, UMB_E_TOO_LARGE,
-                          "'%.64s.umb' has %lld bytes, over the limit of %llu", entry->item.name,
-                          (long long)stat_buffer.st_size,
-                          (unsigned long long)store->max_memory_bytes);
+        status =
+            umb_fail(error, UMB_E_TOO_LARGE, "'%.64s.umb' has %lld bytes, over the limit of %llu",
+                     entry->item.name, (long long)stat_buffer.st_size,
+                     (unsigned long long)store->max_memory_bytes);
     } else {
         entry->stamp = umbs__stamp_of(&stat_buffer);
         *size = (size_t)stat_buffer.st_size;

@@ -33,7 +33,8 @@ static int compare_ids(const void *a, const void *b)
     return memcmp((*left)->item.id, (*right)->item.id, UMB_ID_BYTES);
 }
 
-/* Copies the stem of NAME.umb. Returns 1, 0 (not an asset's name) or -1 (an asset's, but refused). */
+/* Copies the stem of NAME.umb. Returns 1, 0 (not an asset's name) or -1 (an asset's, but refused).
+ */
 static int stem_of(const char *file, char stem[UMBS_STORE_NAME_MAX + 1])
 {
     static const char allowed[] =

@@ -6,8 +6,8 @@
 #include <string.h>
 
 #define REQUEST_BYTES 4096
-#define CLIENTS_MAX 32
-#define CLIENT_MS 5000
+#define CLIENTS_MAX   32
+#define CLIENT_MS     5000
 
 struct admin_client {
     uv_tcp_t tcp;
@@ -136,8 +136,8 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
     struct admin_client *client = handle->data;
     (void)suggested;
     /* The last byte stays free for the NUL. */
-    *buffer = uv_buf_init(client->request + client->size,
-                          (unsigned)(REQUEST_BYTES - 1 - client->size));
+    *buffer =
+        uv_buf_init(client->request + client->size, (unsigned)(REQUEST_BYTES - 1 - client->size));
 }
 
 static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
@@ -189,8 +189,7 @@ enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
     if (loop->daemon->options.admin == NULL) {
         return UMB_OK;
     }
-    enum umb_status status =
-        umbd_address_parse_admin(loop->daemon->options.admin, &address, error);
+    enum umb_status status = umbd_address_parse_admin(loop->daemon->options.admin, &address, error);
     if (status == UMB_OK) {
         status = umbd_address_resolve(&address, &resolved, error);
     }

@@ -15,8 +15,9 @@ uint64_t umbd_now_ns(void)
 /* Wide windows cost more a point; slices get shorter, so that turns stay about equally long. */
 static size_t slice_points_for(uint32_t taps)
 {
-    return taps <= 5 ? UMBD_SLICE_POINTS : taps <= 9 ? UMBD_SLICE_POINTS / 2
-                                                     : UMBD_SLICE_POINTS / 4;
+    return taps <= 5   ? UMBD_SLICE_POINTS
+           : taps <= 9 ? UMBD_SLICE_POINTS / 2
+                       : UMBD_SLICE_POINTS / 4;
 }
 
 enum umb_status umbd_batch_create(struct umbs_entry *entry, uint8_t *message,
@@ -88,7 +89,8 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
     struct umb_points part = sub_points(&batch->points, first, count);
     enum umb_status status = umb_points_check(&part, &result->error);
     if (status != UMB_OK) {
-        /* Say it again with indices of the whole batch: everything before `first` is or was good. */
+        /* Say it again with indices of the whole batch: everything before `first` is or was good.
+         */
         part = sub_points(&batch->points, 0, first + count);
         return umb_points_check(&part, &result->error);
     }

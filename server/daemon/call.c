@@ -95,10 +95,11 @@ int umbd_call_charge(struct umbd_call *call, size_t bytes)
         return 1;
     }
     char text[200];
-    snprintf(text, sizeof text,
-             "server: requests and replies in memory are at the limit of %llu bytes (%s); try again "
-             "later",
-             (unsigned long long)limit, option);
+    snprintf(
+        text, sizeof text,
+        "server: requests and replies in memory are at the limit of %llu bytes (%s); try again "
+        "later",
+        (unsigned long long)limit, option);
     umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
     call->pushback = 1;
     umbd_call_fail(call, UMBW_GRPC_RESOURCE_EXHAUSTED, text);
@@ -206,8 +207,7 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
     struct umbd_call *call = user;
     if (compressed) {
         call->offer_identity = 1;
-        umbd_call_fail(call,
-                       call->has_encoding ? UMBW_GRPC_UNIMPLEMENTED : UMBW_GRPC_INTERNAL,
+        umbd_call_fail(call, call->has_encoding ? UMBW_GRPC_UNIMPLEMENTED : UMBW_GRPC_INTERNAL,
                        call->has_encoding
                            ? "grpc-encoding: only identity is supported"
                            : "message prefix: compressed, but grpc-encoding says identity");
@@ -239,7 +239,8 @@ void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
 {
     struct umb_error error = {0};
     call->body_bytes += count;
-    if (call->discarding || call->responded || call->refusal != UMBD_REFUSE_NOTHING) {
+    if (call->discarding || call->reset_early || call->responded ||
+        call->refusal != UMBD_REFUSE_NOTHING) {
         return;
     }
     if (!umbd_call_charge(call, call->charged + count)) {

@@ -15,10 +15,10 @@
 #include "wire/grpc.h"
 #include "wire/messages.h"
 
-#define UMBD_GRACE_MS 1000          /* between an early failure and the reset of the upload */
-#define UMBD_HEADERS_MS 10000       /* for a header block to become whole */
-#define UMBD_BODY_BYTES_PER_MS 64   /* slower uploads than this eat up --body-timeout */
-#define UMBD_PATH_SIZE 128          /* longer paths are unknown methods anyway */
+#define UMBD_GRACE_MS          1000  /* between an early failure and the reset of the upload */
+#define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
+#define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
+#define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
 
 enum umbd_refusal {
     UMBD_REFUSE_NOTHING = 0,
@@ -40,6 +40,7 @@ struct umbd_call {
     char path[UMBD_PATH_SIZE];
     int is_post, is_grpc, bad_timeout;
     int has_encoding; /* grpc-encoding names something that is not identity */
+    int reset_early;  /* cancelled by the peer before it was opened */
     int headers_whole, request_ended, discarding;
     enum umbd_method method;
     enum umbd_refusal refusal;
@@ -55,15 +56,15 @@ struct umbd_call {
     int watch_last;           /* last serving status sent, -1 = none */
 
     /* reply */
-    int counted;     /* in the metrics */
-    int responded;   /* HEADERS queued */
+    int counted;   /* in the metrics */
+    int responded; /* HEADERS queued */
     uint64_t responded_ms, progress_ms;
-    int reply_ended; /* all of the body is known; trailers follow it */
-    int plain;       /* not gRPC: no trailers */
-    int offer_identity; /* say which encodings are taken */
-    int code;        /* gRPC code of the trailers */
-    char text[512];  /* escaped message of the trailers */
-    int pushback;    /* tell the client when to come again */
+    int reply_ended;         /* all of the body is known; trailers follow it */
+    int plain;               /* not gRPC: no trailers */
+    int offer_identity;      /* say which encodings are taken */
+    int code;                /* gRPC code of the trailers */
+    char text[512];          /* escaped message of the trailers */
+    int pushback;            /* tell the client when to come again */
     struct umbw_buffer head; /* body, first part */
     uint8_t *values;         /* body, second part, owned */
     size_t value_bytes;
@@ -104,7 +105,8 @@ void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *head, uint8_t *
 /* Streams one more message of a server-streaming call; head is taken over. */
 void umbd_call_push(struct umbd_call *call, struct umbw_buffer *head);
 
-/* Changes what is counted for the call to `bytes`. Returns 0 and fails the call if over a budget. */
+/* Changes what is counted for the call to `bytes`. Returns 0 and fails the call if over a budget.
+ */
 int umbd_call_charge(struct umbd_call *call, size_t bytes);
 
 /* Counts the call as finished, once, and logs it at debug. */

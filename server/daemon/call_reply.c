@@ -162,8 +162,8 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error)
 {
-    const char *message = error != NULL && error->message[0] != '\0' ? error->message
-                                                                     : umb_status_text(status);
+    const char *message =
+        error != NULL && error->message[0] != '\0' ? error->message : umb_status_text(status);
     umbd_call_fail(call, umb_status_grpc(status), message);
 }
 
@@ -222,7 +222,8 @@ void umbd_call_push(struct umbd_call *call, struct umbw_buffer *head)
 void umbd_call_refuse(struct umbd_call *call)
 {
     static const char wrong_method[] = "This is a gRPC service: POST only.\n";
-    static const char wrong_type[] = "This is a gRPC service: content-type must be application/grpc.\n";
+    static const char wrong_type[] =
+        "This is a gRPC service: content-type must be application/grpc.\n";
     int is_method = call->refusal == UMBD_REFUSE_METHOD;
     const char *text = is_method ? wrong_method : wrong_type;
     size_t length = strlen(text);

@@ -252,6 +252,14 @@ static void session_broke(struct umbd_conn *conn, int code)
     umbd_conn_close(conn, nghttp2_strerror(code));
 }
 
+/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
+static int feed_session(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
+    return used < 0 ? (int)used : 0;
+}
+
 static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
 {
     struct umbd_conn *conn = stream->data;
@@ -262,10 +270,16 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     if (count == 0 || conn->closing) {
         return;
     }
-    ssize_t used =
-        nghttp2_session_mem_recv(conn->session, (const uint8_t *)buffer->base, (size_t)count);
-    if (used < 0) {
-        session_broke(conn, (int)used);
+    unsigned before = conn->filter.odd;
+    int code = umbd_h2_filter_feed(&conn->filter, (const uint8_t *)buffer->base, (size_t)count,
+                                   feed_session, conn);
+    for (; code == 0 && !conn->doomed && before != conn->filter.odd; before++) {
+        if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
+            umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
+        }
+    }
+    if (code != 0) {
+        session_broke(conn, code);
     } else {
         umbd_conn_flush(conn);
     }

@@ -14,6 +14,7 @@
  */
 #include <nghttp2/nghttp2.h>
 #include <uv.h>
+#include "daemon/h2_filter.h"
 #include "daemon/h2_guard.h"
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
@@ -36,15 +37,16 @@ struct umbd_conn {
     size_t call_count;
     size_t buffered; /* bytes of its calls */
 
+    struct umbd_h2_filter filter;
     struct umbd_bucket control, resets;
     unsigned header_strikes;
 
     uint64_t opened_ms, last_frame_ms; /* uv_now */
     uint64_t write_progress_ms;
-    size_t write_left;  /* of the pending write when it last moved */
-    int settings_seen;  /* the handshake is over */
+    size_t write_left; /* of the pending write when it last moved */
+    int settings_seen; /* the handshake is over */
     int write_pending;
-    int doomed;         /* GOAWAY is on its way; no new work */
+    int doomed; /* GOAWAY is on its way; no new work */
     uint64_t doomed_ms;
     int closing;
     int dirty;

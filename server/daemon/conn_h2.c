@@ -15,13 +15,13 @@
 
 #include <string.h>
 
-#define WINDOW_BYTES (64 * 1024 * 1024)
-#define FRAME_BYTES (1024 * 1024)
-#define STREAMS_MAX 256
-#define HEADER_TABLE_BYTES 512
-#define RESET_BURST 1000 /* resets by the peer; a cancelled call is cheap here */
-#define RESET_RATE 200
-#define CONTINUATIONS_MAX 8
+#define WINDOW_BYTES         (64 * 1024 * 1024)
+#define FRAME_BYTES          (1024 * 1024)
+#define STREAMS_MAX          256
+#define HEADER_TABLE_BYTES   512
+#define RESET_BURST          1000 /* resets by the peer; a cancelled call is cheap here */
+#define RESET_RATE           200
+#define CONTINUATIONS_MAX    8
 #define SETTINGS_ENTRIES_MAX 32
 
 /*
@@ -76,6 +76,9 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
     if (nghttp2_session_set_stream_user_data(session, frame->hd.stream_id, call) != 0) {
         umbd_call_destroy(call);
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
+    }
+    if (umbd_h2_filter_was_reset(&conn->filter, (uint32_t)frame->hd.stream_id)) {
+        call->reset_early = 1; /* reset once its headers are whole: the decoder must see them all */
     }
     return 0;
 }
@@ -136,6 +139,10 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     if (call == NULL) {
         return 0;
     }
+    if (call->reset_early) {
+        nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, call->stream_id, NGHTTP2_CANCEL);
+        return 0;
+    }
     if (frame->hd.type == NGHTTP2_HEADERS && !call->headers_whole) {
         umbd_call_headers_end(call);
     }
@@ -150,8 +157,8 @@ static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
 {
     char reason[64];
     char quoted[UMBS_LOG_QUOTE_SIZE];
-    size_t size = frame->opaque_data_len < sizeof reason ? frame->opaque_data_len
-                                                         : sizeof reason - 1;
+    size_t size =
+        frame->opaque_data_len < sizeof reason ? frame->opaque_data_len : sizeof reason - 1;
     if (frame->error_code == NGHTTP2_NO_ERROR || conn->doomed) {
         return;
     }
@@ -278,9 +285,9 @@ static int queue_settings(nghttp2_session *session)
     int code = nghttp2_submit_settings(session, NGHTTP2_FLAG_NONE, settings,
                                        sizeof settings / sizeof settings[0]);
     /* The setting is about streams only; the connection's window has its own call. */
-    return code != 0 ? code
-                     : nghttp2_session_set_local_window_size(session, NGHTTP2_FLAG_NONE, 0,
-                                                             WINDOW_BYTES);
+    return code != 0
+               ? code
+               : nghttp2_session_set_local_window_size(session, NGHTTP2_FLAG_NONE, 0, WINDOW_BYTES);
 }
 
 enum umb_status umbd_conn_h2_start(struct umbd_conn *conn)
@@ -297,6 +304,7 @@ enum umb_status umbd_conn_h2_start(struct umbd_conn *conn)
         code = queue_settings(conn->session);
     }
     uint64_t now_ns = uv_hrtime();
+    umbd_h2_filter_init(&conn->filter);
     umbd_bucket_init(&conn->control, UMBD_CONTROL_BURST, UMBD_CONTROL_RATE, now_ns);
     umbd_bucket_init(&conn->resets, RESET_BURST, RESET_RATE, now_ns);
     return code == 0 ? UMB_OK : UMB_E_NO_MEMORY;

@@ -30,8 +30,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
         }
     }
     if (status == UMB_OK) {
-        status = umbd_pool_create(options->workers, options->queue, &daemon->metrics,
-                                  &daemon->pool, error);
+        status = umbd_pool_create(options->workers, options->queue, &daemon->metrics, &daemon->pool,
+                                  error);
     }
     if (status == UMB_OK) {
         status = umbd_store_watch_start(daemon->watch, daemon->store, error);

@@ -30,7 +30,7 @@ static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", 
 
 /* Upper bounds in nanoseconds and as Prometheus writes them (reference: ops, section 4). */
 static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
-    50000,    100000,   250000,   500000,    1000000,   2500000,    5000000,    10000000,
+    50000,    100000,   250000,    500000,    1000000,   2500000,    5000000,    10000000,
     25000000, 50000000, 100000000, 250000000, 500000000, 1000000000, 5000000000,
 };
 static const char *const bounds_text[UMBD_TIME_BUCKETS] = {
@@ -74,11 +74,12 @@ static void write_calls(FILE *out, struct umbd_metrics *metrics)
 {
     head(out, "grpc_server_started_total", "counter", "Calls begun.");
     for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
-        fprintf(out,
-                "grpc_server_started_total{grpc_service=\"%s\",grpc_method=\"%s\",grpc_type=\"%s\"} "
-                "%llu\n",
-                method_names[m].service, method_names[m].method, method_names[m].type,
-                get(&metrics->started[m]));
+        fprintf(
+            out,
+            "grpc_server_started_total{grpc_service=\"%s\",grpc_method=\"%s\",grpc_type=\"%s\"} "
+            "%llu\n",
+            method_names[m].service, method_names[m].method, method_names[m].type,
+            get(&metrics->started[m]));
     }
     head(out, "grpc_server_handled_total", "counter", "Calls finished, by status code.");
     for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {

@@ -30,7 +30,7 @@ enum umbd_abuse {
     UMBD_ABUSE_COUNT,
 };
 
-#define UMBD_GRPC_CODES 17
+#define UMBD_GRPC_CODES   17
 #define UMBD_TIME_BUCKETS 15 /* upper bounds 50 us .. 5 s, see daemon_metrics.c */
 
 struct umbd_metrics {

@@ -32,13 +32,14 @@ struct option {
 };
 
 #define AT(field) offsetof(struct umbd_options, field)
-#define HOUR_MS ((uint64_t)3600 * 1000)
+#define HOUR_MS   ((uint64_t)3600 * 1000)
 
 static const struct option table[] = {
     {"--store", KIND_TEXT, AT(store), 0, 0, "DIR", "folder of packed assets (required)"},
     {"--listen", KIND_LISTEN, 0, 0, 0, "ADDRESS",
      "tcp:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; port 0 picks one"},
-    {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N", "threads that answer; default: one a core"},
+    {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
+     "threads that answer; default: one a core"},
     {"--admin", KIND_TEXT, AT(admin), 0, 0, "HOST:PORT",
      "plain HTTP for /metrics, /livez, /readyz; loopback only; off by default"},
     {"--max-points", KIND_TOTAL, AT(max_points), 1, (uint64_t)1 << 28, "N",
@@ -218,12 +219,13 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     }
     if (options->max_message > options->connection_buffer ||
         options->connection_buffer > options->max_buffer) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--max-message (%llu) must not be above --connection-buffer (%llu), nor that "
-                        "above --max-buffer (%llu)",
-                        (unsigned long long)options->max_message,
-                        (unsigned long long)options->connection_buffer,
-                        (unsigned long long)options->max_buffer);
+        return umb_fail(
+            error, UMB_E_ARGUMENT,
+            "--max-message (%llu) must not be above --connection-buffer (%llu), nor that "
+            "above --max-buffer (%llu)",
+            (unsigned long long)options->max_message,
+            (unsigned long long)options->connection_buffer,
+            (unsigned long long)options->max_buffer);
     }
     if (options->admin != NULL) {
         enum umb_status status = umbd_address_parse_admin(options->admin, &address, error);
@@ -280,5 +282,6 @@ void umbd_options_usage(FILE *out)
                  table[i].value != NULL ? table[i].value : "");
         fprintf(out, "  %-28s %s\n", left, table[i].help);
     }
-    fprintf(out, "\nSIGTERM drains and exits, a second one exits at once; SIGHUP rescans the store.\n");
+    fprintf(out,
+            "\nSIGTERM drains and exits, a second one exits at once; SIGHUP rescans the store.\n");
 }

@@ -22,9 +22,9 @@ struct umbd_options {
     uint32_t workers;         /* threads of the pool */
     uint32_t queue;           /* batches that may wait for the pool */
     uint32_t max_connections;
-    uint64_t max_points;      /* a batch */
-    uint64_t max_message;     /* bytes */
-    uint64_t max_buffer;      /* bytes of requests and replies held, process */
+    uint64_t max_points;        /* a batch */
+    uint64_t max_message;       /* bytes */
+    uint64_t max_buffer;        /* bytes of requests and replies held, process */
     uint64_t connection_buffer; /* the same, one connection */
     uint64_t drain_delay_ms, drain_timeout_ms;
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;

@@ -43,8 +43,8 @@ static void begin_last(struct umbd_conn *conn)
         }
     }
     nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
-                          nghttp2_session_get_last_proc_stream_id(conn->session),
-                          NGHTTP2_NO_ERROR, NULL, 0);
+                          nghttp2_session_get_last_proc_stream_id(conn->session), NGHTTP2_NO_ERROR,
+                          NULL, 0);
 }
 
 static void each_conn(struct umbd_loop *loop, void (*act)(struct umbd_conn *conn))

@@ -11,19 +11,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define UMBD_HEADER_FIELDS_MAX 64       /* fields of one request, trailers included */
-#define UMBD_HEADER_BYTES_MAX  8192     /* RFC 9113 size: name + value + 32 a field */
-#define UMBD_HEADER_STRIKES    3        /* over-long blocks before the connection ends */
-#define UMBD_CONTROL_BURST     1000     /* control frames at once */
-#define UMBD_CONTROL_RATE      200      /* and a second after that */
-#define UMBD_CONTROL_CREDIT    8        /* a DATA frame we sent pays for the peer's WINDOW_UPDATEs and PINGs */
-#define UMBD_TINY_DATA         256      /* bytes; a shorter DATA frame that ends nothing counts as control */
+#define UMBD_HEADER_FIELDS_MAX 64   /* fields of one request, trailers included */
+#define UMBD_HEADER_BYTES_MAX  8192 /* RFC 9113 size: name + value + 32 a field */
+#define UMBD_HEADER_STRIKES    3    /* over-long blocks before the connection ends */
+#define UMBD_CONTROL_BURST     1000 /* control frames at once */
+#define UMBD_CONTROL_RATE      200  /* and a second after that */
+#define UMBD_CONTROL_CREDIT    8    /* a DATA frame sent pays for the WINDOW_UPDATEs it causes */
+#define UMBD_TINY_DATA         256  /* bytes; a DATA frame below that ends nothing is control */
 
 /* Tokens flow in at a rate up to a burst; each event takes some. */
 struct umbd_bucket {
-    uint64_t tokens_ns;  /* level, in nanoseconds of inflow */
+    uint64_t tokens_ns; /* level, in nanoseconds of inflow */
     uint64_t burst_ns;
-    uint64_t token_ns;   /* price of one token */
+    uint64_t token_ns; /* price of one token */
     uint64_t last_ns;
 };
 

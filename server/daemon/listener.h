@@ -15,8 +15,8 @@ struct umbd_listener {
         uv_pipe_t pipe;
     } socket;
     int is_unix;
-    char path[UMBD_UNIX_PATH_SIZE];       /* unlinked at close */
-    char text[UMBD_ADDRESS_TEXT_SIZE];    /* what was chosen: tcp:HOST:PORT or unix:PATH */
+    char path[UMBD_UNIX_PATH_SIZE];    /* unlinked at close */
+    char text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT or unix:PATH */
 };
 
 /*

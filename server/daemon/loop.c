@@ -16,7 +16,7 @@
 #include "daemon/listener.h"
 
 #define LOG_BURST 20 /* warnings about peers at once */
-#define LOG_RATE 5   /* and a second */
+#define LOG_RATE  5  /* and a second */
 
 int umbd_loop_may_log(struct umbd_loop *loop)
 {
@@ -182,7 +182,8 @@ void umbd_loop_finish(struct umbd_loop *loop)
     }
     umbd_listeners_close(loop);
     umbd_admin_close(loop);
-    /* Batches of calls that went are still with the workers: they come home before the async goes. */
+    /* Batches of calls that went are still with the workers: they come home before the async goes.
+     */
     umbd_pool_destroy(loop->daemon->pool);
     loop->daemon->pool = NULL;
     collect_done(loop);

@@ -13,14 +13,14 @@
 #include "daemon/daemon.h"
 #include "daemon/h2_guard.h"
 
-#define UMBD_TICK_MS 100              /* resolution of all timers */
-#define UMBD_READ_BYTES (256 * 1024)  /* the loop's read buffer */
-#define UMBD_OUT_SOFT (256 * 1024)    /* output collected before a write */
-#define UMBD_SEND_FRAME (128 * 1024)  /* longest DATA frame sent */
-#define UMBD_OUT_RESERVE (64 * 1024)  /* always left for frames that nghttp2 hands out itself */
+#define UMBD_TICK_MS      100          /* resolution of all timers */
+#define UMBD_READ_BYTES   (256 * 1024) /* the loop's read buffer */
+#define UMBD_OUT_SOFT     (256 * 1024) /* output collected before a write */
+#define UMBD_SEND_FRAME   (128 * 1024) /* longest DATA frame sent */
+#define UMBD_OUT_RESERVE  (64 * 1024)  /* always left for frames that nghttp2 hands out itself */
 #define UMBD_OUT_CAPACITY (UMBD_OUT_SOFT + UMBD_SEND_FRAME + 9 + UMBD_OUT_RESERVE)
-#define UMBD_INLINE_NS 4000000        /* of small batches in one wake-up, then they go to the pool */
-#define UMBD_CONN_BUCKETS 1024        /* of the table by serial; a power of 2 */
+#define UMBD_INLINE_NS    4000000 /* of small batches in one wake-up, then they go to the pool */
+#define UMBD_CONN_BUCKETS 1024    /* of the table by serial; a power of 2 */
 
 struct umbd_conn;
 struct umbd_listener;
@@ -51,11 +51,11 @@ struct umbd_loop {
     enum umbd_drain drain;
     uint64_t drain_since_ms; /* of the stage, uv_now */
 
-    uint8_t *read_buffer;  /* [UMBD_READ_BYTES] */
-    uint8_t *out;          /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
+    uint8_t *read_buffer; /* [UMBD_READ_BYTES] */
+    uint8_t *out;         /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
     size_t out_size;
-    uint64_t inline_ns;    /* spent on small batches in this wake-up */
-    uint64_t inline_at_ms; /* uv_now of that wake-up */
+    uint64_t inline_ns;            /* spent on small batches in this wake-up */
+    uint64_t inline_at_ms;         /* uv_now of that wake-up */
     struct umbd_conn *first_dirty; /* connections with frames queued by finished batches */
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 

@@ -7,9 +7,9 @@
 #include <sys/socket.h>
 #include "umbrage/status.h"
 
-#define UMBD_HOST_SIZE 256
-#define UMBD_UNIX_PATH_SIZE 108     /* sun_path of Linux, NUL included */
-#define UMBD_ADDRESS_TEXT_SIZE 160  /* "unix:" and a path, or "tcp:[v6]:port" */
+#define UMBD_HOST_SIZE         256
+#define UMBD_UNIX_PATH_SIZE    108 /* sun_path of Linux, NUL included */
+#define UMBD_ADDRESS_TEXT_SIZE 160 /* "unix:" and a path, or "tcp:[v6]:port" */
 
 struct umbd_address {
     int is_unix;

@@ -111,11 +111,11 @@ static void stop_batch(struct umbd_pool *pool, struct umbd_batch *batch, enum um
 {
     unlink_batch(pool, batch);
     if (batch->status == UMB_OK) {
-        batch->status = umb_fail(&batch->error, status,
-                                 status == UMB_E_DEADLINE
-                                     ? "the deadline passed after %zu of %zu points"
-                                     : "cancelled after %zu of %zu points",
-                                 batch->next_point, batch->points.count);
+        batch->status =
+            umb_fail(&batch->error, status,
+                     status == UMB_E_DEADLINE ? "the deadline passed after %zu of %zu points"
+                                              : "cancelled after %zu of %zu points",
+                     batch->next_point, batch->points.count);
         batch->error_point = batch->next_point;
     }
 }
@@ -230,9 +230,8 @@ static void join_all(struct umbd_pool *pool)
     free(pool);
 }
 
-enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limit,
-                                 struct umbd_metrics *metrics, struct umbd_pool **out,
-                                 struct umb_error *error)
+enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limit, struct umbd_metrics *metrics,
+                                 struct umbd_pool **out, struct umb_error *error)
 {
     *out = NULL;
     struct umbd_pool *pool = calloc(1, sizeof *pool + workers * sizeof(pthread_t));
@@ -246,9 +245,8 @@ enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limit,
     for (uint32_t i = 0; i < workers; i++) {
         int code = pthread_create(&pool->threads[i], NULL, worker, pool);
         if (code != 0) {
-            enum umb_status status =
-                umb_fail_errno(error, UMB_E_LIMIT, code, "cannot start worker %u of %u", i + 1,
-                               workers);
+            enum umb_status status = umb_fail_errno(error, UMB_E_LIMIT, code,
+                                                    "cannot start worker %u of %u", i + 1, workers);
             join_all(pool);
             return status;
         }

@@ -27,21 +27,21 @@
 
 struct umbd_batch {
     /* set by the maker */
-    uint8_t *message;            /* owned: what the points lie in */
-    struct umbs_entry *entry;    /* owned: the one version that answers */
+    uint8_t *message;         /* owned: what the points lie in */
+    struct umbs_entry *entry; /* owned: the one version that answers */
     struct umb_query query;
     struct umb_points points;
     struct umb_query_settings settings;
-    uint8_t *values;             /* owned: the answers */
+    uint8_t *values; /* owned: the answers */
     size_t value_bytes;
     int want_stats;
-    uint64_t deadline_ns;        /* CLOCK_MONOTONIC, 0 = none */
-    uint64_t lane;               /* serial of the connection */
+    uint64_t deadline_ns; /* CLOCK_MONOTONIC, 0 = none */
+    uint64_t lane;        /* serial of the connection */
     int32_t stream_id;
-    size_t charged;              /* bytes the maker counted for it */
+    size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */
-    void *home;                  /* for done */
-    struct umbd_batch *next_done; /* for done's list */
+    void *home;                             /* for done */
+    struct umbd_batch *next_done;           /* for done's list */
 
     /* results, valid in done */
     enum umb_status status;
@@ -50,10 +50,10 @@ struct umbd_batch {
     uint64_t cpu_ns;
 
     /* the pool's, under its mutex */
-    size_t next_point;     /* first point not handed out */
+    size_t next_point; /* first point not handed out */
     size_t slice_points;
-    size_t in_flight;      /* slices being answered */
-    size_t error_point;    /* first point of the slice whose error is kept */
+    size_t in_flight;   /* slices being answered */
+    size_t error_point; /* first point of the slice whose error is kept */
     int begun, linked;
     struct umbd_batch *ring_next, *ring_previous; /* heads of lanes */
     struct umbd_batch *follower, *last_follower;  /* later batches of the lane */

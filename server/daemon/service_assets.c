@@ -16,7 +16,8 @@ static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_s
     summary->light_count = item->light_count;
 }
 
-/* Resolution and voxel size are those of the light's first frustum; all of its frusta have the same. */
+/* Resolution and voxel size are those of the light's first frustum; all of its frusta have the
+ * same. */
 static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
                                   struct umbw_light *light)
 {

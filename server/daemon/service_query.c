@@ -10,7 +10,8 @@
 
 #include <stdlib.h>
 
-/* About 0.2 ms of work at 0.1 us a look-up: below that, two thread switches cost more than they win. */
+/* About 0.2 ms of work at 0.1 us a look-up: below that, two thread switches cost more than they
+ * win. */
 #define INLINE_WORK 2048
 
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
@@ -26,9 +27,9 @@ static int fits_inline(struct umbd_loop *loop, const struct umbd_batch *batch)
         loop->inline_at_ms = uv_now(&loop->uv);
         loop->inline_ns = 0;
     }
-    return batch->points.count == 0 || (work_of(&batch->settings, batch->points.count) <=
-                                            INLINE_WORK &&
-                                        loop->inline_ns < UMBD_INLINE_NS);
+    return batch->points.count == 0 ||
+           (work_of(&batch->settings, batch->points.count) <= INLINE_WORK &&
+            loop->inline_ns < UMBD_INLINE_NS);
 }
 
 static void answer_inline(struct umbd_call *call, struct umbd_batch *batch)
@@ -70,9 +71,8 @@ void umbd_service_query(struct umbd_call *call)
     struct umbs_entry *entry = NULL;
     struct umbd_batch *batch = NULL;
     struct umb_error error;
-    enum umb_status status =
-        umbw_decode_query_request(call->message, call->message_size,
-                                  (size_t)daemon->options.max_points, &request, &error);
+    enum umb_status status = umbw_decode_query_request(
+        call->message, call->message_size, (size_t)daemon->options.max_points, &request, &error);
     if (status == UMB_OK) {
         status = umbs_store_acquire(daemon->store, request.asset, &entry, &error);
     }
@@ -80,8 +80,8 @@ void umbd_service_query(struct umbd_call *call)
         /* The points lie in the message, so the batch takes it over. */
         uint8_t *message = call->message;
         call->message = NULL;
-        status = umbd_batch_create(entry, message, &request.settings, &request.points, &batch,
-                                   &error);
+        status =
+            umbd_batch_create(entry, message, &request.settings, &request.points, &batch, &error);
     }
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);

@@ -9,7 +9,7 @@
 #include "common/store.h"
 #include "daemon/daemon_metrics.h"
 
-#define UMBD_RESCAN_S 30       /* events can be lost; this is the safety */
+#define UMBD_RESCAN_S        30 /* events can be lost; this is the safety */
 #define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
 
 struct umbd_store_watch; /* opaque */

@@ -12,6 +12,7 @@ static const char help[] =
     "\n"
     "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"
+    "  points SCENE -o FILE                         sample points, for load tests\n"
     "\n"
     "`umbrage-study COMMAND --help` lists a command's options.\n"
     "  --version   --help\n";
@@ -22,6 +23,7 @@ static const struct command {
 } commands[] = {
     {"render", umbt_render_command},
     {"verify", umbt_verify_command},
+    {"points", umbt_points_command},
 };
 
 /* Data that did not reach stdout must not look like success. */

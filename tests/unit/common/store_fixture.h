@@ -118,9 +118,8 @@ static inline long folder_size(struct folder *folder, const char *name)
 /* Answer of one point on the axis at voxel depth z: 1 lit. */
 static inline int is_lit(const struct umb_asset *asset, float z)
 {
-    struct umb_query_settings settings = {.taps = 1,
-                                          .bias_mode = UMB_BIAS_NONE,
-                                          .format = UMB_ANSWER_U8};
+    struct umb_query_settings settings = {
+        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
     float position[3] = {32.5F, 32.5F, z};
     uint8_t value = 77;
     struct umb_query query;

@@ -81,8 +81,7 @@ static void file_begin_refuses_what_is_no_regular_file(void **state)
     assert_non_null(strstr(error.message, "/dev/null"));
     assert_int_equal(umbs_file_begin(folder_file(&folder, "no/such"), &file, &error),
                      UMB_E_CANNOT_CREATE);
-    assert_int_equal(umbs_file_begin(folder_file(&folder, ""), &file, &error),
-                     UMB_E_CANNOT_CREATE);
+    assert_int_equal(umbs_file_begin(folder_file(&folder, ""), &file, &error), UMB_E_CANNOT_CREATE);
     umbs_file_abandon(&file);
     folder_remove(&folder);
 }

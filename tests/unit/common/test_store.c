@@ -350,9 +350,8 @@ static void store_retired_version_waits_for_the_reaper(void **state)
     atomic_int calls = 0;
     uint8_t id[UMB_ID_BYTES];
     umbs_store_close(f->store);
-    struct umbs_store_options options = {.folder = f->folder.path,
-                                         .retired = count_call,
-                                         .retired_user = &calls};
+    struct umbs_store_options options = {
+        .folder = f->folder.path, .retired = count_call, .retired_user = &calls};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     folder_asset(&f->folder, "city.umb", 20, id);
     rescan(f);

@@ -11,8 +11,7 @@
 #include "daemon/daemon_options.h"
 #include "daemon/net_address.h"
 
-#define PARSE(options, error, ...)                                                                 \
-    parse((char *[]){"umbraged", __VA_ARGS__, NULL}, options, error)
+#define PARSE(options, error, ...) parse((char *[]){"umbraged", __VA_ARGS__, NULL}, options, error)
 
 static enum umb_status parse(char **argv, struct umbd_options *options, struct umb_error *error)
 {
@@ -63,21 +62,35 @@ static void options_name_each_bad_argument(void **state)
     static const struct {
         const char *option, *value;
     } bad[] = {
-        {"--workers", "0"},         {"--workers", "-1"},        {"--workers", "1x"},
-        {"--workers", "99999999999999999999999"},               {"--max-points", ""},
-        {"--max-message", "12"},    {"--max-message", "1TiB"},  {"--drain-delay", "1h"},
-        {"--drain-delay", "18446744073709551615m"},             {"--listen", "127.0.0.1:1"},
-        {"--listen", "tcp:host"},   {"--listen", "tcp::1"},     {"--listen", "tcp:a:65536"},
-        {"--listen", "tcp:::1:80"}, {"--listen", "unix:"},      {"--listen", "tls:a:1"},
-        {"--admin", "0.0.0.0:1"},   {"--admin", "example:1"},   {"--log-level", "loud"},
-        {"--store", ""},            {"--bogus", "1"},           {"--queue", "0"},
+        {"--workers", "0"},
+        {"--workers", "-1"},
+        {"--workers", "1x"},
+        {"--workers", "99999999999999999999999"},
+        {"--max-points", ""},
+        {"--max-message", "12"},
+        {"--max-message", "1TiB"},
+        {"--drain-delay", "1h"},
+        {"--drain-delay", "18446744073709551615m"},
+        {"--listen", "127.0.0.1:1"},
+        {"--listen", "tcp:host"},
+        {"--listen", "tcp::1"},
+        {"--listen", "tcp:a:65536"},
+        {"--listen", "tcp:::1:80"},
+        {"--listen", "unix:"},
+        {"--listen", "tls:a:1"},
+        {"--admin", "0.0.0.0:1"},
+        {"--admin", "example:1"},
+        {"--log-level", "loud"},
+        {"--store", ""},
+        {"--bogus", "1"},
+        {"--queue", "0"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         struct umbd_options options;
         struct umb_error error = {0};
-        enum umb_status status = PARSE(&options, &error, "--store", "x", (char *)bad[i].option,
-                                       (char *)bad[i].value);
+        enum umb_status status =
+            PARSE(&options, &error, "--store", "x", (char *)bad[i].option, (char *)bad[i].value);
         if (status != UMB_E_ARGUMENT || strstr(error.message, bad[i].option) == NULL) {
             fail_msg("%s %s: status %d, message '%s'", bad[i].option, bad[i].value, (int)status,
                      error.message);

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_POINT_FILE_H
+#define UMBRAGE_SERVER_STUDY_POINT_FILE_H
+/*
+ * Point files as `umbrage query --points` reads them: raw little-endian floats or doubles, three a
+ * point or six with normals, or text, a point a line.
+ */
+#include "study/point_sampler.h"
+
+enum umbt_point_file_format {
+    UMBT_POINT_FILE_F32 = 0,
+    UMBT_POINT_FILE_F64,
+    UMBT_POINT_FILE_TEXT, /* %.17g, normals %.9g: reading gives the same bits */
+};
+
+struct umbt_point_file {
+    const char *path;
+    enum umbt_point_file_format format;
+    int normals;      /* write them too */
+    double origin[3]; /* subtracted from every position */
+};
+
+/*
+ * Writes a set; the file is replaced as a whole or stays as it was.
+ *
+ * Out:   bytes: of the file.
+ * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
+                                                  const struct umbt_point_set *set,
+                                                  uint64_t *bytes, struct umb_error *error);
+
+#endif

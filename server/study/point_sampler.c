@@ -1,0 +1,321 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Query points of a scene; see point_sampler.h.
+ *
+ * Source: Osada et al. 2002, section 4.1 (uniform points on a triangle); Steele, Lea, Flood 2014
+ * (SplitMix64).
+ */
+#include "study/point_sampler.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "study/gbuffer.h"
+#include "study/parallel_for.h"
+#include "study/study_progress.h"
+#include "study/study_vec.h"
+
+#define ROUND         262144U   /* candidates tried between two looks at the result */
+#define BLOCK         1024U     /* candidates a thread takes at a time */
+#define HOPELESS      1000000U  /* candidates after which ... */
+#define HOPELESS_RATE 1000U     /* ... fewer than one in so many is given up on */
+#define CLEARANCE     1e-6      /* off a surface before asking where that is, of the diagonal: ten
+                                   times the ray tracer's float rounding */
+#define SIDE_MAX      16384U    /* pixels of a view */
+
+/* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
+static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
+
+struct candidate {
+    double position[3];
+    double normal[3];
+    int good;
+};
+
+struct sampling {
+    const struct umbt_point_request *request;
+    double *area_sums; /* [scene->count], of the triangles up to and with each */
+    struct candidate *candidates;
+    uint64_t first; /* number of candidates[0] */
+};
+
+static uint64_t mix(uint64_t z)
+{
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
+    return z ^ (z >> 31);
+}
+
+/* The next number in 0..1, 1 excluded, of a candidate's own stream. */
+static double uniform(uint64_t *state)
+{
+    *state += 0x9e3779b97f4a7c15U;
+    return (double)(mix(*state) >> 11) * 0x1p-53;
+}
+
+int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], const double *away)
+{
+    if (scene->parts.closed_triangles == 0) {
+        return 0;
+    }
+    const double sign = away != NULL && umbt_dot(away, generic_direction) < 0.0 ? -1.0 : 1.0;
+    double direction[3];
+    for (int k = 0; k < 3; k++) {
+        direction[k] = sign * generic_direction[k];
+    }
+    (void)umbt_normalize(direction);
+    int winding = 0, crossings = 0;
+    umbr_crossings(scene->rays, point, direction, scene->parts.closed, &winding, &crossings);
+    return winding > 0;
+}
+
+/* The first triangle whose sum of areas is above `at`; triangles of no area are never found. */
+static size_t triangle_at(const struct sampling *sampling, double at)
+{
+    size_t low = 0, high = sampling->request->scene->count - 1;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (sampling->area_sums[middle] > at) {
+            high = middle;
+        } else {
+            low = middle + 1;
+        }
+    }
+    return low;
+}
+
+static int surface_point(const struct sampling *sampling, uint64_t *state, double position[3],
+                         double normal[3])
+{
+    const struct umbt_scene *scene = sampling->request->scene;
+    const size_t t = triangle_at(sampling, uniform(state) * sampling->area_sums[scene->count - 1]);
+    const double root = sqrt(uniform(state));
+    const double share = uniform(state);
+    double a[3], b[3];
+    umbt_subtract(scene->corners[t][1], scene->corners[t][0], a);
+    umbt_subtract(scene->corners[t][2], scene->corners[t][0], b);
+    umbt_along(scene->corners[t][0], root * (1.0 - share), a, position);
+    umbt_along(position, root * share, b, position);
+    umbt_cross(a, b, normal);
+    return umbt_normalize(normal) > 0.0;
+}
+
+static void candidate_make(const struct sampling *sampling, size_t index)
+{
+    const struct umbt_point_request *request = sampling->request;
+    const struct umbt_scene *scene = request->scene;
+    struct candidate *candidate = &sampling->candidates[index];
+    uint64_t state = mix(request->seed + 0x9e3779b97f4a7c15U) ^ mix(sampling->first + index);
+    memset(candidate, 0, sizeof *candidate);
+    if (request->kind == UMBT_POINT_FREE) {
+        for (int k = 0; k < 3; k++) {
+            const double size = scene->box.max[k] - scene->box.min[k];
+            candidate->position[k] = scene->box.min[k] + uniform(&state) * size;
+        }
+        candidate->good = !umbt_point_is_inside(scene, candidate->position, NULL);
+        return;
+    }
+    if (!surface_point(sampling, &state, candidate->position, candidate->normal)) {
+        return;
+    }
+    double off[3];
+    if (request->kind == UMBT_POINT_NEAR) {
+        umbt_along(candidate->position, uniform(&state) * request->reach_m, candidate->normal,
+                   candidate->position);
+        memcpy(off, candidate->position, sizeof off);
+    } else {
+        umbt_along(candidate->position, CLEARANCE * scene->diagonal_m, candidate->normal, off);
+    }
+    candidate->good = !umbt_point_is_inside(scene, off, candidate->normal);
+}
+
+static enum umb_status block_make(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        candidate_make(user, i);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status set_init(struct umbt_point_set *set, size_t count, struct umb_error *error)
+{
+    memset(set, 0, sizeof *set);
+    set->positions = calloc(count, sizeof *set->positions);
+    set->normals = calloc(count, sizeof *set->normals);
+    if (set->positions == NULL || set->normals == NULL) {
+        umbt_point_set_finish(set);
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
+    }
+    return UMB_OK;
+}
+
+void umbt_point_set_finish(struct umbt_point_set *set)
+{
+    free(set->positions);
+    free(set->normals);
+    memset(set, 0, sizeof *set);
+}
+
+static void point_add(struct umbt_point_set *set, const double position[3], const double normal[3])
+{
+    memcpy(set->positions[set->count], position, sizeof set->positions[0]);
+    for (int k = 0; k < 3; k++) {
+        set->normals[set->count][k] = (float)normal[k];
+    }
+    set->count++;
+}
+
+static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *error)
+{
+    const struct umbt_scene *scene = sampling->request->scene;
+    sampling->area_sums = calloc(scene->count, sizeof *sampling->area_sums);
+    sampling->candidates = calloc(ROUND, sizeof *sampling->candidates);
+    if (sampling->area_sums == NULL || sampling->candidates == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "the areas of %zu triangles do not fit in memory",
+                        scene->count);
+    }
+    double sum = 0.0;
+    for (size_t i = 0; i < scene->count; i++) {
+        double a[3], b[3], normal[3];
+        umbt_subtract(scene->corners[i][1], scene->corners[i][0], a);
+        umbt_subtract(scene->corners[i][2], scene->corners[i][0], b);
+        umbt_cross(a, b, normal);
+        sum += umbt_length(normal);
+        sampling->area_sums[i] = sum;
+    }
+    if (!(sum > 0.0) || !isfinite(sum)) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "%s: the triangles have no area", scene->path);
+    }
+    return UMB_OK;
+}
+
+/* Tries candidates a round at a time until the set is full. Ends: each round either accepts one in
+ * HOPELESS_RATE on the average of all so far, or is the last. */
+static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_set *set,
+                                  struct umb_error *error)
+{
+    const struct umbt_point_request *request = sampling->request;
+    struct umbt_progress progress;
+    enum umb_status status = UMB_OK;
+    umbt_progress_start(&progress, "Mpoints", request->quiet);
+    while (status == UMB_OK && set->count < request->count) {
+        const size_t missing = request->count - set->count;
+        const size_t tried = missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK
+                                                                   : ROUND;
+        sampling->first = set->candidates;
+        status = umbt_parallel_for(request->threads, tried, BLOCK, block_make, sampling, error);
+        for (size_t i = 0; i < tried && set->count < request->count; i++) {
+            if (sampling->candidates[i].good) {
+                point_add(set, sampling->candidates[i].position, sampling->candidates[i].normal);
+            }
+        }
+        set->candidates += tried;
+        umbt_progress_show(&progress, (double)set->count, (double)request->count);
+        if (status == UMB_OK && set->candidates >= HOPELESS && set->count < request->count &&
+            set->count < set->candidates / HOPELESS_RATE) {
+            status = umb_fail(error, UMB_E_BAD_SCENE,
+                              "%s: only %zu of %llu candidates lie outside closed solids; %zu "
+                              "points are wanted",
+                              request->scene->path, set->count,
+                              (unsigned long long)set->candidates, request->count);
+        }
+    }
+    umbt_progress_end(&progress);
+    return status;
+}
+
+enum umb_status umbt_points_sample(const struct umbt_point_request *request,
+                                   struct umbt_point_set *set, struct umb_error *error)
+{
+    struct sampling sampling = {.request = request};
+    enum umb_status status = set_init(set, request->count, error);
+    if (status == UMB_OK) {
+        status = areas_sum(&sampling, error);
+    }
+    if (status == UMB_OK) {
+        status = rounds_run(&sampling, set, error);
+    }
+    free(sampling.area_sums);
+    free(sampling.candidates);
+    if (status != UMB_OK) {
+        umbt_point_set_finish(set);
+    }
+    return status;
+}
+
+/* Takes `count` of the buffer's points, evenly and in order. */
+static enum umb_status hits_take(const struct umbt_gbuffer *buffer, size_t count,
+                                 struct umbt_point_set *set, struct umb_error *error)
+{
+    const enum umb_status status = set_init(set, count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const size_t at = (size_t)((double)i * ((double)buffer->receiver_count / (double)count));
+        memcpy(set->positions[i], &buffer->positions[3 * at], sizeof set->positions[i]);
+        memcpy(set->normals[i], &buffer->normals[3 * at], sizeof set->normals[i]);
+    }
+    set->count = count;
+    return UMB_OK;
+}
+
+static enum umb_status view_trace(const struct umbt_point_view *view, uint32_t width,
+                                  uint32_t height, struct umbt_gbuffer *buffer,
+                                  struct umb_error *error)
+{
+    struct umbt_camera camera;
+    enum umb_status status =
+        umbt_camera_make(view->camera, view->subject, width, height, &camera, error);
+    if (status == UMB_OK && umbt_point_is_inside(view->scene, camera.eye, NULL)) {
+        status = umb_fail(error, UMB_E_ARGUMENT,
+                          "--camera: the eye at %.9g,%.9g,%.9g is inside a closed solid",
+                          camera.eye[0], camera.eye[1], camera.eye[2]);
+    }
+    if (status == UMB_OK) {
+        status = umbt_gbuffer_init(buffer, width, 1, height, error);
+    }
+    if (status == UMB_OK) {
+        status = umbt_gbuffer_fill(buffer, view->scene, &camera, height, 0, height, view->threads,
+                                   error);
+    }
+    if (status == UMB_OK && buffer->receiver_count == 0) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "--camera: no pixel of %ux%u sees the scene",
+                          width, height);
+    }
+    return status;
+}
+
+enum umb_status umbt_points_view(const struct umbt_point_view *view, struct umbt_point_set *set,
+                                 struct umb_error *error)
+{
+    uint32_t width = view->width, height = view->height;
+    memset(set, 0, sizeof *set);
+    for (;;) { /* ends: each picture has more pixels than the last, up to SIDE_MAX */
+        struct umbt_gbuffer buffer = {0};
+        enum umb_status status = view_trace(view, width, height, &buffer, error);
+        const size_t hits = buffer.receiver_count;
+        const size_t count = view->count > 0 ? view->count : hits;
+        if (status == UMB_OK && hits >= count) {
+            status = hits_take(&buffer, count, set, error);
+            set->candidates = (uint64_t)width * height;
+            umbt_gbuffer_finish(&buffer);
+            return status;
+        }
+        umbt_gbuffer_finish(&buffer);
+        if (status != UMB_OK) {
+            return status;
+        }
+        const double grow = sqrt((double)count / (double)hits) * 1.01;
+        const double wide = ceil((double)width * grow), tall = ceil((double)height * grow);
+        if (wide > SIDE_MAX || tall > SIDE_MAX) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--camera: %ux%u pixels see only %zu points of the scene; %zu points "
+                            "would need a picture above %u pixels a side",
+                            width, height, hits, count, SIDE_MAX);
+        }
+        width = (uint32_t)wide;
+        height = (uint32_t)tall;
+    }
+}
