@@ -464,3 +464,21 @@ void umbs_part_reason(const struct umbs_part *part, char *text, size_t size)
                        part->hole[1], part->hole[2]);
     }
 }
+
+void umbs_triangle_turn(double corners[3][3])
+{
+    double kept[3];
+    memcpy(kept, corners[1], sizeof kept);
+    memcpy(corners[1], corners[2], sizeof kept);
+    memcpy(corners[2], kept, sizeof kept);
+}
+
+void umbs_parts_orient(const struct umbs_parts *parts, double (*corners)[3][3], size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint32_t part = parts->part_of[i];
+        if (part < parts->part_count && parts->parts[part].flipped) {
+            umbs_triangle_turn(corners[i]);
+        }
+    }
+}

@@ -52,6 +52,17 @@ UMB_CHECKED enum umb_status umbs_parts_find(const double (*corners)[3][3], size_
                                             struct umbs_parts *parts, struct umb_error *error);
 void umbs_parts_finish(struct umbs_parts *parts);
 
+/* Turns one triangle around: its other side becomes its front. */
+void umbs_triangle_turn(double corners[3][3]);
+
+/*
+ * Turns the triangles of flipped parts around, so that all closed parts wind outward (cavities
+ * inward). Who traces rays or tells front from back must do this once after umbs_parts_find.
+ *
+ * In: corners: double[count][3][3], those that parts was found from; changed in place.
+ */
+void umbs_parts_orient(const struct umbs_parts *parts, double (*corners)[3][3], size_t count);
+
 /* Writes why a part is not closed, in words: "12 boundary edges, 1 edge of three or more triangles
  * (first at 1.5 2 0)", or "closed". The text is cut at size - 1 bytes. */
 void umbs_part_reason(const struct umbs_part *part, char *text, size_t size);

@@ -7,20 +7,6 @@
 #include <string.h>
 #include "study/study_vec.h"
 
-/* Turns closed parts of negative volume around, as the bake does. */
-static void parts_turn(struct umbt_scene *scene)
-{
-    for (size_t i = 0; i < scene->count; i++) {
-        const uint32_t part = scene->parts.part_of[i];
-        if (part < scene->parts.part_count && scene->parts.parts[part].flipped) {
-            double kept[3];
-            memcpy(kept, scene->corners[i][1], sizeof kept);
-            memcpy(scene->corners[i][1], scene->corners[i][2], sizeof kept);
-            memcpy(scene->corners[i][2], kept, sizeof kept);
-        }
-    }
-}
-
 static void box_measure(struct umbt_scene *scene)
 {
     double sum = 0.0;
@@ -100,7 +86,7 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
                                  error);
     }
     if (status == UMB_OK) {
-        parts_turn(scene);
+        umbs_parts_orient(&scene->parts, scene->corners, scene->count);
         box_measure(scene);
         status = surfaces_find(scene, error);
     }

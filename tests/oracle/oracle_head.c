@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: head, info and canonical block. Source: docs/umb-format.md, sections 2 and 3.
+ * The oracle's reader: head, info and canonical block. Source: docs/umb-format.md, sections 2
+ * and 3.
  */
 #include "oracle_parts.h"
 
@@ -270,11 +271,10 @@ static int check_ranges(const struct oracle *oracle, char error[ORACLE_ERROR_SIZ
     }
     for (uint32_t k = 0; k < oracle->light_count; k++) {
         const struct oracle_light *light = &oracle->lights[k];
-        if (light->frustum_count != 1 ||
-            light->first_frustum >= oracle->frustum_count) {
-            return oracle_refuse(error, "light %" PRIu32 ": directional with %" PRIu32
-                                 " frusta from %" PRIu32, k, light->frustum_count,
-                                 light->first_frustum);
+        if (light->frustum_count != 1 || light->first_frustum >= oracle->frustum_count) {
+            return oracle_refuse(
+                error, "light %" PRIu32 ": directional with %" PRIu32 " frusta from %" PRIu32, k,
+                light->frustum_count, light->first_frustum);
         }
     }
     return 1;
@@ -307,7 +307,7 @@ static int find_entries(const struct oracle *oracle, struct oracle_section found
         const uint8_t *padding = oracle_take_bytes(&cursor, (8 - length % 8) % 8);
         if (cursor.overrun || !oracle_all_zero(padding, (8 - length % 8) % 8)) {
             return oracle_refuse(error, "canonical block: an entry runs over its end or its "
-                                 "padding is not zero");
+                                        "padding is not zero");
         }
         uint32_t kind = 0;
         while (kind < ENTRY_COUNT && memcmp(tag, entry_names[kind], 4) != 0) {

@@ -86,8 +86,9 @@ static int read_tops(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         uint64_t cells = (uint64_t)1 << (3 * frustum->grid_log2);
         uint64_t all = oracle->grid.size / 4;
         if (frustum->grid_first > all || cells > all - frustum->grid_first) {
-            return oracle_refuse(error, "TOPS: frustum %" PRIu32 ": %" PRIu64 " cells from %" PRIu64
-                                 " of %" PRIu64, i, cells, frustum->grid_first, all);
+            return oracle_refuse(
+                error, "TOPS: frustum %" PRIu32 ": %" PRIu64 " cells from %" PRIu64 " of %" PRIu64,
+                i, cells, frustum->grid_first, all);
         }
     }
     return 1;
@@ -122,16 +123,16 @@ static int find_starts(const struct oracle *oracle, uint32_t level, const uint64
     return 1;
 }
 
-static int read_levels(const struct oracle *oracle, uint8_t *starts,
-                       char error[ORACLE_ERROR_SIZE])
+static int read_levels(const struct oracle *oracle, uint8_t *starts, char error[ORACLE_ERROR_SIZE])
 {
     uint64_t words = oracle->node.size / 8;
     uint64_t begin[LEVEL_STARTS];
     for (uint32_t i = 0; i < LEVEL_STARTS; i++) {
         begin[i] = oracle_number(oracle->lvls.data + (size_t)i * 8, 8);
         if (begin[i] > words || (i > 0 && begin[i] < begin[i - 1])) {
-            return oracle_refuse(error, "LVLS: level %" PRIu32 " begins at word %" PRIu64 " of %"
-                                 PRIu64, 5 + 2 * i, begin[i], words);
+            return oracle_refuse(error,
+                                 "LVLS: level %" PRIu32 " begins at word %" PRIu64 " of %" PRIu64,
+                                 5 + 2 * i, begin[i], words);
         }
     }
     if (begin[0] != 0 || begin[LEVEL_STARTS - 1] != words) {
@@ -151,22 +152,33 @@ struct reach {
     uint8_t *nodes, *bricks;
 };
 
-/* Marks what `number` of a level leads to. 0 if there is no such node or brick. */
+/* 0 if `number` of a level is no node or brick; else marks it, if what leads to it is reached. */
 static int reach_child(const struct oracle *oracle, const struct reach *reach, uint32_t level,
-                       uint64_t number)
+                       uint64_t number, uint8_t reached)
 {
     if (level == 3) {
         if (number >= oracle->brik.size / BRICK_SIZE) {
             return 0;
         }
-        reach->bricks[number] = 1;
+        reach->bricks[number] |= reached;
         return 1;
     }
     if (number >= oracle->node.size / 8 || reach->starts[number] != level) {
         return 0;
     }
-    reach->nodes[number] = 1;
+    reach->nodes[number] |= reached;
     return 1;
+}
+
+/* The least level of all frusta's cells. */
+static uint32_t least_cell_level(const struct oracle *oracle)
+{
+    uint32_t least = ORACLE_LEVELS;
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        uint32_t level = oracle->frusta[i].n - oracle->frusta[i].grid_log2;
+        least = level < least ? level : least;
+    }
+    return least;
 }
 
 static int check_grid(const struct oracle *oracle, const struct reach *reach,
@@ -178,32 +190,39 @@ static int check_grid(const struct oracle *oracle, const struct reach *reach,
         for (uint64_t k = 0; k < cells; k++) {
             uint64_t cell = oracle_number(oracle->grid.data + 4 * (frustum->grid_first + k), 4);
             if (cell >= 2 &&
-                !reach_child(oracle, reach, frustum->n - frustum->grid_log2, cell - 2)) {
-                return oracle_refuse(error, "GRID: frustum %" PRIu32 ": cell %" PRIu64
-                                     " holds %" PRIu64, i, k, cell);
+                !reach_child(oracle, reach, frustum->n - frustum->grid_log2, cell - 2, 1)) {
+                return oracle_refuse(error,
+                                     "GRID: frustum %" PRIu32 ": cell %" PRIu64 " holds %" PRIu64,
+                                     i, k, cell);
             }
         }
     }
     return 1;
 }
 
-/* From the top level down, as a node's parents are all of higher levels. */
+/*
+ * From the top level down, as a node's parents are all of higher levels. The page does not say
+ * whether nodes above the cells of a grid, which no look-up reaches, may be stored: they are let
+ * be.
+ */
 static int check_nodes(const struct oracle *oracle, const struct reach *reach,
                        char error[ORACLE_ERROR_SIZE])
 {
+    uint32_t cell_level = least_cell_level(oracle);
     for (uint32_t level = 19; level >= 5; level -= 2) {
         for (uint64_t w = 0; w < oracle->node.size / 8; w++) {
             if (reach->starts[w] != level) {
                 continue;
             }
-            if (!reach->nodes[w]) {
+            if (!reach->nodes[w] && level <= cell_level) {
                 return oracle_refuse(error, "NODE: no grid reaches word %" PRIu64, w);
             }
             uint32_t children = (uint32_t)__builtin_popcountll(word_at(oracle, w));
             for (uint32_t k = 0; k < children; k++) {
-                if (!reach_child(oracle, reach, level - 2, child_at(oracle, w, k))) {
-                    return oracle_refuse(error, "NODE: word %" PRIu64 ": child %" PRIu32
-                                         " leads nowhere", w, k);
+                if (!reach_child(oracle, reach, level - 2, child_at(oracle, w, k),
+                                 reach->nodes[w])) {
+                    return oracle_refuse(
+                        error, "NODE: word %" PRIu64 ": child %" PRIu32 " leads nowhere", w, k);
                 }
             }
         }

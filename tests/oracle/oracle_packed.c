@@ -3,9 +3,9 @@
  * The oracle's reader: directory, identity and pages of a packed file. Source: docs/umb-format.md,
  * sections 4 and 5.
  *
- * Two passes: the first proves and expands every page and reads how many nodes it has, which numbers
- * all nodes of a level through (page after page); the second decodes, so that a reference to a page
- * further on has its number already.
+ * Two passes: the first proves and expands every page and reads how many nodes it has, which
+ * numbers all nodes of a level through (page after page); the second decodes, so that a reference
+ * to a page further on has its number already.
  */
 #include "oracle_parts.h"
 
@@ -133,8 +133,9 @@ static int read_counts(struct oracle *oracle, uint32_t number, struct page *page
     uint64_t low = oracle_take(cursor, 1);
     uint64_t zero = oracle_take(cursor, 1);
     if (encoding != 1 || high != page->high || low != page->low || zero != 0) {
-        return oracle_refuse(error, "page %" PRIu32 ": encoding %" PRIu64 ", levels %" PRIu64
-                             " to %" PRIu64, number, encoding, high, low);
+        return oracle_refuse(
+            error, "page %" PRIu32 ": encoding %" PRIu64 ", levels %" PRIu64 " to %" PRIu64, number,
+            encoding, high, low);
     }
     uint64_t total = 0;
     for (uint32_t l = page->high; l >= page->low; l--) {
@@ -151,8 +152,10 @@ static int read_counts(struct oracle *oracle, uint32_t number, struct page *page
     }
     /* A node takes at least two bytes and a brick one, so that counts beyond the page are lies. */
     if (cursor->overrun || total != page->nodes || total > page->size) {
-        return oracle_refuse(error, "page %" PRIu32 ": %" PRIu64 " nodes, the directory says "
-                             "%" PRIu32, number, total, page->nodes);
+        return oracle_refuse(error,
+                             "page %" PRIu32 ": %" PRIu64 " nodes, the directory says "
+                             "%" PRIu32,
+                             number, total, page->nodes);
     }
     return 1;
 }
@@ -178,8 +181,7 @@ struct decoder {
 };
 
 /* Number of reference r of level l among all nodes of level l - 1, or -1. */
-static int64_t resolve(const struct decoder *decoder, uint32_t l, uint64_t r,
-                       const uint8_t *others)
+static int64_t resolve(const struct decoder *decoder, uint32_t l, uint64_t r, const uint8_t *others)
 {
     const struct page *page = decoder->page;
     if (r < page->count[l - 1]) {
@@ -206,8 +208,9 @@ static int decode_node(const struct decoder *decoder, uint32_t l, struct oracle_
     for (uint32_t c = 0; c < 8; c++) {
         uint32_t state = (node->mask >> (2 * c)) & 3;
         if (state == 3) {
-            return oracle_refuse(decoder->error, "page %" PRIu32 ": level %" PRIu32
-                                 ": a child has state 3", decoder->number, l);
+            return oracle_refuse(decoder->error,
+                                 "page %" PRIu32 ": level %" PRIu32 ": a child has state 3",
+                                 decoder->number, l);
         }
         if (state != 2) {
             continue;
@@ -215,8 +218,10 @@ static int decode_node(const struct decoder *decoder, uint32_t l, struct oracle_
         uint64_t r = oracle_take(&decoder->page->cursor, width);
         int64_t child = resolve(decoder, l, r, others);
         if (child < 0 || child > UINT32_MAX) {
-            return oracle_refuse(decoder->error, "page %" PRIu32 ": level %" PRIu32
-                                 ": reference %" PRIu64 " leads nowhere", decoder->number, l, r);
+            return oracle_refuse(decoder->error,
+                                 "page %" PRIu32 ": level %" PRIu32 ": reference %" PRIu64
+                                 " leads nowhere",
+                                 decoder->number, l, r);
         }
         node->child[c] = (uint32_t)child;
         if (r >= page->count[l - 1]) {
@@ -233,8 +238,9 @@ static int decode_level(const struct decoder *decoder, uint32_t l)
     const uint8_t *others = oracle_take_bytes(&page->cursor, 8 * other_count);
     const uint8_t *masks = oracle_take_bytes(&page->cursor, 2 * (uint64_t)page->count[l]);
     if (page->cursor.overrun) {
-        return oracle_refuse(decoder->error, "page %" PRIu32 ": level %" PRIu32
-                             " runs over its end", decoder->number, l);
+        return oracle_refuse(decoder->error,
+                             "page %" PRIu32 ": level %" PRIu32 " runs over its end",
+                             decoder->number, l);
     }
     uint8_t *used = calloc((size_t)other_count + 1, 1);
     if (used == NULL) {
@@ -247,9 +253,10 @@ static int decode_level(const struct decoder *decoder, uint32_t l)
         good = decode_node(decoder, l, node, others, used);
     }
     for (uint64_t k = 0; good && k < other_count; k++) {
-        good = used[k] || oracle_refuse(decoder->error, "page %" PRIu32 ": level %" PRIu32
-                                        ": other %" PRIu64 " is not referred to", decoder->number,
-                                        l, k);
+        good = used[k] || oracle_refuse(decoder->error,
+                                        "page %" PRIu32 ": level %" PRIu32 ": other %" PRIu64
+                                        " is not referred to",
+                                        decoder->number, l, k);
     }
     free(used);
     return good;
@@ -265,13 +272,16 @@ static int decode_brick(const struct decoder *decoder, const uint8_t *leaves, ui
         if ((runs >> z) & 1) {
             uint64_t number = oracle_take(&page->cursor, width_for(page->leaves));
             if (page->cursor.overrun || number >= page->leaves) {
-                return oracle_refuse(decoder->error, "page %" PRIu32 ": leaf %" PRIu64
-                                     " of %" PRIu32, decoder->number, number, page->leaves);
+                return oracle_refuse(decoder->error,
+                                     "page %" PRIu32 ": leaf %" PRIu64 " of %" PRIu32,
+                                     decoder->number, number, page->leaves);
             }
             uint64_t next = oracle_number(leaves + 8 * number, 8);
             if (z > 0 && next == leaf) {
-                return oracle_refuse(decoder->error, "page %" PRIu32 ": a run begins with the "
-                                     "slice before it", decoder->number);
+                return oracle_refuse(decoder->error,
+                                     "page %" PRIu32 ": a run begins with the "
+                                     "slice before it",
+                                     decoder->number);
             }
             leaf = next;
         }
@@ -291,8 +301,9 @@ static int decode_bricks(const struct decoder *decoder)
     }
     for (uint32_t i = 0; i < page->count[3]; i++) {
         if ((runs[i] & 1) == 0) {
-            return oracle_refuse(decoder->error, "page %" PRIu32 ": runs of brick %" PRIu32
-                                 " lack bit 0", decoder->number, i);
+            return oracle_refuse(decoder->error,
+                                 "page %" PRIu32 ": runs of brick %" PRIu32 " lack bit 0",
+                                 decoder->number, i);
         }
         if (!decode_brick(decoder, leaves, runs[i], &decoder->oracle->bricks[page->base[3] + i])) {
             return 0;
@@ -329,9 +340,10 @@ static int find_roots(struct oracle *oracle, const struct page *pages,
         }
         if (frustum->root_page >= oracle->directory_count ||
             frustum->root_position >= pages[frustum->root_page].count[frustum->n]) {
-            return oracle_refuse(error, "ROOT: frustum %" PRIu32 ": no node %" PRIu32
-                                 " of level %" PRIu32 " in page %" PRIu32, i,
-                                 frustum->root_position, frustum->n, frustum->root_page);
+            return oracle_refuse(error,
+                                 "ROOT: frustum %" PRIu32 ": no node %" PRIu32 " of level %" PRIu32
+                                 " in page %" PRIu32,
+                                 i, frustum->root_position, frustum->n, frustum->root_page);
         }
         frustum->root =
             (uint32_t)(pages[frustum->root_page].base[frustum->n] + frustum->root_position);
@@ -339,8 +351,7 @@ static int find_roots(struct oracle *oracle, const struct page *pages,
     return 1;
 }
 
-static int read_all_counts(struct oracle *oracle, struct page *pages,
-                           char error[ORACLE_ERROR_SIZE])
+static int read_all_counts(struct oracle *oracle, struct page *pages, char error[ORACLE_ERROR_SIZE])
 {
     uint64_t at = oracle->head_size;
     for (uint32_t i = 0; i < oracle->directory_count; i++) {
@@ -348,9 +359,10 @@ static int read_all_counts(struct oracle *oracle, struct page *pages,
             return 0;
         }
         if (pages[i].stored_at != at || pages[i].stored_size > oracle->size - at) {
-            return oracle_refuse(error, "page %" PRIu32 ": %" PRIu32 " bytes at %" PRIu64
-                                 ", the page before ends at %" PRIu64, i, pages[i].stored_size,
-                                 pages[i].stored_at, at);
+            return oracle_refuse(error,
+                                 "page %" PRIu32 ": %" PRIu32 " bytes at %" PRIu64
+                                 ", the page before ends at %" PRIu64,
+                                 i, pages[i].stored_size, pages[i].stored_at, at);
         }
         at += pages[i].stored_size;
         if (!expand(oracle, i, &pages[i], error) || !read_counts(oracle, i, &pages[i], error)) {

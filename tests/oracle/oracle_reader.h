@@ -7,12 +7,12 @@
  * misunderstanding on either side shows as a difference.
  *
  * Life: oracle_open checks everything the page states and refuses the file with a sentence, or
- * leaves an oracle whose voxels can be asked one by one; oracle_close frees it. The file's bytes are
- * borrowed until then.
+ * leaves an oracle whose voxels can be asked one by one; oracle_close frees it. The file's bytes
+ * are borrowed until then.
  *
  * Not checked, because the page leaves it to writers: the order of nodes and where pages end
- * (section 5), the size of the top grids (section 6). A mapped file cannot prove its id, as it holds
- * no page hashes: compare it with the packed file's.
+ * (section 5), the size of the top grids (section 6). A mapped file cannot prove its id, as it
+ * holds no page hashes: compare it with the packed file's.
  *
  * Threads: an open oracle is read-only. Trust: safe on hostile bytes. Cost: memory of about ten
  * times the file; opening sorts every level.
@@ -39,14 +39,14 @@ struct oracle_light {
 struct oracle_frustum {
     uint32_t n; /* 2^n voxels a side */
     uint32_t light;
-    uint32_t flags;        /* bit 0: baked under the closed rule */
-    double m[16];          /* world minus origin to voxels, row major */
-    uint32_t root_state;   /* 0 shadowed, 1 lit, 2 mixed */
-    uint32_t root_page;    /* if mixed */
+    uint32_t flags;      /* bit 0: baked under the closed rule */
+    double m[16];        /* world minus origin to voxels, row major */
+    uint32_t root_state; /* 0 shadowed, 1 lit, 2 mixed */
+    uint32_t root_page;  /* if mixed */
     uint32_t root_position;
-    uint32_t root;         /* packed: number among all nodes of level n */
-    uint32_t grid_log2;    /* mapped */
-    uint64_t grid_first;   /* mapped */
+    uint32_t root;       /* packed: number among all nodes of level n */
+    uint32_t grid_log2;  /* mapped */
+    uint64_t grid_first; /* mapped */
 };
 
 /* A node of level 4 and up of a packed file; child[c] is a number among all of the level below. */
@@ -87,14 +87,15 @@ struct oracle {
 
 /*
  * Opens a file held in memory.
- * In: bytes: the whole file, borrowed until oracle_close. Out: oracle: to close, also after failure.
- * Fails: 0 with a sentence in `error`; 1 if the file is all that the page says.
+ * In: bytes: the whole file, borrowed until oracle_close. Out: oracle: to close, also after
+ * failure. Fails: 0 with a sentence in `error`; 1 if the file is all that the page says.
  */
 int oracle_open(struct oracle *oracle, const uint8_t *bytes, size_t size,
                 char error[ORACLE_ERROR_SIZE]);
 
 /*
- * 1 if voxel (x, y, z) is lit, 0 if shadowed, -1 outside the frustum or if there is no such frustum.
+ * 1 if voxel (x, y, z) is lit, 0 if shadowed, -1 outside the frustum or if there is no such
+ * frustum.
  */
 int oracle_voxel(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
 

@@ -61,8 +61,8 @@ static int check_uniform(const struct oracle *oracle, char error[ORACLE_ERROR_SI
         for (uint64_t i = 0; i < oracle->counts[l]; i++) {
             uint16_t mask = oracle->nodes[l][i].mask;
             if (mask == 0 || mask == 0x5555) {
-                return oracle_refuse(error, "level %" PRIu32 ": node %" PRIu64
-                                     " is all lit or all shadowed", l, i);
+                return oracle_refuse(
+                    error, "level %" PRIu32 ": node %" PRIu64 " is all lit or all shadowed", l, i);
             }
         }
     }
@@ -96,8 +96,10 @@ static int check_reached(const struct oracle *oracle, char error[ORACLE_ERROR_SI
     }
     for (uint32_t l = ORACLE_LEVELS - 1; good && l >= 3; l--) {
         for (uint64_t i = 0; good && i < oracle->counts[l]; i++) {
-            good = reached[l][i] || oracle_refuse(error, "level %" PRIu32 ": no root reaches node "
-                                                  "%" PRIu64, l, i);
+            good = reached[l][i] || oracle_refuse(error,
+                                                  "level %" PRIu32 ": no root reaches node "
+                                                  "%" PRIu64,
+                                                  l, i);
         }
         if (good && l > 3) {
             mark_children(oracle, l, reached[l], reached[l - 1]);
@@ -113,17 +115,17 @@ int oracle_check_tree(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
     for (uint32_t l = 3; l < ORACLE_LEVELS; l++) {
         if (oracle->counts[l] != oracle->unique[l]) {
-            return oracle_refuse(error, "CNTS: %" PRIu64 " nodes of level %" PRIu32
-                                 ", the pages have %" PRIu64, oracle->unique[l], l,
-                                 oracle->counts[l]);
+            return oracle_refuse(
+                error, "CNTS: %" PRIu64 " nodes of level %" PRIu32 ", the pages have %" PRIu64,
+                oracle->unique[l], l, oracle->counts[l]);
         }
-        int differ = l == 3 ? all_differ(oracle->bricks, oracle->counts[3],
-                                         sizeof *oracle->bricks, compare_bricks)
+        int differ = l == 3 ? all_differ(oracle->bricks, oracle->counts[3], sizeof *oracle->bricks,
+                                         compare_bricks)
                             : all_differ(oracle->nodes[l], oracle->counts[l],
                                          sizeof *oracle->nodes[l], compare_nodes);
         if (differ != 1) {
-            return oracle_refuse(error, differ < 0 ? "out of memory"
-                                                   : "level %" PRIu32 ": two equal nodes", l);
+            return oracle_refuse(
+                error, differ < 0 ? "out of memory" : "level %" PRIu32 ": two equal nodes", l);
         }
     }
     return check_uniform(oracle, error) && check_reached(oracle, error);

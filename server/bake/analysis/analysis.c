@@ -245,5 +245,10 @@ enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
                         analysis->flat_count, count);
     }
     compact(analysis);
+    for (size_t i = 0; i < analysis->count; i++) { /* rays tell inside by the winding */
+        if (analysis->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED) {
+            umbs_triangle_turn(analysis->corners[i]);
+        }
+    }
     return UMB_OK;
 }

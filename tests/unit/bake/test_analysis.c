@@ -131,6 +131,41 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     umbb_analysis_finish(&a); /* harmless */
 }
 
+/* The self-check tells inside from outside by the winding, so it must get the solid turned. */
+static void inside_out_solid_winds_outward_for_the_self_check(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    for (int i = 0; i < 12; i++) {
+        const uint32_t kept = s.triangles[i][1];
+        s.triangles[i][1] = s.triangles[i][2];
+        s.triangles[i][2] = kept;
+    }
+    const struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    for (int i = 0; i < 12; i++) {
+        assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED_FLIPPED);
+    }
+    umbb_analysis_to_voxels(&a);
+    assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+    double volume = 0; /* six times, relative to the first corner: positive if outward */
+    const double *o = a.corners[0][0];
+    for (int i = 0; i < 12; i++) {
+        double p[3][3];
+        for (int k = 0; k < 9; k++) {
+            p[k / 3][k % 3] = a.corners[i][k / 3][k % 3] - o[k % 3];
+        }
+        volume += p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) -
+                  p[0][1] * (p[1][0] * p[2][2] - p[1][2] * p[2][0]) +
+                  p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0]);
+    }
+    assert_true(volume > 0);
+    umbb_analysis_finish(&a);
+}
+
 static void closed_option_overrules_the_parts(void **state)
 {
     (void)state;
@@ -285,6 +320,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(analysis_drops_degenerates_and_finds_closed_parts),
+        cmocka_unit_test(inside_out_solid_winds_outward_for_the_self_check),
         cmocka_unit_test(closed_option_overrules_the_parts),
         cmocka_unit_test(lights_are_chosen_by_option),
         cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),

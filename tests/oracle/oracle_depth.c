@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Depths by brute force: see oracle_depth.h. */
+#include "oracle_depth.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+struct oracle_caster {
+    long double at[3][3];                      /* corner, axis: voxels */
+    long double length[3];                     /* of edge k, from corner k to k + 1, projected */
+    long double area;                          /* twice, signed */
+    uint32_t row_low, row_high, x_low, x_high; /* texels its box may touch; low > high: none */
+    uint8_t closed, front;
+};
+
+/* What the light meets at one texel; infinite if nothing. */
+struct oracle_hits {
+    long double first, front, back;
+    int tie;
+};
+
+static long double determinant(const double *m)
+{
+    const long double a = m[0], b = m[1], c = m[2], d = m[4], e = m[5], f = m[6];
+    const long double g = m[8], h = m[9], i = m[10];
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+}
+
+static void to_voxels(const struct oracle_view *view, const double world[3], long double out[3])
+{
+    for (int r = 0; r < 3; r++) {
+        out[r] = view->m[4 * r + 3];
+        for (int k = 0; k < 3; k++) {
+            out[r] += (long double)view->m[4 * r + k] *
+                      ((long double)world[k] - (long double)view->origin[k]);
+        }
+    }
+}
+
+/* Texels whose centre lies in [low, high], widened by the tie distance. 0 if none does. */
+static int texel_range(long double low, long double high, uint32_t side, uint32_t range[2])
+{
+    long double first = ceill(low - 0.5L - ORACLE_TIE);
+    long double last = floorl(high - 0.5L + ORACLE_TIE);
+    first = first < 0.0L ? 0.0L : first;
+    last = last > (long double)side - 1.0L ? (long double)side - 1.0L : last;
+    if (!(first <= last)) {
+        range[0] = 1;
+        range[1] = 0;
+        return 0;
+    }
+    range[0] = (uint32_t)first;
+    range[1] = (uint32_t)last;
+    return 1;
+}
+
+static long double least(long double a, long double b, long double c)
+{
+    return fminl(a, fminl(b, c));
+}
+
+static long double greatest(long double a, long double b, long double c)
+{
+    return fmaxl(a, fmaxl(b, c));
+}
+
+static void project(const struct oracle_view *view, const struct oracle_scene *scene, size_t number,
+                    struct oracle_caster *caster)
+{
+    long double(*p)[3] = caster->at;
+    for (int v = 0; v < 3; v++) {
+        to_voxels(view, scene->vertices[scene->triangles[number][v]], p[v]);
+    }
+    for (int k = 0; k < 3; k++) {
+        const long double *from = p[k], *to = p[(k + 1) % 3];
+        caster->length[k] = hypotl(to[0] - from[0], to[1] - from[1]);
+    }
+    caster->area =
+        (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]);
+    caster->closed = scene->closed[number];
+    /* The normal's z in voxels over the determinant has the sign of normal times light direction.
+     */
+    caster->front = (caster->area < 0.0L) == (determinant(view->m) > 0.0L);
+    uint32_t x[2], y[2];
+    int touches = texel_range(least(p[0][0], p[1][0], p[2][0]), greatest(p[0][0], p[1][0], p[2][0]),
+                              view->side, x) &
+                  texel_range(least(p[0][1], p[1][1], p[2][1]), greatest(p[0][1], p[1][1], p[2][1]),
+                              view->side, y);
+    caster->x_low = x[0];
+    caster->x_high = x[1];
+    caster->row_low = touches ? y[0] : 1;
+    caster->row_high = touches ? y[1] : 0;
+}
+
+/* Lists each row's casters; counting first, then filling. */
+static int fill_rows(struct oracle_depth *depth, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        for (uint32_t y = depth->casters[i].row_low; y <= depth->casters[i].row_high; y++) {
+            depth->row_first[y + 1]++;
+        }
+    }
+    for (uint32_t y = 0; y < depth->side; y++) {
+        depth->row_first[y + 1] += depth->row_first[y];
+    }
+    depth->row_items = calloc(depth->row_first[depth->side] + 1, sizeof *depth->row_items);
+    size_t *next = calloc((size_t)depth->side + 1, sizeof *next);
+    int good = depth->row_items != NULL && next != NULL;
+    for (size_t i = 0; good && i < count; i++) {
+        for (uint32_t y = depth->casters[i].row_low; y <= depth->casters[i].row_high; y++) {
+            depth->row_items[depth->row_first[y] + next[y]++] = (uint32_t)i;
+        }
+    }
+    free(next);
+    return good;
+}
+
+int oracle_depth_init(struct oracle_depth *depth, const struct oracle_scene *scene,
+                      const struct oracle_view *view)
+{
+    *depth = (struct oracle_depth){.side = view->side, .closed = view->closed};
+    long double det = determinant(view->m);
+    if (det == 0.0L || isnan(det)) {
+        return 0;
+    }
+    depth->casters = calloc(scene->triangle_count + 1, sizeof *depth->casters);
+    depth->row_first = calloc((size_t)view->side + 2, sizeof *depth->row_first);
+    depth->hits = calloc(view->side, sizeof *depth->hits);
+    if (depth->casters == NULL || depth->row_first == NULL || depth->hits == NULL) {
+        return 0;
+    }
+    for (size_t i = 0; i < scene->triangle_count; i++) {
+        project(view, scene, i, &depth->casters[i]);
+    }
+    return fill_rows(depth, scene->triangle_count);
+}
+
+/*
+ * Twice the signed areas of the triangles that the centre forms with the edges. Returns 1 if the
+ * centre lies within the tie distance of an edge.
+ */
+static int edge_areas(const struct oracle_caster *caster, long double x, long double y,
+                      long double areas[3])
+{
+    int tie = 0;
+    for (int k = 0; k < 3; k++) {
+        const long double *from = caster->at[k], *to = caster->at[(k + 1) % 3];
+        long double dx = to[0] - from[0], dy = to[1] - from[1];
+        areas[k] = dx * (y - from[1]) - dy * (x - from[0]);
+        long double length = caster->length[k];
+        if (fabsl(areas[k]) > ORACLE_TIE * length) {
+            continue;
+        }
+        long double along = dx * (x - from[0]) + dy * (y - from[1]); /* times length */
+        if (length <= ORACLE_TIE) {
+            tie |= hypotl(x - from[0], y - from[1]) <= 2.0L * ORACLE_TIE;
+        } else {
+            tie |= along >= -ORACLE_TIE * length && along <= (length + ORACLE_TIE) * length;
+        }
+    }
+    return tie;
+}
+
+static void hit_texel(const struct oracle_caster *caster, uint32_t x, uint32_t y,
+                      struct oracle_hits *hits)
+{
+    long double areas[3];
+    if (edge_areas(caster, (long double)x + 0.5L, (long double)y + 0.5L, areas)) {
+        hits->tie = 1;
+        return;
+    }
+    int positive = areas[0] > 0.0L && areas[1] > 0.0L && areas[2] > 0.0L;
+    int negative = areas[0] < 0.0L && areas[1] < 0.0L && areas[2] < 0.0L;
+    if (!positive && !negative) {
+        return;
+    }
+    /* Edge k faces corner k + 2. */
+    long double z =
+        (areas[0] * caster->at[2][2] + areas[1] * caster->at[0][2] + areas[2] * caster->at[1][2]) /
+        (areas[0] + areas[1] + areas[2]);
+    hits->first = fminl(hits->first, z);
+    if (caster->closed && caster->front) {
+        hits->front = fminl(hits->front, z);
+    } else if (caster->closed) {
+        hits->back = fminl(hits->back, z);
+    }
+}
+
+/* How many voxel centres of 0..side-1 lie before the depth; notes a tie. */
+static uint32_t centres_before(long double z, uint32_t side, int *tie)
+{
+    if (isinf(z)) {
+        return side;
+    }
+    long double from_centre = z - 0.5L;
+    if (fabsl(from_centre - roundl(from_centre)) <= ORACLE_TIE) {
+        *tie = 1;
+    }
+    long double count = ceill(from_centre);
+    if (count <= 0.0L) {
+        return 0;
+    }
+    return count >= (long double)side ? side : (uint32_t)count;
+}
+
+static struct oracle_texel texel_of(const struct oracle_hits *hits, uint32_t side, int closed)
+{
+    struct oracle_texel texel = {.tie = hits->tie};
+    texel.lit = centres_before(hits->first, side, &texel.tie);
+    texel.end = texel.lit;
+    if (closed && !isinf(hits->front) && !isinf(hits->back) &&
+        centres_before(hits->front, side, &texel.tie) == texel.lit) {
+        uint32_t end = centres_before(hits->back, side, &texel.tie);
+        texel.end = end > texel.lit ? end : texel.lit;
+    }
+    return texel;
+}
+
+void oracle_depth_row(struct oracle_depth *depth, uint32_t y, uint32_t step,
+                      struct oracle_texel *row)
+{
+    for (uint32_t x = 0; x < depth->side; x += step) {
+        depth->hits[x] =
+            (struct oracle_hits){.first = INFINITY, .front = INFINITY, .back = INFINITY};
+    }
+    for (size_t i = depth->row_first[y]; i < depth->row_first[y + 1]; i++) {
+        const struct oracle_caster *caster = &depth->casters[depth->row_items[i]];
+        uint32_t start = (caster->x_low + step - 1) / step * step;
+        for (uint32_t x = start; x <= caster->x_high; x += step) {
+            hit_texel(caster, x, y, &depth->hits[x]);
+        }
+    }
+    for (uint32_t x = 0; x < depth->side; x += step) {
+        row[x] = texel_of(&depth->hits[x], depth->side, depth->closed);
+    }
+}
+
+void oracle_depth_finish(struct oracle_depth *depth)
+{
+    free(depth->casters);
+    free(depth->row_first);
+    free(depth->row_items);
+    free(depth->hits);
+    *depth = (struct oracle_depth){0};
+}
