@@ -29,12 +29,12 @@ static enum umb_status begin_temporary(const char *path, struct umbc_output *out
                                        struct umb_error *error)
 {
     size_t folder = folder_length(path);
-    size_t capacity = folder + sizeof ".umbrage-out.XXXXXX";
+    size_t capacity = folder + sizeof ".tmp.umbrage.XXXXXX";
     output->temporary = malloc(capacity);
     if (output->temporary == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
     }
-    (void)snprintf(output->temporary, capacity, "%.*s.umbrage-out.XXXXXX", (int)folder, path);
+    (void)snprintf(output->temporary, capacity, "%.*s.tmp.umbrage.XXXXXX", (int)folder, path);
     int file = mkstemp(output->temporary);
     if (file < 0) {
         int code = errno;
@@ -110,10 +110,15 @@ static mode_t file_mode(const char *path)
 enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error *error)
 {
     bool temporary = output->temporary != NULL;
-    bool bad = ferror(output->file) != 0 || fflush(output->file) != 0;
-    bad = bad || (temporary && (fchmod(fileno(output->file), file_mode(output->path)) != 0 ||
-                                fsync(fileno(output->file)) != 0));
-    int code = bad ? errno : 0;
+    /* The errno of an earlier write is the sink's, or lost. */
+    bool bad = ferror(output->file) != 0;
+    int code = !bad ? 0 : output->system_error != 0 ? output->system_error : EIO;
+    if (!bad && (fflush(output->file) != 0 ||
+                 (temporary && (fchmod(fileno(output->file), file_mode(output->path)) != 0 ||
+                                fsync(fileno(output->file)) != 0)))) {
+        bad = true;
+        code = errno;
+    }
     if (output->file != stdout) {
         if (fclose(output->file) != 0 && !bad) {
             code = errno;
@@ -155,7 +160,13 @@ void umbc_output_abandon(struct umbc_output *output)
 static enum umb_status write_bytes(void *user, const void *bytes, size_t count)
 {
     struct umbc_output *output = user;
-    return count == 0 || fwrite(bytes, 1, count, output->file) == count ? UMB_OK : UMB_E_IO;
+    if (count == 0 || fwrite(bytes, 1, count, output->file) == count) {
+        return UMB_OK;
+    }
+    if (output->system_error == 0) {
+        output->system_error = errno;
+    }
+    return UMB_E_IO;
 }
 
 struct umb_sink umbc_output_sink(struct umbc_output *output)

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CLI_CLI_OUTPUT_H
 #define UMBRAGE_CLI_CLI_OUTPUT_H
 /*
- * Output files that appear whole or not at all: a temporary beside the target, fsync, rename, fsync
- * of the folder. "-" is stdout, which is only flushed. A device, pipe or other special file is
- * written to directly: renaming would replace it.
+ * Output files that appear whole or not at all: a temporary `.tmp.*` beside the target (the store
+ * of a daemon sweeps old ones), fsync, rename, fsync of the folder. "-" is stdout, which is only
+ * flushed. A device, pipe or other special file is written to directly: renaming would replace it.
  */
 #include <stdbool.h>
 #include <stdio.h>
@@ -14,6 +14,7 @@ struct umbc_output {
     FILE *file;
     const char *path; /* borrowed */
     char *temporary;  /* NULL for stdout and special files */
+    int system_error; /* errno of the sink's first failed write, else 0 */
 };
 
 /* Starts an output. Fails: E_CANNOT_CREATE, E_NO_MEMORY. */

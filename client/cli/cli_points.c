@@ -27,7 +27,9 @@ enum umb_status umbc_points_open(const char *path, enum umbc_points_format forma
     points->name = path;
     points->file = fopen(path, "rb");
     if (points->file == NULL) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
+        int code = errno;
+        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+                              "cannot open '%.200s'", path);
     }
     if (fstat(fileno(points->file), &info) == 0) {
         if (S_ISDIR(info.st_mode)) {

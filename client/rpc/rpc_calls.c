@@ -100,15 +100,16 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
         (void)nghttp2_session_set_stream_user_data(call->connection->session, call->stream_id,
                                                    NULL);
     }
+    /* Before done runs: it may start the next call in this one's place. */
+    pthread_mutex_lock(&client->lock);
+    client->pending--;
+    pthread_mutex_unlock(&client->lock);
     if (status == UMB_OK) {
         call->done(call->user, UMB_OK, call->reply.message, call->reply.message_size, NULL);
     } else {
         call->done(call->user, status, NULL, 0, error);
     }
     call_free(call);
-    pthread_mutex_lock(&client->lock);
-    client->pending--;
-    pthread_mutex_unlock(&client->lock);
 }
 
 bool umb__call_retry(struct umb_client *client, struct umb__call *call)
@@ -124,7 +125,22 @@ bool umb__call_retry(struct umb_client *client, struct umb__call *call)
     umb__reply_finish(&call->reply);
     umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
     umb__call_move(call, &client->waiting);
+    /* Not every caller is followed by a dispatch. */
+    (void)uv_async_send(&client->wake);
     return true;
+}
+
+void umb__calls_count_try(struct umb_client *client, const struct umb_error *reason)
+{
+    struct umb__call *next;
+    for (struct umb__call *call = client->waiting.first; call != NULL; call = next) {
+        next = call->next;
+        if (call->retries >= UMB__RETRIES_MAX) {
+            umb__call_complete(client, call, reason->status, reason);
+        } else {
+            call->retries++;
+        }
+    }
 }
 
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,

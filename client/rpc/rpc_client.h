@@ -11,6 +11,9 @@
  *     inbox -> waiting -> active on a connection -> done
  *                 ^------------'  refused, or never sent: at most twice
  *
+ * A connection that ends before it took any call counts as such a try too, with a pause before the
+ * next: a server that greets and hangs up is not asked without end.
+ *
  * Threads: `lock` guards inbox, pending and closing; everything else is the loop thread's alone
  * once umb_client_open has returned. No lock is held while a caller's function runs.
  * A connection that got GOAWAY finishes its calls beside the next one.
@@ -103,6 +106,10 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 
 /* Puts an unprocessed call back to the waiting ones; false if it was retried often enough. */
 bool umb__call_retry(struct umb_client *client, struct umb__call *call);
+
+/* Counts a connection that ended before it took a call as a try of all that wait for one; those
+ * that were tried often enough end with the reason. */
+void umb__calls_count_try(struct umb_client *client, const struct umb_error *reason);
 
 /* Completes all calls of a list with one error. */
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,

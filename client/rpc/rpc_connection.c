@@ -82,6 +82,9 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
     if (opening && !client->stopped) {
         umb__client_backoff(client, true);
         umb__calls_fail(client, &client->waiting, reason);
+    } else if (!connection->used && !client->stopped) {
+        umb__client_backoff(client, true);
+        umb__calls_count_try(client, reason);
     }
     if (!client->stopped) {
         (void)uv_async_send(&client->wake); /* waiting calls need another connection */

@@ -33,6 +33,7 @@ struct umb__connection {
     nghttp2_session *session;
     struct umb__call_list active;
     bool ready;    /* settings came: takes calls */
+    bool used;     /* took a call */
     bool draining; /* GOAWAY came, or stream numbers ran out: takes no more calls */
     bool lost;
     bool http1; /* the first bytes were an HTTP/1 answer */

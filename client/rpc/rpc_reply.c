@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include "wire/utf8.h"
+#include "base/utf8.h"
 
 void umb__reply_init(struct umb__reply *reply, size_t max_message)
 {
@@ -25,10 +25,13 @@ static bool is_name(const uint8_t *name, size_t size, const char *wanted)
     return size == strlen(wanted) && memcmp(name, wanted, size) == 0;
 }
 
-/* Value of 1 to 3 digits, or -1. */
-static int small_number(const uint8_t *value, size_t size)
+#define STATUS_DIGITS   3 /* of :status and grpc-status */
+#define PUSHBACK_DIGITS 9 /* eleven days in milliseconds */
+
+/* Value of 1 to max_digits digits, or -1. */
+static int small_number(const uint8_t *value, size_t size, size_t max_digits)
 {
-    if (size == 0 || size > 3) {
+    if (size == 0 || size > max_digits) {
         return -1;
     }
     int number = 0;
@@ -45,7 +48,7 @@ static void take_content_type(struct umb__reply *reply, const uint8_t *value, si
 {
     static const char wanted[] = "application/grpc";
     size_t length = sizeof wanted - 1;
-    (void)umbw_utf8_printable(value, size, reply->content_type, sizeof reply->content_type);
+    (void)umb__utf8_printable(value, size, reply->content_type, sizeof reply->content_type);
     reply->is_grpc = size >= length && memcmp(value, wanted, length) == 0 &&
                      (size == length || value[length] == '+' || value[length] == ';');
 }
@@ -61,13 +64,15 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     }
     reply->header_bytes += name_size + value_size + 32;
     if (is_name(name, name_size, ":status")) {
-        int status = small_number(value, value_size);
+        int status = small_number(value, value_size, STATUS_DIGITS);
         reply->http_status = status < 0 ? 999U : (unsigned)status;
     } else if (is_name(name, name_size, "content-type")) {
         take_content_type(reply, value, value_size);
     } else if (is_name(name, name_size, "grpc-status")) {
         reply->has_grpc_status = true;
-        reply->grpc_status = small_number(value, value_size);
+        reply->grpc_status = small_number(value, value_size, STATUS_DIGITS);
+    } else if (is_name(name, name_size, "grpc-retry-pushback-ms")) {
+        reply->come_again = small_number(value, value_size, PUSHBACK_DIGITS) >= 0;
     } else if (is_name(name, name_size, "grpc-message")) {
         size_t size =
             value_size < sizeof reply->grpc_message ? value_size : sizeof reply->grpc_message;
@@ -150,8 +155,11 @@ static enum umb_status server_status(const struct umb__reply *reply, struct umb_
     char clean[sizeof error->message];
     size_t size = umbw_message_unescape(reply->grpc_message, reply->grpc_message_size, message,
                                         sizeof message);
-    (void)umbw_utf8_printable((const uint8_t *)message, size, clean, sizeof clean);
+    (void)umb__utf8_printable((const uint8_t *)message, size, clean, sizeof clean);
     enum umb_status status = umb_status_from_grpc(reply->grpc_status);
+    if (reply->grpc_status == UMBW_GRPC_RESOURCE_EXHAUSTED && reply->come_again) {
+        status = UMB_E_BUSY;
+    }
     if (clean[0] == '\0') {
         return umb_fail(error, status, "the server answered %s (%d) without a message",
                         umbw_grpc_name(reply->grpc_status), reply->grpc_status);

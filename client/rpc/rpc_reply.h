@@ -9,7 +9,8 @@
  *
  * No I/O and no HTTP/2 here. Trust: safe on whatever a server sends; header bytes, message bytes
  * and message count are bounded.
- * Source: "gRPC over HTTP2", Responses; "HTTP to gRPC status code mapping".
+ * Source: "gRPC over HTTP2", Responses; "HTTP to gRPC status code mapping"; gRPC proposal A6 for
+ * grpc-retry-pushback-ms: a number of milliseconds, or anything else for "do not try again".
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,6 +25,7 @@ struct umb__reply {
     bool is_grpc;         /* content-type begins with application/grpc */
     bool has_grpc_status;
     int grpc_status; /* -1 = not a number */
+    bool come_again; /* the server said after how many milliseconds to try again */
     char content_type[64];
     char grpc_message[1024]; /* still escaped */
     size_t grpc_message_size;

@@ -291,6 +291,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     }
     call->connection = connection;
     call->stream_id = id;
+    connection->used = true;
     umb__call_move(call, &connection->active);
     return true;
 }

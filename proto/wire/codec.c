@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include "wire/utf8.h"
+#include "base/utf8.h"
 #include "wire/wire_buffer.h"
 
 #define EXPANSION_FACTOR 16 /* a Light of 150 bytes takes about 450 */
@@ -87,7 +87,7 @@ enum umb_status umbw_text_copy(const char *name, const uint8_t *bytes, size_t si
         return umb_fail(error, UMB_E_ARGUMENT, "%s: %zu bytes are over the limit of %zu bytes",
                         name, size, max);
     }
-    if (!umbw_utf8_valid(bytes, size)) {
+    if (!umb__utf8_valid(bytes, size)) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: not UTF-8 text without NUL", name);
     }
     if (size > 0) {

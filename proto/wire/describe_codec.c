@@ -6,7 +6,7 @@
 #include <string.h>
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
-#include "wire/utf8.h"
+#include "base/utf8.h"
 
 enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size,
                                              char asset[UMBW_ASSET_NAME_MAX + 1],
@@ -103,7 +103,7 @@ static enum umb_status take_lights(const Umbrage__V1__DescribeReply *message,
 static enum umb_status take_text(const char *name, const char *text, char **out,
                                  struct umb_error *error)
 {
-    if (!umbw_utf8_valid((const uint8_t *)text, strlen(text))) {
+    if (!umb__utf8_valid((const uint8_t *)text, strlen(text))) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: not UTF-8 text", name);
     }
     *out = strdup(text);

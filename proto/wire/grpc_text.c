@@ -8,7 +8,8 @@
 #include "wire/grpc.h"
 
 #include <string.h>
-#include "wire/utf8.h"
+#include "base/bytes.h"
+#include "base/utf8.h"
 
 #define TIMEOUT_DIGITS_MAX 8
 #define TIMEOUT_VALUE_MAX  99999999 /* eight digits */
@@ -142,7 +143,7 @@ size_t umbw_message_escape(const char *message, char *text, size_t capacity)
     size_t written = 0;
     while (at < size) {
         char escaped[12];
-        size_t taken = umbw_utf8_length(bytes + at, size - at);
+        size_t taken = umb__utf8_length(bytes + at, size - at);
         size_t length = taken == 0 ? escape_character(replacement, sizeof replacement, escaped)
                                    : escape_character(bytes + at, taken, escaped);
         if (length >= capacity - written) {
@@ -156,20 +157,6 @@ size_t umbw_message_escape(const char *message, char *text, size_t capacity)
     return written;
 }
 
-static int hex_value(char c)
-{
-    if (c >= '0' && c <= '9') {
-        return c - '0';
-    }
-    if (c >= 'A' && c <= 'F') {
-        return c - 'A' + 10;
-    }
-    if (c >= 'a' && c <= 'f') {
-        return c - 'a' + 10;
-    }
-    return -1;
-}
-
 /* Value of the escape at text, or -1 if it is none. An escaped NUL would end the text early and is
  * treated as a bad escape. */
 static int escape_value(const char *text, size_t size)
@@ -177,8 +164,8 @@ static int escape_value(const char *text, size_t size)
     if (size < 3 || text[0] != '%') {
         return -1;
     }
-    int high = hex_value(text[1]);
-    int low = hex_value(text[2]);
+    int high = umb__hex_value(text[1]);
+    int low = umb__hex_value(text[2]);
     if (high < 0 || low < 0 || high + low == 0) {
         return -1;
     }
@@ -205,7 +192,7 @@ size_t umbw_message_unescape(const char *text, size_t size, char *message, size_
             back++;
         }
         if (back < written && (uint8_t)message[written - 1 - back] >= 0xc0 &&
-            umbw_utf8_length((const uint8_t *)message + written - 1 - back, back + 1) == 0) {
+            umb__utf8_length((const uint8_t *)message + written - 1 - back, back + 1) == 0) {
             written -= back + 1;
         }
     }

@@ -70,23 +70,21 @@ static int reset_signals(void)
     return sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* In the child: descriptors 0..5 as agreed, all others closed. */
+/* In the child: descriptors 0..5 as agreed, all others closed. The sources are parked out of the way
+ * first: a parent without standard streams has them among 0..5. */
 static int lay_out_descriptors(const struct umbs_process *process, int talk)
 {
-    int sources[4] = {talk, process->input, process->folder, process->output};
-    static const int targets[4] = {2, UMBS_CHILD_FD_INPUT, UMBS_CHILD_FD_FOLDER,
-                                   UMBS_CHILD_FD_OUTPUT};
-    int empty = open("/dev/null", O_RDWR | O_CLOEXEC);
-    if (empty < 0 || dup2(empty, 0) < 0 || dup2(empty, 1) < 0) {
-        return -1;
-    }
-    for (int i = 0; i < 4; i++) {
+    int sources[6] = {-1, -1, talk, process->input, process->folder, process->output};
+    static const int targets[6] = {
+        0, 1, 2, UMBS_CHILD_FD_INPUT, UMBS_CHILD_FD_FOLDER, UMBS_CHILD_FD_OUTPUT};
+    sources[0] = sources[1] = open("/dev/null", O_RDWR | O_CLOEXEC);
+    for (int i = 0; i < 6; i++) {
         sources[i] = fcntl(sources[i], F_DUPFD, CHILD_FD_SPARE);
         if (sources[i] < 0) {
             return -1;
         }
     }
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 6; i++) {
         if (dup2(sources[i], targets[i]) < 0) {
             return -1;
         }
@@ -158,6 +156,14 @@ static void pause_ms(long milliseconds)
     (void)nanosleep(&time, NULL);
 }
 
+/* Leaves it a zombie, so that its number, which is its group's too, cannot be another's yet. */
+static int has_ended(pid_t child)
+{
+    siginfo_t facts = {0};
+    int code = waitid(P_PID, (id_t)child, &facts, WEXITED | WNOHANG | WNOWAIT);
+    return code == 0 ? facts.si_pid == child : errno != EINTR;
+}
+
 /* Waits for the end of the child; kills it at the deadline. Returns 0 if its status was taken. */
 static int watch(pid_t child, int pipe_end, int64_t deadline_ms, struct umbs_process_end *end,
                  int *wait_status)
@@ -167,18 +173,13 @@ static int watch(pid_t child, int pipe_end, int64_t deadline_ms, struct umbs_pro
     int pipe_open = 1;
     pid_t ended;
     for (;;) {
-        ended = waitpid(child, wait_status, WNOHANG);
-        if (ended != 0 && !(ended < 0 && errno == EINTR)) {
+        if (has_ended(child)) {
             break;
         }
         int64_t left = deadline_ms - now_ms();
         if (left <= 0) {
             end->timed_out = 1;
-            (void)kill(-child, SIGKILL); /* the group, if it exists already */
-            (void)kill(child, SIGKILL);
-            do {
-                ended = waitpid(child, wait_status, 0);
-            } while (ended < 0 && errno == EINTR);
+            (void)kill(child, SIGKILL); /* it may have no group yet */
             break;
         }
         if (pipe_open) {
@@ -189,7 +190,10 @@ static int watch(pid_t child, int pipe_end, int64_t deadline_ms, struct umbs_pro
             pause_ms(1);
         }
     }
-    (void)kill(-child, SIGKILL); /* whatever it may have started */
+    (void)kill(-child, SIGKILL); /* it, and whatever it may have started */
+    do {
+        ended = waitpid(child, wait_status, 0);
+    } while (ended < 0 && errno == EINTR);
     (void)drain(pipe_end, talk, sizeof(talk), &used);
     const char *newline = memchr(talk, '\n', used);
     umbs_text_clean(end->talk, sizeof(end->talk), talk,

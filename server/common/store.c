@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/sha256.h"
+
 char *umbs__path_join(const char *folder, const char *name)
 {
     size_t a = strlen(folder);
@@ -119,10 +121,19 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     *out = NULL;
     DIR *folder = opendir(options->folder);
     if (folder == NULL) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open the store folder '%.200s'",
-                              options->folder);
+        int code = errno;
+        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+                              "cannot open the store folder '%.200s'", options->folder);
     }
     closedir(folder);
+    /* OpenSSL sets itself up once, at the first digest; if memory is short just then, no later one
+     * works either, and no asset could ever be proven. Better not to start. */
+    static const uint8_t no_digest[UMB_ID_BYTES];
+    uint8_t digest[UMB_ID_BYTES];
+    umbs_sha256_bytes("", 0, digest);
+    if (memcmp(digest, no_digest, sizeof digest) == 0) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for SHA-256");
+    }
     struct umbs_store *store = calloc(1, sizeof *store);
     if (store == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
@@ -201,6 +212,21 @@ static enum umb_status told_status(enum umb_status status)
     }
 }
 
+/* A damaged file whose head says it is that asset, so that who asks by id hears the same as who asks
+ * by name. Usually there is none to look at. */
+static struct umbs_entry *find_damaged(const struct umbs_table *table,
+                                       const uint8_t id[UMB_ID_BYTES])
+{
+    for (size_t i = 0; table->healthy < table->count && i < table->count; i++) {
+        struct umbs_entry *entry = table->by_name[i];
+        if (entry->asset == NULL && entry->has_id &&
+            memcmp(entry->item.id, id, UMB_ID_BYTES) == 0) {
+            return entry;
+        }
+    }
+    return NULL;
+}
+
 enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                    struct umbs_entry **out, struct umb_error *error)
 {
@@ -211,6 +237,9 @@ enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or
     *out = NULL;
     pthread_mutex_lock(&store->mutex);
     struct umbs_entry *entry = is_id ? umbs__table_find_id(&store->table, id) : NULL;
+    if (entry == NULL && is_id) {
+        entry = find_damaged(&store->table, id);
+    }
     if (entry == NULL) {
         entry = umbs__table_find_name(&store->table, name_or_id);
     }

@@ -176,6 +176,7 @@ static enum umb_status prove(struct umbs_entry *entry, size_t size, struct umb_e
         return status;
     }
     memcpy(entry->item.id, head.id, UMB_ID_BYTES);
+    entry->has_id = 1;
     if (head.encoding != UMB_ENCODING_PACKED) {
         return umb_fail(error, UMB_E_FORMAT,
                         "a mapped file (.umbm) cannot be published: it proves no identity");

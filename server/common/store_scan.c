@@ -79,8 +79,9 @@ static enum umb_status read_names(struct umbs_store *store, struct name_list *li
     char last_skipped[UMBS_LOG_QUOTE_SIZE] = "";
     DIR *folder = opendir(store->folder);
     if (folder == NULL) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open the store folder '%.200s'",
-                              store->folder);
+        int code = errno;
+        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+                              "cannot open the store folder '%.200s'", store->folder);
     }
     while (status == UMB_OK) {
         errno = 0;
@@ -162,12 +163,13 @@ static enum umb_status place(struct umbs_store *store, const char *name,
         if (is_fresh(&now)) {
             report->unsettled = 1;
             fresh->retry = 1;
-            if (old != NULL && old->asset != NULL) {
-                /* Perhaps half copied: the old version goes on answering until it has settled. */
-                umbs__entry_retain(old);
-                umbs_entry_release(fresh);
-                fresh = old;
-            }
+        }
+        if (fresh->retry && old != NULL && old->asset != NULL) {
+            /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
+             * version goes on answering until one can tell. */
+            umbs__entry_retain(old);
+            umbs_entry_release(fresh);
+            fresh = old;
         }
     }
     *out = fresh;

@@ -26,6 +26,7 @@ struct umbd_admin {
     struct umbd_loop *loop;
     struct admin_client *clients;
     size_t client_count;
+    int waiting; /* a connection that there was no memory for */
     char text[UMBD_ADDRESS_TEXT_SIZE];
 };
 
@@ -160,6 +161,7 @@ static void on_connection(uv_stream_t *server, int status)
 {
     struct umbd_admin *admin = server->data;
     struct admin_client *client = status == 0 ? calloc(1, sizeof *client) : NULL;
+    admin->waiting = status == 0 && client == NULL; /* libuv takes no other before it: the tick */
     if (client == NULL) {
         return;
     }
@@ -192,6 +194,10 @@ enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
     enum umb_status status = umbd_address_parse_admin(loop->daemon->options.admin, &address, error);
     if (status == UMB_OK) {
         status = umbd_address_resolve(&address, &resolved, error);
+    }
+    if (status == UMB_OK && !umbd_address_is_loopback(&resolved)) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "--admin: '%.100s' is not a loopback host",
+                          loop->daemon->options.admin);
     }
     if (status != UMB_OK) {
         return status;
@@ -226,6 +232,9 @@ const char *umbd_admin_text(const struct umbd_loop *loop)
 
 void umbd_admin_tick(struct umbd_loop *loop, uint64_t now_ms)
 {
+    if (loop->admin != NULL && loop->admin->waiting) {
+        on_connection((uv_stream_t *)&loop->admin->tcp, 0);
+    }
     struct admin_client *client = loop->admin != NULL ? loop->admin->clients : NULL;
     while (client != NULL) {
         struct admin_client *next = client->next;

@@ -13,8 +13,15 @@
 
 struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
 {
+    uint64_t limit;
+    const char *option;
+    if (!umbd_conn_charge(conn, UMBD_CALL_BYTES, &limit, &option)) {
+        umbd_count(&conn->loop->daemon->metrics.shed, 1);
+        return NULL;
+    }
     struct umbd_call *call = calloc(1, sizeof *call);
     if (call == NULL) {
+        umbd_conn_uncharge(conn, UMBD_CALL_BYTES);
         return NULL;
     }
     call->conn = conn;
@@ -30,6 +37,7 @@ struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
     }
     conn->calls = call;
     conn->call_count++;
+    conn->last_call_ms = call->started_ms;
     return call;
 }
 
@@ -74,6 +82,8 @@ void umbd_call_destroy(struct umbd_call *call)
         call->next->previous = call->previous;
     }
     conn->call_count--;
+    conn->last_call_ms = uv_now(&conn->loop->uv);
+    umbd_conn_uncharge(conn, UMBD_CALL_BYTES);
     umbw_reader_finish(&call->reader);
     umbw_buffer_finish(&call->head);
     free(call->message);
@@ -104,6 +114,11 @@ int umbd_call_charge(struct umbd_call *call, size_t bytes)
     call->pushback = 1;
     umbd_call_fail(call, UMBW_GRPC_RESOURCE_EXHAUSTED, text);
     return 0;
+}
+
+size_t umbd_call_unsent(const struct umbd_call *call)
+{
+    return call->head.size + call->value_bytes - call->sent;
 }
 
 int umbd_call_expired(const struct umbd_call *call)
@@ -316,12 +331,17 @@ static uint64_t body_limit_ms(const struct umbd_call *call)
 static void tick_open_reply(struct umbd_call *call, uint64_t now_ms)
 {
     const struct umbd_options *options = &call->conn->loop->daemon->options;
-    size_t left = call->head.size + call->value_bytes - call->sent;
+    size_t left = umbd_call_unsent(call);
+    if (call->reset) {
+        return;
+    }
     if (!call->request_ended && call->reply_ended && left == 0 &&
         now_ms - call->responded_ms > UMBD_GRACE_MS) {
+        call->reset = 1;
         nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
                                   NGHTTP2_NO_ERROR);
     } else if (left > 0 && now_ms - call->progress_ms > options->stall_timeout_ms) {
+        call->reset = 1;
         umbd_count(&call->conn->loop->daemon->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
         nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
                                   NGHTTP2_CANCEL);

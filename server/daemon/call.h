@@ -19,6 +19,7 @@
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
+#define UMBD_CALL_BYTES        2560  /* counted for a call as such: its struct and nghttp2's stream */
 
 enum umbd_refusal {
     UMBD_REFUSE_NOTHING = 0,
@@ -33,7 +34,7 @@ struct umbd_call {
     uint64_t started_ns;  /* umbd_now_ns */
     uint64_t deadline_ns; /* 0 = none */
     uint64_t started_ms;  /* uv_now */
-    size_t charged;       /* bytes counted for this call */
+    size_t charged;       /* bytes counted for this call, beside UMBD_CALL_BYTES */
 
     /* request */
     struct umbd_header_budget headers;
@@ -57,6 +58,7 @@ struct umbd_call {
 
     /* reply */
     int counted;   /* in the metrics */
+    int reset;     /* by us; it goes with the next flush */
     int responded; /* HEADERS queued */
     uint64_t responded_ms, progress_ms;
     int reply_ended;         /* all of the body is known; trailers follow it */
@@ -71,7 +73,7 @@ struct umbd_call {
     size_t sent;
 };
 
-/* Makes a call for a new stream. NULL: out of memory. */
+/* Makes a call for a new stream. NULL: out of memory, or over a budget. */
 struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id);
 
 /* Cancels what it waits for, counts it, frees it. */
@@ -111,6 +113,9 @@ int umbd_call_charge(struct umbd_call *call, size_t bytes);
 
 /* Counts the call as finished, once, and logs it at debug. */
 void umbd_call_count(struct umbd_call *call, int code);
+
+/* Bytes of the reply that are made and not sent. */
+size_t umbd_call_unsent(const struct umbd_call *call);
 
 /* 1 if the call's deadline has passed. */
 int umbd_call_expired(const struct umbd_call *call);

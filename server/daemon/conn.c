@@ -11,12 +11,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DOOMED_MS 5000 /* for a GOAWAY to leave and the peer to go */
+#define DOOMED_MS       5000      /* for a GOAWAY to leave and the peer to go */
+#define FLUSH_BYTES     (1 << 20) /* of one flush, then it is the turn of others */
+#define KEEPALIVE_S     60        /* until the kernel asks whether a silent peer is still there */
+#define ROOM_IDLE_MS    1000      /* connections idle for less are not closed to make room */
+#define SLOWEST_BYTES   16        /* a millisecond: what a peer must take while a reply waits */
+#define HOLD_MS         600000    /* in which it must take all that is held for it */
+#define STALL_MARGIN_MS 1000      /* stalled streams are reset first, the others go on */
 
 /* One write under way; the block follows. */
 struct pending_write {
     uv_write_t request;
     struct umbd_conn *conn;
+    size_t count;
     uint8_t bytes[];
 };
 
@@ -88,6 +95,7 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     }
     nghttp2_session_del(conn->session);
     conn->session = NULL;
+    umbd_loop_forget(conn);
     unlink_conn(conn);
     uv_close(&conn->socket.handle, on_closed);
 }
@@ -171,6 +179,7 @@ static void on_written(uv_write_t *request, int status)
 {
     struct pending_write *write = request->data;
     struct umbd_conn *conn = write->conn;
+    umbd_conn_uncharge(conn, write->count);
     free(write);
     conn->write_pending = 0;
     if (conn->closing) {
@@ -183,7 +192,8 @@ static void on_written(uv_write_t *request, int status)
     }
 }
 
-/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. */
+/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. The block
+ * counts as held whatever the budgets say: what they refuse is new work. */
 static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
     struct pending_write *write = malloc(sizeof *write + count);
@@ -198,16 +208,22 @@ static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
         free(write);
         return 0;
     }
+    write->count = count;
     conn->write_pending = 1;
-    conn->write_left = count;
-    conn->write_progress_ms = uv_now(&conn->loop->uv);
+    conn->buffered += count;
+    atomic_fetch_add(&conn->loop->daemon->buffered, count);
     return 1;
 }
 
 void umbd_conn_flush(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
+    uint64_t until = conn->sent_bytes + FLUSH_BYTES;
     while (!conn->closing && !conn->write_pending) {
+        if (conn->sent_bytes >= until) {
+            umbd_loop_flush_later(conn);
+            return;
+        }
         int code = collect(conn);
         if (code != 0) {
             umbd_conn_close(conn, nghttp2_strerror(code));
@@ -216,6 +232,7 @@ void umbd_conn_flush(struct umbd_conn *conn)
         if (loop->out_size == 0) {
             break;
         }
+        conn->sent_bytes += loop->out_size;
         uv_buf_t buffer = uv_buf_init((char *)loop->out, (unsigned)loop->out_size);
         int written = uv_try_write(&conn->socket.stream, &buffer, 1);
         size_t taken = written > 0 ? (size_t)written : 0;
@@ -298,13 +315,37 @@ static void name_peer(struct umbd_conn *conn, int is_unix)
     }
 }
 
-void umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
+/* With as many connections as there may be, the one that has been idle longest makes room, so that
+ * peers who only connect cannot lock all others out. */
+static void make_room(struct umbd_loop *loop)
+{
+    uint64_t now_ms = uv_now(&loop->uv);
+    struct umbd_conn *idlest = NULL;
+    if (loop->conn_count < loop->daemon->options.max_connections) {
+        return;
+    }
+    for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
+        if (conn->calls == NULL && now_ms - conn->last_call_ms >= ROOM_IDLE_MS &&
+            (idlest == NULL || conn->last_call_ms < idlest->last_call_ms)) {
+            idlest = conn;
+        }
+    }
+    if (idlest != NULL) {
+        umbd_count(&loop->daemon->metrics.connections_evicted, 1);
+        doom(idlest, NGHTTP2_NO_ERROR);
+        umbd_conn_flush(idlest);
+        umbd_conn_close(idlest, "idle, and others want in");
+    }
+}
+
+int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
 {
     struct umbd_daemon *daemon = loop->daemon;
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
-        return; /* libuv offers it again at the next event */
+        return 0;
     }
+    make_room(loop);
     conn->loop = loop;
     conn->serial = atomic_fetch_add(&daemon->next_serial, 1);
     if (is_unix) {
@@ -317,32 +358,55 @@ void umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
         loop->conn_count >= daemon->options.max_connections) {
         umbd_count(&daemon->metrics.connections_refused, 1);
         uv_close(&conn->socket.handle, on_closed);
-        return;
+        return 1;
     }
     name_peer(conn, is_unix);
-    conn->opened_ms = conn->last_frame_ms = uv_now(&loop->uv);
+    conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
+    conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
     link_conn(conn);
     umbd_count(&daemon->metrics.connections_opened, 1);
     if (!is_unix) {
         uv_tcp_nodelay(&conn->socket.tcp, 1);
+        uv_tcp_keepalive(&conn->socket.tcp, 1, KEEPALIVE_S);
     }
     if (umbd_conn_h2_start(conn) != UMB_OK ||
         uv_read_start(&conn->socket.stream, on_alloc, on_read) != 0) {
         umbd_conn_close(conn, "cannot start");
-        return;
+        return 1;
     }
     umbd_conn_flush(conn);
+    return 1;
 }
 
-/* Returns 1 if the pending write has not moved for too long. */
-static int write_stalled(struct umbd_conn *conn, uint64_t now_ms)
+static int has_unsent(const struct umbd_conn *conn)
 {
-    size_t left = uv_stream_get_write_queue_size(&conn->socket.stream);
-    if (left != conn->write_left) {
-        conn->write_left = left;
-        conn->write_progress_ms = now_ms;
+    const struct umbd_call *call = conn->calls;
+    while (call != NULL && umbd_call_unsent(call) == 0) {
+        call = call->next;
     }
-    return now_ms - conn->write_progress_ms > conn->loop->daemon->options.stall_timeout_ms;
+    return conn->write_pending || call != NULL;
+}
+
+/*
+ * Returns 1 if the peer takes its replies too slowly. Patience runs out with the time in which
+ * something waits to be sent, and comes back, never beyond --stall-timeout, with the bytes taken;
+ * so neither silence nor a byte now and then can hold replies in memory for long.
+ */
+static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
+{
+    int64_t most = (int64_t)conn->loop->daemon->options.stall_timeout_ms;
+    uint64_t taken = conn->sent_bytes - uv_stream_get_write_queue_size(&conn->socket.stream);
+    uint64_t rate = SLOWEST_BYTES + conn->buffered / HOLD_MS;
+    if (has_unsent(conn)) {
+        conn->patience_ms += (int64_t)((taken - conn->taken_bytes) / rate);
+        conn->patience_ms = conn->patience_ms < most ? conn->patience_ms : most;
+        conn->patience_ms -= (int64_t)(now_ms - conn->ticked_ms);
+    } else {
+        conn->patience_ms = most;
+    }
+    conn->taken_bytes = taken;
+    conn->ticked_ms = now_ms;
+    return conn->patience_ms < -STALL_MARGIN_MS;
 }
 
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
@@ -352,7 +416,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
         cut_by_timer(conn, "handshake");
         return;
     }
-    if (conn->write_pending && write_stalled(conn, now_ms)) {
+    if (is_stalled(conn, now_ms)) {
         cut_by_timer(conn, "stall");
         return;
     }
@@ -366,7 +430,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
             return;
         }
     }
-    if (conn->calls == NULL && now_ms - conn->last_frame_ms > options->idle_timeout_ms) {
+    if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms) {
         doom(conn, NGHTTP2_NO_ERROR);
     }
     umbd_conn_flush(conn);

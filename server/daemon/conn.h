@@ -10,7 +10,9 @@
  *
  * Output: nghttp2's frames are collected in the loop's buffer and written at once; what the socket
  * does not take is copied into one pending write, and nothing more is made until that is done. So
- * a peer that does not read costs one such block, whatever it asked for.
+ * a peer that does not read costs one such block, whatever it asked for, and what nghttp2 queues
+ * behind it: at most UMBD_QUEUED_FRAMES, then the connection ends. One flush sends so much and no
+ * more; the rest waits until other connections have had their turn.
  */
 #include <nghttp2/nghttp2.h>
 #include <uv.h>
@@ -35,16 +37,17 @@ struct umbd_conn {
     nghttp2_session *session;
     struct umbd_call *calls;
     size_t call_count;
-    size_t buffered; /* bytes of its calls */
+    size_t buffered; /* bytes of its calls and of its pending write */
 
     struct umbd_h2_filter filter;
     struct umbd_bucket control, resets;
     unsigned header_strikes;
 
-    uint64_t opened_ms, last_frame_ms; /* uv_now */
-    uint64_t write_progress_ms;
-    size_t write_left; /* of the pending write when it last moved */
-    int settings_seen; /* the handshake is over */
+    uint64_t opened_ms, last_call_ms; /* uv_now; the latter when a call last began or ended */
+    uint64_t sent_bytes;              /* handed to the socket, the pending write included */
+    uint64_t taken_bytes, ticked_ms;  /* sent_bytes less what was pending, at the last tick */
+    int64_t patience_ms;              /* see umbd_conn_tick */
+    int settings_seen;                /* the handshake is over */
     int write_pending;
     int doomed; /* GOAWAY is on its way; no new work */
     uint64_t doomed_ms;
@@ -53,13 +56,18 @@ struct umbd_conn {
     struct umbd_conn *next_dirty;
 };
 
-/* Takes one connection off a listening stream. */
-void umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix);
+/* Frames queued for a peer: as many answers as it may have streams, and refusals of a burst. */
+#define UMBD_QUEUED_FRAMES 1500
+
+/* Takes one connection off a listening stream. Returns 0 if there was no memory: it still waits
+ * there, libuv accepts no other before it, and the caller tries again later. */
+int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix);
 
 /* Closes now; why is logged at debug. Not from within nghttp2's call-backs. */
 void umbd_conn_close(struct umbd_conn *conn, const char *why);
 
-/* Sends what is queued; closes the connection if its session is over. Not from call-backs. */
+/* Sends what is queued, up to a bound, the rest soon; closes the connection if its session is over.
+ * Not from call-backs. */
 void umbd_conn_flush(struct umbd_conn *conn);
 
 /* Looks at the timers. May close the connection. */

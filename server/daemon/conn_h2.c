@@ -56,9 +56,12 @@ static int is_control(const nghttp2_frame_hd *frame)
 static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *frame, void *user)
 {
     struct umbd_conn *conn = user;
-    (void)session;
     if (!conn->doomed && is_control(frame) && !umbd_bucket_take(&conn->control, uv_hrtime())) {
         umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many control frames");
+    }
+    /* Answers that a peer causes and does not take would pile up in the library without end. */
+    if (!conn->doomed && nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
+        umbd_conn_abuse(conn, UMBD_ABUSE_QUEUE, "too many frames wait to be taken");
     }
     return 0;
 }
@@ -71,6 +74,9 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
     }
     struct umbd_call *call = umbd_call_create(conn, frame->hd.stream_id);
     if (call == NULL) {
+        /* Nothing was begun, so the client may try again; the library's own reset would not say. */
+        nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id,
+                                  NGHTTP2_REFUSED_STREAM);
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
     }
     if (nghttp2_session_set_stream_user_data(session, frame->hd.stream_id, call) != 0) {
@@ -128,7 +134,6 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
 static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *user)
 {
     struct umbd_conn *conn = user;
-    conn->last_frame_ms = uv_now(&conn->loop->uv);
     if (frame->hd.type == NGHTTP2_SETTINGS && (frame->hd.flags & NGHTTP2_FLAG_ACK) == 0) {
         conn->settings_seen = 1;
     }

@@ -7,6 +7,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -20,6 +21,8 @@
 /* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
 #define KEEP_BYTES (32 * 1024 * 1024) /* the most that glibc takes */
+
+#define OTHER_DESCRIPTORS 128 /* beside connections: listeners, the store, the admin port, libuv */
 
 #if defined(__SANITIZE_THREAD__)
 #define UMBD_UNDER_TSAN 1
@@ -48,6 +51,28 @@ static void keep_pages(void)
     mallopt(M_MMAP_THRESHOLD, KEEP_BYTES);
     mallopt(M_TRIM_THRESHOLD, 4 * KEEP_BYTES);
 #endif
+}
+
+/* Each connection takes a descriptor, and the soft limit of many systems is 1024. */
+static void raise_descriptors(const struct umbd_daemon *daemon)
+{
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) {
+        return;
+    }
+    if (limit.rlim_cur != RLIM_INFINITY && limit.rlim_cur < wanted) {
+        limit.rlim_cur = limit.rlim_max == RLIM_INFINITY || limit.rlim_max > wanted
+                             ? (rlim_t)wanted
+                             : limit.rlim_max;
+        (void)setrlimit(RLIMIT_NOFILE, &limit); /* read again below */
+        (void)getrlimit(RLIMIT_NOFILE, &limit);
+    }
+    if (limit.rlim_cur != RLIM_INFINITY && limit.rlim_cur < wanted) {
+        umbs_log_event(&daemon->log, UMB_LOG_WARN, "descriptors_limited",
+                       "limit=%llu wanted=%llu option=--max-connections",
+                       (unsigned long long)limit.rlim_cur, (unsigned long long)wanted);
+    }
 }
 
 static int complain(enum umb_status status, const struct umb_error *error)
@@ -98,6 +123,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
     if (status != UMB_OK) {
         return status;
     }
+    raise_descriptors(&daemon);
     status = umbd_loop_init(&loop, &daemon, error);
     if (status != UMB_OK) {
         umbd_daemon_finish(&daemon);

@@ -26,7 +26,7 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
 };
 
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
-                                                          "library", "timeout"};
+                                                          "library", "timeout", "queue"};
 
 /* Upper bounds in nanoseconds and as Prometheus writes them (reference: ops, section 4). */
 static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
@@ -135,6 +135,9 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_connections_refused_total", "counter",
            "Connections refused: too many, or no descriptor left.",
            get(&metrics->connections_refused));
+    single(out, "umbrage_connections_evicted_total", "counter",
+           "Idle connections closed to make room for new ones.",
+           get(&metrics->connections_evicted));
     single(out, "umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
            gauges->buffered_bytes);
     head(out, "umbrage_h2_abuse_total", "counter", "Connections or streams cut, by cause.");

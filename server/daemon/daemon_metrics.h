@@ -27,6 +27,7 @@ enum umbd_abuse {
     UMBD_ABUSE_RESET_SENT,  /* streams the peer made us reset */
     UMBD_ABUSE_LIBRARY,     /* nghttp2 gave the connection up */
     UMBD_ABUSE_TIMEOUT,     /* a timer cut it */
+    UMBD_ABUSE_QUEUE,       /* frames that the peer caused and did not take */
     UMBD_ABUSE_COUNT,
 };
 
@@ -45,6 +46,7 @@ struct umbd_metrics {
     atomic_uint_fast64_t asset_errors;
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;
+    atomic_uint_fast64_t connections_evicted;
     atomic_int_fast64_t connections; /* open now */
 };
 

@@ -29,7 +29,16 @@ static void on_connection(uv_stream_t *server, int status)
         }
         return;
     }
-    umbd_conn_accept(loop, server, listener->is_unix);
+    listener->waiting = !umbd_conn_accept(loop, server, listener->is_unix);
+}
+
+void umbd_listeners_tick(struct umbd_loop *loop)
+{
+    for (struct umbd_listener *at = loop->listeners; at != NULL; at = at->next) {
+        if (at->waiting) {
+            on_connection(&at->socket.stream, 0);
+        }
+    }
 }
 
 /* 1 if a process answers on a Unix socket. */

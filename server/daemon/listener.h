@@ -15,6 +15,7 @@ struct umbd_listener {
         uv_pipe_t pipe;
     } socket;
     int is_unix;
+    int waiting;                       /* a connection that there was no memory for */
     char path[UMBD_UNIX_PATH_SIZE];    /* unlinked at close */
     char text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT or unix:PATH */
 };
@@ -26,6 +27,9 @@ struct umbd_listener {
  * opened is closed by umbd_listeners_close.
  */
 UMB_CHECKED enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error);
+
+/* Takes connections that there was no memory for. */
+void umbd_listeners_tick(struct umbd_loop *loop);
 
 /* Stops listening; the handles' memory goes when the loop has run once more. */
 void umbd_listeners_close(struct umbd_loop *loop);

@@ -47,6 +47,25 @@ static void mark_dirty(struct umbd_conn *conn)
     }
 }
 
+void umbd_loop_flush_later(struct umbd_conn *conn)
+{
+    mark_dirty(conn);
+    uv_async_send(&conn->loop->wake);
+}
+
+void umbd_loop_forget(struct umbd_conn *conn)
+{
+    struct umbd_conn **at = &conn->loop->first_dirty;
+    if (!conn->dirty) {
+        return;
+    }
+    while (*at != conn) {
+        at = &(*at)->next_dirty;
+    }
+    *at = conn->next_dirty;
+    conn->dirty = 0;
+}
+
 static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
 {
     struct umbd_conn *conn = umbd_conn_find(loop, batch->lane);
@@ -62,7 +81,8 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
     umbd_batch_destroy(batch);
 }
 
-/* Takes what the workers finished; then sends, once a connection. */
+/* Takes what the workers finished; then sends, once a connection: what a flush leaves for later
+ * comes with the next turn of the loop. */
 static void collect_done(struct umbd_loop *loop)
 {
     pthread_mutex_lock(&loop->done_mutex);
@@ -74,11 +94,13 @@ static void collect_done(struct umbd_loop *loop)
         deliver(loop, batch);
         batch = next;
     }
-    while (loop->first_dirty != NULL) {
-        struct umbd_conn *conn = loop->first_dirty;
-        loop->first_dirty = conn->next_dirty;
+    struct umbd_conn *conn = loop->first_dirty;
+    loop->first_dirty = NULL;
+    while (conn != NULL) {
+        struct umbd_conn *next = conn->next_dirty;
         conn->dirty = 0;
-        umbd_conn_flush(conn);
+        umbd_conn_flush(conn); /* may close this one, never another */
+        conn = next;
     }
 }
 
@@ -97,6 +119,7 @@ static void on_tick(uv_timer_t *timer)
         umbd_conn_tick(conn, now_ms);
         conn = next;
     }
+    umbd_listeners_tick(loop);
     umbd_admin_tick(loop, now_ms);
     umbd_loop_drain_step(loop);
 }

@@ -56,7 +56,7 @@ struct umbd_loop {
     size_t out_size;
     uint64_t inline_ns;            /* spent on small batches in this wake-up */
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
-    struct umbd_conn *first_dirty; /* connections with frames queued by finished batches */
+    struct umbd_conn *first_dirty; /* connections to be flushed */
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 
     pthread_mutex_t done_mutex;
@@ -69,6 +69,10 @@ UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_d
 /* Runs until drained. */
 void umbd_loop_run(struct umbd_loop *loop);
 void umbd_loop_finish(struct umbd_loop *loop);
+
+/* Has a connection flushed after others had their turn. umbd_loop_forget: not any more. */
+void umbd_loop_flush_later(struct umbd_conn *conn);
+void umbd_loop_forget(struct umbd_conn *conn);
 
 /* The `done` of batches made on a loop; home is the loop. Any thread. */
 void umbd_loop_batch_done(struct umbd_batch *batch);

@@ -23,7 +23,8 @@ UMB_CHECKED enum umb_status umbd_address_parse(const char *option, const char *t
                                                struct umbd_address *address,
                                                struct umb_error *error);
 
-/* Parses HOST:PORT of the admin port, which must be on loopback. Fails: E_ARGUMENT. */
+/* Parses HOST:PORT of the admin port, which must look like loopback; what the name stands for is
+ * known only when it is looked up (umbd_address_is_loopback). Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbd_address_parse_admin(const char *text, struct umbd_address *address,
                                                      struct umb_error *error);
 
@@ -31,6 +32,9 @@ UMB_CHECKED enum umb_status umbd_address_parse_admin(const char *text, struct um
 UMB_CHECKED enum umb_status umbd_address_resolve(const struct umbd_address *address,
                                                  struct sockaddr_storage *out,
                                                  struct umb_error *error);
+
+/* 1 if nobody but this machine can reach it. */
+int umbd_address_is_loopback(const struct sockaddr_storage *address);
 
 /* Writes a socket address as HOST:PORT. */
 void umbd_address_text(const struct sockaddr_storage *address, char *text, size_t size);

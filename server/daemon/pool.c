@@ -68,6 +68,10 @@ static void link_batch(struct umbd_pool *pool, struct umbd_batch *batch)
 {
     struct umbd_batch *head = find_lane(pool, batch->lane);
     batch->follower = batch->last_follower = NULL;
+    batch->lane_count = 1;
+    if (head != NULL) {
+        head->lane_count++;
+    }
     if (head == NULL) {
         ring_append(pool, batch);
     } else if (head->last_follower != NULL) {
@@ -88,6 +92,7 @@ static void unlink_batch(struct umbd_pool *pool, struct umbd_batch *batch)
         struct umbd_batch *next = batch->follower;
         ring_remove(pool, batch);
         if (next != NULL) {
+            next->lane_count = batch->lane_count - 1;
             next->last_follower = batch->last_follower != next ? batch->last_follower : NULL;
             ring_append(pool, next);
         }
@@ -97,6 +102,7 @@ static void unlink_batch(struct umbd_pool *pool, struct umbd_batch *batch)
             before = before->follower;
         }
         before->follower = batch->follower;
+        head->lane_count--;
         if (head->last_follower == batch) {
             head->last_follower = before != head ? before : NULL;
         }
@@ -275,16 +281,45 @@ void umbd_pool_destroy(struct umbd_pool *pool)
     join_all(pool);
 }
 
+static enum umb_status queue_full(const struct umbd_pool *pool, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_BUSY,
+                    "queue: %zu batches are waiting, the limit is %zu (--queue); try again later",
+                    pool->depth, pool->limit);
+}
+
+/*
+ * Takes the last batch of the longest lane out of a full queue, if that lane stays the longer one
+ * with a further batch of this lane: else a few greedy connections would have it to themselves.
+ * Only heads are ever begun, and the victim follows one. Returns it, to be given back, or NULL.
+ */
+static struct umbd_batch *make_room(struct umbd_pool *pool, uint64_t lane)
+{
+    const struct umbd_batch *own = find_lane(pool, lane);
+    struct umbd_batch *longest = pool->first;
+    for (struct umbd_batch *head = pool->first; head != NULL; head = head->ring_next) {
+        longest = head->lane_count > longest->lane_count ? head : longest;
+    }
+    if (longest == NULL || longest->lane_count <= 1 + (own != NULL ? own->lane_count : 0)) {
+        return NULL;
+    }
+    struct umbd_batch *victim = longest->last_follower;
+    victim->status = queue_full(pool, &victim->error);
+    unlink_batch(pool, victim);
+    return victim;
+}
+
 enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batch,
                                  struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
+    struct umbd_batch *victim = NULL;
     pthread_mutex_lock(&pool->mutex);
+    if (pool->depth >= pool->limit && !pool->stopping) {
+        victim = make_room(pool, batch->lane);
+    }
     if (pool->depth >= pool->limit || pool->stopping) {
-        status = umb_fail(error, UMB_E_BUSY,
-                          "queue: %zu batches are waiting, the limit is %zu (--queue); try again "
-                          "later",
-                          pool->depth, pool->limit);
+        status = queue_full(pool, error);
     } else if (batch->points.count == 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "points: an empty batch needs no worker");
     } else {
@@ -299,6 +334,9 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
         }
     }
     pthread_mutex_unlock(&pool->mutex);
+    if (victim != NULL) {
+        give_back(pool, victim);
+    }
     return status;
 }
 

@@ -9,7 +9,8 @@
  * (umbd_batch_destroy). Small batches never come here: umbd_batch_run answers them at once.
  *
  * Fair: each connection (lane) with work gets a slice in turn, whatever the number and size of its
- * batches. Bounded: a submit beyond the limit fails with E_BUSY. Deadlines are looked at before
+ * batches. Bounded: with as many batches waiting as may, the longest lane gives its last one back
+ * (E_BUSY) for one of a shorter lane, and a submit of the longest lane itself fails. Deadlines are looked at before
  * each slice: a batch that expired while it waited is never begun, one that expires midway stops.
  * Cancelling drops what has not been begun.
  *
@@ -57,6 +58,7 @@ struct umbd_batch {
     int begun, linked;
     struct umbd_batch *ring_next, *ring_previous; /* heads of lanes */
     struct umbd_batch *follower, *last_follower;  /* later batches of the lane */
+    size_t lane_count;                            /* of a head: batches of its lane, itself too */
 };
 
 /*
@@ -82,7 +84,8 @@ UMB_CHECKED enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limi
 /* Cancels what is there, gives everything back, joins the threads. NULL is allowed. */
 void umbd_pool_destroy(struct umbd_pool *pool);
 
-/* Hands a batch over. Fails: E_BUSY (queue full): the batch stays the caller's. */
+/* Hands a batch over; another one may be given back for it before this returns. Fails: E_BUSY (queue
+ * full): the batch stays the caller's. */
 UMB_CHECKED enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batch,
                                              struct umb_error *error);
 

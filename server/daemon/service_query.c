@@ -42,6 +42,14 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch)
     umbd_batch_destroy(batch);
 }
 
+/* Refuses for lack of room; the client is told when to come again. */
+static void shed(struct umbd_call *call, const struct umb_error *error)
+{
+    umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
+    call->pushback = 1;
+    umbd_call_fail_status(call, UMB_E_BUSY, error);
+}
+
 static void answer_by_pool(struct umbd_call *call, struct umbd_batch *batch)
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
@@ -58,10 +66,10 @@ static void answer_by_pool(struct umbd_call *call, struct umbd_batch *batch)
     }
     umbd_batch_destroy(batch);
     if (status == UMB_E_BUSY) {
-        umbd_count(&daemon->metrics.shed, 1);
-        call->pushback = 1;
+        shed(call, &error);
+    } else {
+        umbd_call_fail_status(call, status, &error);
     }
-    umbd_call_fail_status(call, status, &error);
 }
 
 void umbd_service_query(struct umbd_call *call)
@@ -103,6 +111,10 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
 {
     struct umbw_buffer head = {0};
     struct umb_error error;
+    if (batch->status == UMB_E_BUSY) {
+        shed(call, &batch->error);
+        return;
+    }
     if (batch->status != UMB_OK) {
         umbd_call_fail_status(call, batch->status, &batch->error);
         return;

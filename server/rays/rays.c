@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Embree 3.13 behind rays.h: one triangle geometry, robust, built for speed of tracing.
+ * Embree 3.13 behind rays.h: one triangle geometry, robust.
  *
  * The vertices that Embree traces, floats relative to the centre, stay readable through its own
  * buffer; normals and the treatment of shared edges are computed from them in doubles.
@@ -43,6 +43,7 @@ struct umbr_rays {
     const float (*vertices)[3]; /* [3 * count], relative to centre; Embree's buffer */
     double centre[3];
     size_t count;
+    enum RTCBuildQuality quality;
 };
 
 struct crossing {
@@ -119,7 +120,7 @@ static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
         }
     }
     rays->vertices = (const float(*)[3])vertices;
-    rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_HIGH);
+    rtcSetGeometryBuildQuality(geometry, rays->quality);
     rtcCommitGeometry(geometry);
     (void)rtcAttachGeometry(rays->scene, geometry);
     rtcReleaseGeometry(geometry); /* the scene holds it, and with it the vertices */
@@ -134,7 +135,7 @@ static int build_scene(struct umbr_rays *rays, const double (*corners)[3][3])
     }
     rtcSetSceneFlags(rays->scene,
                      RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
-    rtcSetSceneBuildQuality(rays->scene, RTC_BUILD_QUALITY_HIGH);
+    rtcSetSceneBuildQuality(rays->scene, rays->quality);
     if (rays->count > 0 && !add_geometry(rays, corners)) {
         return 0;
     }
@@ -142,9 +143,13 @@ static int build_scene(struct umbr_rays *rays, const double (*corners)[3][3])
     return rtcGetDeviceError(rays->device) == RTC_ERROR_NONE;
 }
 
-enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
-                                 struct umbr_rays **out, struct umb_error *error)
+enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
+                                const struct umbr_rays_options *options, struct umbr_rays **out,
+                                struct umb_error *error)
 {
+    const struct umbr_rays_options chosen =
+        options != NULL ? *options : (struct umbr_rays_options){0};
+    char config[32];
     *out = NULL;
     if (count > UINT32_MAX / 3) {
         return umb_fail(error, UMB_E_TOO_LARGE, "%zu triangles to trace; the limit is %u", count,
@@ -155,9 +160,11 @@ enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
         return umb_fail(error, UMB_E_NO_MEMORY, "no memory for a ray tracer");
     }
     rays->count = count;
+    rays->quality = chosen.quick ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH;
     find_centre(corners, count, rays->centre);
     struct build_report report = {.code = RTC_ERROR_NONE};
-    rays->device = rtcNewDevice(NULL);
+    (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree takes all */
+    rays->device = rtcNewDevice(config);
     if (rays->device == NULL) {
         report.code = rtcGetDeviceError(NULL);
         (void)snprintf(report.text, sizeof report.text, "cannot make a device");
@@ -176,6 +183,12 @@ enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
     }
     *out = rays;
     return UMB_OK;
+}
+
+enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
+                                 struct umbr_rays **out, struct umb_error *error)
+{
+    return umbr_rays_build(corners, count, NULL, out, error);
 }
 
 void umbr_rays_destroy(struct umbr_rays *rays)

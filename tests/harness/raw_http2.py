@@ -211,20 +211,27 @@ class Connection:
         self.replies = {}
         self.goaway = None  # error code
         self.pings = 0
-        self.closed = False
+        self.closed = False      # the peer's end is over
+        self.send_failed = False
+        self.settled = False     # the peer's settings are in force and ours with it
         self.next_stream = 1
         if start:
             self.send(PREFACE + frame(SETTINGS, 0, 0, settings)
                       + frame(WINDOW_UPDATE, 0, 0, struct.pack(">I", 64 << 20)))
 
     def send(self, data):
-        """Sends what the peer takes; False if it has closed."""
+        """Sends; False if the peer has closed or takes nothing. What it said may still be read."""
         try:
             self.socket.sendall(data)
             return True
         except OSError:
-            self.closed = True
+            self.send_failed = True
             return False
+
+    def settle(self):
+        """Waits until both sides know the other's settings: then the peer's windows are open."""
+        if not self.wait(lambda: self.settled):
+            raise AssertionError("no settings from the peer")
 
     def request_headers(self, path, method="POST", content_type="application/grpc", extra=()):
         fields = [(":method", method), (":scheme", "http"), (":path", path),
@@ -252,6 +259,8 @@ class Connection:
     def _take(self, kind, flags, stream, payload):
         if kind == SETTINGS and not flags & ACK:
             self.send(frame(SETTINGS, ACK, 0))
+        elif kind == SETTINGS:
+            self.settled = True
         elif kind == PING and flags & ACK:
             self.pings += 1
         elif kind == PING:

@@ -3,6 +3,8 @@
 # run.sh TEST...: runs each test in its own process under a timeout, shows the output of those that
 # fail, and ends with one line "N passed, N failed, N skipped". A test is skipped by exit code 77.
 set -u
+TSAN_OPTIONS="suppressions=$(cd "$(dirname "$0")" && pwd)/tsan.supp ${TSAN_OPTIONS:-}"
+export TSAN_OPTIONS
 passed=0 failed=0 skipped=0
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT

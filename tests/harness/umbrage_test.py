@@ -262,6 +262,10 @@ class Daemon:
         """SIGTERM; demands exit code 0 and no sanitizer report."""
         if self.process.poll() is None:
             self.signal(signal.SIGTERM)
+        self.exited(timeout)
+
+    def exited(self, timeout=90):
+        """Waits for the end; demands exit code 0 and no sanitizer report."""
         code = self.wait(timeout)
         log = self.log()
         assert not SANITIZER.search(log.encode()), "sanitizer report:\n" + log[-6000:]

@@ -4,6 +4,7 @@
 /*
  * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes.
  * Written with shifts, so that they mean the same on any host; compilers turn them into one move.
+ * Also the numbers that bytes are written in for people: hexadecimal digits.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -81,6 +82,21 @@ static inline void umb__store_narrow(uint8_t *p, uint32_t v, unsigned width)
 static inline unsigned umb__narrow_width(uint64_t count)
 {
     return count <= 0x100 ? 1U : count <= 0x10000 ? 2U : count <= 0x1000000 ? 3U : 4U;
+}
+
+/* Value of a hexadecimal digit of either case, or -1. */
+static inline int umb__hex_value(char c)
+{
+    if (c >= '0' && c <= '9') {
+        return c - '0';
+    }
+    if (c >= 'a' && c <= 'f') {
+        return c - 'a' + 10;
+    }
+    if (c >= 'A' && c <= 'F') {
+        return c - 'A' + 10;
+    }
+    return -1;
 }
 
 /* Takes `count * size` bytes from the front of a range; false if they are not there. */

@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#include "base/bytes.h"
+
 void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE])
 {
     static const char digits[] = "0123456789abcdef";
@@ -14,20 +16,6 @@ void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE])
     text[2 * UMB_ID_BYTES] = '\0';
 }
 
-static int digit_value(char c)
-{
-    if (c >= '0' && c <= '9') {
-        return c - '0';
-    }
-    if (c >= 'a' && c <= 'f') {
-        return c - 'a' + 10;
-    }
-    if (c >= 'A' && c <= 'F') {
-        return c - 'A' + 10;
-    }
-    return -1;
-}
-
 int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES])
 {
     uint8_t bytes[UMB_ID_BYTES];
@@ -35,8 +23,8 @@ int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES])
         return 0;
     }
     for (size_t i = 0; i < UMB_ID_BYTES; i++) {
-        int high = digit_value(text[2 * i]);
-        int low = digit_value(text[2 * i + 1]);
+        int high = umb__hex_value(text[2 * i]);
+        int low = umb__hex_value(text[2 * i + 1]);
         if (high < 0 || low < 0) {
             return 0;
         }

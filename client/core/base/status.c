@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/utf8.h"
+
 struct status_row {
     enum umb_status status;
     const char *name;
@@ -73,7 +75,7 @@ enum umb_status umb_status_from_grpc(int grpc_code)
     case 7:
         return UMB_E_PERMISSION;
     case 8:
-        return UMB_E_BUSY;
+        return UMB_E_TOO_LARGE;
     case 9:
     case 10:
         return UMB_E_STATE;
@@ -93,6 +95,8 @@ enum umb_status umb_status_from_grpc(int grpc_code)
     }
 }
 
+/* The one place where messages are made, so that none carries a terminal's control characters or
+ * broken UTF-8 from a file's name or a peer's text. */
 static void set_error(struct umb_error *error, enum umb_status status, int system_error,
                       const char *format, va_list arguments)
 {
@@ -110,6 +114,8 @@ static void set_error(struct umb_error *error, enum umb_status status, int syste
             (void)snprintf(error->message + used, sizeof error->message - used, ": %s", text);
         }
     }
+    (void)umb__utf8_printable((const uint8_t *)error->message, strlen(error->message),
+                              error->message, sizeof error->message);
 }
 
 enum umb_status umb_fail(struct umb_error *error, enum umb_status status, const char *format, ...)

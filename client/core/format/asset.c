@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/utf8.h"
 #include "format/asset_parts.h"
 #include "format/file_map.h"
 #include "format/pack_read.h"
@@ -14,7 +15,9 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
 }
 
-static enum umb_status keep_head(struct umb_asset *asset, const struct umb__head *head,
+/* Copies what outlives the file, and lets head point to the copies: what was checked stays so even
+ * if somebody overwrites a mapped file meanwhile. */
+static enum umb_status keep_head(struct umb_asset *asset, struct umb__head *head,
                                  struct umb_error *error)
 {
     asset->encoding = head->encoding;
@@ -29,6 +32,12 @@ static enum umb_status keep_head(struct umb_asset *asset, const struct umb__head
     memcpy(asset->canonical_bytes, head->canonical, (size_t)head->canonical_length);
     memcpy(asset->notes, head->info, head->info_length);
     asset->notes[head->info_length] = '\0';
+    head->canonical = asset->canonical_bytes;
+    head->info = (const uint8_t *)asset->notes;
+    if (!umb__utf8_valid(head->info, head->info_length)) {
+        return umb_fail(error, UMB_E_CORRUPT, "info: %u bytes are not UTF-8 text",
+                        head->info_length);
+    }
     return UMB_OK;
 }
 
@@ -55,6 +64,7 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
     int full = !(options && options->trust == UMB_TRUST_VALIDATED);
     uint64_t max_memory = options && options->max_memory_bytes ? options->max_memory_bytes
                                                                : DEFAULT_MAX_MEMORY;
+    max_memory = max_memory < SIZE_MAX / 2 ? max_memory : SIZE_MAX / 2; /* sizes fit size_t */
     struct umb__head head;
     enum umb_status status = umb__head_parse(bytes, size, &head, error);
     if (status == UMB_OK) {
@@ -71,7 +81,10 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
         return open_packed(asset, bytes, &head, full, max_memory, error);
     }
     if ((uintptr_t)bytes % 64 != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "bytes: a mapped asset must be aligned to 64");
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "bytes: at an address %u bytes beyond a multiple of 64, a mapped asset "
+                        "must be at one",
+                        (unsigned)((uintptr_t)bytes % 64));
     }
     return umb__mapped_view(bytes, &head, &asset->canonical.content, full, asset->alloc,
                             &asset->view, error);

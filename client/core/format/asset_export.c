@@ -15,9 +15,16 @@ struct exporter {
     const struct umb_asset *asset;
     struct umb_pool pool;
     struct umb_error *error;
-    uint32_t *brick_of;  /* number in the pool + 1 of each brick of the view; 0 = not yet */
-    uint32_t *node_of;   /* the same for each word where a wide node starts */
+    uint32_t *brick_of; /* what each brick of the view became, + MADE; 0 = not yet */
+    uint32_t *node_of;  /* the same for each word where a wide node starts */
 };
+
+/*
+ * Added to a reference (mod 2^32) so that 0 is left for "not yet": shadowed and lit, the two highest
+ * numbers, become 1 and 2. Uniform results are remembered too: a hostile file may share a subtree
+ * that is uniform 64 times a level, and would be walked 64^8 times.
+ */
+#define MADE 3U
 
 static uint32_t uniform(int lit)
 {
@@ -28,12 +35,12 @@ static uint32_t uniform(int lit)
 static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_t *ref)
 {
     if (e->brick_of[number]) {
-        *ref = e->brick_of[number] - 1;
+        *ref = e->brick_of[number] - MADE;
         return UMB_OK;
     }
     enum umb_status status = umb_pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
-    if (status == UMB_OK && umb_ref_state(*ref) == UMB_NODE_MIXED) {
-        e->brick_of[number] = *ref + 1;
+    if (status == UMB_OK) {
+        e->brick_of[number] = *ref + MADE;
     }
     return status;
 }
@@ -52,7 +59,7 @@ static enum umb_status export_number(struct exporter *e, uint32_t level, uint32_
 static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t word, uint32_t *ref)
 {
     if (e->node_of[word]) {
-        *ref = e->node_of[word] - 1;
+        *ref = e->node_of[word] - MADE;
         return UMB_OK;
     }
     const uint64_t *node = e->asset->view.nodes + word;
@@ -75,8 +82,8 @@ static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t 
     if (status == UMB_OK) {
         status = umb_pool_node(&e->pool, level, children, ref, e->error);
     }
-    if (status == UMB_OK && umb_ref_state(*ref) == UMB_NODE_MIXED) {
-        e->node_of[word] = *ref + 1;
+    if (status == UMB_OK) {
+        e->node_of[word] = *ref + MADE;
     }
     return status;
 }
@@ -142,6 +149,7 @@ enum umb_status umb_asset_export(const struct umb_asset *asset, struct umb_octre
     const struct umb_alloc *alloc = asset->alloc;
     struct exporter e = {.asset = asset, .error = error};
     memset(octree, 0, sizeof *octree);
+    memset(content, 0, sizeof *content);
     umb_pool_init(&e.pool, alloc, SIZE_MAX);
     e.brick_of = umb__alloc_zeroed(alloc, (size_t)asset->view.brick_count, sizeof *e.brick_of);
     e.node_of = umb__alloc_zeroed(alloc, (size_t)asset->view.node_words, sizeof *e.node_of);
@@ -151,7 +159,9 @@ enum umb_status umb_asset_export(const struct umb_asset *asset, struct umb_octre
     umb__free(alloc, e.brick_of);
     umb__free(alloc, e.node_of);
     umb_pool_finish(&e.pool);
-    *content = asset->canonical.content;
-    content->notes = asset->notes;
+    if (status == UMB_OK) {
+        *content = asset->canonical.content;
+        content->notes = asset->notes;
+    }
     return status;
 }

@@ -3,11 +3,11 @@
 #include "format/canonical.h"
 
 #include <stdbool.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/utf8.h"
 #include "format/layout.h"
 
 /* The entries in their one order. */
@@ -26,6 +26,15 @@ static const uint32_t entry_tags[ENTRY_COUNT] = {
     UMB__TAG_SCENE, UMB__TAG_LIGHTS,   UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
     UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,
 };
+
+static bool all_zero(const uint8_t *bytes, uint64_t count)
+{
+    uint8_t any = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        any |= bytes[i];
+    }
+    return any == 0;
+}
 
 static uint64_t padded(uint64_t length)
 {
@@ -125,6 +134,9 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
         return umb_fail(error, UMB_E_ARGUMENT, "%s: %llu bytes, at most %u", field,
                         (unsigned long long)*length, UMB__TEXT_MAX);
     }
+    if (!umb__utf8_valid((const uint8_t *)text, (size_t)*length)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: must be UTF-8 text", field);
+    }
     return UMB_OK;
 }
 
@@ -189,6 +201,10 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
             return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s of %llu bytes is cut",
                             (const char *)head, (unsigned long long)size);
         }
+        if (!all_zero(body + size, padded(size) - size)) {
+            return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s: padding is not zero",
+                            (const char *)head);
+        }
         size_t i = 0;
         while (i < ENTRY_COUNT && entry_tags[i] != tag) {
             i++;
@@ -216,6 +232,24 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
     return UMB_OK;
 }
 
+/* Fields that a later version may use; this one does not know what they would say. */
+static bool reserved_are_zero(const struct entries *entries)
+{
+    const uint8_t *light = entries->bytes[ENTRY_LIGHTS], *frustum = entries->bytes[ENTRY_FRUSTA];
+    const uint8_t *root = entries->bytes[ENTRY_ROOTS];
+    uint32_t rest = 0;
+    for (uint64_t i = 0; i < entries->lengths[ENTRY_LIGHTS]; i += UMB__LIGHT_SIZE) {
+        rest |= umb__load32(light + i + 12);
+    }
+    for (uint64_t i = 0; i < entries->lengths[ENTRY_FRUSTA]; i += UMB__FRUSTUM_SIZE) {
+        rest |= (umb__load32(frustum + i + 8) & ~(uint32_t)1) | umb__load32(frustum + i + 12);
+    }
+    for (uint64_t i = 0; i < entries->lengths[ENTRY_ROOTS]; i += UMB__ROOT_SIZE) {
+        rest |= umb__load32(root + i + 12);
+    }
+    return rest == 0;
+}
+
 static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_alloc *alloc)
 {
     char *text = umb__alloc(alloc, (size_t)length + 1, 1);
@@ -226,7 +260,8 @@ static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_a
     return text;
 }
 
-static void read_light(const uint8_t *at, struct umb_light_info *light)
+/* False if the bytes behind the name's NUL are not zero: equal content has equal bytes. */
+static bool read_light(const uint8_t *at, struct umb_light_info *light)
 {
     light->kind = (enum umb_light_kind)umb__load32(at);
     light->first_frustum = umb__load32(at + 4);
@@ -237,6 +272,8 @@ static void read_light(const uint8_t *at, struct umb_light_info *light)
     }
     light->extent = umb__load_f64(at + 64);
     memcpy(light->name, at + 72, UMB_NAME_SIZE);
+    size_t length = strnlen(light->name, UMB_NAME_SIZE);
+    return all_zero(at + 72 + length, UMB_NAME_SIZE - length);
 }
 
 static void read_frustum(const uint8_t *at, struct umb_frustum_info *frustum)
@@ -247,6 +284,13 @@ static void read_frustum(const uint8_t *at, struct umb_frustum_info *frustum)
     for (size_t i = 0; i < 16; i++) {
         frustum->world_to_voxel[i / 4][i % 4] = umb__load_f64(at + 16 + 8 * i);
     }
+}
+
+static void read_root(const uint8_t *at, struct umb__packed_root *root)
+{
+    root->state = umb__load32(at);
+    root->page = umb__load32(at + 4);
+    root->position = umb__load32(at + 8);
 }
 
 static enum umb_status check_lengths(const struct entries *entries, struct umb_error *error)
@@ -260,9 +304,17 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
         return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry lengths do not fit");
     }
     if (lengths[ENTRY_PLAN] > UMB__TEXT_MAX || lengths[ENTRY_SETTINGS] > UMB__TEXT_MAX ||
-        memchr(entries->bytes[ENTRY_PLAN], 0, (size_t)lengths[ENTRY_PLAN]) ||
-        memchr(entries->bytes[ENTRY_SETTINGS], 0, (size_t)lengths[ENTRY_SETTINGS])) {
-        return umb_fail(error, UMB_E_CORRUPT, "canonical block: plan or settings is not a text");
+        !umb__utf8_valid(entries->bytes[ENTRY_PLAN], (size_t)lengths[ENTRY_PLAN]) ||
+        !umb__utf8_valid(entries->bytes[ENTRY_SETTINGS], (size_t)lengths[ENTRY_SETTINGS])) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "canonical block: plan (%llu bytes) and settings (%llu bytes) must be "
+                        "UTF-8 texts of at most %u bytes",
+                        (unsigned long long)lengths[ENTRY_PLAN],
+                        (unsigned long long)lengths[ENTRY_SETTINGS], UMB__TEXT_MAX);
+    }
+    if (!reserved_are_zero(entries)) {
+        return umb_fail(error, UMB_E_VERSION,
+                        "canonical block: reserved fields are used by a newer writer");
     }
     return UMB_OK;
 }
@@ -291,19 +343,22 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
     }
     for (uint32_t i = 0; i < content->light_count; i++) {
-        read_light(entries->bytes[ENTRY_LIGHTS] + (size_t)i * UMB__LIGHT_SIZE,
-                   &content->lights[i]);
+        if (!read_light(entries->bytes[ENTRY_LIGHTS] + (size_t)i * UMB__LIGHT_SIZE,
+                        &content->lights[i])) {
+            return umb_fail(error, UMB_E_CORRUPT, "lights[%u].name: not padded with zeros", i);
+        }
     }
     for (uint32_t i = 0; i < content->frustum_count; i++) {
-        const uint8_t *root = entries->bytes[ENTRY_ROOTS] + (size_t)i * UMB__ROOT_SIZE;
+        struct umb__packed_root *root = &canonical->roots[i];
         read_frustum(entries->bytes[ENTRY_FRUSTA] + (size_t)i * UMB__FRUSTUM_SIZE,
                      &content->frusta[i]);
-        canonical->roots[i].state = umb__load32(root);
-        canonical->roots[i].page = umb__load32(root + 4);
-        canonical->roots[i].position = umb__load32(root + 8);
-        if (canonical->roots[i].state > UMB_NODE_MIXED) {
-            return umb_fail(error, UMB_E_CORRUPT, "roots[%u].state: %u, allowed 0 to 2", i,
-                            canonical->roots[i].state);
+        read_root(entries->bytes[ENTRY_ROOTS] + (size_t)i * UMB__ROOT_SIZE, root);
+        if (root->state > UMB_NODE_MIXED ||
+            (root->state != UMB_NODE_MIXED && (root->page != 0 || root->position != 0))) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "roots[%u]: state %u, allowed 0 to 2, a place (page %u, position %u) "
+                            "only with 2",
+                            i, root->state, root->page, root->position);
         }
     }
     const uint8_t *counts = entries->bytes[ENTRY_COUNTS];
@@ -311,7 +366,11 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
         canonical->counts[level] = umb__load64(counts + 8 * (level - UMB_LEVEL_BRICK));
     }
     content->bytes_2014 = umb__load64(counts + UMB__COUNTS_SIZE - 8);
-    return umb__content_check(content, error);
+    enum umb_status status = umb__content_check(content, error);
+    if (status == UMB_OK) {
+        umb__content_derive(content);
+    }
+    return status;
 }
 
 enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t length,

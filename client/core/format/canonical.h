@@ -37,8 +37,16 @@ UMB_CHECKED enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t
 
 void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_alloc *alloc);
 
-/* Checks lights and frusta and derives voxel_step; shared by both directions. */
-UMB_CHECKED enum umb_status umb__content_check(struct umb_content *content,
+/*
+ * Checks lights and frusta; shared by both directions.
+ *
+ * In:    content: only read. One that was handed out by an open asset is shared by threads.
+ * Fails: E_CORRUPT, E_VERSION (a kind of light this version does not know).
+ */
+UMB_CHECKED enum umb_status umb__content_check(const struct umb_content *content,
                                                struct umb_error *error);
+
+/* Fills voxel_step of every frustum of a checked content. */
+void umb__content_derive(struct umb_content *content);
 
 #endif

@@ -30,7 +30,8 @@ struct umb_sink {
 
 /* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake). */
 struct umb_sha256 {
-    /* digest of the concatenation of part_count parts */
+    /* digest of the concatenation of part_count parts; all zeros if it could not be made (out of
+     * memory), which the core takes as E_NO_MEMORY: no input is known to have that digest */
     void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
                    uint8_t out[UMB_ID_BYTES]);
     void *user;
@@ -39,10 +40,11 @@ struct umb_sha256 {
 /*
  * Writes a packed asset (.umb) of a canonical octree.
  *
- * In:    content, octree: borrowed. sink: gets the file's bytes in order.
- * Out:   id: the identity: SHA-256(canonical block, page hashes).
- * Fails: E_ARGUMENT (counts or levels that do not fit each other, text too long), E_NO_MEMORY,
- *        or what the sink returns.
+ * In:    content, octree: borrowed, only read. sink: gets the file's bytes in order.
+ * Out:   id: the identity: SHA-256(canonical block, page hashes); left alone on failure.
+ * Fails: E_ARGUMENT (anything a reader would refuse: counts, levels, children or masks that do not
+ *        fit each other, a text too long or not UTF-8; named), E_NO_MEMORY, or what the sink
+ *        returns. After a failure the sink may have got part of the file.
  * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
  * Guaranteed: equal content and octree (up to numbering) give equal bytes but for the notes.
  */
@@ -56,7 +58,8 @@ UMB_API UMB_CHECKED enum umb_status umb_pack_write(const struct umb_content *con
 /*
  * Writes the mapped form (.umbm) of an open asset.
  *
- * Fails: what the sink returns.
+ * Fails: E_NO_MEMORY, or what the sink returns.
+ * Cost:  one pass of the sink and of XXH3 over the file; allocates its head.
  */
 UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *asset,
                                                      const struct umb_sink *sink,
@@ -65,9 +68,12 @@ UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *ass
 /*
  * Gives back the octree and content of an open asset, whatever its encoding.
  *
- * Out:   octree: numbered in the canonical order; finish with umb_octree_finish.
- *        content: arrays and strings borrowed from the asset.
- * Fails: E_NO_MEMORY.
+ * Out:   octree: canonical (merged, uniform nodes dissolved); its numbering is unspecified. Finish
+ *        with umb_octree_finish. content: arrays and strings borrowed from the asset. Both are
+ *        zeroed on failure.
+ * Fails: E_NO_MEMORY, E_LIMIT (2^32 nodes in one level).
+ * Threads: any number may export one asset at once, if its allocator allows.
+ * Cost:  linear in the nodes and the grids' cells.
  */
 UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *asset,
                                                      struct umb_octree *octree,

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/utf8.h"
 #include "format/canonical.h"
 
 static bool all_finite(const double *values, size_t count)
@@ -23,9 +24,9 @@ static bool all_finite(const double *values, size_t count)
  * Inverts the linear part of world_to_voxel into world vectors of one voxel. The cofactor form
  * keeps about 15 digits for the well-conditioned (orthogonal rows) matrices of light frames.
  */
-static bool derive_voxel_step(struct umb_frustum_info *frustum)
+static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
 {
-    const double(*m)[4] = (const double(*)[4])frustum->world_to_voxel;
+    const double(*m)[4] = frustum->world_to_voxel;
     double cofactor[3][3];
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
@@ -40,19 +41,22 @@ static bool derive_voxel_step(struct umb_frustum_info *frustum)
     }
     for (int axis = 0; axis < 3; axis++) {
         for (int k = 0; k < 3; k++) {
-            frustum->voxel_step[axis][k] = cofactor[axis][k] / determinant;
+            step[axis][k] = cofactor[axis][k] / determinant;
         }
     }
-    return all_finite(&frustum->voxel_step[0][0], 9);
+    return all_finite(&step[0][0], 9);
 }
 
 static enum umb_status check_light(const struct umb_content *content, uint32_t i,
                                    struct umb_error *error)
 {
     const struct umb_light_info *light = &content->lights[i];
+    const char *name_end = memchr(light->name, '\0', UMB_NAME_SIZE);
     uint32_t max_frusta = light->kind == UMB_LIGHT_POINT ? 6 : 1;
-    if (memchr(light->name, '\0', UMB_NAME_SIZE) == NULL) {
-        return umb_fail(error, UMB_E_CORRUPT, "lights[%u].name: longer than %d bytes", i,
+    if (name_end == NULL ||
+        !umb__utf8_valid((const uint8_t *)light->name, (size_t)(name_end - light->name))) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "lights[%u].name: must be UTF-8 text of at most %d bytes", i,
                         UMB_NAME_SIZE - 1);
     }
     if (light->kind != UMB_LIGHT_DIRECTIONAL) {
@@ -65,21 +69,35 @@ static enum umb_status check_light(const struct umb_content *content, uint32_t i
         return umb_fail(error, UMB_E_CORRUPT, "lights[%u]: frusta %u + %u, the asset has %u", i,
                         light->first_frustum, light->frustum_count, content->frustum_count);
     }
+    for (uint32_t f = 0; f < light->frustum_count; f++) {
+        uint32_t owner = content->frusta[light->first_frustum + f].light;
+        if (owner != i) {
+            return umb_fail(error, UMB_E_CORRUPT, "lights[%u]: its frustum %u names light %u", i,
+                            light->first_frustum + f, owner);
+        }
+    }
     const double *d = light->direction;
     double length = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (!(fabs(length - 1.0) < 1e-6)) {
-        return umb_fail(error, UMB_E_CORRUPT, "lights[%u].direction: not a unit vector", i);
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "lights[%u].direction: (%g, %g, %g), must be a unit vector", i, d[0], d[1],
+                        d[2]);
     }
     if (!all_finite(light->position, 3) || !isfinite(light->extent) || light->extent < 0) {
-        return umb_fail(error, UMB_E_CORRUPT, "lights[%u]: position or extent out of range", i);
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "lights[%u]: position (%g, %g, %g) and extent %g must be finite, extent "
+                        "not below 0",
+                        i, light->position[0], light->position[1], light->position[2],
+                        light->extent);
     }
     return UMB_OK;
 }
 
-static enum umb_status check_frustum(struct umb_content *content, uint32_t i,
+static enum umb_status check_frustum(const struct umb_content *content, uint32_t i,
                                      struct umb_error *error)
 {
-    struct umb_frustum_info *frustum = &content->frusta[i];
+    const struct umb_frustum_info *frustum = &content->frusta[i];
+    double step[3][3];
     if (frustum->log2_size < UMB_LEVEL_MIN || frustum->log2_size > UMB_LEVEL_MAX) {
         return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].log2_size: %u, allowed %d to %d", i,
                         frustum->log2_size, UMB_LEVEL_MIN, UMB_LEVEL_MAX);
@@ -99,13 +117,13 @@ static enum umb_status check_frustum(struct umb_content *content, uint32_t i,
         return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not finite and affine",
                         i);
     }
-    if (!derive_voxel_step(frustum)) {
+    if (!derive_voxel_step(frustum, step)) {
         return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not invertible", i);
     }
     return UMB_OK;
 }
 
-enum umb_status umb__content_check(struct umb_content *content, struct umb_error *error)
+enum umb_status umb__content_check(const struct umb_content *content, struct umb_error *error)
 {
     if (content->light_count < 1 || content->light_count > UMB_LIGHTS_MAX) {
         return umb_fail(error, UMB_E_CORRUPT, "lights: %u, allowed 1 to %d", content->light_count,
@@ -127,4 +145,11 @@ enum umb_status umb__content_check(struct umb_content *content, struct umb_error
         status = check_frustum(content, i, error);
     }
     return status;
+}
+
+void umb__content_derive(struct umb_content *content)
+{
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        (void)derive_voxel_step(&content->frusta[i], content->frusta[i].voxel_step);
+    }
 }

@@ -13,7 +13,8 @@ enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struc
 {
     *map = NULL;
     *bytes = 0;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    /* Not blocking, so that a pipe nobody writes to is refused and not waited for. */
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "%.200s", path);
     }

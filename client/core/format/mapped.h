@@ -19,9 +19,12 @@ struct umb__mapped {
 /*
  * Lays an octree out for queries. Takes the bricks out of the octree (they are the same bytes).
  *
- * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay below a
- * quarter of the nodes and bricks divided by the number of frusta (at least the smallest grid).
- * Fails: E_NO_MEMORY, E_TOO_LARGE (over max_memory_bytes or 2^32 words of nodes).
+ * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay within a
+ * quarter of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
+ * least the smallest grid). Wide nodes of levels above every grid's cells are then left out.
+ * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
+ *        words of nodes). The octree still owns its bricks then.
+ * Cost:  linear in the octree.
  */
 UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
                                               const struct umb_content *content,
@@ -33,8 +36,9 @@ void umb__mapped_finish(struct umb__mapped *mapped);
  * Finds the sections of a mapped file and checks them.
  *
  * In:    full: checksums of all sections and the whole structure: every child number is the start
- *        of a node of the level two below, or a brick. Else only lengths and section bounds.
- * Trust: with full, safe on hostile bytes.
+ *        of a node of the level two below, or a brick. Else only that the sections have the lengths
+ *        that canonical block, grids and level table ask for.
+ * Trust: with full, safe on hostile bytes. Without, only on bytes that passed with full before.
  */
 UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
                                              const struct umb_content *content, int full,

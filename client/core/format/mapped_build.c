@@ -15,6 +15,7 @@ struct builder {
     const struct umb_content *content;
     struct umb__mapped *mapped;
     struct umb_error *error;
+    uint32_t level_highest;               /* of the cells of all grids */
     uint32_t *word_of[UMB_LEVEL_MAX + 1]; /* first word of the wide node of an octree node */
 };
 
@@ -64,20 +65,44 @@ static void widen(const struct umb_octree *octree, uint32_t level, uint32_t inde
     }
 }
 
-static enum umb_status no_memory(struct builder *b)
+static enum umb_status no_memory(const struct builder *b)
 {
     return umb_fail(b->error, UMB_E_NO_MEMORY, "expanding: out of memory");
 }
 
-/* Gives every wide node its place: level 5 first, in the order of the octree. */
+/* Words of the wide node of an octree node: as many numbers as it has mixed grandchildren. */
+static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32_t index)
+{
+    const struct umb_octree_level *upper = &octree->level[level];
+    const struct umb_octree_level *lower = &octree->level[level - 1];
+    uint64_t mixed = 0;
+    for (uint32_t c = upper->first[index]; c < upper->first[index + 1]; c++) {
+        mixed += lower->first[upper->children[c] + 1] - lower->first[upper->children[c]];
+    }
+    return 2 + (mixed + 1) / 2;
+}
+
+/* Bytes of the wide nodes of all levels and of the bricks: what grids are sized by. */
+static uint64_t content_bytes(const struct umb_octree *octree)
+{
+    uint64_t bytes = (uint64_t)octree->brick_count * 64;
+    for (uint32_t level = UMB__WIDE_FIRST; level <= UMB_LEVEL_MAX; level += 2) {
+        for (uint32_t node = 0; node < octree->level[level].count; node++) {
+            bytes += words_of(octree, level, node) * 8;
+        }
+    }
+    return bytes;
+}
+
+/* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the cells
+ * of every grid dissolve into the grids and get none. */
 static enum umb_status place_nodes(struct builder *b)
 {
     struct umb__view *view = &b->mapped->view;
     uint64_t words = 0;
-    struct wide wide;
     for (uint32_t i = 0; i < UMB__WIDE_COUNT; i++) {
         uint32_t level = UMB__WIDE_FIRST + 2 * i;
-        uint32_t count = b->octree->level[level].count;
+        uint32_t count = level <= b->level_highest ? b->octree->level[level].count : 0;
         view->level_begin[i] = words;
         b->word_of[level] = umb__alloc(b->mapped->alloc, count, sizeof(uint32_t));
         if (!b->word_of[level]) {
@@ -88,8 +113,7 @@ static enum umb_status place_nodes(struct builder *b)
                 return umb_fail(b->error, UMB_E_TOO_LARGE, "expanding: more than 32 GiB of nodes");
             }
             b->word_of[level][node] = (uint32_t)words;
-            widen(b->octree, level, node, &wide);
-            words += umb__wide_words(wide.mixed);
+            words += words_of(b->octree, level, node);
         }
     }
     view->level_begin[UMB__WIDE_COUNT] = words;
@@ -105,7 +129,7 @@ static uint32_t number_of(const struct builder *b, uint32_t level, uint32_t inde
 static void write_nodes(const struct builder *b)
 {
     struct wide wide;
-    for (uint32_t level = UMB__WIDE_FIRST; level <= UMB_LEVEL_MAX; level += 2) {
+    for (uint32_t level = UMB__WIDE_FIRST; level <= b->level_highest; level += 2) {
         for (uint32_t node = 0; node < b->octree->level[level].count; node++) {
             uint64_t *words = b->mapped->nodes + b->word_of[level][node];
             widen(b->octree, level, node, &wide);
@@ -121,12 +145,9 @@ static void write_nodes(const struct builder *b)
     }
 }
 
-/* Grid of frustum i: see mapped.h. */
-static uint32_t choose_grid(const struct builder *b, uint32_t frustum)
+/* Grid of a frustum of 2^n voxels a side within a budget of bytes: see mapped.h. */
+static uint32_t choose_grid(uint32_t n, uint64_t budget)
 {
-    uint32_t n = b->content->frusta[frustum].log2_size;
-    uint64_t bytes = b->mapped->view.node_words * 8 + (uint64_t)b->octree->brick_count * 64;
-    uint64_t budget = bytes / 4 / b->content->frustum_count;
     uint32_t smallest = n % 2 == 1 ? 0 : 1, grid = smallest;
     for (uint32_t g = smallest; g <= UMB__GRID_LOG2_MAX && g + UMB_LEVEL_BRICK <= n; g += 2) {
         if ((uint64_t)4 << (3 * g) <= budget) {
@@ -174,30 +195,57 @@ static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cu
     }
 }
 
-static enum umb_status build_tops(struct builder *b)
+/* Sizes the grids and sets how far up wide nodes are needed. */
+static enum umb_status size_grids(struct builder *b)
 {
     struct umb__mapped *mapped = b->mapped;
     uint32_t count = b->content->frustum_count;
+    uint64_t budget = content_bytes(b->octree) / 4 / count;
+    uint64_t cells = 0;
     mapped->tops = umb__alloc_zeroed(mapped->alloc, count, sizeof *mapped->tops);
     if (!mapped->tops) {
         return no_memory(b);
     }
-    uint64_t cells = 0;
     for (uint32_t i = 0; i < count; i++) {
-        mapped->tops[i].grid_log2 = choose_grid(b, i);
+        uint32_t n = b->content->frusta[i].log2_size;
+        uint32_t g = choose_grid(n, budget);
+        mapped->tops[i].grid_log2 = g;
         mapped->tops[i].first_cell = cells;
-        cells += (uint64_t)1 << (3 * mapped->tops[i].grid_log2);
+        cells += (uint64_t)1 << (3 * g);
+        b->level_highest = n - g > b->level_highest ? n - g : b->level_highest;
     }
     mapped->view.grid_count = cells;
-    mapped->grid = umb__alloc(mapped->alloc, (size_t)cells, sizeof *mapped->grid);
-    if (!mapped->grid) {
-        return no_memory(b);
-    }
-    for (uint32_t i = 0; i < count; i++) {
+    return UMB_OK;
+}
+
+static void fill_grids(const struct builder *b)
+{
+    for (uint32_t i = 0; i < b->content->frustum_count; i++) {
         struct cube cube = {b->octree->roots[i].level, 0, 0, 0};
         fill_cells(b, i, cube, b->octree->roots[i].state, b->octree->roots[i].index);
     }
-    return UMB_OK;
+}
+
+/* Refuses what octree and mapped layout take together beyond the limit. */
+static enum umb_status check_memory(const struct builder *b, uint64_t max_memory_bytes)
+{
+    const struct umb_octree *octree = b->octree;
+    const struct umb__view *view = &b->mapped->view;
+    uint64_t bytes = (uint64_t)octree->brick_count * 64 + view->node_words * 8 +
+                     view->grid_count * sizeof(uint32_t) +
+                     (uint64_t)octree->root_count *
+                         (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+        const struct umb_octree_level *level = &octree->level[l];
+        bytes += (uint64_t)level->count * (sizeof *level->masks + sizeof *level->first) +
+                 sizeof *level->first + (uint64_t)level->first[level->count] * 4;
+        bytes += l <= b->level_highest ? (uint64_t)level->count * sizeof(uint32_t) : 0;
+    }
+    return bytes <= max_memory_bytes
+               ? UMB_OK
+               : umb_fail(b->error, UMB_E_TOO_LARGE,
+                          "asset: laying it out takes %llu bytes, the limit is %llu",
+                          (unsigned long long)bytes, (unsigned long long)max_memory_bytes);
 }
 
 enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_content *content,
@@ -207,20 +255,23 @@ enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_co
     memset(mapped, 0, sizeof *mapped);
     mapped->alloc = octree->alloc;
     struct builder b = {.octree = octree, .content = content, .mapped = mapped, .error = error};
-    enum umb_status status = place_nodes(&b);
-    if (status == UMB_OK && mapped->view.node_words * 8 > max_memory_bytes) {
-        status = umb_fail(error, UMB_E_TOO_LARGE, "asset: %llu bytes of nodes, the limit is %llu",
-                          (unsigned long long)mapped->view.node_words * 8,
-                          (unsigned long long)max_memory_bytes);
+    enum umb_status status = size_grids(&b);
+    if (status == UMB_OK) {
+        status = place_nodes(&b);
     }
     if (status == UMB_OK) {
+        status = check_memory(&b, max_memory_bytes);
+    }
+    if (status == UMB_OK) {
+        mapped->grid =
+            umb__alloc(mapped->alloc, (size_t)mapped->view.grid_count, sizeof *mapped->grid);
         mapped->nodes =
             umb__alloc(mapped->alloc, (size_t)mapped->view.node_words, sizeof *mapped->nodes);
-        status = mapped->nodes ? UMB_OK : no_memory(&b);
+        status = mapped->grid && mapped->nodes ? UMB_OK : no_memory(&b);
     }
     if (status == UMB_OK) {
         write_nodes(&b);
-        status = build_tops(&b);
+        fill_grids(&b);
     }
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(mapped->alloc, b.word_of[level]);

@@ -2,7 +2,8 @@
 /*
  * Validating a mapped file, so that queries need no checks: every number a query follows is the
  * start of a node of the right level or a brick that exists. Node starts are known from walking
- * each level once; a bit a word remembers them.
+ * each level once; a bit a word remembers them. Every byte of the file is accounted for: sections
+ * by their checksums, what lies between them is zero.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -34,6 +35,15 @@ struct sections {
     uint64_t lengths[SECTION_COUNT];
 };
 
+static bool all_zero(const uint8_t *bytes, uint64_t count)
+{
+    uint8_t any = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        any |= bytes[i];
+    }
+    return any == 0;
+}
+
 static enum umb_status find_sections(const uint8_t *file, const struct umb__head *head, int full,
                                      struct sections *sections, struct umb_error *error)
 {
@@ -41,16 +51,29 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
         return umb_fail(error, UMB_E_CORRUPT, "directory: %u sections, a mapped file has %d",
                         head->directory_count, SECTION_COUNT);
     }
+    uint64_t end = head->head_length; /* of the section before */
     for (size_t i = 0; i < SECTION_COUNT; i++) {
         const uint8_t *entry = head->directory + i * UMB__SECTION_ENTRY;
         uint64_t offset = umb__load64(entry + UMB__SECTION_OFFSET);
         uint64_t length = umb__load64(entry + UMB__SECTION_LENGTH);
-        if (umb__load32(entry + UMB__SECTION_TAG) != section_tags[i] ||
-            offset % UMB__SECTION_ALIGN != 0 || offset < head->head_length ||
-            offset > head->file_length || length > head->file_length - offset) {
-            return umb_fail(error, UMB_E_CORRUPT, "directory: section %zu is not as it should be",
-                            i);
+        if (umb__load32(entry + UMB__SECTION_ZERO) != 0) {
+            return umb_fail(error, UMB_E_VERSION,
+                            "directory: section %zu uses reserved fields of a newer writer", i);
         }
+        if (umb__load32(entry + UMB__SECTION_TAG) != section_tags[i] ||
+            offset % UMB__SECTION_ALIGN != 0 || offset < end ||
+            offset - end >= UMB__SECTION_ALIGN || offset > head->file_length ||
+            length > head->file_length - offset) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "directory: section %zu at %llu with %llu bytes does not follow %llu "
+                            "in a file of %llu",
+                            i, (unsigned long long)offset, (unsigned long long)length,
+                            (unsigned long long)end, (unsigned long long)head->file_length);
+        }
+        if (full && !all_zero(file + end, offset - end)) {
+            return umb_fail(error, UMB_E_CORRUPT, "section %zu: bytes before it are not zero", i);
+        }
+        end = offset + length;
         sections->bytes[i] = file + offset;
         sections->lengths[i] = length;
         if (full && XXH3_64bits(file + offset, (size_t)length) !=
@@ -58,6 +81,10 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
             return umb_fail(error, UMB_E_CORRUPT, "section %.4s: checksum does not match",
                             (const char *)entry);
         }
+    }
+    if (end != head->file_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: %llu bytes follow the last section",
+                        (unsigned long long)(head->file_length - end));
     }
     return UMB_OK;
 }
@@ -133,6 +160,9 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
             return false;
         }
         unsigned count = (unsigned)__builtin_popcountll(node[0]);
+        if (count % 2 == 1 && node[2 + count / 2] >> 32 != 0) {
+            return false; /* the unused half of the last word */
+        }
         for (unsigned i = 0; i < count; i++) {
             uint64_t number = i % 2 ? node[2 + i / 2] >> 32 : node[2 + i / 2] & 0xffffffffU;
             if (!number_is_valid(view, starts, child_level, number)) {

@@ -93,6 +93,8 @@ enum umb_status umb_mapped_write(const struct umb_asset *asset, const struct umb
     if (status == UMB_OK) {
         status = write_sections(sections, head.head_length, sink);
     }
-    return status == UMB_OK ? UMB_OK
-                            : umb_fail(error, status, "mapped form: could not be written");
+    return status == UMB_OK
+               ? UMB_OK
+               : umb_fail(error, status, "mapped form: %llu bytes of output: %s",
+                          (unsigned long long)head.file_length, umb_status_text(status));
 }

@@ -116,11 +116,35 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
     return t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
 }
 
+/* Proves that a node exists, has a possible mask, and leads to nodes that exist: whatever order
+ * they are visited in, nothing is read of a node before this. */
 static enum umb_status check_node(const struct traversal *t, struct umb__node_ref node)
 {
-    if (node.index >= umb__octree_level_count(t->octree, node.level)) {
+    uint32_t count = umb__octree_level_count(t->octree, node.level);
+    if (node.index >= count) {
         return umb_fail(t->error, UMB_E_ARGUMENT, "octree: node %u of level %u, the level has %u",
-                        node.index, node.level, umb__octree_level_count(t->octree, node.level));
+                        node.index, node.level, count);
+    }
+    if (node.level == UMB_LEVEL_BRICK) {
+        return UMB_OK;
+    }
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    uint16_t mask = level->masks[node.index];
+    uint32_t first = level->first[node.index], end = level->first[node.index + 1];
+    if ((mask & (mask >> 1) & 0x5555U) != 0 || end < first ||
+        end - first != umb_mask_mixed_count(mask)) {
+        return umb_fail(t->error, UMB_E_ARGUMENT,
+                        "octree: node %u of level %u: mask 0x%04x does not fit its children %u to "
+                        "%u",
+                        node.index, node.level, mask, first, end);
+    }
+    uint32_t below = umb__octree_level_count(t->octree, node.level - 1);
+    for (uint32_t i = first; i < end; i++) {
+        if (level->children[i] >= below) {
+            return umb_fail(t->error, UMB_E_ARGUMENT,
+                            "octree: node %u of level %u leads to %u, the level below has %u",
+                            node.index, node.level, level->children[i], below);
+        }
     }
     return UMB_OK;
 }
@@ -157,11 +181,12 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
         if (is_placed(t, node)) {
             continue;
         }
-        enum umb_status status = place(t, node);
-        if (status != UMB_OK || node.level == UMB_LEVEL_BRICK) {
-            if (status != UMB_OK) {
-                return status;
-            }
+        enum umb_status status = check_node(t, node);
+        status = status == UMB_OK ? place(t, node) : status;
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (node.level == UMB_LEVEL_BRICK) {
             continue;
         }
         const struct umb_octree_level *level = &t->octree->level[node.level];
@@ -172,10 +197,9 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
             bool below = node.level == t->band_low;
             uint32_t k = below ? i : count - 1 - i;
             struct umb__node_ref child = {node.level - 1, level->children[first + k]};
-            status = check_node(t, child);
-            if (status == UMB_OK && below) {
+            if (below) {
                 status = wait_for_next_band(t, child);
-            } else if (status == UMB_OK) {
+            } else {
                 stack[depth++] = child;
             }
         }

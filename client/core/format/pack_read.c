@@ -3,6 +3,10 @@
  * See pack_read.h. Two passes: all pages are uncompressed and parsed, which gives every node its
  * number (level by level, in the order of the file); then nodes are filled in and references to
  * other pages resolved. The counts announced in the canonical block must be those found.
+ *
+ * The file may be a map that somebody else overwrites meanwhile: an entry of the directory is
+ * loaded once for a use and checked against the memory there is; nodes are only taken from the
+ * pages' private copies.
  */
 #include "format/pack_read.h"
 
@@ -16,6 +20,13 @@
 #include "format/layout.h"
 #include "format/page.h"
 
+enum {
+    BRICK_BYTES = 64,
+    NODE_BYTES_MAX = 2 + 4 + 8 * 4, /* mask, first, children */
+};
+
+typedef uint32_t page_numbers[UMB_LEVEL_MAX + 1];
+
 struct reader {
     const uint8_t *file;
     const struct umb__head *head;
@@ -24,20 +35,24 @@ struct reader {
     ZSTD_DCtx *zstd;
     uint8_t *raw;            /* all pages, uncompressed, one after the other */
     struct umb__page *pages; /* [page count], pointing into raw */
-    uint32_t (*first)[UMB_LEVEL_MAX + 1]; /* [page count], number of a page's first node of a level */
+    page_numbers *first;     /* [page count], number of a page's first node of a level */
 };
 
+/* One page's entry of the directory. */
 struct entry {
+    uint32_t page;
     uint64_t offset;
     uint32_t stored_length, raw_length;
     uint64_t check;
     uint32_t level_high, level_low, records;
+    uint32_t reserved;
 };
 
 static struct entry load_entry(const struct umb__head *head, uint32_t page)
 {
     const uint8_t *at = head->directory + (size_t)page * UMB__PAGE_ENTRY;
     struct entry entry = {
+        .page = page,
         .offset = umb__load64(at + UMB__PAGE_OFFSET),
         .stored_length = umb__load32(at + UMB__PAGE_STORED_LENGTH),
         .raw_length = umb__load32(at + UMB__PAGE_RAW_LENGTH),
@@ -45,6 +60,7 @@ static struct entry load_entry(const struct umb__head *head, uint32_t page)
         .level_high = at[UMB__PAGE_LEVEL_HIGH],
         .level_low = at[UMB__PAGE_LEVEL_LOW],
         .records = umb__load32(at + UMB__PAGE_RECORDS),
+        .reserved = umb__load16(at + UMB__PAGE_ZERO),
     };
     return entry;
 }
@@ -76,6 +92,10 @@ static enum umb_status check_directory(const struct umb__head *head, uint64_t *r
             return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
                             page, entry.raw_length, UMB__PAGE_RAW_MAX);
         }
+        if (entry.reserved != 0) {
+            return umb_fail(error, UMB_E_VERSION,
+                            "directory: page %u uses reserved fields of a newer writer", page);
+        }
         expected += entry.stored_length;
         *raw_total += entry.raw_length;
     }
@@ -86,42 +106,63 @@ static enum umb_status check_directory(const struct umb__head *head, uint64_t *r
     return UMB_OK;
 }
 
-static enum umb_status expand_page(ZSTD_DCtx *zstd, const uint8_t *file, const struct entry *entry,
-                                   uint32_t page, uint8_t *raw, struct umb_error *error)
+/* True if an entry still lies in the file and its page fits the `room` bytes left for it. */
+static bool entry_fits(const struct umb__head *head, const struct entry *entry, uint64_t room)
 {
-    size_t got = ZSTD_decompressDCtx(zstd, raw, entry->raw_length, file + entry->offset,
-                                     entry->stored_length);
+    return entry->raw_length <= room && entry->offset <= head->file_length &&
+           entry->stored_length <= head->file_length - entry->offset;
+}
+
+static enum umb_status entry_changed(const struct entry *entry, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
+                    entry->page);
+}
+
+/* Uncompresses a page whose entry fits. */
+static enum umb_status expand_page(ZSTD_DCtx *zstd, const uint8_t *file, const struct entry *entry,
+                                   uint8_t *raw, struct umb_error *error)
+{
+    const uint8_t *stored = file + entry->offset;
+    if (ZSTD_findFrameCompressedSize(stored, entry->stored_length) != entry->stored_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: %u bytes are not one zstd frame",
+                        entry->page, entry->stored_length);
+    }
+    size_t got = ZSTD_decompressDCtx(zstd, raw, entry->raw_length, stored, entry->stored_length);
     if (ZSTD_isError(got) || got != entry->raw_length) {
         return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: does not uncompress to %u bytes",
-                        page, entry->raw_length);
+                        entry->page, entry->raw_length);
     }
     return UMB_OK;
 }
 
-static enum umb_status parse_one(struct reader *r, uint32_t page, int check, uint8_t *raw)
+static enum umb_status parse_one(struct reader *r, const struct entry *entry, int check,
+                                 uint8_t *raw, uint64_t room)
 {
-    struct entry entry = load_entry(r->head, page);
-    if (check && XXH3_64bits(r->file + entry.offset, entry.stored_length) != entry.check) {
-        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
-                        page);
+    if (!entry_fits(r->head, entry, room)) {
+        return entry_changed(entry, r->error);
     }
-    enum umb_status status = expand_page(r->zstd, r->file, &entry, page, raw, r->error);
+    if (check && XXH3_64bits(r->file + entry->offset, entry->stored_length) != entry->check) {
+        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
+                        entry->page);
+    }
+    enum umb_status status = expand_page(r->zstd, r->file, entry, raw, r->error);
     if (status != UMB_OK) {
         return status;
     }
-    struct umb__page *parsed = &r->pages[page];
-    status = umb__page_parse(raw, entry.raw_length, parsed, r->error);
+    struct umb__page *parsed = &r->pages[entry->page];
+    status = umb__page_parse(raw, entry->raw_length, parsed, r->error);
     if (status != UMB_OK) {
-        return in_page(r->error, page, status);
+        return in_page(r->error, entry->page, status);
     }
     uint64_t records = 0;
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         records += parsed->node_count[level];
     }
-    if (parsed->level_high != entry.level_high || parsed->level_low != entry.level_low ||
-        records != entry.records) {
+    if (parsed->level_high != entry->level_high || parsed->level_low != entry->level_low ||
+        records != entry->records) {
         return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: not what the directory says",
-                        page);
+                        entry->page);
     }
     return UMB_OK;
 }
@@ -139,13 +180,14 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
         return umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for %u pages", count);
     }
     memset(totals, 0, (UMB_LEVEL_MAX + 1) * sizeof *totals);
-    uint8_t *raw = r->raw;
+    uint64_t used = 0;
     for (uint32_t page = 0; page < count; page++) {
-        enum umb_status status = parse_one(r, page, check, raw);
+        struct entry entry = load_entry(r->head, page);
+        enum umb_status status = parse_one(r, &entry, check, r->raw + used, raw_total - used);
         if (status != UMB_OK) {
             return status;
         }
-        raw += load_entry(r->head, page).raw_length;
+        used += entry.raw_length;
         for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
             r->first[page][level] = (uint32_t)totals[level];
             totals[level] += r->pages[page].node_count[level];
@@ -275,30 +317,28 @@ static enum umb_status fill_octree(const struct reader *r, const struct umb__can
     return UMB_OK;
 }
 
-/* Memory the octree will take, from the announced counts: at most 8 children a node. */
-static uint64_t announced_bytes(const struct umb__canonical *canonical)
+/* Bytes that expanding takes at its peak: the pages, parsed, and the octree, whose nodes have at
+ * most eight children each. The counts are below 2^32 each, so that nothing overflows. */
+static uint64_t peak_bytes(const struct umb__canonical *canonical, uint64_t page_count,
+                           uint64_t raw_total)
 {
-    uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * 64;
+    uint64_t bytes = raw_total + page_count * (sizeof(struct umb__page) + sizeof(page_numbers));
+    bytes += (uint64_t)canonical->content.frustum_count * sizeof(struct umb_octree_root);
+    bytes += canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
     for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
-        bytes += canonical->counts[level] * 38;
+        bytes += canonical->counts[level] * NODE_BYTES_MAX + sizeof(uint32_t);
     }
     return bytes;
 }
 
 static enum umb_status check_counts(const struct umb__canonical *canonical,
-                                    uint64_t max_memory_bytes, struct umb_error *error)
+                                    struct umb_error *error)
 {
     for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         if (canonical->counts[level] >= UINT32_MAX) {
             return umb_fail(error, UMB_E_CORRUPT, "counts: level %zu claims %llu nodes", level,
                             (unsigned long long)canonical->counts[level]);
         }
-    }
-    if (announced_bytes(canonical) > max_memory_bytes) {
-        return umb_fail(error, UMB_E_TOO_LARGE,
-                        "asset: needs about %llu bytes, the limit is %llu",
-                        (unsigned long long)announced_bytes(canonical),
-                        (unsigned long long)max_memory_bytes);
     }
     return UMB_OK;
 }
@@ -311,13 +351,17 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     struct reader r = {.file = file, .head = head, .alloc = alloc, .error = error};
     uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
     memset(octree, 0, sizeof *octree);
-    enum umb_status status = check_counts(canonical, max_memory_bytes, error);
+    enum umb_status status = check_counts(canonical, error);
     if (status == UMB_OK) {
         status = check_directory(head, &raw_total, error);
     }
-    if (status == UMB_OK && raw_total > max_memory_bytes) {
-        status = umb_fail(error, UMB_E_TOO_LARGE, "pages: %llu bytes, the limit is %llu",
-                          (unsigned long long)raw_total, (unsigned long long)max_memory_bytes);
+    if (status == UMB_OK) {
+        uint64_t peak = peak_bytes(canonical, head->directory_count, raw_total);
+        if (peak > max_memory_bytes) {
+            status = umb_fail(error, UMB_E_TOO_LARGE,
+                              "asset: expanding takes up to %llu bytes, the limit is %llu",
+                              (unsigned long long)peak, (unsigned long long)max_memory_bytes);
+        }
     }
     if (status == UMB_OK) {
         status = parse_pages(&r, check, raw_total, totals);
@@ -342,6 +386,38 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     return status;
 }
 
+bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES])
+{
+    static const uint8_t zeros[UMB_ID_BYTES];
+    return memcmp(hash, zeros, sizeof zeros) != 0;
+}
+
+/* Hashes one page and compares; raw: room for the longest. */
+static enum umb_status prove_page(ZSTD_DCtx *zstd, const uint8_t *file,
+                                  const struct umb__head *head, uint32_t page, uint8_t *raw,
+                                  const struct umb_sha256 *sha256, struct umb_error *error)
+{
+    struct entry entry = load_entry(head, page);
+    enum umb_status status = entry_fits(head, &entry, UMB__PAGE_RAW_MAX)
+                                 ? expand_page(zstd, file, &entry, raw, error)
+                                 : entry_changed(&entry, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint8_t *wanted = head->directory + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+    const void *part = raw;
+    size_t part_size = entry.raw_length;
+    uint8_t hash[UMB_ID_BYTES];
+    sha256->digest(sha256->user, &part, &part_size, 1, hash);
+    if (!umb__digest_made(hash)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "proving: page %u could not be hashed", page);
+    }
+    return memcmp(hash, wanted, sizeof hash) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
+                          page);
+}
+
 enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
                                  const struct umb_sha256 *sha256, struct umb_error *error)
 {
@@ -356,19 +432,7 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
         status = umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
     for (uint32_t page = 0; page < head->directory_count && status == UMB_OK; page++) {
-        struct entry entry = load_entry(head, page);
-        status = expand_page(zstd, file, &entry, page, raw, error);
-        if (status == UMB_OK) {
-            const void *part = raw;
-            size_t part_size = entry.raw_length;
-            uint8_t hash[UMB_ID_BYTES];
-            sha256->digest(sha256->user, &part, &part_size, 1, hash);
-            if (memcmp(hash, head->directory + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_HASH,
-                       sizeof hash) != 0) {
-                status = umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
-                                  page);
-            }
-        }
+        status = prove_page(zstd, file, head, page, raw, sha256, error);
     }
     ZSTD_freeDCtx(zstd);
     umb__free(NULL, raw);

@@ -2,6 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_READ_H
 #define UMBRAGE_CORE_FORMAT_PACK_READ_H
 /* Reading the pages of a packed file into the exchange form. */
+#include <stdbool.h>
 #include "format/canonical.h"
 #include "format/head.h"
 
@@ -9,7 +10,7 @@
  * Expands all pages of a packed file.
  *
  * In:    check: verify each page's XXH3 as well (structure is always checked).
- *        max_memory_bytes: refused before anything of that size is allocated.
+ *        max_memory_bytes: of pages and octree together; checked before they are allocated.
  * Out:   octree: numbered in the file's order; finish with umb_octree_finish.
  * Fails: E_CORRUPT, E_TRUNCATED, E_TOO_LARGE, E_NO_MEMORY.
  * Trust: safe on hostile bytes.
@@ -19,6 +20,9 @@ UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb
                                            uint64_t max_memory_bytes,
                                            const struct umb_alloc *alloc,
                                            struct umb_octree *octree, struct umb_error *error);
+
+/* False for the all-zero digest of a hasher that failed (struct umb_sha256). */
+bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES]);
 
 /* Compares each page's uncompressed bytes with its hash in the directory. */
 UMB_CHECKED enum umb_status umb__pages_prove(const uint8_t *file,

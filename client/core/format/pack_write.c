@@ -10,6 +10,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/utf8.h"
 #include "format/canonical.h"
 #include "format/head.h"
 #include "format/layout.h"
@@ -68,7 +69,7 @@ static enum umb_status write_page(struct writer *w, uint32_t page)
     const void *part = w->raw;
     w->sha256->digest(w->sha256->user, &part, &size, 1, entry + UMB__PAGE_HASH);
     w->stored_size += stored_length;
-    return UMB_OK;
+    return umb__digest_made(entry + UMB__PAGE_HASH) ? UMB_OK : no_memory(w);
 }
 
 static enum umb_status write_pages(struct writer *w)
@@ -85,27 +86,27 @@ static enum umb_status write_pages(struct writer *w)
     return status;
 }
 
-/* The identity: SHA-256 over the canonical block and the page hashes. */
-static enum umb_status identify(const struct umb_sha256 *sha256, const uint8_t *canonical,
-                                uint64_t canonical_length, const uint8_t *directory,
-                                uint32_t page_count, uint8_t id[UMB_ID_BYTES])
+/* The identity: SHA-256 over the canonical block and the page hashes. False: out of memory. */
+static bool identify(const struct umb_sha256 *sha256, const struct umb__head *head,
+                     const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES])
 {
-    size_t parts = (size_t)page_count + 1;
-    const void **pointers = umb__alloc(NULL, parts, sizeof *pointers);
-    size_t *sizes = umb__alloc(NULL, parts, sizeof *sizes);
-    if (pointers && sizes) {
-        pointers[0] = canonical;
-        sizes[0] = (size_t)canonical_length;
-        for (size_t page = 0; page < page_count; page++) {
-            pointers[page + 1] = directory + page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+    size_t parts = (size_t)head->directory_count + 1;
+    const void **pointers = umb__alloc(alloc, parts, sizeof *pointers);
+    size_t *sizes = umb__alloc(alloc, parts, sizeof *sizes);
+    bool made = pointers && sizes;
+    if (made) {
+        pointers[0] = head->canonical;
+        sizes[0] = (size_t)head->canonical_length;
+        for (size_t page = 0; page + 1 < parts; page++) {
+            pointers[page + 1] = head->directory + page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
             sizes[page + 1] = UMB_ID_BYTES;
         }
         sha256->digest(sha256->user, pointers, sizes, parts, id);
+        made = umb__digest_made(id);
     }
-    bool ok = pointers && sizes;
-    umb__free(NULL, (void *)pointers);
-    umb__free(NULL, sizes);
-    return ok ? UMB_OK : UMB_E_NO_MEMORY;
+    umb__free(alloc, (void *)pointers);
+    umb__free(alloc, sizes);
+    return made;
 }
 
 /* Content plus the roots' places, as the canonical block wants them. */
@@ -137,10 +138,6 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
                                   const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES])
 {
     size_t info_length = content->notes ? strlen(content->notes) : 0;
-    if (info_length > UMB__INFO_MAX) {
-        return umb_fail(w->error, UMB_E_ARGUMENT, "notes: %zu bytes, at most %u", info_length,
-                        UMB__INFO_MAX);
-    }
     struct umb__head head = {
         .encoding = UMB_ENCODING_PACKED,
         .canonical = canonical,
@@ -157,8 +154,7 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
         uint8_t *entry = w->directory + page * UMB__PAGE_ENTRY;
         umb__store64(entry + UMB__PAGE_OFFSET, umb__load64(entry) + head.head_length);
     }
-    if (identify(w->sha256, canonical, canonical_length, w->directory, w->order.page_count,
-                 head.id) != UMB_OK) {
+    if (!identify(w->sha256, &head, w->alloc, head.id)) {
         return no_memory(w);
     }
     uint8_t *bytes = umb__alloc(w->alloc, (size_t)head.head_length, 1);
@@ -172,10 +168,31 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
         status = sink->write(sink->user, w->stored, w->stored_size);
     }
     if (status != UMB_OK) {
-        return umb_fail(w->error, status, "packing: the output could not be written");
+        return umb_fail(w->error, status, "packing: %llu bytes of output: %s",
+                        (unsigned long long)head.file_length, umb_status_text(status));
     }
     memcpy(id, head.id, UMB_ID_BYTES);
     return UMB_OK;
+}
+
+/* What a program hands over and a reader would refuse is that program's mistake. */
+static enum umb_status check_content(const struct umb_content *content, struct umb_error *error)
+{
+    size_t length = content->notes ? strlen(content->notes) : 0;
+    if (length > UMB__INFO_MAX ||
+        !umb__utf8_valid((const uint8_t *)content->notes, length)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "notes: %zu bytes, must be UTF-8 text of at most %u bytes", length,
+                        UMB__INFO_MAX);
+    }
+    enum umb_status status = umb__content_check(content, error);
+    if (status == UMB_OK) {
+        return UMB_OK;
+    }
+    if (error) {
+        error->status = UMB_E_ARGUMENT;
+    }
+    return UMB_E_ARGUMENT;
 }
 
 static enum umb_status check_roots(const struct umb_content *content,
@@ -190,6 +207,10 @@ static enum umb_status check_roots(const struct umb_content *content,
             return umb_fail(error, UMB_E_ARGUMENT, "roots[%u].level: %u, its frustum has %u", i,
                             octree->roots[i].level, content->frusta[i].log2_size);
         }
+        if ((unsigned)octree->roots[i].state > UMB_NODE_MIXED) {
+            return umb_fail(error, UMB_E_ARGUMENT, "roots[%u].state: %d, allowed 0 to 2", i,
+                            (int)octree->roots[i].state);
+        }
     }
     return UMB_OK;
 }
@@ -198,12 +219,11 @@ enum umb_status umb_pack_write(const struct umb_content *content, const struct u
                                const struct umb_sha256 *sha256, const struct umb_sink *sink,
                                uint8_t id[UMB_ID_BYTES], struct umb_error *error)
 {
-    struct umb_content checked = *content;
     struct writer w = {
         .octree = octree, .sha256 = sha256, .alloc = octree->alloc, .error = error};
     uint8_t *canonical = NULL;
     uint64_t canonical_length = 0;
-    enum umb_status status = umb__content_check(&checked, error);
+    enum umb_status status = check_content(content, error);
     if (status == UMB_OK) {
         status = check_roots(content, octree, error);
     }
@@ -241,8 +261,7 @@ enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "encoding: a mapped file is a cache and proves nothing");
     }
-    if (identify(sha256, head.canonical, head.canonical_length, head.directory,
-                 head.directory_count, id) != UMB_OK) {
+    if (!identify(sha256, &head, NULL, id)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
     if (memcmp(id, head.id, sizeof id) != 0) {

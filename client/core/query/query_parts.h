@@ -174,9 +174,11 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
         ((uint8_t *)values)[i] = (uint8_t)((2 * 255 * lit + total) / (2 * total));
         break;
     case UMB_ANSWER_BIT: {
+        /* The first of a byte also clears the seven behind it, which may be beyond the batch: what
+         * stood in the caller's memory never leaves it. */
         uint8_t *byte = (uint8_t *)values + i / 8;
-        uint8_t bit = (uint8_t)(1U << (i % 8));
-        *byte = (uint8_t)(lit * 2 >= total ? *byte | bit : *byte & ~bit);
+        unsigned before = *byte & ((1U << (i % 8)) - 1U);
+        *byte = (uint8_t)(before | (unsigned)(lit * 2 >= total) << (i % 8));
         break;
     }
     }

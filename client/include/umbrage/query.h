@@ -51,7 +51,8 @@ enum umb_bias_mode {
 enum umb_answer_format {
     UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
     UMB_ANSWER_U8 = 1,  /* 0..255, round(255 * count / (taps * taps)), ties up */
-    UMB_ANSWER_BIT = 2, /* 1 if count * 2 >= taps * taps; point i is bit i % 8 of byte i / 8 */
+    UMB_ANSWER_BIT = 2, /* 1 if count * 2 >= taps * taps; point i is bit i % 8 of byte i / 8;
+                           the unused bits of the last byte are 0 */
 };
 
 enum umb_point_format {
@@ -128,7 +129,9 @@ UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *po
 /*
  * Answers points first .. first + count - 1 of a batch.
  *
- * In:    first: any; for UMB_ANSWER_BIT a multiple of 8, so that two runs never share a byte.
+ * In:    first: any; for UMB_ANSWER_BIT a multiple of 8, so that two runs never share a byte (or
+ *        runs that follow one another in order on one thread: a run keeps the bits before its first
+ *        and clears those behind its last).
  * Out:   answers->values at the same indices, answers->stats added to.
  * Not guaranteed: a batch that umb_points_check refuses is answered without harm, but those
  *        answers mean nothing.

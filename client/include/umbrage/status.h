@@ -81,7 +81,11 @@ UMB_API const char *umb_status_text(enum umb_status status);
 /* Returns the gRPC status code (0..16) that stands for the status on the wire. */
 UMB_API int umb_status_grpc(enum umb_status status);
 
-/* Returns the status that stands for a gRPC code a server sent (0..16; others E_PROTOCOL). */
+/*
+ * Returns the status that stands for a gRPC code a server sent (0..16; others E_PROTOCOL).
+ * RESOURCE_EXHAUSTED alone is E_TOO_LARGE: asking the same again does not help. A reply that also
+ * says when to come again (grpc-retry-pushback-ms) means E_BUSY; libumbrage looks at that.
+ */
 UMB_API enum umb_status umb_status_from_grpc(int grpc_code);
 
 /* Returns the process exit code (docs/operations.md, "Exit codes"). */
@@ -90,7 +94,8 @@ UMB_API int umb_status_exit(enum umb_status status);
 /*
  * Fills error (if not NULL) and returns status, so that `return umb_fail(...)` reads well.
  *
- * In:  format: printf format of one sentence; cut at 319 bytes. system_error is set to 0.
+ * In:  format: printf format of one sentence; cut at 319 bytes. Control characters become blanks,
+ *      malformed UTF-8 '?', so that what a stranger wrote may be put in. system_error is set to 0.
  */
 UMB_API enum umb_status umb_fail(struct umb_error *error, enum umb_status status,
                                  const char *format, ...) UMB_PRINTF(3, 4);

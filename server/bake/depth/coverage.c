@@ -2,7 +2,7 @@
 /*
  * Preparing a triangle for the predicate: canonical order, edge slopes, depth gradients.
  *
- * Invariant: everything but `front` is a function of the set of corners, not of their order.
+ * Invariant: everything but `odd` is a function of the set of corners, not of their order.
  * Sources: scan conversion by rows of sample centres; the reasons for the anchored depth and for
  * clamping it are measured in the project's notes (incremental depth differed between tilings;
  * slopes of grazing triangles reach 1e6).
@@ -61,11 +61,10 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
     const double ux = v[1][0] - v[0][0], uy = v[1][1] - v[0][1], uz = v[1][2] - v[0][2];
     const double wx = v[2][0] - v[0][0], wy = v[2][1] - v[0][1], wz = v[2][2] - v[0][2];
     const double area = ux * wy - uy * wx; /* twice the signed projected area */
-    if (!(area < 0.0) && !(area > 0.0)) {
-        return 0;
+    if (v[0][0] == v[1][0] && v[1][0] == v[2][0]) {
+        return 0; /* a wall along the light and across the rows: every crossing is the same */
     }
-    /* Light travels along +z and voxel space is right handed: a positive area is a back face. */
-    coverage->front = (area < 0.0) != odd;
+    coverage->odd = odd;
     double gx = (uz * wy - uy * wz) / area;
     double gy = (ux * wz - uz * wx) / area;
     if (!isfinite(gx) || !isfinite(gy)) { /* a sliver beyond doubles: take its anchor's depth */

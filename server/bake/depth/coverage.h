@@ -12,15 +12,23 @@
  * Coverage: the row of centres py meets edge (a, b), a.y < b.y, iff a.y <= py < b.y; it crosses
  * there at a.x + (py - a.y) * ((b.x - a.x) / (b.y - a.y)), kept between a.x and b.x. A row meets
  * exactly two edges of a triangle or none. The covered centres are those between the two
- * crossings, both included. Watertight: two triangles that share an edge compute the same crossing
- * from the same two corners, and what lies on it belongs to both.
+ * crossings, both included; where the two are the same number nothing is covered (a corner that
+ * only touches the row, or a sliver with no width left). Watertight: two triangles that share an
+ * edge compute the same crossing from the same two corners, and what lies on it belongs to both.
+ *
+ * Facing is decided row by row, by which of the two crossings comes first. With "one included,
+ * the other not", in either way round, a closed and consistently oriented surface then has as many
+ * front as back spans over each centre, exactly, because each edge's crossing ends what it begins:
+ * no rounding of a sliver's area can take part. Hence no column enters a solid without leaving it,
+ * and `end` never runs on to the background through a missing back face.
  *
  * Depth: z = (a.z + gy * (py - a.y)) + gx * (px - a.x) from the canonical first corner a, with
  * gradients computed once a triangle, kept between the triangle's least and greatest z. Never
  * incremental: no tile, clip rectangle or thread changes a bit. `lit` of a fragment is the number
  * of voxels of the column whose centre z + 0.5 lies before it: ceil(z - 0.5), in 0..size.
  *
- * A triangle of zero projected area covers nothing.
+ * A triangle of zero projected area covers nothing, except where rounding holds its crossings
+ * apart: there its neighbours' spans end at them.
  */
 #include <stdint.h>
 
@@ -35,7 +43,7 @@ struct umbb_coverage {
     double gradient_x, gradient_y;
     double z_min, z_max;         /* of the triangle, kept within 0..size */
     int32_t row_first, row_last; /* rows of centres that it meets: none if row_first > row_last */
-    int front;                   /* 1 if, by its original winding, it faces the light */
+    int odd;                     /* 1 if canonical order turned the original winding around */
 };
 
 /*
@@ -50,10 +58,11 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
 /*
  * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.
  *
- * In: row: row_first <= row <= row_last.
+ * In:  row: row_first <= row <= row_last.
+ * Out: returns 1 if the triangle, by its original winding, faces the light in this row, else 0.
  */
-static inline void umbb_coverage_row(const struct umbb_coverage *coverage, int32_t row,
-                                     int32_t *x_first, int32_t *x_last)
+static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_t row,
+                                    int32_t *x_first, int32_t *x_last)
 {
     const double py = (double)row + 0.5;
     /* The long edge 0-2 and, by the height of corner 1, one of the short ones. */
@@ -63,7 +72,7 @@ static inline void umbb_coverage_row(const struct umbb_coverage *coverage, int32
     const double xa = coverage->x[from], xb = coverage->x[to];
     double one = xa + (py - coverage->y[from]) * coverage->slope[upper];
     const double one_min = xa < xb ? xa : xb, one_max = xa < xb ? xb : xa;
-    one = one > one_min ? one : one_min;
+    one = one > one_min ? one : one_min; /* also what a NaN becomes */
     one = one < one_max ? one : one_max;
     const double xc = coverage->x[0], xd = coverage->x[2];
     double two = xc + (py - coverage->y[0]) * coverage->slope[2];
@@ -71,14 +80,17 @@ static inline void umbb_coverage_row(const struct umbb_coverage *coverage, int32
     two = two > two_min ? two : two_min;
     two = two < two_max ? two : two_max;
     const double low = (one < two ? one : two) - 0.5;
-    const double high = (one < two ? two : one) - 0.5;
+    const double high = (one > two ? one : two) - 0.5;
     /* Ceiling and floor by truncation: |low| is far below 2^31 (UMBB_COORDINATE_MAX). */
     int32_t first = (int32_t)low;
     first += (double)first < low;
     int32_t last = (int32_t)high;
     last -= (double)last > high;
     *x_first = first;
-    *x_last = last;
+    *x_last = low < high ? last : first - 1;
+    /* Light travels along +z and voxel space is right handed: corners in canonical order make a
+     * front face if corner 1 lies on the side of small x. */
+    return (one < two) != coverage->odd;
 }
 
 /* Depth of the row at the anchor's x; the part of the depth that a whole row shares. */

@@ -74,7 +74,7 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
         return;
     }
     int32_t x_first, x_last;
-    umbb_coverage_row(&coverage, texel->y, &x_first, &x_last);
+    const int front = umbb_coverage_row(&coverage, texel->y, &x_first, &x_last);
     if (texel->x < x_first || texel->x > x_last) {
         return;
     }
@@ -83,7 +83,7 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
     const uint8_t kind = casters->closed_rule ? casters->kinds[args->primID] : UMBB_CASTER_OPEN;
     if (kind == UMBB_CASTER_OPEN) {
         lower(&texel->open, lit);
-    } else if (coverage.front != (kind == UMBB_CASTER_CLOSED_FLIPPED)) {
+    } else if (front != (kind == UMBB_CASTER_CLOSED_FLIPPED)) {
         lower(&texel->front, lit);
     } else {
         lower(&texel->back, lit);

@@ -13,18 +13,21 @@
 #include <string.h>
 
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_span.h"
+#include "bake/depth/depth_draw.h"
 #include "bake/depth/depth_store.h"
 #include "bake/depth/triangle_bins.h"
+
+/* Numbers of a thread's layers. */
+#define LAYERS_STRIDE ((size_t)UMBB_LAYER_COUNT * UMBB_BLOCK * UMBB_BLOCK + UMBB_CANVAS_PAD)
 
 struct raster {
     const struct umbb_casters *casters;
     struct umbb_depth_options options;
-    umbb_span_fn span;
+    umbb_draw_fn draw;
     umbb_store_fn store;
     struct umbb_bins tiles;     /* the whole map by tile */
     struct umbb_bins blocks[2]; /* a tile by block, one a slot */
-    int32_t *layers;            /* [threads][UMBB_LAYER_COUNT][UMBB_BLOCK^2] */
+    int32_t *layers;            /* [threads][LAYERS_STRIDE] */
 };
 
 static enum umb_status raster_begin(void *state, int slot, const struct umbb_tile *tile,
@@ -48,37 +51,18 @@ static enum umb_status raster_begin(void *state, int slot, const struct umbb_til
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
-/* A square of texels being drawn. */
-struct canvas {
-    int32_t x0, y0, n;
-    int32_t *layer;
-    umbb_span_fn span;
-};
-
-static void draw(const struct canvas *canvas, const struct umbb_coverage *coverage)
+/* Points a canvas at the layers that a triangle belongs to. */
+static void choose_layers(const struct umbb_casters *casters, uint32_t triangle, int32_t *layers,
+                          size_t texels, struct umbb_canvas *canvas)
 {
-    int32_t row = coverage->row_first > canvas->y0 ? coverage->row_first : canvas->y0;
-    const int32_t bottom = canvas->y0 + canvas->n - 1;
-    const int32_t last = coverage->row_last < bottom ? coverage->row_last : bottom;
-    for (; row <= last; row++) {
-        int32_t x_first, x_last;
-        umbb_coverage_row(coverage, row, &x_first, &x_last);
-        x_first = x_first > canvas->x0 ? x_first : canvas->x0;
-        x_last = x_last < canvas->x0 + canvas->n - 1 ? x_last : canvas->x0 + canvas->n - 1;
-        if (x_first <= x_last) {
-            canvas->span(coverage, umbb_coverage_row_z(coverage, row), x_first, x_last, canvas->x0,
-                         canvas->layer + (size_t)(row - canvas->y0) * (size_t)canvas->n);
-        }
+    enum umbb_layer front = UMBB_LAYER_OPEN, back = UMBB_LAYER_OPEN;
+    if (casters->closed_rule && casters->kinds[triangle] != UMBB_CASTER_OPEN) {
+        const int flipped = casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED;
+        front = flipped ? UMBB_LAYER_BACK : UMBB_LAYER_FRONT;
+        back = flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
     }
-}
-
-static enum umbb_layer layer_of(const struct umbb_casters *casters, uint32_t triangle, int front)
-{
-    if (!casters->closed_rule || casters->kinds[triangle] == UMBB_CASTER_OPEN) {
-        return UMBB_LAYER_OPEN;
-    }
-    const int flipped = casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED;
-    return front != flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
+    canvas->front = layers + (size_t)front * texels;
+    canvas->back = layers + (size_t)back * texels;
 }
 
 static void fill(int32_t *layer, size_t count, int32_t value)
@@ -106,16 +90,15 @@ static void raster_block(void *state, int slot, unsigned thread, struct umbb_til
         return;
     }
     const size_t texels = (size_t)n * (size_t)n;
-    int32_t *layers = raster->layers + (size_t)thread * UMBB_LAYER_COUNT * UMBB_BLOCK * UMBB_BLOCK;
+    int32_t *layers = raster->layers + (size_t)thread * LAYERS_STRIDE;
     fill(layers, casters->closed_rule ? UMBB_LAYER_COUNT * texels : texels, casters->size);
-    struct canvas canvas = {
-        .x0 = tile->x0 + bx * n, .y0 = tile->y0 + by * n, .n = n, .span = raster->span};
+    struct umbb_canvas canvas = {.x0 = tile->x0 + bx * n, .y0 = tile->y0 + by * n, .n = n};
     struct umbb_coverage coverage;
     for (uint64_t i = first; i < last; i++) {
         const uint32_t triangle = bins->entries[i];
         if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
-            canvas.layer = layers + (size_t)layer_of(casters, triangle, coverage.front) * texels;
-            draw(&canvas, &coverage);
+            choose_layers(casters, triangle, layers, texels, &canvas);
+            raster->draw(&coverage, &canvas);
         }
     }
     raster->store(layers, n, tile, bx * n, by * n);
@@ -144,13 +127,12 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     }
     raster->casters = casters;
     raster->options = *options;
-    const umbb_span_fn quick = options->plain ? NULL : umbb_span_avx2();
-    raster->span = quick != NULL ? quick : umbb_span_plain;
+    const umbb_draw_fn quick = options->plain ? NULL : umbb_draw_avx2();
+    raster->draw = quick != NULL ? quick : umbb_draw_plain;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();
     raster->store = quick_store != NULL ? quick_store : umbb_store_plain;
-    const size_t layer_bytes = (size_t)UMBB_LAYER_COUNT * UMBB_BLOCK * UMBB_BLOCK * sizeof(int32_t);
     enum umb_status status;
-    raster->layers = calloc(options->threads, layer_bytes);
+    raster->layers = calloc(options->threads, LAYERS_STRIDE * sizeof *raster->layers);
     if (raster->layers == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: layers of %u threads refused",
                           options->threads);

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Binning by counting: one pass counts the entries of each cell, a second writes them.
+ *
+ * A triangle that spans several rows and columns of cells is cut into the rows' strips, so that a
+ * sliver across the map is listed along its length and not all over its bounding box.
  */
 #include "bake/depth/triangle_bins.h"
 
@@ -41,6 +44,60 @@ static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle
            axis_range(input, input->y0, low[1], high[1], &range->y0, &range->y1);
 }
 
+/* Least and greatest x seen so far. */
+struct reach {
+    double low, high;
+};
+
+static void reach_add(struct reach *reach, double x)
+{
+    reach->low = x < reach->low ? x : reach->low;
+    reach->high = x > reach->high ? x : reach->high;
+}
+
+/* Adds where the edge from a up to b lies within top .. bottom. */
+static void reach_add_edge(struct reach *reach, const double a[3], const double b[3], double top,
+                           double bottom)
+{
+    if (b[1] < top || a[1] > bottom) {
+        return;
+    }
+    const double height = b[1] - a[1];
+    const double from = a[1] < top ? (top - a[1]) / height : 0.0;
+    const double to = b[1] > bottom ? (bottom - a[1]) / height : 1.0;
+    reach_add(reach, a[0] + from * (b[0] - a[0]));
+    reach_add(reach, a[0] + to * (b[0] - a[0]));
+}
+
+/* The columns of cell row y that a triangle may touch: range's x0 .. x1, or fewer. */
+static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle,
+                          const struct cell_range *range, int32_t y, int32_t *x0, int32_t *x1)
+{
+    *x0 = range->x0;
+    *x1 = range->x1;
+    if (range->x0 == range->x1 || range->y0 == range->y1) {
+        return; /* the bounding box is as good */
+    }
+    const double(*v)[3] = input->casters->corners[triangle];
+    const double top = (double)input->y0 + (double)((int64_t)y << input->cell_log2);
+    const double bottom = top + (double)((int64_t)1 << input->cell_log2);
+    struct reach reach = {INFINITY, -INFINITY};
+    for (int i = 0; i < 3; i++) {
+        const double *a = v[i], *b = v[(i + 1) % 3];
+        reach_add_edge(&reach, a[1] < b[1] ? a : b, a[1] < b[1] ? b : a, top, bottom);
+    }
+    /* One texel of slack: far more than these crossings and the predicate's may differ by. */
+    const double width = (double)((int64_t)1 << input->cell_log2);
+    const double first = (reach.low - 1.0 - (double)input->x0) / width;
+    const double last = (reach.high + 1.0 - (double)input->x0) / width;
+    if (first > (double)*x0) {
+        *x0 = first < (double)*x1 ? (int32_t)first : *x1;
+    }
+    if (last < (double)*x1) {
+        *x1 = last > (double)*x0 ? (int32_t)last : *x0;
+    }
+}
+
 static enum umb_status reserve(struct umbb_bins *bins, uint64_t wanted, struct umb_error *error)
 {
     if (wanted <= bins->capacity) {
@@ -76,10 +133,12 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
     memset(bins->first, 0, (cells + 1) * sizeof *bins->first);
     const size_t count = input->all ? input->casters->count : input->count;
     struct cell_range r;
+    int32_t x, x1;
     for (size_t i = 0; i < count; i++) {
-        if (triangle_cells(input, input->all ? (uint32_t)i : input->list[i], &r)) {
+        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
+        if (triangle_cells(input, triangle, &r)) {
             for (int32_t y = r.y0; y <= r.y1; y++) {
-                for (int32_t x = r.x0; x <= r.x1; x++) {
+                for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
                     bins->first[(size_t)y * n + (size_t)x]++;
                 }
             }
@@ -98,7 +157,7 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
         const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
         if (triangle_cells(input, triangle, &r)) {
             for (int32_t y = r.y0; y <= r.y1; y++) {
-                for (int32_t x = r.x0; x <= r.x1; x++) {
+                for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
                     bins->entries[--bins->first[(size_t)y * n + (size_t)x]] = triangle;
                 }
             }

@@ -16,6 +16,11 @@ void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene)
 
 void umbb_faces_finish(struct umbb_faces *faces)
 {
+    if (faces->polygon.rough > 0) {
+        umbs_scene_warn(faces->scene,
+                        "%u faces with too many crossing or tangled edges are cut only roughly",
+                        faces->polygon.rough);
+    }
     free(faces->corners.data);
     umbb_polygon_finish(&faces->polygon);
     memset(faces, 0, sizeof(*faces));

@@ -20,6 +20,8 @@ struct umbb_faces {
 };
 
 void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene);
+
+/* Frees; faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
 void umbb_faces_finish(struct umbb_faces *faces);
 
 /* Adds a corner. vertex: number in scene->positions, or anything beyond (a bad index). */

@@ -170,6 +170,24 @@ static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_err
     return UMB_OK;
 }
 
+/* Extensions that a reader may pass over, at the price of things that cast shadows. */
+static void warn_of_extensions(struct umbs_scene_builder *scene, struct umbb_cursor json)
+{
+    if (!enter(&json, '[')) {
+        return;
+    }
+    while (next_item(&json)) {
+        if (*json.at == '"') {
+            struct text name = take_string(&json);
+            if (is_text(name, "EXT_mesh_gpu_instancing")) {
+                umbs_scene_warn(scene, "EXT_mesh_gpu_instancing is not read: of its instances only "
+                                       "one is there");
+            }
+        }
+        skip_value(&json);
+    }
+}
+
 /* Lists the component types of all accessors. Returns 0 without memory. */
 static int read_accessors(struct umbb_cursor *json, struct umbs_array *types)
 {
@@ -292,6 +310,8 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
         } else {
             if (is_text(key, "meshes")) {
                 meshes = json; /* read when the accessors are known */
+            } else if (is_text(key, "extensionsUsed")) {
+                warn_of_extensions(&job->scene, json);
             }
             skip_value(&json);
         }

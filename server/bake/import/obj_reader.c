@@ -20,6 +20,7 @@
 #include "bake/import/mtl_reader.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
+#define LIBRARIES_MAX  64U        /* mtllib names read: each may be as large as the scene */
 #define CHAIN_MAX      64         /* longer chains are only searched so far: no quadratic time */
 #define NONE           UMBS_NO_INDEX
 
@@ -49,6 +50,7 @@ struct obj {
     struct umbs_array runs;   /* struct run */
     struct umbb_faces faces;
     struct umbb_material_table materials;
+    uint32_t library_count;
     uint64_t line_number;
     uint64_t face_count;
 };
@@ -209,6 +211,15 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
 {
     struct umbb_file file;
     struct umb_error why = {0};
+    *found = 1;
+    if (obj->library_count > LIBRARIES_MAX) {
+        return UMB_OK;
+    }
+    if (obj->library_count++ == LIBRARIES_MAX) {
+        umbs_scene_warn(&obj->job->scene, "mtllib: more than %u names, the others are not read",
+                        LIBRARIES_MAX);
+        return UMB_OK;
+    }
     enum umb_status status = umbb_file_map_beneath(obj->job->folder, name, length,
                                                    obj->job->max_input_bytes, &file, &why);
     *found = status == UMB_OK;

@@ -8,9 +8,13 @@
  * a simple polygon no other corner can become an ear by it. The queue also spreads the cuts over
  * the polygon, which makes fewer needles than a fan.
  *
+ * Only a corner that is not strictly convex can be the first inside an ear, and of those only the
+ * ones in the grid cells under the ear's bounding box are looked at. The grid is lazy: a corner that
+ * has become convex or was cut off leaves its cell when somebody next comes by.
+ *
  * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
- * takes any corner. Each ear shortens the ring by one. Polygons that are not simple would need many
- * such searches; a budget of tests, which simple polygons never use up, keeps them quadratic.
+ * takes any corner. Each ear shortens the ring by one. Polygons that are not simple need many such
+ * searches; when the budget of looks is used up, the rest becomes a fan.
  */
 #include "bake/import/polygon_clip.h"
 
@@ -30,11 +34,32 @@ enum corner_flag {
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
     CORNER_AGAIN = 8, /* a neighbour was cut off since it was queued: to the end of the queue */
+    CORNER_IN_CELL = 16,
 };
 
-/* Tests a simple polygon of n corners needs at most: n^2 to find the first ears, and for each of n
- * cuts two times the n / 2 corners that the ring has on average. */
-#define BUDGET_FACTOR 2U
+#define ALLOWANCE 128U         /* looks a corner; a rough coast of 65536 corners takes 67 */
+#define POOL      (1ULL << 26) /* looks beyond that, of all polygons together */
+#define NO_CORNER UINT32_MAX
+
+static void free_arrays(struct umbb_polygon *polygon)
+{
+    free(polygon->points);
+    free(polygon->flat);
+    free(polygon->previous);
+    free(polygon->next);
+    free(polygon->queue);
+    free(polygon->flags);
+    free(polygon->cells);
+    free(polygon->cell_next);
+    free(polygon->triangles);
+    polygon->points = NULL;
+    polygon->flat = NULL;
+    polygon->previous = polygon->next = polygon->queue = NULL;
+    polygon->flags = NULL;
+    polygon->cells = polygon->cell_next = NULL;
+    polygon->triangles = NULL;
+    polygon->capacity = 0;
+}
 
 enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
                                      struct umb_error *error)
@@ -46,7 +71,7 @@ enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corner
         return umb_fail(error, UMB_E_LIMIT, "a face has %zu corners, limit %u", corners,
                         UMBB_POLYGON_CORNERS_MAX);
     }
-    umbb_polygon_finish(polygon);
+    free_arrays(polygon);
     size_t capacity = corners + corners / 2 + 8;
     polygon->points = malloc(capacity * sizeof(*polygon->points));
     polygon->flat = malloc(capacity * sizeof(*polygon->flat));
@@ -54,11 +79,13 @@ enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corner
     polygon->next = malloc(capacity * sizeof(*polygon->next));
     polygon->queue = malloc(capacity * sizeof(*polygon->queue));
     polygon->flags = malloc(capacity);
+    polygon->cells = malloc(capacity * sizeof(*polygon->cells));
+    polygon->cell_next = malloc(capacity * sizeof(*polygon->cell_next));
     polygon->triangles = malloc(capacity * sizeof(*polygon->triangles));
     if (polygon->points == NULL || polygon->flat == NULL || polygon->previous == NULL ||
         polygon->next == NULL || polygon->queue == NULL || polygon->flags == NULL ||
-        polygon->triangles == NULL) {
-        umbb_polygon_finish(polygon);
+        polygon->cells == NULL || polygon->cell_next == NULL || polygon->triangles == NULL) {
+        free_arrays(polygon);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face of %zu corners", corners);
     }
     polygon->capacity = capacity;
@@ -67,13 +94,7 @@ enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corner
 
 void umbb_polygon_finish(struct umbb_polygon *polygon)
 {
-    free(polygon->points);
-    free(polygon->flat);
-    free(polygon->previous);
-    free(polygon->next);
-    free(polygon->queue);
-    free(polygon->flags);
-    free(polygon->triangles);
+    free_arrays(polygon);
     memset(polygon, 0, sizeof(*polygon));
 }
 
@@ -134,31 +155,113 @@ static int same_point(const double a[2], const double b[2])
     return a[0] == b[0] && a[1] == b[1];
 }
 
+static double smallest(double a, double b, double c)
+{
+    return fmin(fmin(a, b), c);
+}
+
+static double largest(double a, double b, double c)
+{
+    return fmax(fmax(a, b), c);
+}
+
+/* The row or column of cells that a coordinate lies in. */
+static uint32_t cell_at(const struct umbb_polygon *polygon, double value, int axis)
+{
+    double at = (value - polygon->low[axis]) / polygon->extent[axis] * polygon->side;
+    return at >= polygon->side ? polygon->side - 1 : (uint32_t)at;
+}
+
+/* Puts a corner into its cell, if it is not in it still. */
+static void put_in_cell(struct umbb_polygon *polygon, uint32_t corner)
+{
+    if (!(polygon->flags[corner] & CORNER_IN_CELL)) {
+        const double *at = polygon->flat[corner];
+        uint32_t *cell = &polygon->cells[(size_t)cell_at(polygon, at[1], 1) * polygon->side +
+                                         cell_at(polygon, at[0], 0)];
+        polygon->cell_next[corner] = *cell;
+        *cell = corner;
+        polygon->flags[corner] |= CORNER_IN_CELL;
+    }
+}
+
+/* About two corners a cell; never more cells than corners. The polygon has an area, so neither
+ * extent is 0. */
+static void build_grid(struct umbb_polygon *polygon, uint32_t count)
+{
+    polygon->side = 1;
+    while (2 * (polygon->side + 1) * (polygon->side + 1) <= count) {
+        polygon->side++;
+    }
+    for (uint32_t i = 0; i < polygon->side * polygon->side; i++) {
+        polygon->cells[i] = NO_CORNER;
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        double low = polygon->flat[0][axis];
+        double high = low;
+        for (uint32_t i = 1; i < count; i++) {
+            low = fmin(low, polygon->flat[i][axis]);
+            high = fmax(high, polygon->flat[i][axis]);
+        }
+        polygon->low[axis] = low;
+        polygon->extent[axis] = high - low;
+    }
+}
+
+static void spend(struct umbb_polygon *polygon)
+{
+    polygon->budget -= polygon->budget > 0;
+}
+
+/* Whether point p stops the triangle a, b, c, which turns left, from being an ear. */
+static int is_inside(const double *const triangle[3], const double *p, enum ear_rule rule)
+{
+    if (same_point(p, triangle[0]) || same_point(p, triangle[1]) || same_point(p, triangle[2])) {
+        return 0;
+    }
+    double ab = turn(triangle[0], triangle[1], p);
+    double bc = turn(triangle[1], triangle[2], p);
+    double ca = turn(triangle[2], triangle[0], p);
+    return rule == EAR_CLEAR ? ab >= 0 && bc >= 0 && ca >= 0 : ab > 0 && bc > 0 && ca > 0;
+}
+
+/* Looks through one cell, and lets go of corners that no longer belong there. */
+static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
+                              const double *const triangle[3], enum ear_rule rule)
+{
+    spend(polygon);
+    while (*cell != NO_CORNER) {
+        uint32_t corner = *cell;
+        spend(polygon);
+        if (!(polygon->flags[corner] & CORNER_REFLEX)) {
+            polygon->flags[corner] &= (uint8_t)~CORNER_IN_CELL;
+            *cell = polygon->cell_next[corner];
+            continue;
+        }
+        if (is_inside(triangle, polygon->flat[corner], rule)) {
+            return 1;
+        }
+        cell = &polygon->cell_next[corner];
+    }
+    return 0;
+}
+
 /* Whether another corner of the ring stops this one from being an ear. */
 static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
-    uint32_t before = polygon->previous[corner];
-    uint32_t after = polygon->next[corner];
-    const double *a = polygon->flat[before];
-    const double *b = polygon->flat[corner];
-    const double *c = polygon->flat[after];
-    double low_x = fmin(fmin(a[0], b[0]), c[0]);
-    double high_x = fmax(fmax(a[0], b[0]), c[0]);
-    double low_y = fmin(fmin(a[1], b[1]), c[1]);
-    double high_y = fmax(fmax(a[1], b[1]), c[1]);
-    for (uint32_t i = polygon->next[after]; i != before; i = polygon->next[i]) {
-        const double *p = polygon->flat[i];
-        polygon->budget -= polygon->budget > 0;
-        /* Only a corner that is not strictly convex can be the first inside. */
-        if (!(polygon->flags[i] & CORNER_REFLEX) || p[0] < low_x || p[0] > high_x || p[1] < low_y ||
-            p[1] > high_y || same_point(p, a) || same_point(p, b) || same_point(p, c)) {
-            continue;
-        }
-        double ab = turn(a, b, p);
-        double bc = turn(b, c, p);
-        double ca = turn(c, a, p);
-        if (rule == EAR_CLEAR ? ab >= 0 && bc >= 0 && ca >= 0 : ab > 0 && bc > 0 && ca > 0) {
-            return 1;
+    const double *const ear[3] = {polygon->flat[polygon->previous[corner]], polygon->flat[corner],
+                                  polygon->flat[polygon->next[corner]]};
+    uint32_t first[2], last[2];
+    for (int axis = 0; axis < 2; axis++) {
+        first[axis] = cell_at(polygon, smallest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
+        last[axis] = cell_at(polygon, largest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
+    }
+    for (uint32_t row = first[1]; row <= last[1]; row++) {
+        for (uint32_t column = first[0]; column <= last[0]; column++) {
+            uint32_t *cell = &polygon->cells[(size_t)row * polygon->side + column];
+            if (is_blocked_in_cell(polygon, cell, ear, rule)) {
+                return 1;
+            }
         }
     }
     return 0;
@@ -193,10 +296,12 @@ static uint32_t dequeue(struct umbb_polygon *polygon)
 /* Finds out again what a corner is. */
 static void examine(struct umbb_polygon *polygon, uint32_t corner)
 {
-    int reflex = !(corner_turn(polygon, corner) > 0.0);
     uint8_t *flags = &polygon->flags[corner];
-    *flags = (uint8_t)((*flags & CORNER_QUEUED) | (reflex ? CORNER_REFLEX : 0) | CORNER_AGAIN);
-    if (polygon->budget > 0 && is_ear(polygon, corner, EAR_CLEAR)) {
+    *flags = (uint8_t)((*flags & (CORNER_QUEUED | CORNER_IN_CELL)) | CORNER_AGAIN);
+    if (!(corner_turn(polygon, corner) > 0.0)) {
+        *flags |= CORNER_REFLEX;
+        put_in_cell(polygon, corner);
+    } else if (polygon->budget > 0 && is_ear(polygon, corner, EAR_CLEAR)) {
         *flags |= CORNER_EAR;
         if (!(*flags & CORNER_QUEUED)) {
             enqueue(polygon, corner);
@@ -204,9 +309,8 @@ static void examine(struct umbb_polygon *polygon, uint32_t corner)
     }
 }
 
-/* The next corner to cut off, any at all if there is no ear; `start` is in the ring, which has
- * `left` corners. */
-static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_t left)
+/* The next ear in the queue, or NO_CORNER. */
+static uint32_t next_queued_ear(struct umbb_polygon *polygon)
 {
     while (polygon->queue_count > 0) {
         uint32_t corner = dequeue(polygon);
@@ -219,10 +323,24 @@ static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_
         polygon->flags[corner] &= (uint8_t)~CORNER_AGAIN;
         enqueue(polygon, corner);
     }
+    return NO_CORNER;
+}
+
+/* The next corner to cut off, any at all if there is no ear, NO_CORNER if the budget is used up;
+ * `start` is in the ring, which has `left` corners. */
+static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_t left)
+{
+    uint32_t corner = next_queued_ear(polygon);
+    if (corner != NO_CORNER) {
+        return corner;
+    }
     for (int rule = EAR_OPEN; rule <= EAR_CONVEX; rule++) {
         for (uint32_t i = 0; i < left; i++, start = polygon->next[start]) {
-            if ((polygon->budget > 0 || rule == EAR_CONVEX) &&
-                is_ear(polygon, start, (enum ear_rule)rule)) {
+            spend(polygon);
+            if (polygon->budget == 0) {
+                return NO_CORNER;
+            }
+            if (is_ear(polygon, start, (enum ear_rule)rule)) {
                 return start;
             }
         }
@@ -244,29 +362,59 @@ static void fan(struct umbb_polygon *polygon, uint32_t count)
     }
 }
 
+/* The ring of `left` corners from `start` on, as a fan. */
+static void fan_ring(struct umbb_polygon *polygon, uint32_t at, uint32_t start, uint32_t left)
+{
+    uint32_t corner = polygon->next[start];
+    for (; left > 2; left--, corner = polygon->next[corner]) {
+        emit(polygon, at++, start, corner, polygon->next[corner]);
+    }
+}
+
 static void clip_ears(struct umbb_polygon *polygon, uint32_t count)
 {
     uint32_t start = 0;
     uint32_t made = 0;
-    polygon->budget = (uint64_t)BUDGET_FACTOR * count * count;
+    uint32_t left = count;
     polygon->queue_first = polygon->queue_count = 0;
+    build_grid(polygon, count);
+    for (uint32_t i = 0; i < count; i++) {
+        if (polygon->flags[i] & CORNER_REFLEX) {
+            put_in_cell(polygon, i);
+        }
+    }
     for (uint32_t i = 0; i < count; i++) {
         examine(polygon, i);
         polygon->flags[i] &= (uint8_t)~CORNER_AGAIN;
     }
-    for (uint32_t left = count; left > 3; left--) {
+    for (; left > 3; left--) {
         uint32_t corner = choose_ear(polygon, start, left);
+        if (corner == NO_CORNER) {
+            polygon->rough += polygon->rough < UINT32_MAX;
+            break;
+        }
         uint32_t before = polygon->previous[corner];
         uint32_t after = polygon->next[corner];
         emit(polygon, made++, before, corner, after);
-        polygon->flags[corner] &= (uint8_t)~CORNER_EAR;
+        polygon->flags[corner] &= (uint8_t)~(CORNER_EAR | CORNER_REFLEX);
         polygon->next[before] = after;
         polygon->previous[after] = before;
         examine(polygon, before);
         examine(polygon, after);
         start = after;
     }
-    emit(polygon, made, polygon->previous[start], start, polygon->next[start]);
+    fan_ring(polygon, made, polygon->previous[start], left);
+}
+
+/* Gives a polygon its allowance and what is left of the pool, and books what it took. */
+static void clip_within_budget(struct umbb_polygon *polygon, uint32_t count)
+{
+    uint64_t allowance = (uint64_t)ALLOWANCE * count;
+    uint64_t pool = polygon->overdrawn < POOL ? POOL - polygon->overdrawn : 0;
+    polygon->budget = allowance + pool;
+    clip_ears(polygon, count);
+    uint64_t used = allowance + pool - polygon->budget;
+    polygon->overdrawn += used > allowance ? used - allowance : 0;
 }
 
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
@@ -288,5 +436,5 @@ void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
         fan(polygon, count);
         return;
     }
-    clip_ears(polygon, count);
+    clip_within_budget(polygon, count);
 }

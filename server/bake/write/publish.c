@@ -58,8 +58,9 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
                                          const struct umb_asset *asset,
                                          const struct umbb_check *check, struct umb_error *error)
 {
+    const struct umbr_rays_options quick = {.quick = 1, .threads = check->threads};
     struct umbr_rays *rays;
-    enum umb_status status = umbr_rays_create(check->corners, check->count, &rays, error);
+    enum umb_status status = umbr_rays_build(check->corners, check->count, &quick, &rays, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -68,6 +69,7 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
         .seed = VERIFY_SEED,
         .closed = check->closed,
         .threads = check->threads,
+        .cancelled = umbb_interrupted,
     };
     struct umbr_verify_result *result = &publish->verified;
     status = umbr_verify(asset, 0, rays, &options, result, error);

@@ -17,7 +17,7 @@
 /* A triangle prepared once, and its layer: open, front, back. */
 struct slow_triangle {
     struct umbb_coverage coverage;
-    int layer;
+    int layer_front, layer_back;
 };
 
 static struct slow_triangle *slow_prepare(const struct soup *soup, int closed_rule, size_t *count)
@@ -30,7 +30,8 @@ static struct slow_triangle *slow_prepare(const struct soup *soup, int closed_ru
         if (umbb_coverage_prepare((const double(*)[3])soup->corners[i], soup->size, &t->coverage)) {
             const int flipped = soup->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED;
             const int open = !closed_rule || soup->kinds[i] == UMBB_CASTER_OPEN;
-            t->layer = open ? 0 : t->coverage.front != flipped ? 1 : 2;
+            t->layer_front = open ? 0 : flipped ? 2 : 1;
+            t->layer_back = open ? 0 : flipped ? 1 : 2;
             ++*count;
         }
     }
@@ -48,10 +49,10 @@ static void slow_texel(const struct slow_triangle *list, size_t count, int32_t s
         if (y < c->row_first || y > c->row_last) {
             continue;
         }
-        umbb_coverage_row(c, y, &first, &last);
+        const int front = umbb_coverage_row(c, y, &first, &last);
         if (x >= first && x <= last) {
             const int32_t depth = umbb_coverage_lit(c, umbb_coverage_row_z(c, y), x);
-            int32_t *layer = &near[list[i].layer];
+            int32_t *layer = &near[front ? list[i].layer_front : list[i].layer_back];
             *layer = depth < *layer ? depth : *layer;
         }
     }

@@ -176,12 +176,12 @@ static size_t crossings_of(const struct soup *soup, const struct umbb_coverage *
         if (y < c->row_first || y > c->row_last) {
             continue;
         }
-        umbb_coverage_row(c, y, &first, &last);
+        const int front = umbb_coverage_row(c, y, &first, &last);
         if (x >= first && x <= last) {
             list[count++] = (struct crossing){
                 .lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, y), x),
                 .closed = soup->kinds[i] != UMBB_CASTER_OPEN,
-                .front = c->front != (soup->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED),
+                .front = front != (soup->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED),
             };
         }
     }

@@ -170,6 +170,40 @@ static void gltf_that_would_be_read_wrongly_is_refused(void **state)
     expect_refusal("cut.gltf", "{\"asset\":{\"version\":\"2.0\"", "cut.gltf: ");
 }
 
+static void gltf_that_leaves_instances_out_says_so(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene = import_text(
+        "used.gltf", gltf("{\"mesh\":0}", "0",
+                          PLAIN "\"extensionsUsed\":[\"KHR_lights_punctual\","
+                                "\"EXT_mesh_gpu_instancing\"],"));
+    assert_non_null(strstr(scene->view.warnings, "EXT_mesh_gpu_instancing"));
+    assert_null(strstr(scene->view.warnings, "KHR_lights"));
+    umbs_scene_destroy(scene);
+}
+
+/* Shapes of primitives and accessors that files in the wild have: each must cast its triangles. */
+static void gltf_strips_fans_and_sparse_accessors_are_read(void **state)
+{
+    (void)state;
+    static const float square[12] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
+    static const char *const text =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"sq.bin\",\"byteLength\":48}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}],"
+        "\"meshes\":[{\"primitives\":[{\"mode\":%d,\"attributes\":{\"POSITION\":0}}]}],"
+        "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]}";
+    put_file("sq.bin", square, sizeof(square));
+    for (int mode = 5; mode <= 6; mode++) { /* strip, fan */
+        char file[1024];
+        (void)snprintf(file, sizeof(file), text, mode);
+        struct umbs_scene *scene = import_text("strip.gltf", file);
+        assert_int_equal(scene->view.triangle_count, 2);
+        umbs_scene_destroy(scene);
+    }
+    drop_file("sq.bin");
+}
+
 static void gltf_nodes_too_deep_are_refused(void **state)
 {
     (void)state;
@@ -399,6 +433,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(gltf_lights_shine_along_minus_z_of_their_nodes),
         cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
         cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
+        cmocka_unit_test(gltf_that_leaves_instances_out_says_so),
+        cmocka_unit_test(gltf_strips_fans_and_sparse_accessors_are_read),
         cmocka_unit_test(gltf_nodes_too_deep_are_refused),
         cmocka_unit_test(gltf_without_triangles_says_why),
         cmocka_unit_test(gltf_buffers_come_from_beneath_the_folder_only),

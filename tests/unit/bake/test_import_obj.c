@@ -199,6 +199,23 @@ static void obj_libraries_beneath_the_folder_only(void **state)
 static const char sample[] = "mtllib x.mtl\nv 0 0 0\nv 1.5e2 -0 0\nv 0 1 0\nv 1 1 0.125\nvt 0 1\n"
                              "usemtl a\nf 1/1/1 2//2 3 4/1\nf -1 -2 -3\nusemtl b\nf 1 2 \\\n 3\n";
 
+/* Each could be as large as the scene: a file of mtllib lines must not cost the square of its size. */
+static void obj_of_many_libraries_reads_the_first(void **state)
+{
+    (void)state;
+    char text[8192] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    put_file("lib.mtl", "newmtl glass\nd 0.25\n", 20);
+    for (int i = 0; i < 300; i++) {
+        (void)snprintf(text + strlen(text), sizeof(text) - strlen(text), "mtllib lib.mtl\n");
+    }
+    struct umbs_scene *scene = import_text("many.obj", text);
+    assert_int_equal(scene->view.material_count, 1);
+    assert_non_null(strstr(scene->view.warnings, "mtllib: more than 64 names"));
+    assert_null(strstr(strstr(scene->view.warnings, "mtllib") + 1, "mtllib"));
+    umbs_scene_destroy(scene);
+    drop_file("lib.mtl");
+}
+
 static void obj_reader_survives_every_prefix(void **state)
 {
     (void)state;
@@ -281,6 +298,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(obj_joins_lines_and_passes_over_the_rest),
         cmocka_unit_test(obj_without_triangles_says_why),
         cmocka_unit_test(obj_libraries_beneath_the_folder_only),
+        cmocka_unit_test(obj_of_many_libraries_reads_the_first),
         cmocka_unit_test(obj_reader_survives_every_prefix),
         cmocka_unit_test(obj_reader_survives_random_changes),
         cmocka_unit_test(obj_triangle_limit_is_a_limit),

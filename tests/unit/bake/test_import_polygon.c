@@ -175,6 +175,86 @@ static void any_polygon_gives_two_triangles_less_than_corners(void **state)
     umbb_polygon_finish(&polygon);
 }
 
+static double seconds_now(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Corners anywhere: each edge crosses thousands of others. */
+static void crossing_polygons_of_many_corners_cost_a_second_altogether(void **state)
+{
+    (void)state;
+    enum {
+        CORNERS = 60000
+    };
+    uint64_t seed = 12;
+    double(*random)[2] = malloc(CORNERS * sizeof(*random));
+    assert_non_null(random);
+    for (int i = 0; i < 2 * CORNERS; i++) {
+        seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
+        random[i / 2][i % 2] = (double)(seed >> 40);
+    }
+    double begin = seconds_now();
+    for (uint32_t count = 20000; count <= CORNERS; count += 10000) {
+        fill((const double(*)[2])random, count, 0.5);
+        for (uint32_t i = 0; i + 2 < count; i++) {
+            assert_in_range(polygon.triangles[i][0], 0, count - 1);
+        }
+    }
+    double took = seconds_now() - begin;
+    print_message("%.2f s, %u of 5 polygons cut roughly\n", took, polygon.rough);
+    assert_true(polygon.rough > 0);
+    /* One alone took 33 s when each ear was tested against every corner; sanitizers cost a tenfold
+     * of the second that the budget is made for. */
+    assert_true(took < 20.0);
+    free(random);
+    umbb_polygon_finish(&polygon);
+    assert_int_equal(polygon.rough, 0);
+}
+
+/* The outline of an island: as many corners as there may be, none of them alike. */
+static void large_simple_polygons_are_covered_once_and_quickly(void **state)
+{
+    (void)state;
+    enum {
+        CORNERS = 65536
+    };
+    uint64_t seed = (uint64_t)time(NULL);
+    print_message("seed %llu\n", (unsigned long long)seed);
+    double(*island)[2] = malloc(CORNERS * sizeof(*island));
+    assert_non_null(island);
+    double area = 0.0;
+    double sum = 0.0;
+    for (int i = 0; i < CORNERS; i++) {
+        seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
+        double angle = 6.283185307179586 * i / CORNERS;
+        double radius = 1000.0 + 200.0 * sin(7.0 * angle) + 5.0 * (double)(seed >> 40) / 16777216.0;
+        island[i][0] = radius * cos(angle);
+        island[i][1] = radius * sin(angle);
+    }
+    for (int i = 0; i < CORNERS; i++) {
+        const double *a = island[i];
+        const double *b = island[(i + 1) % CORNERS];
+        area += (a[0] * b[1] - a[1] * b[0]) / 2.0;
+    }
+    double begin = seconds_now();
+    fill((const double(*)[2])island, CORNERS, 0.25);
+    double took = seconds_now() - begin;
+    for (uint32_t i = 0; i + 2 < CORNERS; i++) {
+        assert_true(twice_area(i) >= 0.0);
+        sum += twice_area(i) / 2.0;
+    }
+    print_message("%.3f s\n", took);
+    assert_int_equal(polygon.rough, 0);
+    /* 65534 terms up to 3e6, each rounded to 2^-53 of itself. */
+    assert_true(fabs(sum - area) <= 1e-4);
+    assert_true(took < 5.0);
+    free(island);
+    umbb_polygon_finish(&polygon);
+}
+
 static void numbers_are_what_strtod_makes_of_them(void **state)
 {
     (void)state;
@@ -246,6 +326,41 @@ static void random_numbers_are_what_strtod_makes_of_them(void **state)
     }
 }
 
+/* Texts that are nearly numbers: what is taken, and that nothing else is, must agree too. */
+static void random_texts_are_numbers_when_strtod_says_so(void **state)
+{
+    (void)state;
+    static const char alphabet[] = "0011223456789999..eE+--+xXinfnaIN0p";
+    uint64_t seed = (uint64_t)time(NULL);
+    size_t numbers = 0;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int round = 0; round < 300000; round++) {
+        char text[32];
+        char *end;
+        double got;
+        seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
+        size_t length = 1 + (size_t)(seed >> 33) % (round % 2 ? 8 : 30);
+        for (size_t i = 0; i < length; i++) {
+            seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
+            /* Mostly digits, or few texts would be numbers. */
+            text[i] = (seed >> 60) < 9 ? (char)('0' + (seed >> 40) % 10)
+                                       : alphabet[(seed >> 40) % (sizeof(alphabet) - 1)];
+        }
+        text[length] = '\0';
+        struct umbb_cursor cursor = {text, text + length};
+        double expected = strtod(text, &end);
+        int is_number = end == text + length;
+        numbers += (size_t)is_number;
+        int taken = umbb_take_double(&cursor, &got);
+        if (taken != is_number || (taken && memcmp(&got, &expected, sizeof(got)) != 0)) {
+            print_error("'%s': %d %.17g, strtod %d %.17g\n", text, taken, got, is_number, expected);
+            fail();
+        }
+        assert_ptr_equal(cursor.at, cursor.end);
+    }
+    assert_true(numbers > 10000);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,8 +369,11 @@ int main(void)
         cmocka_unit_test(random_stars_are_covered_once),
         cmocka_unit_test(long_spirals_are_covered_once),
         cmocka_unit_test(any_polygon_gives_two_triangles_less_than_corners),
+        cmocka_unit_test(crossing_polygons_of_many_corners_cost_a_second_altogether),
+        cmocka_unit_test(large_simple_polygons_are_covered_once_and_quickly),
         cmocka_unit_test(numbers_are_what_strtod_makes_of_them),
         cmocka_unit_test(random_numbers_are_what_strtod_makes_of_them),
+        cmocka_unit_test(random_texts_are_numbers_when_strtod_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

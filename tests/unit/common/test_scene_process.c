@@ -203,6 +203,32 @@ static void importer_sees_only_the_agreed_descriptors(void **state)
     umbs_scene_destroy(scene);
 }
 
+/* As of a service that was started without them: then the scene itself is descriptor 0. */
+static void caller_without_standard_streams_imports(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene;
+    struct umb_error error;
+    const struct umbs_import_options options = {.timeout_s = 20};
+    int kept[3];
+    make_file("descriptors");
+    for (int i = 0; i < 3; i++) {
+        kept[i] = fcntl(i, F_DUPFD_CLOEXEC, 20);
+        assert_true(kept[i] >= 0);
+    }
+    for (int i = 0; i < 3; i++) {
+        (void)close(i);
+    }
+    enum umb_status status = import_with("descriptors", options, &scene, &error);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(dup2(kept[i], i), i);
+        (void)close(kept[i]);
+    }
+    assert_string_equal(error.message, "");
+    assert_int_equal(status, UMB_OK);
+    umbs_scene_destroy(scene);
+}
+
 static void crash_is_a_bad_scene(void **state)
 {
     (void)state;
@@ -344,6 +370,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(good_importer_gives_a_scene),
         cmocka_unit_test(importer_sees_only_the_agreed_descriptors),
+        cmocka_unit_test(caller_without_standard_streams_imports),
         cmocka_unit_test(crash_is_a_bad_scene),
         cmocka_unit_test(refusal_brings_its_first_line_made_clean),
         cmocka_unit_test(limits_and_odd_codes_are_told_apart),

@@ -9,6 +9,14 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
+#include <sys/resource.h>
+
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define NO_ADDRESS_LIMIT 1
+#endif
+#endif
+
 #include "store_fixture.h"
 
 struct fixture {
@@ -156,7 +164,9 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     uint8_t id[UMB_ID_BYTES];
     size_t healthy;
     size_t damaged;
-    folder_asset(&f->folder, "bad.umb", 20, id);
+    uint8_t bad_id[UMB_ID_BYTES];
+    char text[UMB_ID_TEXT_SIZE];
+    folder_asset(&f->folder, "bad.umb", 20, bad_id);
     folder_asset(&f->folder, "good.umb", 30, id);
     folder_flip(&f->folder, "bad.umb", folder_size(&f->folder, "bad.umb") - 5);
     rescan(f);
@@ -165,6 +175,11 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     assert_int_equal(umbs_store_acquire(f->store, "bad", &entry, &error), UMB_E_CORRUPT);
     assert_non_null(strstr(error.message, "bad"));
     assert_null(entry);
+    umb_id_to_text(bad_id, text); /* who asks by id hears the same */
+    assert_int_equal(umbs_store_acquire(f->store, text, &entry, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "bad"));
+    text[0] = text[0] == '0' ? '1' : '0';
+    assert_int_equal(umbs_store_acquire(f->store, text, &entry, &error), UMB_E_NOT_FOUND);
     assert_int_equal(umbs_store_acquire(f->store, "good", &entry, &error), UMB_OK);
     umbs_entry_release(entry);
     umbs_store_count(f->store, &healthy, &damaged);
@@ -196,6 +211,36 @@ static void store_young_damaged_replacement_keeps_the_old_version_until_settled(
     rescan(f);
     assert_int_equal(umbs_store_acquire(f->store, "city", &entry, &error), UMB_OK);
     umbs_entry_release(entry);
+}
+
+static void store_short_of_memory_keeps_the_old_version(void **state)
+{
+    struct fixture *f = *state;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(NO_ADDRESS_LIMIT)
+    (void)f;
+    skip(); /* a sanitizer needs its terabytes of address space */
+#else
+    struct umbs_entry *entry;
+    struct umb_error error;
+    struct rlimit limit;
+    uint8_t id[UMB_ID_BYTES];
+    folder_asset(&f->folder, "city.umb", 20, id);
+    rescan(f);
+    assert_int_equal(truncate(folder_file(&f->folder, "city.umb"), (off_t)8 << 30), 0); /* a hole */
+    folder_age(&f->folder, "city.umb", 10);
+    assert_int_equal(getrlimit(RLIMIT_AS, &limit), 0);
+    struct rlimit less = {.rlim_cur = (rlim_t)4 << 30, .rlim_max = limit.rlim_max};
+    assert_int_equal(setrlimit(RLIMIT_AS, &less), 0);
+    rescan(f);
+    assert_int_equal(setrlimit(RLIMIT_AS, &limit), 0);
+    assert_int_equal(f->report.failed, 1);
+    assert_int_equal(umbs_store_acquire(f->store, "city", &entry, &error), UMB_OK);
+    assert_true(is_lit(umbs_entry_asset(entry), 10));
+    umbs_entry_release(entry);
+    folder_asset(&f->folder, "city.umb", 50, id);
+    rescan(f);
+    assert_int_equal(f->report.loaded, 1);
+#endif
 }
 
 static void store_refuses_a_file_whose_id_is_not_its_content(void **state)
@@ -439,6 +484,7 @@ int main(void)
         WITH_STORE(store_removed_file_is_not_found_but_a_holder_goes_on),
         WITH_STORE(store_damaged_file_fails_alone_and_says_why),
         WITH_STORE(store_young_damaged_replacement_keeps_the_old_version_until_settled),
+        WITH_STORE(store_short_of_memory_keeps_the_old_version),
         WITH_STORE(store_refuses_a_file_whose_id_is_not_its_content),
         WITH_STORE(store_rebuilds_a_damaged_or_foreign_cache),
         WITH_STORE(store_without_a_writable_cache_expands_in_memory),

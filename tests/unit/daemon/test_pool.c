@@ -192,6 +192,37 @@ static void pool_refuses_beyond_its_queue(void **state)
     }
 }
 
+/* Lane 1 has filled the queue; each newcomer takes its last batch's place until all have as many. */
+static void pool_full_of_one_lane_makes_room_for_others(void **state)
+{
+    struct fixture *f = *state;
+    struct umbd_pool *pool;
+    struct umb_error error;
+    struct umbd_batch *batches[13];
+    static const uint64_t lanes[13] = {1, 1, 1, 1, 1, 1, 2, 2, 3, 1, 3, 2, 3};
+    static const int taken[13] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 0, 1, 0, 0};
+    static const size_t victims[4] = {5, 4, 3, 2}; /* from the end of lane 1, none begun */
+    assert_int_equal(umbd_pool_create(0, 6, &f->metrics, &pool, NULL), UMB_OK);
+    for (size_t i = 0; i < 13; i++) {
+        batches[i] = make_batch(f, 100, lanes[i], UMB_ANSWER_U8);
+        assert_int_equal(umbd_pool_submit(pool, batches[i], &error),
+                         taken[i] ? UMB_OK : UMB_E_BUSY);
+        assert_in_range(umbd_pool_depth(pool), 1, 6);
+    }
+    assert_int_equal(f->done, 4);
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(f->order[i], 1);
+        assert_int_equal(batches[victims[i]]->status, UMB_E_BUSY);
+        assert_non_null(strstr(batches[victims[i]]->error.message, "6 (--queue)"));
+    }
+    umbd_pool_destroy(pool);
+    assert_int_equal(f->done, 10);
+    assert_int_equal(started(f), 0);
+    for (size_t i = 0; i < 13; i++) {
+        umbd_batch_destroy(batches[i]);
+    }
+}
+
 /* Heads, middles and tails of lanes leave in every order, and the rest stays linked. */
 static void pool_cancel_takes_a_waiting_batch_out_anywhere(void **state)
 {
@@ -313,6 +344,7 @@ int main(void)
         WITH_STORE(pool_reports_the_first_bad_point_of_the_whole_batch),
         WITH_STORE(pool_never_begins_an_expired_batch),
         WITH_STORE(pool_refuses_beyond_its_queue),
+        WITH_STORE(pool_full_of_one_lane_makes_room_for_others),
         WITH_STORE(pool_cancel_takes_a_waiting_batch_out_anywhere),
         WITH_STORE(pool_cancel_of_a_running_batch_ends_it_once),
         WITH_STORE(pool_takes_turns_between_lanes),

@@ -317,8 +317,63 @@ static void asset_without_any_shadow_boundary_still_gets_its_points(void **state
     struct umb_asset *asset = open_packed(&content, &octree, &bytes);
     struct umbr_verify_result result = verify(asset, NULL, 2, 1);
     assert_int_equal(result.points, POINTS);
-    assert_int_equal(result.near_boundary, 0);
+    /* No change in the asset, so what is near a boundary is near a surface that rays found. */
+    assert_true(result.near_boundary > 0);
     assert_true(result.outside_band > 0); /* it is lit where the slab's shadow should be */
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+/* A sheet that calls itself closed does not make its shadow undefined. */
+static void open_sheet_marked_closed_excuses_nothing(void **state)
+{
+    (void)state;
+    static const double corner[4][2] = {{-6, -6}, {6, -6}, {6, 6}, {-6, 6}};
+    static const uint8_t closed[2] = {1, 1};
+    double corners[2][3][3];
+    for (int t = 0; t < 2; t++) {
+        for (int k = 0; k < 3; k++) {
+            const double *at = corner[k == 0 ? 0 : k + t];
+            corners[t][k][0] = at[0] + scene_origin[0];
+            corners[t][k][1] = at[1] + scene_origin[1];
+            corners[t][k][2] = scene_origin[2];
+        }
+    }
+    struct umbr_rays *sheet;
+    assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 2, &sheet, NULL), UMB_OK);
+    struct umb_content content;
+    struct bytes bytes = {0};
+    struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
+    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
+    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    make_content(&voxels, voxel_m, scene_origin, &content);
+    set_light(&content, sun, 1);
+    struct umb_asset *asset = open_packed(&content, &octree, &bytes);
+    const struct umbr_verify_options options = {.points = 5000, .closed = closed};
+    struct umbr_verify_result result;
+    assert_int_equal(umbr_verify(asset, 0, sheet, &options, &result, NULL), UMB_OK);
+    assert_true(result.outside_band > 100);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+    umbr_rays_destroy(sheet);
+}
+
+static int always(void)
+{
+    return 1;
+}
+
+static void cancelled_verification_says_so(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, sun, (struct recipe){0}, 0, &bytes);
+    const struct umbr_verify_options options = {.points = POINTS, .cancelled = always};
+    struct umbr_verify_result result;
+    struct umb_error error = {0};
+    assert_int_equal(umbr_verify(asset, 0, world.rays, &options, &result, &error),
+                     UMB_E_CANCELLED);
+    assert_int_equal(result.points, 0);
     umb_asset_close(asset);
     bytes_finish(&bytes);
 }
@@ -346,6 +401,8 @@ int main(void)
         cmocka_unit_test(asset_of_another_light_is_found_out),
         cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),
         cmocka_unit_test(asset_without_any_shadow_boundary_still_gets_its_points),
+        cmocka_unit_test(open_sheet_marked_closed_excuses_nothing),
+        cmocka_unit_test(cancelled_verification_says_so),
         cmocka_unit_test(unknown_light_is_refused),
     };
     return cmocka_run_group_tests(tests, make_world, drop_world);

@@ -6,8 +6,8 @@
  * how it is answered. One thread a connection, blocking sockets.
  *
  * Names: ok not-found reset refuse refuse-once goaway-once silent garbage over-long http-503 html
- * no-status two-messages short compressed drop drop-inside bomb status-999. "ok" answers each point
- * with its x coordinate (float).
+ * no-status two-messages short compressed drop drop-inside bomb status-999 shed too-many
+ * never-again. "ok" answers each point with its x coordinate (float).
  */
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -34,6 +34,7 @@ struct fake_server {
     bool http1;           /* answers like a web server of old */
     bool mute;            /* accepts and says nothing */
     bool early_error;     /* answers RESOURCE_EXHAUSTED to the headers, before the body */
+    bool goodbye;         /* greets with SETTINGS and GOAWAY and hangs up */
     uint32_t max_streams; /* 0 = 100 */
     const char *unix_path;
     /* what it saw */
@@ -146,6 +147,19 @@ static void fake_trailers_only(struct fake_connection *connection, int32_t id, c
     (void)nghttp2_submit_response(connection->session, id, headers, 4, NULL);
 }
 
+/* RESOURCE_EXHAUSTED with a hint when to come again. */
+static void fake_exhausted(struct fake_connection *connection, int32_t id, const char *pushback)
+{
+    const nghttp2_nv headers[] = {
+        fake_header(":status", "200"),
+        fake_header("content-type", "application/grpc"),
+        fake_header("grpc-status", "8"),
+        fake_header("grpc-message", "queue: full"),
+        fake_header("grpc-retry-pushback-ms", pushback),
+    };
+    (void)nghttp2_submit_response(connection->session, id, headers, 5, NULL);
+}
+
 static void fake_answer(struct fake_stream *stream, const struct umbw_query_request *request,
                         size_t count)
 {
@@ -194,6 +208,12 @@ static void fake_query(struct fake_connection *connection, struct fake_stream *s
                            "asset: no %22not-found%22%0A caf%C3%A9 50%25");
     } else if (strcmp(name, "status-999") == 0) {
         fake_trailers_only(connection, stream->id, "9x9", "");
+    } else if (strcmp(name, "shed") == 0) {
+        fake_exhausted(connection, stream->id, "50");
+    } else if (strcmp(name, "never-again") == 0) {
+        fake_exhausted(connection, stream->id, "-1");
+    } else if (strcmp(name, "too-many") == 0) {
+        fake_trailers_only(connection, stream->id, "8", "points: 100 is over the limit of 1");
     } else if (strcmp(name, "reset") == 0) {
         (void)nghttp2_submit_rst_stream(connection->session, 0, stream->id, NGHTTP2_INTERNAL_ERROR);
     } else if (strcmp(name, "refuse") == 0 || (strcmp(name, "refuse-once") == 0 && first)) {
@@ -440,6 +460,9 @@ static void fake_session(struct fake_connection *connection)
     }
     nghttp2_session_callbacks_del(callbacks);
     nghttp2_option_del(option);
+    if (server->goodbye) {
+        (void)nghttp2_submit_goaway(connection->session, 0, 0, NGHTTP2_NO_ERROR, NULL, 0);
+    }
     uint8_t *block = malloc(65536);
     if (block == NULL) {
         abort();
@@ -450,7 +473,9 @@ static void fake_session(struct fake_connection *connection)
             continue;
         }
         ssize_t count = recv(connection->socket, block, 65536, 0);
-        if (count <= 0 || nghttp2_session_mem_recv(connection->session, block, (size_t)count) < 0) {
+        /* Who said goodbye only reads on until the other side hangs up. */
+        if (count <= 0 || (!server->goodbye &&
+                           nghttp2_session_mem_recv(connection->session, block, (size_t)count) < 0)) {
             break;
         }
     }

@@ -189,6 +189,9 @@ static void every_bad_answer_has_its_status_and_a_sentence(void **state)
     } cases[] = {
         {"not-found", UMB_E_NOT_FOUND, "no \"not-found\"  caf\xc3\xa9 50%"},
         {"status-999", UMB_E_PROTOCOL, "without a message"},
+        {"shed", UMB_E_BUSY, "queue: full"},
+        {"never-again", UMB_E_TOO_LARGE, "queue: full"},
+        {"too-many", UMB_E_TOO_LARGE, "over the limit of 1"},
         {"reset", UMB_E_PROTOCOL, "reset the call (INTERNAL_ERROR)"},
         {"garbage", UMB_E_PROTOCOL, "reply: message: "},
         {"over-long", UMB_E_TOO_LARGE, "over the limit of 1048576 bytes"},
@@ -256,6 +259,23 @@ static void goaway_moves_an_unprocessed_call_to_a_new_connection(void **state)
     fake_stop(&server);
     assert_int_equal(atomic_load(&server.connections), 2);
     assert_int_equal(atomic_load(&server.requests), 3);
+}
+
+static void a_server_that_greets_and_hangs_up_is_not_asked_without_end(void **state)
+{
+    struct fake_server server = {.goodbye = true};
+    char address[128];
+    struct umb_error error;
+    (void)state;
+    fake_start(&server, 0, address); /* gives up by itself beyond 16 connections */
+    struct umb_client *client = open_client(address, NULL);
+    double start = now_s();
+    assert_int_equal(ask(client, "ok", 5000, &error), UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(error.message, "closed"));
+    assert_true(now_s() - start < 4); /* not the deadline ended it */
+    umb_client_close(client);
+    fake_stop(&server);
+    assert_in_range(atomic_load(&server.connections), 2, 3); /* one and at most two more tries */
 }
 
 static void silence_ends_at_the_deadline_and_resets_the_stream(void **state)
@@ -403,7 +423,7 @@ static void early_error_ends_a_large_upload(void **state)
     request.points.positions = many;
     request.points.count = MANY;
     request.timeout_ms = 5000;
-    assert_int_equal(umb_client_query(client, &request, values, NULL, &error), UMB_E_BUSY);
+    assert_int_equal(umb_client_query(client, &request, values, NULL, &error), UMB_E_TOO_LARGE);
     assert_string_equal(error.message, "points: too many");
     umb_client_close(client);
     fake_stop(&server);
@@ -524,7 +544,8 @@ static void callbacks_may_start_calls_but_not_block(void **state)
     struct umb_error error;
     (void)state;
     fake_start(&server, 0, address);
-    chain.client = open_client(address, NULL);
+    const struct umb_client_options options = {.max_calls = 1}; /* a call ends before done runs */
+    chain.client = open_client(address, &options);
     struct umb_client_query_request request = make_request("ok");
     assert_int_equal(umb_client_query_start(chain.client, &request, start_another, &chain, &error),
                      UMB_OK);
@@ -569,6 +590,7 @@ int main(void)
         cmocka_unit_test(every_bad_answer_has_its_status_and_a_sentence),
         cmocka_unit_test(refused_calls_are_tried_again_at_most_twice),
         cmocka_unit_test(goaway_moves_an_unprocessed_call_to_a_new_connection),
+        cmocka_unit_test(a_server_that_greets_and_hangs_up_is_not_asked_without_end),
         cmocka_unit_test(silence_ends_at_the_deadline_and_resets_the_stream),
         cmocka_unit_test(an_expired_call_frees_its_stream),
         cmocka_unit_test(queued_calls_expire_behind_a_full_server),

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "wire/grpc.h"
-#include "wire/utf8.h"
+#include "base/utf8.h"
 #include "wire_samples.h"
 
 static void timeout_parse_knows_every_unit(void **state)
@@ -174,7 +174,7 @@ static void escape_survives_any_bytes(void **state)
         size_t size = umbw_message_escape(message, escaped, capacity);
         assert_true(size < capacity);
         size = umbw_message_unescape(escaped, size, back, sizeof back);
-        assert_true(umbw_utf8_valid((const uint8_t *)back, size));
+        assert_true(umb__utf8_valid((const uint8_t *)back, size));
         (void)umbw_message_unescape(message, 32, back, 1 + sample_random(&seed) % sizeof back);
     }
 }
@@ -187,11 +187,11 @@ static void utf8_refuses_overlong_surrogates_and_cut_forms(void **state)
         "\xe2\x82",     "\xc3\xc3"};
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        assert_false(umbw_utf8_valid((const uint8_t *)bad[i], strlen(bad[i])));
+        assert_false(umb__utf8_valid((const uint8_t *)bad[i], strlen(bad[i])));
     }
-    assert_true(umbw_utf8_valid((const uint8_t *)"\xed\x9f\xbf\xee\x80\x80\xf4\x8f\xbf\xbf", 10));
-    assert_false(umbw_utf8_valid((const uint8_t *)"a\0b", 3));
-    assert_true(umbw_utf8_valid(NULL, 0));
+    assert_true(umb__utf8_valid((const uint8_t *)"\xed\x9f\xbf\xee\x80\x80\xf4\x8f\xbf\xbf", 10));
+    assert_false(umb__utf8_valid((const uint8_t *)"a\0b", 3));
+    assert_true(umb__utf8_valid(NULL, 0));
 }
 
 static void grpc_name_is_never_null(void **state)

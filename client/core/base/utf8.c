@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* UTF-8 checks, see utf8.h. */
-#include "wire/utf8.h"
+#include "base/utf8.h"
 
 #include <string.h>
 
@@ -36,7 +36,7 @@ static size_t multibyte_length(const uint8_t *bytes, size_t size)
     return length;
 }
 
-size_t umbw_utf8_length(const uint8_t *bytes, size_t size)
+size_t umb__utf8_length(const uint8_t *bytes, size_t size)
 {
     if (size == 0) {
         return 0;
@@ -44,11 +44,11 @@ size_t umbw_utf8_length(const uint8_t *bytes, size_t size)
     return bytes[0] < 0x80 ? 1 : multibyte_length(bytes, size);
 }
 
-bool umbw_utf8_valid(const uint8_t *bytes, size_t size)
+bool umb__utf8_valid(const uint8_t *bytes, size_t size)
 {
     size_t at = 0;
     while (at < size) {
-        size_t length = umbw_utf8_length(bytes + at, size - at);
+        size_t length = umb__utf8_length(bytes + at, size - at);
         if (length == 0 || bytes[at] == 0) {
             return false;
         }
@@ -57,26 +57,31 @@ bool umbw_utf8_valid(const uint8_t *bytes, size_t size)
     return true;
 }
 
-size_t umbw_utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity)
+/* C0 and DEL as one byte; C1 (U+0080 to U+009F) as two. */
+static bool is_control(const uint8_t *bytes, size_t length)
 {
-    size_t written = 0;
+    return (length == 1 && (bytes[0] < 0x20 || bytes[0] == 0x7f)) ||
+           (length == 2 && bytes[0] == 0xc2 && bytes[1] < 0xa0);
+}
+
+size_t umb__utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity)
+{
     size_t at = 0;
     while (at < size) {
-        size_t length = umbw_utf8_length(bytes + at, size - at);
+        size_t length = umb__utf8_length(bytes + at, size - at);
         size_t needed = length == 0 ? 1 : length;
-        if (needed >= capacity - written) {
+        if (needed >= capacity - at) {
             break;
         }
         if (length == 0) {
-            out[written] = '?';
-        } else if (length == 1 && (bytes[at] < 0x20 || bytes[at] == 0x7f)) {
-            out[written] = ' ';
+            out[at] = '?';
+        } else if (is_control(bytes + at, length)) {
+            memset(out + at, ' ', length);
         } else {
-            memcpy(out + written, bytes + at, length);
+            memmove(out + at, bytes + at, length);
         }
-        written += needed;
         at += needed;
     }
-    out[written] = '\0';
-    return written;
+    out[at] = '\0';
+    return at;
 }

@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_BASE_UTF8_H
+#define UMBRAGE_CORE_BASE_UTF8_H
+/*
+ * UTF-8 from strangers (files, peers): told apart from anything else, byte by byte, and made fit to
+ * be shown. Pure functions.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/*
+ * Returns the length (1 to 4) of the well-formed character that starts at bytes, or 0.
+ *
+ * In:     bytes: uint8[size]. Overlong forms, surrogates and values above U+10FFFF are refused.
+ * Source: The Unicode Standard, table 3-7.
+ */
+size_t umb__utf8_length(const uint8_t *bytes, size_t size);
+
+/* True if all of bytes is well-formed UTF-8 without a NUL. */
+bool umb__utf8_valid(const uint8_t *bytes, size_t size);
+
+/*
+ * Copies text for people: malformed bytes become '?', control characters (C0, DEL, and C1, which
+ * terminals obey too) blanks; every other byte keeps its place. Cut at a character that fits,
+ * always NUL-terminated. Returns the length written.
+ *
+ * In: capacity: bytes at out, at least 1. out may be bytes itself.
+ */
+size_t umb__utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity);
+
+#endif

@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_RAYS_VERIFY_BLOCK_H
+#define UMBRAGE_SERVER_RAYS_VERIFY_BLOCK_H
+/*
+ * Inside verification (verify.h): the job all threads share, the block of points one of them works
+ * on, and the two halves of the work: drawing points and judging them.
+ *
+ * A block's random numbers follow from the seed and its number alone, and sums do not depend on
+ * order, so the result is the same for every number of threads.
+ */
+#include <stddef.h>
+#include "rays/verify.h"
+#include "rays/verify_frame.h"
+
+#define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
+
+/* What all blocks share; immutable while they run. */
+struct umbr_verify_job {
+    const struct umb_asset *asset;
+    const struct umbr_rays *rays;
+    const struct umbr_verify_options *options;
+    struct umb_light_info light;
+    struct umbr_frame *frames; /* [light.frustum_count] */
+    struct umb_query query;
+};
+
+struct umbr_verify_block {
+    const struct umbr_verify_job *job;
+    const struct umbr_frame *frame;
+    uint64_t random;
+    struct umbr_verify_result result;
+};
+
+/* A point in its three guises. */
+struct umbr_sample {
+    double voxel[3];  /* voxel space */
+    double world[3];  /* metres */
+    double centre[3]; /* of its voxel, metres, world */
+};
+
+/* SplitMix64. */
+static inline uint64_t umbr_next_random(struct umbr_verify_block *block)
+{
+    uint64_t z = block->random += UINT64_C(0x9e3779b97f4a7c15);
+    z = (z ^ z >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
+    z = (z ^ z >> 27) * UINT64_C(0x94d049bb133111eb);
+    return z ^ z >> 31;
+}
+
+/* Looks up world points; answers[i]: 1 lit, 0 shadowed. */
+void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
+                     uint8_t *lit);
+
+/*
+ * Traces a point towards the light; returns the truth, 1 lit or 0 shadowed.
+ *
+ * Out: buried: 1 if the first thing the ray meets is the inner side of a closed solid, so that the
+ *      point most likely lies inside it. Always 0 without the closed rule.
+ */
+int umbr_verify_trace(const struct umbr_verify_block *block, const double world[3], int *buried);
+
+/* Looks up and judges count <= UMBR_SAMPLES_MAX samples; returns how many were compared. */
+uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
+                           size_t count);
+
+/* Draws and judges points near boundaries until `wanted` were compared; returns how many are
+ * missing: a scene may hardly have boundaries. */
+uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted);
+
+/* Draws and judges points uniform in the box until `wanted` were compared or too many draws were in
+ * vain. */
+void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted);
+
+#endif

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Judging points: what the asset says against what rays say.
+ *
+ * What a voxel says belongs to its centre, so "inside a closed solid" is asked of the voxel's
+ * centre as well as of the point. Nearly all points agree and cost one ray; the expensive questions
+ * are asked of the others.
+ */
+#include "rays/verify_block.h"
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    BAND_STEPS = 5, /* samples along each axis of the band's grid */
+    VOTES_NEEDED = 5,
+};
+
+void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
+                     uint8_t *lit)
+{
+    const struct umb_points points = {
+        .positions = world, .format = UMB_POINT_F64, .count = count};
+    struct umb_answers out = {.values = lit};
+    umb_query_run(&job->query, &points, 0, count, &out);
+    for (size_t i = 0; i < count; i++) {
+        lit[i] = lit[i] >= 128;
+    }
+}
+
+/* The traced truth: 1 if nothing lies between the point and the light. */
+static int traced_lit(const struct umbr_verify_job *job, const double world[3])
+{
+    double towards[3], distance;
+    umbr_towards_light(&job->light, world, towards, &distance);
+    return !umbr_occluded(job->rays, world, towards, 0, distance);
+}
+
+/* 1 if closed solids have undefined voxels in this block's frustum. */
+static int has_undefined(const struct umbr_verify_block *block)
+{
+    return block->job->options->closed != NULL && block->frame->closed;
+}
+
+/* 1 if, seen along a direction, more closed solids are left than entered. */
+static int is_inside_along(const struct umbr_verify_job *job, const double world[3],
+                           const double direction[3])
+{
+    int winding, crossings;
+    umbr_crossings(job->rays, world, direction, job->options->closed, &winding, &crossings);
+    return winding > 0;
+}
+
+/* 1 if a point lies inside a closed solid, by all crossings of a ray along the light. */
+static int is_inside(const struct umbr_verify_block *block, const double world[3])
+{
+    double towards[3], distance;
+    if (!has_undefined(block)) {
+        return 0;
+    }
+    umbr_towards_light(&block->job->light, world, towards, &distance);
+    return is_inside_along(block->job, world, towards);
+}
+
+int umbr_verify_trace(const struct umbr_verify_block *block, const double world[3], int *buried)
+{
+    double towards[3], distance;
+    struct umbr_hit hit;
+    umbr_towards_light(&block->job->light, world, towards, &distance);
+    umbr_nearest(block->job->rays, world, towards, 0, distance, &hit);
+    *buried = 0;
+    if (hit.distance >= 0 && has_undefined(block) && block->job->options->closed[hit.triangle]) {
+        *buried = hit.normal[0] * towards[0] + hit.normal[1] * towards[1] +
+                      hit.normal[2] * towards[2] >
+                  0;
+    }
+    return hit.distance < 0;
+}
+
+/*
+ * The same by three directions that no modeller would have chosen and their opposites. A ray that
+ * grazes an edge may err; from a point that is not in a solid, no surface on one side only can get
+ * five votes.
+ */
+static int is_inside_by_vote(const struct umbr_verify_block *block, const double world[3])
+{
+    static const double directions[3][3] = {
+        {0.5345224838248488, 0.2672612419124244, 0.8017837257372732},
+        {-0.6396021490668313, 0.4264014327112209, 0.6396021490668313},
+        {0.2182178902359924, -0.8728715609439696, -0.4364357804719848}};
+    int votes = 0;
+    if (!has_undefined(block)) {
+        return 0;
+    }
+    for (int i = 0; i < 3; i++) {
+        const double opposite[3] = {-directions[i][0], -directions[i][1], -directions[i][2]};
+        votes += is_inside_along(block->job, world, directions[i]);
+        votes += is_inside_along(block->job, world, opposite);
+    }
+    return votes >= VOTES_NEEDED;
+}
+
+/*
+ * 1 if the truth changes within one voxel of the point: somewhere on a 5x5x5 grid of half-voxel
+ * offsets, or at the centre of the point's own voxel.
+ */
+static int in_band(const struct umbr_verify_block *block, const struct umbr_sample *sample,
+                   int truth)
+{
+    if (traced_lit(block->job, sample->centre) != truth) {
+        return 1;
+    }
+    for (int i = 0; i < BAND_STEPS * BAND_STEPS * BAND_STEPS; i++) {
+        const int step[3] = {i % BAND_STEPS, i / BAND_STEPS % BAND_STEPS,
+                             i / (BAND_STEPS * BAND_STEPS)};
+        double voxel[3], world[3];
+        for (int k = 0; k < 3; k++) {
+            voxel[k] = sample->voxel[k] + 0.5 * (step[k] - BAND_STEPS / 2);
+        }
+        if (umbr_frame_world(block->frame, voxel, world) &&
+            traced_lit(block->job, world) != truth) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Judges a sample that the asset and the ray disagree about; returns 1 if it counts as compared. */
+static int judge_disagreement(struct umbr_verify_block *block, const struct umbr_sample *sample,
+                              int truth)
+{
+    struct umbr_verify_result *result = &block->result;
+    if (is_inside(block, sample->centre) && is_inside_by_vote(block, sample->centre)) {
+        result->skipped_inside++;
+        return 0;
+    }
+    if (in_band(block, sample, truth)) {
+        result->inside_band++;
+        return 1;
+    }
+    if (is_inside_by_vote(block, sample->centre) || is_inside_by_vote(block, sample->world)) {
+        result->skipped_inside++;
+        return 0;
+    }
+    result->outside_band++;
+    if (!result->has_worst) {
+        result->has_worst = 1;
+        memcpy(result->worst_point, sample->world, sizeof result->worst_point);
+    }
+    return 1;
+}
+
+uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
+                           size_t count)
+{
+    double world[UMBR_SAMPLES_MAX][3];
+    uint8_t lit[UMBR_SAMPLES_MAX];
+    uint64_t compared = 0;
+    for (size_t i = 0; i < count; i++) {
+        memcpy(world[i], samples[i].world, sizeof world[i]);
+    }
+    umbr_verify_ask(block->job, (const double(*)[3])world, count, lit);
+    for (size_t i = 0; i < count; i++) {
+        int buried;
+        const int truth = umbr_verify_trace(block, samples[i].world, &buried);
+        if (truth != lit[i]) {
+            compared += (uint64_t)judge_disagreement(block, &samples[i], truth);
+        } else if (buried) {
+            block->result.skipped_inside++; /* shadow where anything would do proves nothing */
+        } else {
+            compared++;
+        }
+    }
+    block->result.points += compared;
+    return compared;
+}

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+# Benchmarks. They print one JSON object a row on stdout and a table on stderr; with
+# UMBRAGE_BENCH_BARS=FILE the table shows the bars of that file. SIZE=quick|full.
+SIZE ?= quick
+BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
+BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_machine bench_scene \
+	bench_points shadow_map16 shadow_map16_avx2 embree_peer yardstick_2014 voxel_truth)
+BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
+BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)
+BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+BENCH_SYS = -lembree3 -lassimp -lpng $(RPC_LIBS) $(CORE_LIBS)
+
+# The peers are compiled to win.
+$(BUILD)/tests/bench/shadow_map16_avx2.o: AVX2_FLAGS += -O3
+$(BUILD)/tests/bench/embree_peer.o: INC_tests += -O3
+
+$(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_STUDY) \
+		$(BENCH_ORACLE) $(GEN_OBJ) $(BENCH_LIBS)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+
+bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
+	@$(BUILD)/bench_bake --size $(SIZE)
+
+bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
+	@$(BUILD)/bench_query --size $(SIZE)
+
+bench-service: $(BUILD)/bench_service $(BUILD)/umbraged ## the daemon against the library in process
+	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged
+
+# One after the other, whatever -j says: they must not disturb each other.
+bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged ## every benchmark (SIZE=quick|full)
+	@$(MAKE) --no-print-directory bench-bake
+	@$(MAKE) --no-print-directory bench-query
+	@$(MAKE) --no-print-directory bench-service
+
+.PHONY: bench bench-bake bench-query bench-service

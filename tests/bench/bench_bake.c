@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench-bake: bytes against the encoding of 2014, the depth stage against Embree, voxels against
+ * the oracle.
+ *
+ * depth_front_vs_embree8: seconds that Embree would take for one ray a covered texel (8-wide
+ * coherent packets, at the rate of 64 random windows of 256 x 256 texels) over seconds of the whole
+ * depth stage for one layer (listing the triangles by tile, drawing, and writing every texel of the
+ * map, covered or not). Both in CPU time of one thread, one right after the other.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/depth/depth_raster.h"
+#include "bench_machine.h"
+#include "bench_report.h"
+#include "bench_scene.h"
+#include "embree_peer.h"
+#include "voxel_truth.h"
+#include "yardstick_2014.h"
+
+#define BENCH         "bake"
+#define WINDOWS       64
+#define WINDOW        256
+#define VOXEL_SAMPLES 10000000U
+#define SEED          5U
+
+struct windows {
+    int32_t size; /* voxels a side of the map */
+    int32_t x0[WINDOWS], y0[WINDOWS];
+    uint8_t *covered; /* [WINDOWS * WINDOW * WINDOW] */
+    int32_t *lit;     /* the same */
+    uint64_t covered_texels; /* of the whole map */
+};
+
+static void window_take(struct windows *windows, const struct umbb_tile *tile, size_t w)
+{
+    for (int32_t i = 0; i < WINDOW * WINDOW; i++) {
+        const int32_t x = windows->x0[w] + i % WINDOW - tile->x0;
+        const int32_t y = windows->y0[w] + i / WINDOW - tile->y0;
+        if (x >= 0 && x < tile->size && y >= 0 && y < tile->size) {
+            int32_t lit, end;
+            bench_texel(tile, windows->size, x, y, &lit, &end);
+            const size_t at = w * WINDOW * WINDOW + (size_t)i;
+            windows->lit[at] = lit;
+            windows->covered[at] = lit < windows->size;
+        }
+    }
+}
+
+static void tile_take(void *user, const struct umbb_tile *tile)
+{
+    struct windows *windows = user;
+    for (size_t block = 0; block < (size_t)(tile->size >> 3) * (size_t)(tile->size >> 3); block++) {
+        for (size_t i = 0; i < 64 && tile->min_end[3][block] < windows->size; i++) {
+            windows->covered_texels += tile->lit[64 * block + i] < windows->size;
+        }
+    }
+    for (size_t w = 0; w < WINDOWS; w++) {
+        window_take(windows, tile, w);
+    }
+}
+
+static void windows_make(const struct bench_scene *scene, struct windows *windows)
+{
+    struct gen_rng rng = {SEED};
+    memset(windows, 0, sizeof *windows);
+    windows->size = (int32_t)1 << scene->frustum.log2_size;
+    windows->covered = calloc(WINDOWS, (size_t)WINDOW * WINDOW);
+    windows->lit = calloc(WINDOWS, (size_t)WINDOW * WINDOW * sizeof *windows->lit);
+    if (windows->covered == NULL || windows->lit == NULL) {
+        bench_fail("windows: out of memory");
+    }
+    for (size_t w = 0; w < WINDOWS; w++) {
+        windows->x0[w] = gen_range(&rng, 0, windows->size - WINDOW);
+        windows->y0[w] = gen_range(&rng, 0, windows->size - WINDOW);
+    }
+    bench_tiles(scene, 0, tile_take, windows);
+}
+
+/* CPU seconds of the depth stage of a whole map, one layer, one thread. */
+static double raster_seconds(const struct bench_scene *scene)
+{
+    const struct umbb_casters casters = bench_casters(scene, 0);
+    const struct umbb_depth_options options = {.tile_log2 = BENCH_TILE_LOG2, .threads = 1};
+    struct umbb_depth depth;
+    struct umbb_tile tile;
+    struct umb_error error;
+    bench_must(umbb_tile_init(&tile, BENCH_TILE_LOG2, 0, &error), &error, "tile");
+    memset(tile.lit, 0, sizeof *tile.lit << (2 * BENCH_TILE_LOG2)); /* a bake's pages are warm */
+    const double start = bench_cpu_s();
+    bench_must(umbb_depth_raster_create(&casters, &options, &depth, &error), &error, "depth");
+    for (int32_t y = 0; y < casters.size; y += tile.size) {
+        for (int32_t x = 0; x < casters.size; x += tile.size) {
+            tile.x0 = x;
+            tile.y0 = y;
+            bench_must(depth.begin(depth.state, 0, &tile, &error), &error, "tile");
+            const int32_t blocks = tile.size / umbb_tile_block(&tile);
+            for (int32_t b = 0; b < blocks * blocks; b++) {
+                depth.block(depth.state, 0, 0, &tile, b % blocks, b / blocks);
+            }
+        }
+    }
+    const double seconds = bench_cpu_s() - start;
+    depth.destroy(depth.state);
+    umbb_tile_finish(&tile);
+    return seconds;
+}
+
+/* CPU seconds that Embree would take for every covered texel, from its rate in the windows. */
+static double embree_seconds(const struct embree_peer *peer, const struct windows *windows,
+                             float *depth)
+{
+    uint64_t rays = 0;
+    const double start = bench_cpu_s();
+    for (size_t w = 0; w < WINDOWS; w++) {
+        const size_t at = w * WINDOW * WINDOW;
+        (void)embree_depth_window(peer, windows->x0[w], windows->y0[w], WINDOW,
+                                  windows->covered + at, depth + at);
+    }
+    const double seconds = bench_cpu_s() - start;
+    for (size_t i = 0; i < (size_t)WINDOWS * WINDOW * WINDOW; i++) {
+        rays += windows->covered[i];
+    }
+    return rays > 0 ? seconds / (double)rays * (double)windows->covered_texels : NAN;
+}
+
+/* The peer must have found the same surface, or it raced for nothing. */
+static void depths_compare(const struct bench_scene *scene, const struct windows *windows,
+                           const float *depth)
+{
+    uint64_t rays = 0, far_off = 0;
+    for (size_t i = 0; i < (size_t)WINDOWS * WINDOW * WINDOW; i++) {
+        if (windows->covered[i]) {
+            rays++;
+            /* lit = ceil(z - 0.5); a voxel of slack for the ray tracer's floats. */
+            far_off += !(fabs((double)depth[i] - (double)windows->lit[i]) <= 1.5);
+        }
+    }
+    bench_say("%s: depth of %llu texels compared with Embree, %llu differ by more than a voxel",
+              scene->name, (unsigned long long)rays, (unsigned long long)far_off);
+    if (far_off * 1000 > rays) {
+        bench_fail("%s: the depths are not of one scene", scene->name);
+    }
+}
+
+static void depth_race(const struct bench_scene *scene, const char *name)
+{
+    struct windows windows;
+    struct bench_samples ratios = {0}, raster = {0}, embree = {0};
+    windows_make(scene, &windows);
+    struct embree_peer *peer = embree_peer_make(scene, 1);
+    float *depth = calloc(WINDOWS, (size_t)WINDOW * WINDOW * sizeof *depth);
+    if (depth == NULL) {
+        bench_fail("windows: out of memory");
+    }
+    (void)embree_seconds(peer, &windows, depth);
+    depths_compare(scene, &windows, depth);
+    while (ratios.count < BENCH_RUNS ||
+           (ratios.count < BENCH_RUNS_MAX && bench_spread(&ratios) > BENCH_SPREAD)) {
+        const double ours = raster_seconds(scene);
+        const double theirs = embree_seconds(peer, &windows, depth);
+        bench_add(&raster, ours);
+        bench_add(&embree, theirs);
+        bench_add(&ratios, theirs / ours);
+    }
+    bench_say("%s: depth %.2f s, Embree %.2f s for %llu covered texels", scene->name,
+              bench_median(&raster), bench_median(&embree),
+              (unsigned long long)windows.covered_texels);
+    bench_row(BENCH, name, "depth_front_vs_embree8", "higher", &ratios);
+    embree_peer_destroy(peer);
+    free(depth);
+    free(windows.covered);
+    free(windows.lit);
+}
+
+/* Sizes and voxels of one scene under one rule. */
+static void rule_run(const struct bench_scene *scene, const char *name, int closed_rule,
+                     int with_sizes)
+{
+    struct bench_asset asset;
+    bench_asset_make(scene, closed_rule, with_sizes, &asset);
+    if (with_sizes) {
+        const struct yardstick_2014 yardstick = yardstick_2014_count(scene, closed_rule);
+        bench_row_counted(BENCH, name, "packed_vs_2014", "lower",
+                          (double)asset.packed_bytes / (double)yardstick.bytes);
+        bench_row_counted(BENCH, name, "mapped_vs_2014", "lower",
+                          (double)asset.mapped_bytes / (double)yardstick.bytes);
+    }
+    const struct voxel_truth_result truth =
+        voxel_truth_compare(scene, &asset, closed_rule, VOXEL_SAMPLES);
+    bench_row_counted(BENCH, name, "wrong_voxels", "lower", (double)truth.wrong);
+    bench_asset_finish(&asset);
+}
+
+static void scene_run(const char *scene_name, uint32_t log2_size)
+{
+    struct bench_scene scene;
+    const int thousands = 1 << (log2_size - 10);
+    bench_scene_make(&scene, scene_name, log2_size);
+    rule_run(&scene, bench_text("%s-%dk-closed", scene_name, thousands), 1, log2_size == 14);
+    rule_run(&scene, bench_text("%s-%dk-open", scene_name, thousands), 0, log2_size == 14);
+    (void)bench_pin(0);
+    depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
+    (void)bench_pin(BENCH_PIN_ALL);
+    bench_scene_finish(&scene);
+}
+
+int main(int argc, char **argv)
+{
+    const char *size = bench_size(argc, argv);
+    const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
+    scene_run("terrain", log2_size);
+    scene_run("city", log2_size);
+    bench_table(BENCH, size);
+    return 0;
+}

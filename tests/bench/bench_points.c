@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The points of the query rows; see bench_points.h. */
+#include "bench_points.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "bench_report.h"
+#include "study/gbuffer.h"
+#include "study/parallel_for.h"
+#include "study/point_sampler.h"
+#include "study/study_vec.h"
+
+#define WIDTH        1280U
+#define HEIGHT       720U
+#define PACKET_WIDE  4U
+#define PACKET_TALL  2U
+#define RANDOM_VOXELS 4.0
+#define FACING_SPARE  4U /* candidates a point: at least one in four faces the sun */
+#define SEED         7U
+#define SLACK        (65.0 / 64.0) /* as the product's automatic bias */
+
+const int bench_taps[3] = {1, 9, 17};
+
+/* Metres along a unit normal by which the automatic bias moves a point (query.h, UMB_BIAS_AUTO). */
+static double bias_m(const struct bench_scene *scene, const double normal[3], int taps)
+{
+    const double(*step)[3] = scene->frustum.voxel_step;
+    return 0.5 * SLACK *
+           ((double)taps * (fabs(umbt_dot(normal, step[0])) + fabs(umbt_dot(normal, step[1]))) +
+            fabs(umbt_dot(normal, step[2])));
+}
+
+static void point_put(const struct bench_scene *scene, const double position[3], float *to)
+{
+    for (int k = 0; k < 3; k++) {
+        to[k] = (float)(position[k] - scene->origin[k]);
+    }
+}
+
+static void arrays_make(struct bench_points *points, size_t capacity)
+{
+    for (int t = 0; t < 3; t++) {
+        points->at[t] = calloc(capacity, 3 * sizeof(float));
+        if (points->at[t] == NULL) {
+            bench_fail("%zu points: out of memory", capacity);
+        }
+    }
+}
+
+void bench_points_finish(struct bench_points *points)
+{
+    for (int t = 0; t < 3; t++) {
+        free(points->at[t]);
+    }
+    memset(points, 0, sizeof *points);
+}
+
+/* Adds a surface point, moved by `more_m` and the bias; not if it faces away from the sun: such
+ * points are shadowed by their normal, and nobody looks them up. */
+static void surface_take(const struct bench_scene *scene, const double position[3],
+                         const float raw_normal[3], double more_m, struct bench_points *points)
+{
+    double normal[3];
+    for (int k = 0; k < 3; k++) {
+        normal[k] = (double)raw_normal[k];
+    }
+    if (umbt_dot(normal, scene->light.direction) >= 0.0) {
+        return;
+    }
+    for (int t = 0; t < 3; t++) {
+        double moved[3];
+        umbt_along(position, bias_m(scene, normal, bench_taps[t]) + more_m, normal, moved);
+        point_put(scene, moved, &points->at[t][3 * points->count]);
+    }
+    points->count++;
+}
+
+void bench_points_gbuffer(const struct bench_scene *scene, struct bench_points *points)
+{
+    struct umbt_camera camera;
+    struct umbt_gbuffer buffer;
+    struct umb_error error;
+    const struct umbt_camera_request request = {0};
+    struct umbt_camera_subject subject = {
+        .points = (const double(*)[3])scene->study.corners,
+        .count = 3 * scene->study.count,
+        .box = scene->study.box,
+        .z_up = 1,
+    };
+    for (int k = 0; k < 3; k++) {
+        subject.to_light[k] = -scene->light.direction[k];
+    }
+    bench_must(umbt_camera_make(&request, &subject, WIDTH, HEIGHT, &camera, &error), &error,
+               "camera");
+    bench_must(umbt_gbuffer_init(&buffer, WIDTH, 1, HEIGHT, &error), &error, "gbuffer");
+    bench_must(umbt_gbuffer_fill(&buffer, &scene->study, &camera, HEIGHT, 0, HEIGHT,
+                                 umbt_processor_count(), &error),
+               &error, "gbuffer");
+    *points = (struct bench_points){.name = "gbuffer"};
+    arrays_make(points, buffer.receiver_count);
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
+        const uint32_t packet = i / (PACKET_WIDE * PACKET_TALL);
+        const uint32_t across = WIDTH / PACKET_WIDE;
+        const uint32_t x = packet % across * PACKET_WIDE + i % PACKET_WIDE;
+        const uint32_t y = packet / across * PACKET_TALL + i / PACKET_WIDE % PACKET_TALL;
+        const uint32_t slot = buffer.slots[y * WIDTH + x];
+        if (slot != UMBT_SKY) {
+            surface_take(scene, &buffer.positions[3 * (size_t)slot],
+                         &buffer.normals[3 * (size_t)slot], 0.0, points);
+        }
+    }
+    umbt_gbuffer_finish(&buffer);
+    bench_say("%s gbuffer: %zu points", scene->name, points->count);
+}
+
+void bench_points_random(const struct bench_scene *scene, size_t count,
+                         struct bench_points *points)
+{
+    struct umbt_point_set set;
+    struct umb_error error;
+    struct gen_rng rng = {SEED};
+    const double(*step)[3] = scene->frustum.voxel_step;
+    const double voxel_m =
+        (umbt_length(step[0]) + umbt_length(step[1]) + umbt_length(step[2])) / 3.0;
+    const struct umbt_point_request request = {
+        .scene = &scene->study,
+        .kind = UMBT_POINT_SURFACE,
+        .count = FACING_SPARE * count,
+        .seed = SEED,
+        .threads = umbt_processor_count(),
+        .quiet = 1,
+    };
+    bench_must(umbt_points_sample(&request, &set, &error), &error, "points");
+    *points = (struct bench_points){.name = "random"};
+    arrays_make(points, count);
+    for (size_t i = 0; i < set.count && points->count < count; i++) {
+        const double voxels = RANDOM_VOXELS * gen_range(&rng, 0, 1 << 20) / (double)(1 << 20);
+        surface_take(scene, set.positions[i], set.normals[i], voxels * voxel_m, points);
+    }
+    umbt_point_set_finish(&set);
+    bench_say("%s random: %zu points", scene->name, points->count);
+}

@@ -1,0 +1,290 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench-query: the product's queries against a 16-bit shadow map and against rays.
+ *
+ * All parties get the same float points, already moved off their surfaces, and write one float a
+ * point. In a run each does all points, one right after the other, on one core, in CPU time of the
+ * thread; a row is the median over the runs of theirs over ours. Each peer's best way for these
+ * points is found beforehand, by trying.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bench_machine.h"
+#include "bench_points.h"
+#include "bench_report.h"
+#include "bench_scene.h"
+#include "embree_peer.h"
+#include "shadow_map16.h"
+#include "umbrage/query.h"
+
+#define BENCH         "query"
+#define RANDOM_POINTS 262144U
+#define RANDOM_RAYS   65536U /* rays are slow: their rate on the first of the points */
+
+/* One scene, everything made that its rows need. */
+struct stage {
+    struct bench_scene scene;
+    struct shadow_map map;     /* 16384 only */
+    struct embree_peer *peer;
+    struct bench_points gbuffer, random;
+    int has_map;
+};
+
+/* One case: an asset and a set of points. */
+struct race {
+    const char *name;
+    const struct stage *stage;
+    const struct bench_points *points;
+    struct umb_query queries[3];
+    struct umb_points batches[3];
+    struct shadow_map_query maps[3];
+    struct embree_query rays[2]; /* gbuffer: 8 coherent, 1; random: the best */
+    size_t ray_races;
+    float *answers, *other;
+    struct bench_samples ours[3], map_ratios[3], map_s[3], ray_ratios[2], ray_s[2];
+};
+
+static void *floats_make(size_t count)
+{
+    float *floats = calloc(count, sizeof *floats);
+    if (floats == NULL) {
+        bench_fail("%zu answers: out of memory", count);
+    }
+    return floats;
+}
+
+static double ours_run(struct race *race, int t)
+{
+    struct umb_answers answers = {.values = race->answers};
+    const double start = bench_cpu_s();
+    umb_query_run(&race->queries[t], &race->batches[t], 0, race->points->count, &answers);
+    return (bench_cpu_s() - start) / (double)race->points->count;
+}
+
+static double map_run(struct race *race, int t)
+{
+    const double start = bench_cpu_s();
+    shadow_map_run(&race->maps[t]);
+    return (bench_cpu_s() - start) / (double)race->points->count;
+}
+
+static double rays_run(struct race *race, size_t r)
+{
+    const double start = bench_cpu_s();
+    embree_run(&race->rays[r]);
+    return (bench_cpu_s() - start) / (double)race->rays[r].count;
+}
+
+/* Share of answers that differ. */
+static double differing(const float *a, const float *b, size_t count)
+{
+    size_t different = 0;
+    for (size_t i = 0; i < count; i++) {
+        different += a[i] != b[i];
+    }
+    return (double)different / (double)count;
+}
+
+static void race_prepare(struct race *race, const struct bench_asset *asset)
+{
+    const struct stage *stage = race->stage;
+    const struct bench_points *points = race->points;
+    struct umb_error error;
+    race->answers = floats_make(points->count);
+    race->other = floats_make(points->count);
+    for (int t = 0; t < 3; t++) {
+        const struct umb_query_settings settings = {.taps = (uint32_t)bench_taps[t],
+                                                    .bias_mode = UMB_BIAS_NONE,
+                                                    .format = UMB_ANSWER_F32};
+        bench_must(umb_query_prepare(asset->asset, &settings, &race->queries[t], &error), &error,
+                   "query");
+        race->batches[t] = (struct umb_points){
+            .positions = points->at[t], .format = UMB_POINT_F32, .count = points->count};
+        memcpy(race->batches[t].origin, stage->scene.origin, sizeof race->batches[t].origin);
+        race->maps[t] = (struct shadow_map_query){.map = &stage->map,
+                                                  .points = points->at[t],
+                                                  .count = points->count,
+                                                  .taps = bench_taps[t],
+                                                  .answers = race->other};
+    }
+    for (size_t r = 0; r < race->ray_races; r++) {
+        struct embree_query *rays = &race->rays[r];
+        rays->peer = stage->peer;
+        rays->points = points->at[0];
+        rays->count = race->ray_races == 2 || points->count < RANDOM_RAYS ? points->count
+                                                                           : RANDOM_RAYS;
+        rays->answers = race->other;
+        for (int k = 0; k < 3; k++) {
+            rays->to_light[k] = (float)-stage->scene.light.direction[k];
+        }
+    }
+}
+
+/* Finds the shadow map's best way for a window, and checks that it answers as the product does. */
+static void map_tune(struct race *race, int t, int closed_rule)
+{
+    static const char *const names[] = {"plain C", "rows", "tiles"};
+    struct shadow_map_query ways[SHADOW_MAP_WAYS];
+    double seconds[SHADOW_MAP_WAYS];
+    int best = 0;
+    for (int way = 0; way < SHADOW_MAP_WAYS; way++) {
+        ways[way] = race->maps[t];
+        seconds[way] = shadow_map_tune(&ways[way], (enum shadow_map_way)way);
+        best = seconds[way] < seconds[best] ? way : best;
+    }
+    race->maps[t] = ways[best];
+    (void)ours_run(race, t);
+    (void)map_run(race, t);
+    const double share = differing(race->answers, race->other, race->points->count);
+    bench_say("%s, %d taps: shadow map in %s, %u points ahead (plain %.0f, rows %.0f, tiles %.0f "
+              "ns); %.4f %% of answers differ",
+              race->name, bench_taps[t], names[best], race->maps[t].ahead, 1e9 * seconds[0],
+              1e9 * seconds[1], 1e9 * seconds[2], 100.0 * share);
+    if (!closed_rule && share > 0.0) {
+        bench_fail("%s: an open asset must answer as its shadow map does", race->name);
+    }
+}
+
+/* Finds each peer's best way, and checks that all give the same answers. */
+static void race_tune(struct race *race, int closed_rule)
+{
+    for (int t = 0; t < 3 && race->stage->has_map; t++) {
+        map_tune(race, t, closed_rule);
+    }
+    if (race->ray_races == 2) {
+        embree_tune(&race->rays[0], 1U << EMBREE_EIGHT | 1U << EMBREE_EIGHT_COHERENT);
+        race->rays[1].way = EMBREE_ONE;
+    } else {
+        embree_tune(&race->rays[0], (1U << EMBREE_WAYS) - 1U);
+    }
+    (void)ours_run(race, 0);
+    (void)rays_run(race, 0);
+    bench_say("%s: rays by way %d; %.3f %% of answers differ", race->name, (int)race->rays[0].way,
+              100.0 * differing(race->answers, race->other, race->rays[0].count));
+}
+
+static void race_once(struct race *race)
+{
+    double point_s = 0.0;
+    for (int t = 0; t < 3; t++) {
+        const double ours = ours_run(race, t);
+        bench_add(&race->ours[t], ours);
+        point_s = t == 0 ? ours : point_s;
+        if (race->stage->has_map) {
+            const double map = map_run(race, t);
+            bench_add(&race->map_s[t], map);
+            bench_add(&race->map_ratios[t], map / ours);
+        }
+        for (size_t r = 0; t == 0 && r < race->ray_races; r++) {
+            const double rays = rays_run(race, r);
+            bench_add(&race->ray_s[r], rays);
+            bench_add(&race->ray_ratios[r], rays / point_s);
+        }
+    }
+}
+
+static int race_is_noisy(const struct race *race)
+{
+    int noisy = bench_spread(&race->ray_ratios[0]) > BENCH_SPREAD;
+    for (int t = 0; t < 3; t++) {
+        noisy |= bench_spread(&race->map_ratios[t]) > BENCH_SPREAD;
+    }
+    return noisy;
+}
+
+static void race_report(const struct race *race)
+{
+    if (race->ray_races == 2) {
+        bench_row(BENCH, race->name, "tap1_vs_occluded8", "higher", &race->ray_ratios[0]);
+        if (race->stage->has_map) {
+            bench_row(BENCH, race->name, "tap1_vs_occluded1", "higher", &race->ray_ratios[1]);
+            bench_row(BENCH, race->name, "tap1_vs_sm16", "higher", &race->map_ratios[0]);
+        }
+    } else {
+        bench_row(BENCH, race->name, "tap1_vs_best_embree", "higher", &race->ray_ratios[0]);
+    }
+    if (race->stage->has_map) {
+        bench_row(BENCH, race->name, "pcf9_vs_sm16", "higher", &race->map_ratios[1]);
+        bench_row(BENCH, race->name, "pcf17_vs_sm16", "higher", &race->map_ratios[2]);
+    }
+    bench_say("%s: ns a point: ours %.1f %.1f %.1f, shadow map %.1f %.1f %.1f, rays %.0f %.0f",
+              race->name, 1e9 * bench_median(&race->ours[0]), 1e9 * bench_median(&race->ours[1]),
+              1e9 * bench_median(&race->ours[2]), 1e9 * bench_median(&race->map_s[0]),
+              1e9 * bench_median(&race->map_s[1]), 1e9 * bench_median(&race->map_s[2]),
+              1e9 * bench_median(&race->ray_s[0]), 1e9 * bench_median(&race->ray_s[1]));
+}
+
+static void race_run(const struct stage *stage, const struct bench_asset *asset, int closed_rule,
+                     const struct bench_points *points, int thousands)
+{
+    const int gbuffer = strcmp(points->name, "gbuffer") == 0;
+    struct race race = {.stage = stage, .points = points, .ray_races = gbuffer ? 2 : 1};
+    race.name = bench_text("%s-%dk-%s-%s", stage->scene.name, thousands,
+                           closed_rule ? "closed" : "open", points->name);
+    race_prepare(&race, asset);
+    race_tune(&race, closed_rule);
+    while (race.ours[0].count < BENCH_RUNS ||
+           (race.ours[0].count < BENCH_RUNS_MAX && race_is_noisy(&race))) {
+        race_once(&race);
+    }
+    race_report(&race);
+    free(race.answers);
+    free(race.other);
+}
+
+static void stage_make(struct stage *stage, const char *name, uint32_t log2_size)
+{
+    memset(stage, 0, sizeof *stage);
+    bench_scene_make(&stage->scene, name, log2_size);
+    bench_scene_trace(&stage->scene);
+    bench_points_gbuffer(&stage->scene, &stage->gbuffer);
+    bench_points_random(&stage->scene, RANDOM_POINTS, &stage->random);
+    umbr_rays_destroy(stage->scene.study.rays); /* the peer builds its own */
+    stage->scene.study.rays = NULL;
+    stage->peer = embree_peer_make(&stage->scene, 0);
+    stage->has_map = log2_size <= 14;
+    if (stage->has_map) {
+        shadow_map_make(&stage->map, &stage->scene);
+    }
+}
+
+static void stage_finish(struct stage *stage)
+{
+    bench_points_finish(&stage->gbuffer);
+    bench_points_finish(&stage->random);
+    embree_peer_destroy(stage->peer);
+    shadow_map_finish(&stage->map);
+    bench_scene_finish(&stage->scene);
+}
+
+static void scene_run(const char *name, uint32_t log2_size)
+{
+    struct stage stage;
+    const int thousands = 1 << (log2_size - 10);
+    stage_make(&stage, name, log2_size);
+    for (int closed_rule = 1; closed_rule >= (log2_size > 14); closed_rule--) {
+        struct bench_asset asset;
+        bench_asset_make(&stage.scene, closed_rule, 0, &asset);
+        (void)bench_pin(0);
+        race_run(&stage, &asset, closed_rule, &stage.gbuffer, thousands);
+        if (stage.has_map) {
+            race_run(&stage, &asset, closed_rule, &stage.random, thousands);
+        }
+        (void)bench_pin(BENCH_PIN_ALL);
+        bench_asset_finish(&asset);
+    }
+    stage_finish(&stage);
+}
+
+int main(int argc, char **argv)
+{
+    const char *size = bench_size(argc, argv);
+    const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
+    scene_run("terrain", log2_size);
+    scene_run("city", log2_size);
+    bench_table(BENCH, size);
+    return 0;
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_EMBREE_PEER_H
+#define UMBRAGE_TESTS_EMBREE_PEER_H
+/*
+ * The peer of the ray rows: Embree at its best. Indexed triangles in floats about the origin,
+ * high-quality tree, no robust mode, denormals flushed, packets filled in the caller's order.
+ */
+#include "bench_scene.h"
+
+struct embree_peer; /* opaque */
+
+/* In: light_space: 1 builds the triangles in voxel space, where the light travels along +z. */
+struct embree_peer *embree_peer_make(const struct bench_scene *scene, int light_space);
+void embree_peer_destroy(struct embree_peer *peer);
+
+enum embree_way {
+    EMBREE_ONE = 0,          /* rtcOccluded1 */
+    EMBREE_EIGHT,            /* rtcOccluded8, incoherent */
+    EMBREE_EIGHT_COHERENT,   /* rtcOccluded8, coherent */
+    EMBREE_SIXTEEN,          /* rtcOccluded16, incoherent */
+    EMBREE_SIXTEEN_COHERENT, /* rtcOccluded16, coherent */
+    EMBREE_WAYS,
+};
+
+/* One ray a point against the light: float[3 * count] relative to the origin; answers 1 or 0. */
+struct embree_query {
+    const struct embree_peer *peer;
+    const float *points;
+    size_t count;
+    float to_light[3]; /* unit */
+    enum embree_way way;
+    float *answers; /* [count] */
+};
+
+void embree_run(const struct embree_query *query);
+
+/* Tries `ways` (bits 1 << way) and takes the quickest. */
+void embree_tune(struct embree_query *query, unsigned ways);
+
+/*
+ * Nearest depth of the texels of a square window from (x0, y0) of n x n, packets of eight
+ * coherent rays of 4x2 texels, only where `covered` (n * n bytes) is 1. Returns the rays that hit.
+ * Light space only; n: a multiple of 4.
+ */
+size_t embree_depth_window(const struct embree_peer *peer, int32_t x0, int32_t y0, int32_t n,
+                           const uint8_t *covered, float *depth);
+
+#endif

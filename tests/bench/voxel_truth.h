@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_VOXEL_TRUTH_H
+#define UMBRAGE_TESTS_VOXEL_TRUTH_H
+/*
+ * How many voxels of an asset are wrong, near the boundaries where they can be.
+ *
+ * The truth is the oracle's (tests/oracle/oracle_depth.h): lit and end of every texel of random
+ * rows, in long double, without a line of the product. The asset is asked through its public query,
+ * one tap, no bias, at the centres of all voxels within eight of lit or of end. Texels that the oracle
+ * calls a tie, and undefined voxels, are left out.
+ */
+#include "bench_scene.h"
+
+struct voxel_truth_result {
+    uint64_t samples, wrong, ties;
+};
+
+/* Compares at least `samples` voxels. */
+struct voxel_truth_result voxel_truth_compare(const struct bench_scene *scene,
+                                              const struct bench_asset *asset, int closed_rule,
+                                              uint64_t samples);
+
+#endif

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+# Fault injection: a preloaded library makes the n-th call fail, programs in Python sweep n.
+# Included by tests/module.mk. Sanitizers cannot be preloaded over: debug and release builds only.
+FAULT_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/fault/inject*.c))
+FAULT_TESTS := $(sort $(wildcard tests/fault/test_*.py))
+FAULT_NEEDS := $(BUILD)/inject.so $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study scenegen)
+
+# The functions are defined under both names, so neither may be renamed to the other; and calls of
+# malloc may not be folded by what the compiler knows of it.
+$(FAULT_OBJ): INC_tests += -U_FILE_OFFSET_BITS -fno-builtin
+
+$(BUILD)/inject.so: $(FAULT_OBJ)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -ldl -o $@
+
+fault: $(FAULT_NEEDS) ## make every n-th call fail: disk, memory, kill (debug or release)
+	@for t in $(FAULT_TESTS); do echo "== $$t"; BUILD=$(BUILD) /usr/bin/python3 $$t || exit 1; done
+
+fault-short: $(FAULT_NEEDS) ## the same with fewer points
+	@BUILD=$(BUILD) FAULT=short sh tests/harness/run.sh $(FAULT_TESTS)
+
+.PHONY: fault fault-short

@@ -1,0 +1,256 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# The command line's contract: exit codes, one sentence for an error, outputs replaced whole or not
+# at all, JSON that is JSON, data on stdout and talk on stderr.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+cd "$folder" || exit 1
+for kind in city arch; do
+    "$BUILD/scenegen" $kind --size 3 -o $kind.glb 2>/dev/null || exit 1
+done
+
+# --- help and version of every program ---
+version=$("$BUILD/umbrage" --version | cut -d' ' -f2)
+for program in umbrage umbraged umbrage-bake umbrage-study; do
+    try 0 $program --version
+    same "  $program says name and version" "$program $version" "$(cat out)"
+    try 0 $program --help
+    check "  its help is on stdout" test -s out
+    check "  and nothing on stderr" test ! -s err
+    try 2 $program --no-such-option
+    check "  a usage error is on stderr" test -s err
+    check "  and nothing on stdout" test ! -s out
+done
+for command in info query list verify pack unpack; do
+    try 0 umbrage $command --help
+    check "  with a usage line" grep -q "umbrage $command" out
+    try 0 umbrage help $command
+    try 2 umbrage $command --no-such-option
+done
+for command in render verify; do
+    try 0 umbrage-study $command --help
+done
+try 0 umbrage bake --help
+try 0 umbrage render --help
+try 2 umbrage
+try 2 umbrage nothing
+try 2 umbrage-bake
+try 2 umbraged
+try 2 umbrage-study
+try 2 umbrage info
+try 2 umbrage info a b c
+
+# --- bake: usage, missing, folder, bad data ---
+try 2 umbrage-bake city.glb
+one_sentence "-o"
+for words in "--resolution 1000" "--resolution 32" "--sun 10" "--sun x,y" "--sun 10,95" \
+    "--threads 0" "--threads x" "--memory 1" "--memory 4GB" "--tile 3" "--depth other" \
+    "--closed maybe" "--up x" "--verify -1" "--light" "--sun 1,2 --light a"; do
+    # shellcheck disable=SC2086
+    try 2 umbrage-bake city.glb -o no.umb $words
+    check "  nothing on stdout, something on stderr" test ! -s out -a -s err
+done
+try 66 umbrage-bake missing.glb -o no.umb
+one_sentence "missing.glb"
+mkdir a_folder
+try 66 umbrage-bake a_folder -o no.umb
+one_sentence "a_folder"
+try 66 umbrage-bake a_folder/x.glb -o no.umb
+one_sentence "x.glb"
+printf 'solid nothing\nendsolid\n' >empty.stl
+printf 'hello\n' >text.glb
+printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n' >bad.ply
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\n' >points.obj
+printf '' >nothing.obj
+for file in empty.stl text.glb bad.ply points.obj nothing.obj; do
+    try 65 umbrage-bake $file -o no.umb
+    one_sentence $file
+done
+try 2 umbrage-bake city.glb -o no.umb --light nobody
+one_sentence nobody
+cp city.glb unknown.xyz
+head -c 3000 city.glb >cut.glb
+try 65 umbrage-bake cut.glb -o no.umb
+one_sentence cut.glb
+try 73 umbrage-bake city.glb -o no/such/folder/no.umb --resolution 64 --quiet
+one_sentence no/such/folder
+try 2 umbrage-bake city.glb -o city.glb --resolution 64
+one_sentence city.glb
+check "no failed bake leaves a file" test ! -e no.umb
+same "no failed bake leaves a temporary" "" \
+    "$(find . -name '*.tmp*' -o -name '*.part*' -o -name '.*umb*')"
+
+# --- bake: what works ---
+try 0 umbrage-bake city.glb -o city.umb --resolution 256 --quiet
+check "--quiet says nothing" test ! -s out -a ! -s err
+try 0 umbrage-bake city.glb -o other.umb --resolution 256 --json
+same "--json names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" "$(json out "['asset']")"
+try 0 umbrage bake arch.glb -o arch.umb --resolution 256 --quiet
+try 0 umbrage-bake city.glb --plan
+check "the plan names its effects" grep -q '^effect=closed state=on reason=' out
+try 0 umbrage-bake arch.glb --plan --json
+check "the plan as JSON" json out "['plan'][0]"
+check "an open scene says why it is not closed" \
+    grep -q 'closed state=off reason=.*boundary edges' out
+cp city.umb keep.umb
+before=$(cksum keep.umb)
+try 65 umbrage-bake bad.ply -o keep.umb
+same "a failed bake leaves the old output alone" "$before" "$(cksum keep.umb)"
+
+# --- an interrupted bake leaves nothing ---
+"$BUILD/scenegen" terrain --size 300 -o big.ply 2>/dev/null
+for number in INT TERM; do
+    timeout --preserve-status -s $number -k 100 2 "$BUILD/umbrage-bake" big.ply -o big.umb \
+        --resolution 131072 --verify 0 --threads 1 >out 2>err
+    code=$?
+    case $code in
+    75 | 130 | 143) ok "SIG$number ends a bake with exit code $code" ;;
+    *) bad "SIG$number ends a bake" "exit code $code: $(tail -n 3 err)" ;;
+    esac
+    same "no output and no temporary after SIG$number" "" \
+        "$(find . -name '*big.umb*' -o -name '*.tmp*' -o -name '*.part*')"
+done
+
+# --- info, verify, pack, unpack ---
+try 0 umbrage info city.umb
+check "info says the id" grep -qE '^asset +[0-9a-f]{64}$' out
+try 0 umbrage info city.umb --json
+same "info --json names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
+    "$(json out "['asset']")"
+try 0 umbrage verify city.umb
+try 0 umbrage verify city.umb --json
+same "verify --json" True "$(json out "['good']")"
+try 0 umbrage verify city.umb --scene city.glb --points 20000 --json
+same "verify --scene --json" True "$(json out "['agrees']")"
+same "  it names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" "$(json out "['asset']")"
+try 65 umbrage verify city.umb --scene arch.glb --points 2000
+try 1 umbrage verify city.umb --scene arch.glb --points 20000 --force
+try 66 umbrage verify missing.umb
+one_sentence missing.umb
+try 66 umbrage verify city.umb --scene missing.glb
+try 66 umbrage info a_folder/
+size=$(wc -c <city.umb)
+head -c $((size / 2)) city.umb >half.umb
+cp city.umb flipped.umb
+printf '\125' | dd of=flipped.umb bs=1 seek=$((size - 200)) conv=notrunc 2>/dev/null
+printf 'not an asset, but long enough to be looked at as one, is it not?' >text.umb
+: >empty.umb
+for file in half.umb text.umb empty.umb; do
+    for command in info verify; do
+        try 65 umbrage $command $file
+        one_sentence "umbrage: "
+    done
+    try 65 umbrage query $file --points /dev/null
+done
+try 65 umbrage verify flipped.umb
+try 0 umbrage unpack city.umb -o city.umbm
+try 0 umbrage pack city.umbm -o back.umb
+check "pack of unpack is the same file" cmp city.umb back.umb
+try 0 umbrage verify city.umbm
+try 65 umbrage unpack half.umb -o keep.umb
+same "a failed unpack leaves the old output alone" "$before" "$(cksum keep.umb)"
+try 73 umbrage unpack city.umb -o no/such/folder/x.umbm
+
+# --- query ---
+printf '0 0 0\n10 5 10\n# a remark\n\n-20 1e1 3 0 1 0\n' >points
+try 0 umbrage query city.umb --points points --quiet
+same "three points, three answers" 3 "$(wc -l <out | tr -d ' ')"
+check "--quiet says nothing" test ! -s err
+try 0 umbrage query city.umb --points points
+check "the summary is talk, not data" test "$(wc -l <out)" -eq 3 -a -s err
+try 0 umbrage query city.umb --points points --json
+same "query --json names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
+    "$(json out "['asset']")"
+same "query --json has the answers" 3 "$(/usr/bin/python3 -c \
+    'import json; print(len(json.load(open("out"))["answers"]))')"
+try 0 umbrage query city.umb --points points --explain --json
+check "query --explain --json is JSON" json out "['explanations']"
+for line in '1 2' '1 2 3 4' 'a b c' '1 2 nan' '1 2 inf' '1,2,3' '1 2 3 4 5 6 7' '1 2 3x' \
+    '1 2 1e999'; do
+    printf '0 0 0\n1 1 1\n%s\n' "$line" >bad_points
+    try 65 umbrage query city.umb --points bad_points -o answers.txt
+    one_sentence bad_points:3
+    check "  no output file" test ! -e answers.txt
+done
+head -c 121 /dev/zero >bytes
+try 65 umbrage query city.umb --points bytes --format f32
+head -c 240000 /dev/zero >bytes
+try 0 umbrage query city.umb --points bytes --format f32 --encoding u8 --quiet -o answers.u8
+same "20000 points, 20000 bytes" 20000 "$(wc -c <answers.u8 | tr -d ' ')"
+head -c 2400000 /dev/zero >bytes
+try 0 umbrage query city.umb --points bytes --format f32 --encoding f32 --quiet -o answers.f32
+same "200000 points, 800000 bytes" 800000 "$(wc -c <answers.f32 | tr -d ' ')"
+try 66 umbrage query city.umb --points missing
+try 66 umbrage query missing.umb --points points
+for words in "--taps 2" "--taps 19" "--taps x" "--format f16" "--encoding f16" "--bias much" \
+    "--bias -1vox" "--light x" "--origin 1,2" "--batch 0" "--normals"; do
+    # shellcheck disable=SC2086
+    try 2 umbrage query city.umb --points points $words
+done
+try 2 umbrage query city.umb
+try 66 umbrage query city.umb --points points --light 3
+try 0 umbrage query city.umb --points /dev/null --quiet
+check "no points, no answers" test ! -s out
+"$BUILD/umbrage" query city.umb --points bytes --format f32 --quiet >/dev/full 2>err
+same "a full stdout is 74" 74 $?
+
+# --- a daemon that is not there ---
+for address in tcp:127.0.0.1:1 "unix:$folder/none.sock"; do
+    for command in list "info city" "query city --points points"; do
+        # shellcheck disable=SC2086
+        try 69 umbrage $command --address "$address"
+        one_sentence "$address"
+    done
+done
+try 2 umbrage list --address nonsense
+try 2 umbrage list --address tcp:127.0.0.1:99999
+UMBRAGE_ADDRESS=unix:$folder/other.sock
+export UMBRAGE_ADDRESS
+try 69 umbrage list
+one_sentence other.sock
+unset UMBRAGE_ADDRESS
+
+# --- a daemon that is there ---
+mkdir store
+cp city.umb arch.umb store/
+"$BUILD/umbraged" --store store --listen "unix:$folder/d.sock" --address-file addresses \
+    --drain-delay 0 >daemon.log 2>&1 &
+daemon=$!
+children="$children $daemon"
+for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+    [ -f addresses ] && break
+    sleep 0.25
+done
+UMBRAGE_ADDRESS=unix:$folder/d.sock
+export UMBRAGE_ADDRESS
+try 0 umbrage list
+same "list names both" "arch city " "$(grep -oE '\b(arch|city)\b' out | sort -u | tr '\n' ' ')"
+try 0 umbrage list --json
+check "list --json is JSON" json out "['assets'][0]['name']"
+try 0 umbrage info city --json
+same "info of a daemon's asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
+    "$(json out "['asset']")"
+"$BUILD/umbrage" query city.umb --points points --taps 5 --quiet >file_answers
+try 0 umbrage query city --points points --taps 5 --quiet
+check "the daemon answers as the file does" cmp out file_answers
+try 66 umbrage query nobody --points points
+one_sentence nobody
+try 66 umbrage info nobody
+printf '0 0 0\n1 2\n' >bad_points
+try 65 umbrage query city --points bad_points
+one_sentence bad_points:2
+try 0 umbrage render city.glb --asset city -o daemon.png --size 64x48 --quiet
+try 0 umbrage render city.glb --asset city.umb -o file.png --size 64x48 --quiet
+check "render by daemon and by file are one picture" cmp daemon.png file.png
+kill -TERM $daemon
+wait $daemon
+same "the daemon exits with 0" 0 $?
+try 0 umbraged --store store --check-config
+try 2 umbraged --store store --listen nonsense --check-config
+try 2 umbraged --store store --workers 0 --check-config
+try 66 umbraged --store missing --listen "unix:$folder/e.sock"
+try 66 umbrage render missing.glb --asset city.umb -o x.png
+try 66 umbrage render city.glb --asset missing.umb -o x.png
+try 2 umbrage render city.glb --asset city.umb
+try 73 umbrage render city.glb --asset city.umb -o no/such/x.png --size 32x32
+check "no picture after a failure" test ! -e x.png
+finish

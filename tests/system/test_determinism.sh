@@ -1,0 +1,82 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# One scene and one set of settings have one id: for any thread count, tile size, memory, depth path
+# and repetition; other settings have another id. The same triangles as OBJ and as PLY are the same
+# voxels (their ids differ: the scene's hash covers how the file numbers its vertices).
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+
+id_of() { # SCENE OPTION...
+    scene=$1
+    shift
+    if "$BUILD/umbrage-bake" "$scene" -o "$folder/a.umb" --json --quiet --verify 0 \
+        --sun 140,38 "$@" >"$folder/out" 2>"$folder/err"; then
+        json "$folder/out" "['asset']"
+    else
+        echo "failed: $(cat "$folder/err")"
+    fi
+}
+
+awk 'BEGIN { srand(1); for (i = 0; i < 8000; i++)
+    print 400 * rand() - 200, 400 * rand() - 200, 60 * rand() - 10 }' >"$folder/points"
+
+# Unique nodes of each level, and where the voxels lie.
+nodes_of() { # FILE
+    "$BUILD/umbrage" info "$1" >"$folder/info" 2>"$folder/err"
+    grep -E '^(unique|memory|bounds|origin|  frustum)' "$folder/info"
+}
+
+for kind in "city 12" "terrain 128" "arch 4" "bridge 30"; do
+    name=${kind% *}
+    for form in obj ply glb; do
+        "$BUILD/scenegen" "$name" --size "${kind#* }" -o "$folder/$name.$form" 2>/dev/null
+    done
+    scene=$folder/$name.ply
+    first=$(id_of "$scene" --resolution 1024 --threads 1)
+    cp "$folder/a.umb" "$folder/first.umb"
+    case $first in
+    [0-9a-f]*) ;;
+    *) bad "$name bakes" "$first" ;;
+    esac
+    same "$name: again" "$first" "$(id_of "$scene" --resolution 1024 --threads 1)"
+    same "$name: 2 threads" "$first" "$(id_of "$scene" --resolution 1024 --threads 2)"
+    same "$name: 4 threads" "$first" "$(id_of "$scene" --resolution 1024 --threads 4)"
+    same "$name: tiles of 64" "$first" "$(id_of "$scene" --resolution 1024 --tile 64 --threads 2)"
+    same "$name: tiles of 512" "$first" "$(id_of "$scene" --resolution 1024 --tile 512)"
+    same "$name: tiles of 1024" "$first" "$(id_of "$scene" --resolution 1024 --tile 1024)"
+    same "$name: less memory" "$first" "$(id_of "$scene" --resolution 1024 --memory 300MiB)"
+    same "$name: depth by rasteriser" "$first" "$(id_of "$scene" --resolution 1024 --depth raster)"
+    same "$name: depth by Embree" "$first" "$(id_of "$scene" --resolution 1024 --depth embree)"
+    same "$name: depth by Embree, small tiles, 3 threads" "$first" \
+        "$(id_of "$scene" --resolution 1024 --depth embree --tile 256 --threads 3)"
+    obj=$(id_of "$folder/$name.obj" --resolution 1024 --threads 1)
+    cp "$folder/a.umb" "$folder/obj.umb"
+    same "$name: OBJ, depth by Embree, small tiles, 3 threads" "$obj" \
+        "$(id_of "$folder/$name.obj" --resolution 1024 --depth embree --tile 128 --threads 3)"
+    same "$name: OBJ and PLY have the same nodes" "$(nodes_of "$folder/first.umb")" \
+        "$(nodes_of "$folder/obj.umb")"
+    # GLB holds floats in y-up axes: another scene by bits, but always the same one.
+    glb=$(id_of "$folder/$name.glb" --resolution 1024 --threads 1)
+    same "$name: GLB, 4 threads, tiles of 128" "$glb" \
+        "$(id_of "$folder/$name.glb" --resolution 1024 --threads 4 --tile 128)"
+    for other in "--resolution 512" "--resolution 1024 --closed off" "--resolution 1024 --up y"; do
+        # shellcheck disable=SC2086
+        id=$(id_of "$scene" $other)
+        if [ "$id" = "$first" ] && [ "$name $other" != "arch --resolution 1024 --closed off" ]; then
+            bad "$name: $other has another id" "$id"
+        else
+            ok "$name: $other has another id"
+        fi
+    done
+    # Files of one id differ in their notes (times, writer) only; the packed pages are the same.
+    "$BUILD/umbrage" unpack "$folder/first.umb" -o "$folder/first.umbm" --quiet
+    id_of "$scene" --resolution 1024 --threads 4 --tile 256 >/dev/null
+    "$BUILD/umbrage" unpack "$folder/a.umb" -o "$folder/a.umbm" --quiet
+    for file in first.umb a.umb obj.umb first.umbm a.umbm; do
+        "$BUILD/umbrage" query "$folder/$file" --points "$folder/points" --taps 9 --quiet \
+            >"$folder/answers.$file"
+        check "$name: $file answers as first.umb does" \
+            cmp "$folder/answers.first.umb" "$folder/answers.$file"
+    done
+    same "$name: 8000 answers" 8000 "$(wc -l <"$folder/answers.first.umb" | tr -d ' ')"
+done
+finish

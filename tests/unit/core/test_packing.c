@@ -1,0 +1,484 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The writers: what decides their bytes, what they refuse, and what they leave behind. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "make_asset.h"
+
+static const double origin[3] = {84616.5, 447423.25, -3};
+
+/* Rough ground with a slab above it: several levels of mixed nodes, few equal ones. */
+static int rough(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    uint32_t height = 60 + (x * 7 + y * 3 + frustum * 11) % 23 + (x / 32 * 5 + y / 32 * 11) % 40;
+    return x > 30 && x < 70 && y > 20 && y < 41 ? z < 33 : z < height;
+}
+
+static const struct voxels three_suns = {rough, NULL, 7, 3};
+
+static void shuffle(uint32_t *order, uint32_t count, uint64_t *seed)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        order[i] = i;
+    }
+    for (uint32_t i = count; i > 1; i--) {
+        uint32_t k = (uint32_t)(next_random(seed) % i), swapped = order[k];
+        order[k] = order[i - 1];
+        order[i - 1] = swapped;
+    }
+}
+
+static void *block_of(size_t count, size_t size)
+{
+    void *block = calloc(count + 1, size);
+    assert_non_null(block);
+    return block;
+}
+
+/* Node i of the level gets number to[i]; its children are numbered below[...]. */
+static void renumber_level(struct umb_octree_level *level, const uint32_t *to,
+                           const uint32_t *below)
+{
+    uint32_t children = level->count > 0 ? level->first[level->count] : 0;
+    struct umb_octree_level fresh = {
+        .count = level->count,
+        .masks = block_of(level->count, sizeof *fresh.masks),
+        .first = block_of(level->count, sizeof *fresh.first),
+        .children = block_of(children, sizeof *fresh.children),
+    };
+    for (uint32_t i = 0; i < level->count; i++) {
+        fresh.masks[to[i]] = level->masks[i];
+        fresh.first[to[i] + 1] = level->first[i + 1] - level->first[i];
+    }
+    for (uint32_t i = 0; i < level->count; i++) {
+        fresh.first[i + 1] += fresh.first[i];
+    }
+    for (uint32_t i = 0; i < level->count; i++) {
+        for (uint32_t c = level->first[i]; c < level->first[i + 1]; c++) {
+            fresh.children[fresh.first[to[i]] + c - level->first[i]] = below[level->children[c]];
+        }
+    }
+    free(level->masks);
+    free(level->first);
+    free(level->children);
+    *level = fresh;
+}
+
+/* The same tree under random numbers. */
+static void renumber(struct umb_octree *octree, uint64_t *seed)
+{
+    uint32_t *below = block_of(octree->brick_count, sizeof *below);
+    uint64_t(*bricks)[8] = block_of(octree->brick_count, sizeof *bricks);
+    shuffle(below, octree->brick_count, seed);
+    for (uint32_t i = 0; i < octree->brick_count; i++) {
+        memcpy(bricks[below[i]], octree->bricks[i], sizeof *bricks);
+    }
+    free(octree->bricks);
+    octree->bricks = bricks;
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+        uint32_t *to = block_of(octree->level[l].count, sizeof *to);
+        shuffle(to, octree->level[l].count, seed);
+        renumber_level(&octree->level[l], to, below);
+        for (uint32_t i = 0; i < octree->root_count; i++) {
+            struct umb_octree_root *root = &octree->roots[i];
+            if (root->level == l && root->state == UMB_NODE_MIXED) {
+                root->index = to[root->index];
+            }
+        }
+        free(below);
+        below = to;
+    }
+    free(below);
+}
+
+static void equal_trees_under_other_numbers_give_equal_files(void **state)
+{
+    struct bytes whole = make_packed(&three_suns, 0.5, origin);
+    uint64_t seed = 20140803;
+    (void)state;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int round = 0; round < 5; round++) {
+        struct umb_octree octree;
+        struct umb_content content;
+        struct bytes again = {0};
+        struct umb_sink sink = bytes_sink(&again);
+        uint8_t id[UMB_ID_BYTES];
+        make_octree(&three_suns, &octree);
+        make_content(&three_suns, 0.5, origin, &content);
+        renumber(&octree, &seed);
+        assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+        assert_int_equal(again.size, whole.size);
+        assert_memory_equal(again.data, whole.data, whole.size);
+        umb_octree_finish(&octree);
+        bytes_finish(&again);
+    }
+    bytes_finish(&whole);
+}
+
+/* Packs what `spoil` has changed and expects a refusal that names `words`. */
+static void expect_refused(void (*spoil)(struct umb_content *, struct umb_octree *),
+                           const char *words)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    struct bytes out = {0};
+    struct umb_sink sink = bytes_sink(&out);
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&three_suns, &octree);
+    make_content(&three_suns, 0.5, origin, &content);
+    spoil(&content, &octree);
+    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error),
+                     UMB_E_ARGUMENT);
+    assert_int_equal(error.status, UMB_E_ARGUMENT);
+    if (strstr(error.message, words) == NULL) {
+        fail_msg("'%s' does not say '%s'", error.message, words);
+    }
+    assert_int_equal(out.size, 0);
+    umb_octree_finish(&octree);
+    bytes_finish(&out);
+}
+
+static void far_child(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->level[4].children[0] = octree->brick_count + 1000000;
+}
+
+static void far_upper_child(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->level[7].children[0] = UINT32_MAX;
+}
+
+static void far_root(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->roots[1].index = 77777777;
+}
+
+static void odd_root(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->roots[1].state = (enum umb_node_state)3;
+}
+
+static void other_level(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->roots[2].level = 6;
+}
+
+static void impossible_mask(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->level[5].masks[0] |= 3;
+}
+
+static void short_mask(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->level[5].masks[0] = 0x5554; /* no mixed child, where the lists say some */
+}
+
+static void one_root_less(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)content;
+    octree->root_count--;
+}
+
+static void no_lights(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->light_count = 0;
+}
+
+static void spot_light(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->lights[0].kind = UMB_LIGHT_SPOT;
+}
+
+static void nan_direction(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->lights[1].direction[0] = (double)__builtin_nanf("");
+}
+
+static void latin1_name(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    memcpy(content->lights[2].name, "S\xf6nne", 6);
+}
+
+static void endless_name(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    memset(content->lights[2].name, 'x', UMB_NAME_SIZE);
+}
+
+static void shared_frustum(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->lights[2].first_frustum = 1;
+}
+
+static void flat_matrix(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->frusta[0].world_to_voxel[2][2] = 0;
+}
+
+static void infinite_bounds(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->bounds.max[1] = __builtin_inf();
+}
+
+static char latin1[] = "d\xe9j\xe0 vu\n";
+
+static void latin1_plan(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->plan = latin1;
+}
+
+static void latin1_notes(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->notes = latin1;
+}
+
+static void no_settings(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    content->settings = NULL;
+}
+
+static void what_a_reader_would_refuse_is_an_argument_error(void **state)
+{
+    static const struct {
+        void (*spoil)(struct umb_content *, struct umb_octree *);
+        const char *words;
+    } cases[] = {
+        {far_child, "level 4"},         {far_upper_child, "4294967295"},
+        {far_root, "77777777"},         {odd_root, "roots[1].state: 3"},
+        {other_level, "roots[2]"},      {impossible_mask, "level 5"},
+        {short_mask, "mask 0x5554"},    {one_root_less, "roots: 2"},
+        {no_lights, "lights: 0"},       {spot_light, "lights[0].kind"},
+        {nan_direction, "lights[1].direction"},
+        {latin1_name, "lights[2].name"}, {endless_name, "lights[2].name"},
+        {shared_frustum, "lights[2]"},  {flat_matrix, "frusta[0].world_to_voxel"},
+        {infinite_bounds, "bounds"},    {latin1_plan, "plan"},
+        {latin1_notes, "notes"},        {no_settings, "settings: missing"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        expect_refused(cases[i].spoil, cases[i].words);
+    }
+}
+
+static void packing_only_reads_what_it_is_given(void **state)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    struct bytes out = {0};
+    struct umb_sink sink = bytes_sink(&out);
+    struct umb_frustum_info frusta[3];
+    uint8_t id[UMB_ID_BYTES];
+    (void)state;
+    make_octree(&three_suns, &octree);
+    make_content(&three_suns, 0.5, origin, &content);
+    for (size_t i = 0; i < 3; i++) {
+        content.frusta[i].voxel_step[0][0] = 123; /* derived by readers; not the writer's to set */
+        frusta[i] = content.frusta[i];
+    }
+    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_memory_equal(frusta, content.frusta, sizeof frusta);
+    umb_octree_finish(&octree);
+    bytes_finish(&out);
+}
+
+/* Fails the n-th allocation, once or from then on; counts what is alive. */
+struct failing {
+    size_t calls, fail_at, live;
+    int for_ever;
+};
+
+static void *failing_resize(void *user, void *block, size_t bytes)
+{
+    struct failing *f = user;
+    if (bytes == 0) {
+        f->live -= block != NULL;
+        free(block);
+        return NULL;
+    }
+    f->calls++;
+    if (f->fail_at && (f->calls == f->fail_at || (f->for_ever && f->calls > f->fail_at))) {
+        return NULL;
+    }
+    void *result = realloc(block, bytes);
+    f->live += result != NULL && block == NULL;
+    return result;
+}
+
+/* Everything that is made of an open asset, with its allocator. */
+static enum umb_status write_both(const struct umb_asset *asset, struct bytes *packed,
+                                  struct bytes *mapped)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    struct umb_sink packed_sink = bytes_sink(packed), mapped_sink = bytes_sink(mapped);
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    enum umb_status status = umb_asset_export(asset, &octree, &content, &error);
+    if (status == UMB_OK) {
+        status = umb_pack_write(&content, &octree, &test_digest, &packed_sink, id, &error);
+    } else {
+        assert_null(content.lights);
+        assert_null(octree.roots);
+    }
+    umb_octree_finish(&octree);
+    if (status == UMB_OK) {
+        status = umb_mapped_write(asset, &mapped_sink, &error);
+    }
+    assert_int_equal(error.status, status);
+    assert_true(status == UMB_OK || error.message[0] != '\0');
+    return status;
+}
+
+static void every_failing_allocation_of_the_writers_is_reported(void **state)
+{
+    struct voxels small = {rough, NULL, 7, 1};
+    struct bytes file = make_packed(&small, 0.5, origin);
+    struct failing f = {0};
+    struct umb_alloc alloc = {failing_resize, &f};
+    struct umb_open_options options = {.alloc = &alloc};
+    struct umb_asset *asset;
+    struct bytes packed = {0}, mapped = {0};
+    (void)state;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, &options, &asset, NULL), UMB_OK);
+    size_t live = f.live;
+    f.calls = 0;
+    assert_int_equal(write_both(asset, &packed, &mapped), UMB_OK);
+    size_t total = f.calls;
+    assert_memory_equal(packed.data, file.data, file.size);
+    assert_true(total > 50);
+    for (size_t n = 0; n < 2 * total; n++) {
+        struct bytes half = {0}, other = {0};
+        f.calls = 0;
+        f.fail_at = n / 2 + 1;
+        f.for_ever = (int)(n % 2);
+        assert_int_equal(write_both(asset, &half, &other), UMB_E_NO_MEMORY);
+        assert_int_equal(f.live, live);
+        bytes_finish(&half);
+        bytes_finish(&other);
+    }
+    umb_asset_close(asset);
+    assert_int_equal(f.live, 0);
+    bytes_finish(&file);
+    bytes_finish(&packed);
+    bytes_finish(&mapped);
+}
+
+/* A sink that takes so many bytes and then says ENOSPC's status. */
+static enum umb_status take_some(void *user, const void *bytes, size_t count)
+{
+    size_t *left = user;
+    (void)bytes;
+    if (count > *left) {
+        return UMB_E_IO;
+    }
+    *left -= count;
+    return UMB_OK;
+}
+
+static void a_sink_that_fails_stops_the_writers_with_its_status(void **state)
+{
+    struct voxels small = {rough, NULL, 7, 1};
+    struct bytes file = make_packed(&small, 0.5, origin);
+    struct umb_asset *asset;
+    struct umb_octree octree;
+    struct umb_content content;
+    (void)state;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    for (size_t room = 0; room < 3 * file.size; room += 97) {
+        size_t left = room;
+        struct umb_sink sink = {take_some, &left};
+        struct umb_error error = {0};
+        uint8_t id[UMB_ID_BYTES];
+        enum umb_status wanted = room >= file.size ? UMB_OK : UMB_E_IO;
+        assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error),
+                         wanted);
+        assert_int_equal(error.status, wanted);
+        left = 0;
+        assert_int_equal(umb_mapped_write(asset, &sink, &error), UMB_E_IO);
+        assert_non_null(strstr(error.message, "input or output failed"));
+    }
+    umb_octree_finish(&octree);
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
+/* A hasher that runs out of memory at the n-th digest, and says so as umb_sha256 asks. */
+static void failing_digest(void *user, const void *const *parts, const size_t *sizes,
+                           size_t part_count, uint8_t out[UMB_ID_BYTES])
+{
+    size_t *left = user;
+    test_digest.digest(NULL, parts, sizes, part_count, out);
+    if (*left == 0) {
+        memset(out, 0, UMB_ID_BYTES);
+    } else {
+        --*left;
+    }
+}
+
+static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **state)
+{
+    struct voxels small = {rough, NULL, 7, 1};
+    struct bytes file = make_packed(&small, 0.5, origin);
+    struct umb_octree octree;
+    struct umb_content content;
+    size_t digests = 0, left;
+    const struct umb_sha256 hasher = {failing_digest, &left};
+    (void)state;
+    make_octree(&small, &octree);
+    make_content(&small, 0.5, origin, &content);
+    for (;; digests++) {
+        struct bytes out = {0};
+        struct umb_sink sink = bytes_sink(&out);
+        uint8_t id[UMB_ID_BYTES];
+        left = digests;
+        enum umb_status status = umb_pack_write(&content, &octree, &hasher, &sink, id, NULL);
+        bytes_finish(&out);
+        if (status == UMB_OK) {
+            break;
+        }
+        assert_int_equal(status, UMB_E_NO_MEMORY);
+        left = digests;
+        assert_int_not_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_OK);
+    }
+    assert_true(digests >= 2); /* a page and the id */
+    umb_octree_finish(&octree);
+    bytes_finish(&file);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
+        cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
+        cmocka_unit_test(packing_only_reads_what_it_is_given),
+        cmocka_unit_test(every_failing_allocation_of_the_writers_is_reported),
+        cmocka_unit_test(a_sink_that_fails_stops_the_writers_with_its_status),
+        cmocka_unit_test(a_digest_that_could_not_be_made_never_becomes_an_identity),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
