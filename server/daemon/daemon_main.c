@@ -167,6 +167,7 @@ int main(int argc, char **argv)
         return 0;
     }
     signal(SIGPIPE, SIG_IGN);
+    umbd_signals_block();
     keep_pages();
     status = serve(&options, &error);
     return status == UMB_OK ? 0 : complain(status, &error);

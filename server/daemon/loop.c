@@ -8,6 +8,8 @@
  */
 #include "daemon/loop.h"
 
+#include <signal.h>
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -185,9 +187,26 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     return UMB_OK;
 }
 
+void umbd_signals_block(void)
+{
+    sigset_t ours;
+    sigemptyset(&ours);
+    sigaddset(&ours, SIGTERM);
+    sigaddset(&ours, SIGINT);
+    sigaddset(&ours, SIGHUP);
+    pthread_sigmask(SIG_BLOCK, &ours, NULL);
+}
+
 void umbd_loop_run(struct umbd_loop *loop)
 {
+    sigset_t ours;
+    pthread_sigmask(SIG_SETMASK, NULL, &ours);
+    sigdelset(&ours, SIGTERM);
+    sigdelset(&ours, SIGINT);
+    sigdelset(&ours, SIGHUP);
+    pthread_sigmask(SIG_SETMASK, &ours, NULL);
     uv_run(&loop->uv, UV_RUN_DEFAULT);
+    umbd_signals_block();
 }
 
 static void close_handle(uv_handle_t *handle, void *unused)

@@ -68,6 +68,13 @@ UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_d
 
 /* Runs until drained. */
 void umbd_loop_run(struct umbd_loop *loop);
+
+/*
+ * Blocks the signals that the loop handles, in this thread and those it starts afterwards. The
+ * loop's thread takes them while umbd_loop_run is in it and at no other time: libuv gives a signal
+ * its default action back when its handle closes, which would kill a daemon that is just leaving.
+ */
+void umbd_signals_block(void);
 void umbd_loop_finish(struct umbd_loop *loop);
 
 /* Has a connection flushed after others had their turn. umbd_loop_forget: not any more. */
