@@ -13,10 +13,13 @@ RPC_LIBS := -luv -lnghttp2 -lprotobuf-c -lcrypto
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 
+CLI_LIB := $(BUILD)/libumbrage-cli.a
+
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
+$(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(CLI_OBJ) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
 

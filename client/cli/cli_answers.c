@@ -3,7 +3,14 @@
 #include "cli_answers.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <string.h>
+
+/* Raw answers go to their file; a JSON object then stands alone on stdout, after they are there. */
+static bool is_raw(const struct umbc_answers *answers)
+{
+    return answers->options->encoding != UMBC_ENCODING_TEXT;
+}
 
 enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
                                    struct umbc_answers *answers, struct umb_error *error)
@@ -11,14 +18,9 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
     memset(answers, 0, sizeof *answers);
     answers->options = options;
     enum umb_status status = umbc_output_begin(options->out, &answers->output, error);
-    if (status == UMB_OK && options->json) {
-        /* Raw answers go to their file, then the object alone stands on stdout. */
-        bool raw = options->encoding != UMBC_ENCODING_TEXT;
-        answers->json.file = raw ? stdout : answers->output.file;
+    if (status == UMB_OK && options->json && !is_raw(answers)) {
+        answers->json.file = answers->output.file;
         umbc_json_begin(&answers->json, NULL, '{');
-        if (raw) {
-            return status;
-        }
         umbc_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
     }
     return status;
@@ -37,7 +39,11 @@ static void put_json(struct umbc_json *json, const float *values, size_t count)
         if (json->needs_comma) {
             (void)fputc(',', json->file);
         }
-        (void)fprintf(json->file, "%.9g", (double)values[i]);
+        if (isfinite(values[i])) {
+            (void)fprintf(json->file, "%.9g", (double)values[i]);
+        } else {
+            (void)fputs("null", json->file); /* only a broken daemon says so; JSON has no NaN */
+        }
         json->needs_comma = true;
     }
 }
@@ -45,7 +51,7 @@ static void put_json(struct umbc_json *json, const float *values, size_t count)
 bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count)
 {
     FILE *file = answers->output.file;
-    if (answers->options->encoding != UMBC_ENCODING_TEXT) {
+    if (is_raw(answers)) {
         (void)fwrite(values, 1, umb_answer_bytes(answers->options->settings.format, count), file);
     } else if (answers->options->json) {
         put_json(&answers->json, values, count);
@@ -132,9 +138,6 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     struct umbc_json *json = &answers->json;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(total->asset_id, id);
-    if (answers->options->encoding == UMBC_ENCODING_TEXT) {
-        umbc_json_end(json, ']');
-    }
     umbc_json_text(json, "asset", id);
     umbc_json_integer(json, "light", answers->options->settings.light);
     umbc_json_integer(json, "taps", answers->options->settings.taps);
@@ -156,10 +159,18 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
 enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc_query_total *total,
                                  struct umb_error *error)
 {
-    if (answers->options->json) {
+    bool json = answers->options->json;
+    if (json && !is_raw(answers)) {
+        umbc_json_end(&answers->json, ']');
         end_json(answers, total);
     }
-    return umbc_output_commit(&answers->output, error);
+    enum umb_status status = umbc_output_commit(&answers->output, error);
+    if (status == UMB_OK && json && is_raw(answers)) {
+        answers->json.file = stdout;
+        umbc_json_begin(&answers->json, NULL, '{');
+        end_json(answers, total);
+    }
+    return status;
 }
 
 void umbc_answers_abandon(struct umbc_answers *answers)

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include "base/utf8.h"
 
 static void print_help(const struct umbc_command *command)
 {
@@ -44,6 +45,17 @@ int umbc_complain(const struct umb_error *error)
     (void)fprintf(stderr, "umbrage: %s\n",
                   error->message[0] != '\0' ? error->message : umb_status_text(error->status));
     return umb_status_exit(error->status);
+}
+
+int umbc_complain_file(const char *path, const struct umb_error *error)
+{
+    struct umb_error named = *error;
+    if (strstr(error->message, path) == NULL) {
+        (void)umb_fail(&named, error->status, "%.100s: %.200s", path,
+                       error->message[0] != '\0' ? error->message : umb_status_text(error->status));
+    }
+    int code = umbc_complain(&named);
+    return code == UMBC_EXIT_USAGE ? UMBC_EXIT_DATA : code;
 }
 
 int umbc_complain_as(enum umb_status status, const char *format, ...)
@@ -195,6 +207,18 @@ int umbc_finish_stdout(int code)
         return umbc_complain_as(UMB_E_IO, "cannot write to stdout");
     }
     return code;
+}
+
+void umbc_print_text(FILE *file, const char *text, size_t length)
+{
+    char piece[256];
+    size_t at = 0;
+    while (at < length) {
+        size_t count =
+            umb__utf8_printable((const uint8_t *)text + at, length - at, piece, sizeof piece);
+        (void)fwrite(piece, 1, count, file);
+        at += count; /* at least one: the longest character fits */
+    }
 }
 
 void umbc_format_bytes(unsigned long long bytes, char text[32])

@@ -9,12 +9,14 @@
  */
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
 #include "umbrage/client.h"
 
 #define UMBC_OPTIONS_MAX     24
 #define UMBC_WORDS_MAX       4
 #define UMBC_EXIT_NEGATIVE   1 /* the command worked and the answer is no */
 #define UMBC_EXIT_USAGE      2
+#define UMBC_EXIT_DATA       65
 #define UMBC_EXIT_MISSING    69
 #define UMBC_DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
 
@@ -50,6 +52,10 @@ int umbc_parse(const struct umbc_command *command, int argc, char **argv,
 /* Prints "umbrage: message" on stderr and returns the exit code of the error's status. */
 int umbc_complain(const struct umb_error *error);
 
+/* The same for an error about a file, which is named, and whose content is never a usage error: 2
+ * becomes 65. */
+int umbc_complain_file(const char *path, const struct umb_error *error);
+
 /* The same with a message made here; exit code of status. */
 int umbc_complain_as(enum umb_status status, const char *format, ...) UMB_PRINTF(2, 3);
 
@@ -71,6 +77,10 @@ bool umbc_parse_number(const char *text, double *value);
 
 /* Flushes stdout; returns code, or 74 with a message if anything could not be written. */
 int umbc_finish_stdout(int code);
+
+/* Writes text from a file or a daemon for people: control characters, with which it could command
+ * the terminal, become blanks, malformed UTF-8 '?'. */
+void umbc_print_text(FILE *file, const char *text, size_t length);
 
 /* "1.5 GiB", "12 B". */
 void umbc_format_bytes(unsigned long long bytes, char text[32]);

@@ -58,7 +58,9 @@ static void print_lines(const char *title, const char *text)
     (void)printf("%s\n", title);
     while (*text != '\0') {
         size_t length = strcspn(text, "\n");
-        (void)printf("  %.*s\n", (int)length, text);
+        (void)fputs("  ", stdout);
+        umbc_print_text(stdout, text, length);
+        (void)putchar('\n');
         text += length + (text[length] == '\n');
     }
 }
@@ -72,7 +74,9 @@ static void print_place(const double origin[3], const struct umb_box *bounds)
 
 static void print_light(uint32_t index, const struct umb_light_info *light)
 {
-    (void)printf("light %-8" PRIu32 " %s '%s'", index, light_kind(light->kind), light->name);
+    (void)printf("light %-8" PRIu32 " %s '", index, light_kind(light->kind));
+    umbc_print_text(stdout, light->name, strlen(light->name));
+    (void)putchar('\'');
     if (light->kind != UMB_LIGHT_POINT) {
         (void)printf(", towards %.6g %.6g %.6g", light->direction[0], light->direction[1],
                      light->direction[2]);
@@ -252,7 +256,7 @@ static int info_file(const char *path, const struct umbc_parsed *parsed)
     struct umb_asset *asset;
     struct umb_asset_info info;
     if (umb_asset_open_file(path, NULL, &asset, &error) != UMB_OK) {
-        return umbc_complain(&error);
+        return umbc_complain_file(path, &error);
     }
     umb_asset_get_info(asset, &info);
     if (parsed->values[OPTION_JSON] != NULL) {
@@ -276,7 +280,9 @@ static void print_description(const struct umb_client_description *about)
     char packed[32];
     char memory[32];
     umb_id_to_text(about->asset.id, id);
-    (void)printf("asset          %s\nname           %s\n", id, about->asset.name);
+    (void)printf("asset          %s\nname           ", id);
+    umbc_print_text(stdout, about->asset.name, strlen(about->asset.name));
+    (void)putchar('\n');
     umb_id_to_text(about->scene_hash, id);
     umbc_format_bytes(about->asset.packed_bytes, packed);
     umbc_format_bytes(about->asset.memory_bytes, memory);

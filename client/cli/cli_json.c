@@ -4,12 +4,19 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <string.h>
+#include "base/utf8.h"
 
 static void put_string(FILE *file, const char *text)
 {
+    const uint8_t *p = (const uint8_t *)text;
+    size_t left = strlen(text);
     (void)fputc('"', file);
-    for (const unsigned char *p = (const unsigned char *)text; *p != '\0'; p++) {
-        if (*p == '"' || *p == '\\') {
+    while (left > 0) {
+        size_t length = umb__utf8_length(p, left);
+        if (length == 0) {
+            (void)fputs("\\ufffd", file); /* a file's name may be anything; JSON is UTF-8 */
+        } else if (*p == '"' || *p == '\\') {
             (void)fputc('\\', file);
             (void)fputc(*p, file);
         } else if (*p == '\n') {
@@ -17,8 +24,10 @@ static void put_string(FILE *file, const char *text)
         } else if (*p < 0x20 || *p == 0x7f) {
             (void)fprintf(file, "\\u%04x", (unsigned)*p);
         } else {
-            (void)fputc(*p, file);
+            (void)fwrite(p, 1, length, file);
         }
+        p += length == 0 ? 1 : length;
+        left -= length == 0 ? 1 : length;
     }
     (void)fputc('"', file);
 }

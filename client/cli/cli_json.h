@@ -19,9 +19,10 @@ struct umbc_json {
     bool needs_comma;
 };
 
-void umbc_json_begin(struct umbc_json *json, const char *key, char bracket);    /* '{' or '[' */
-void umbc_json_end(struct umbc_json *json, char bracket);                       /* '}' or ']' */
-void umbc_json_text(struct umbc_json *json, const char *key, const char *text); /* UTF-8 */
+void umbc_json_begin(struct umbc_json *json, const char *key, char bracket); /* '{' or '[' */
+void umbc_json_end(struct umbc_json *json, char bracket);                    /* '}' or ']' */
+/* UTF-8; bytes that are not become U+FFFD. */
+void umbc_json_text(struct umbc_json *json, const char *key, const char *text);
 void umbc_json_integer(struct umbc_json *json, const char *key, uint64_t value);
 void umbc_json_signed(struct umbc_json *json, const char *key, int64_t value);
 void umbc_json_number(struct umbc_json *json, const char *key, double value); /* not finite: null */

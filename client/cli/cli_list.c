@@ -4,7 +4,10 @@
 
 #include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
 #include "cli_json.h"
+
+#define NAME_WIDTH 32U /* columns */
 
 enum list_option {
     OPTION_ADDRESS,
@@ -50,8 +53,10 @@ static void print_json(const struct umb_client_asset *assets, size_t count)
 static void print_table(const struct umb_client_asset *assets, size_t count, bool names_only)
 {
     for (size_t i = 0; i < count; i++) {
+        size_t length = strlen(assets[i].name);
+        umbc_print_text(stdout, assets[i].name, length);
         if (names_only) {
-            (void)puts(assets[i].name);
+            (void)putchar('\n');
             continue;
         }
         char id[UMB_ID_TEXT_SIZE];
@@ -60,8 +65,9 @@ static void print_table(const struct umb_client_asset *assets, size_t count, boo
         umb_id_to_text(assets[i].id, id);
         umbc_format_bytes(assets[i].packed_bytes, packed);
         umbc_format_bytes(assets[i].memory_bytes, memory);
-        (void)printf("%-32s %s  %12s packed %12s in memory %5" PRIu32 " lights\n", assets[i].name,
-                     id, packed, memory, assets[i].light_count);
+        (void)printf("%*s %s  %12s packed %12s in memory %5" PRIu32 " lights\n",
+                     length < NAME_WIDTH ? (int)(NAME_WIDTH - length) : 0, "", id, packed, memory,
+                     assets[i].light_count);
     }
 }
 

@@ -47,7 +47,8 @@ static enum umb_status begin_temporary(const char *path, struct umbc_output *out
         int code = errno;
         (void)close(file);
         umbc_output_abandon(output);
-        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'", path);
+        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_CANNOT_CREATE, code,
+                              "cannot create '%.200s'", path);
     }
     return UMB_OK;
 }
@@ -75,20 +76,27 @@ enum umb_status umbc_output_begin(const char *path, struct umbc_output *output,
     return begin_temporary(path, output, error);
 }
 
-/* The rename itself is durable only once the folder is. */
-static enum umb_status sync_folder(const char *path, struct umb_error *error)
+/* Opens the folder of a path. Before the rename: what can fail is done while nothing is visible. */
+static enum umb_status open_folder(const char *path, int *fd, struct umb_error *error)
 {
     size_t folder = folder_length(path);
     char *name = folder == 0 ? strdup(".") : strndup(path, folder);
     if (name == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
     }
-    int file = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    int code = file < 0 || fsync(file) != 0 ? errno : 0;
-    if (file >= 0) {
-        (void)close(file);
-    }
+    *fd = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int code = errno;
     free(name);
+    return *fd >= 0 ? UMB_OK
+                    : umb_fail_errno(error, UMB_E_IO, code, "cannot sync the folder of '%.180s'",
+                                     path);
+}
+
+/* The rename itself is durable only once the folder is. */
+static enum umb_status sync_folder(const char *path, int fd, struct umb_error *error)
+{
+    int code = fsync(fd) != 0 ? errno : 0;
+    (void)close(fd);
     /* Some file systems cannot sync folders; they say EINVAL. */
     return code == 0 || code == EINVAL
                ? UMB_OK
@@ -133,15 +141,22 @@ enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error 
     if (!temporary) {
         return UMB_OK;
     }
+    int folder;
+    enum umb_status status = open_folder(output->path, &folder, error);
+    if (status != UMB_OK) {
+        umbc_output_abandon(output);
+        return status;
+    }
     if (rename(output->temporary, output->path) != 0) {
         code = errno;
+        (void)close(folder);
         umbc_output_abandon(output);
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'",
                               output->path);
     }
     free(output->temporary);
     output->temporary = NULL;
-    return sync_folder(output->path, error);
+    return sync_folder(output->path, folder, error);
 }
 
 void umbc_output_abandon(struct umbc_output *output)

@@ -7,10 +7,9 @@
 
 #include <stdio.h>
 #include <string.h>
-#include "../rpc/rpc_sha256.h"
 #include "cli_json.h"
 #include "cli_output.h"
-#include "format/content.h"
+#include "cli_repack.h"
 
 enum pack_option {
     OPTION_OUTPUT,
@@ -43,28 +42,6 @@ static const struct umbc_command UNPACK = {
     .max_words = 1,
 };
 
-static enum umb_status write_packed(const struct umb_asset *asset, struct umbc_output *output,
-                                    struct umb_error *error)
-{
-    struct umb_octree octree;
-    struct umb_content content;
-    struct umb_asset_info info;
-    struct umb_sink sink = umbc_output_sink(output);
-    uint8_t id[UMB_ID_BYTES];
-    enum umb_status status = umb_asset_export(asset, &octree, &content, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_pack_write(&content, &octree, &umb__client_sha256, &sink, id, error);
-    umb_octree_finish(&octree);
-    umb_asset_get_info(asset, &info);
-    if (status == UMB_OK && memcmp(id, info.id, sizeof id) != 0) {
-        status =
-            umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
-    }
-    return status;
-}
-
 static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,
                                   struct umb_error *error)
 {
@@ -74,12 +51,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
         return status;
     }
     error->message[0] = '\0';
-    if (packed) {
-        status = write_packed(asset, &output, error);
-    } else {
-        struct umb_sink sink = umbc_output_sink(&output);
-        status = umb_mapped_write(asset, &sink, error);
-    }
+    struct umb_sink sink = umbc_output_sink(&output);
+    status = packed ? umbc_repack(asset, &sink, error) : umb_mapped_write(asset, &sink, error);
     if (status != UMB_OK) {
         if (output.system_error != 0) { /* the core knows only that a write failed, not why */
             status = umb_fail_errno(error, UMB_E_IO, output.system_error, "cannot write '%.200s'",
@@ -130,7 +103,7 @@ static int convert(const struct umbc_command *command, bool packed, int argc, ch
         return umbc_usage_error("%s: -o - and --json both want stdout", argv[0]);
     }
     if (umb_asset_open_file(parsed.words[0], NULL, &asset, &error) != UMB_OK) {
-        return umbc_complain(&error);
+        return umbc_complain_file(parsed.words[0], &error);
     }
     enum umb_status status = write_file(asset, packed, path, &error);
     if (status == UMB_OK) {

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include "base/bytes.h"
 #include "cli_common.h"
 
 #define SHOWN 60 /* bytes of a bad line in the message */
@@ -207,30 +208,8 @@ static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *
     return UMB_OK;
 }
 
-static double load_f64(const unsigned char *bytes)
-{
-    uint64_t bits = 0;
-    double value;
-    for (unsigned i = 0; i < 8; i++) {
-        bits |= (uint64_t)bytes[i] << (8 * i);
-    }
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-static float load_f32(const unsigned char *bytes)
-{
-    uint32_t bits = 0;
-    float value;
-    for (unsigned i = 0; i < 4; i++) {
-        bits |= (uint32_t)bytes[i] << (8 * i);
-    }
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 /* Takes one record of numbers; false if a coordinate is not finite. */
-static bool add_record(const struct umbc_points *points, const unsigned char *bytes,
+static bool add_record(const struct umbc_points *points, const uint8_t *bytes,
                        struct umbc_batch *batch)
 {
     bool wide = points->format == UMBC_POINTS_F64;
@@ -238,7 +217,8 @@ static bool add_record(const struct umbc_points *points, const unsigned char *by
     size_t at = 3 * batch->count++;
     bool finite = true;
     for (size_t i = 0; i < 3; i++) {
-        double value = wide ? load_f64(bytes + i * step) : (double)load_f32(bytes + i * step);
+        double value =
+            wide ? umb__load_f64(bytes + i * step) : (double)umb__load_f32(bytes + i * step);
         finite = finite && isfinite(value);
         if (wide) {
             batch->wide[at + i] = value;
@@ -246,8 +226,8 @@ static bool add_record(const struct umbc_points *points, const unsigned char *by
             batch->narrow[at + i] = (float)value;
         }
         if (points->with_normals) {
-            const unsigned char *normal = bytes + (3 + i) * step;
-            batch->normals[at + i] = wide ? (float)load_f64(normal) : load_f32(normal);
+            const uint8_t *normal = bytes + (3 + i) * step;
+            batch->normals[at + i] = wide ? (float)umb__load_f64(normal) : umb__load_f32(normal);
         }
     }
     batch->has_normals = points->with_normals;
@@ -275,7 +255,7 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
                                   "%.120s: the last %zu bytes are no whole point of %zu bytes",
                                   points->name, left, record);
         }
-        const unsigned char *bytes = (const unsigned char *)points->buffer + points->begin;
+        const uint8_t *bytes = (const uint8_t *)points->buffer + points->begin;
         points->begin += record;
         if (!add_record(points, bytes, batch)) {
             return umb_fail(error, UMB_E_FORMAT,
@@ -298,13 +278,18 @@ enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *
     return status;
 }
 
-enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity, struct umb_error *error)
+enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,
+                                enum umbc_points_format format, struct umb_error *error)
 {
+    bool narrow = format == UMBC_POINTS_F32;
     memset(batch, 0, sizeof *batch);
-    batch->wide = calloc(capacity, 3 * sizeof *batch->wide);
-    batch->narrow = calloc(capacity, 3 * sizeof *batch->narrow);
+    if (narrow) {
+        batch->narrow = calloc(capacity, 3 * sizeof *batch->narrow);
+    } else {
+        batch->wide = calloc(capacity, 3 * sizeof *batch->wide);
+    }
     batch->normals = calloc(capacity, 3 * sizeof *batch->normals);
-    if (batch->wide == NULL || batch->narrow == NULL || batch->normals == NULL) {
+    if ((narrow ? batch->narrow == NULL : batch->wide == NULL) || batch->normals == NULL) {
         umbc_batch_finish(batch);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch of %zu points",
                         capacity);

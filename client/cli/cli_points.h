@@ -42,8 +42,8 @@ struct umbc_points {
 /* Points and what belongs to them; memory for `capacity` points. */
 struct umbc_batch {
     size_t capacity, count;
-    double *wide;   /* [3 * capacity] text and f64 */
-    float *narrow;  /* [3 * capacity] f32 */
+    double *wide;   /* [3 * capacity] text and f64, else NULL */
+    float *narrow;  /* [3 * capacity] f32, else NULL */
     float *normals; /* [3 * capacity] */
     bool has_normals;
     uint64_t first; /* number of the first point, from 0 */
@@ -58,14 +58,17 @@ void umbc_points_close(struct umbc_points *points);
 /*
  * Reads up to batch->capacity points.
  *
+ * In:    batch: made for the points' format.
  * Out:   batch->count: 0 at the end of the input.
  * Fails: E_FORMAT (a bad line, a number that is not finite), E_TRUNCATED (raw bytes left over),
- * E_IO.
+ *        E_IO. The batch's content is unspecified then.
  */
 UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
                                              struct umb_error *error);
 
+/* Makes room for points of a format. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,
+                                            enum umbc_points_format format,
                                             struct umb_error *error);
 void umbc_batch_finish(struct umbc_batch *batch);
 

@@ -35,6 +35,7 @@ struct slot {
 struct job {
     const struct umbc_query_options *options;
     struct umb_asset *asset; /* a file ... */
+    bool bad_file;           /* ... that could not be opened */
     struct umb_query query;
     struct umb_client *client; /* ... or a daemon */
     struct umbc_points source;
@@ -142,7 +143,9 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     if (job->client != NULL) {
         if (job->total.points > 0 &&
             memcmp(job->total.asset_id, slot->asset_id, UMB_ID_BYTES) != 0) {
-            return umb_fail(error, UMB_E_STATE, "asset '%.200s' was replaced during the query",
+            /* Asking again helps, so that the exit code must say 75. */
+            return umb_fail(error, UMB_E_CANCELLED,
+                            "asset '%.200s' was replaced during the query; ask again",
                             job->options->target);
         }
         memcpy(job->total.asset_id, slot->asset_id, UMB_ID_BYTES);
@@ -211,6 +214,7 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
     struct umb_asset_info info;
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
     if (status != UMB_OK) {
+        job->bad_file = true;
         return status;
     }
     umb_asset_get_info(job->asset, &info);
@@ -225,7 +229,7 @@ static enum umb_status open_slots(struct job *job, struct umb_error *error)
     for (size_t i = 0; i < job->slot_count; i++) {
         struct slot *slot = &job->slots[i];
         slot->job = job;
-        enum umb_status status = umbc_batch_init(&slot->batch, batch, error);
+        enum umb_status status = umbc_batch_init(&slot->batch, batch, job->options->format, error);
         if (status != UMB_OK) {
             return status;
         }
@@ -311,10 +315,11 @@ int umbc_query(int argc, char **argv)
     job->options = &options;
     enum umb_status status = run_job(job, &error);
     struct umbc_query_total total = job->total;
+    bool bad_file = job->bad_file;
     close_job(job);
     if (status != UMB_OK) {
         error.status = status;
-        return umbc_complain(&error);
+        return bad_file ? umbc_complain_file(options.target, &error) : umbc_complain(&error);
     }
     if (!options.quiet) {
         print_summary(&total);

@@ -41,7 +41,8 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
     [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},
-    [OPTION_JSON] = {"json", NULL, "one object: asset, points, stats, and the answers if they are text", 0},
+    [OPTION_JSON] = {"json", NULL,
+                     "one object: asset, points, stats, and the answers if they are text", 0},
     [OPTION_QUIET] = {"quiet", NULL, "no summary and no progress on stderr", 'q'},
 };
 

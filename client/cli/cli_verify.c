@@ -7,16 +7,12 @@
  */
 #include "cli_common.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include "../rpc/rpc_sha256.h"
 #include "cli_json.h"
-#include "format/content.h"
+#include "cli_repack.h"
+#include "format/file_map.h"
 
 enum verify_option {
     OPTION_JSON,
@@ -40,58 +36,6 @@ static const struct umbc_command COMMAND = {
     .min_words = 1,
     .max_words = 1,
 };
-
-static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
-{
-    (void)user;
-    (void)bytes;
-    (void)count;
-    return UMB_OK;
-}
-
-static enum umb_status prove_mapped(const struct umb_asset *asset, const uint8_t id[UMB_ID_BYTES],
-                                    struct umb_error *error)
-{
-    const struct umb_sink sink = {.write = drop_bytes, .user = NULL};
-    struct umb_octree octree;
-    struct umb_content content;
-    uint8_t made[UMB_ID_BYTES];
-    enum umb_status status = umb_asset_export(asset, &octree, &content, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_pack_write(&content, &octree, &umb__client_sha256, &sink, made, error);
-    umb_octree_finish(&octree);
-    if (status == UMB_OK && memcmp(made, id, sizeof made) != 0) {
-        status =
-            umb_fail(error, UMB_E_CORRUPT, "the file's content does not have the id it claims");
-    }
-    return status;
-}
-
-static enum umb_status prove_packed(const char *path, struct umb_error *error)
-{
-    struct stat info;
-    int file = open(path, O_RDONLY | O_CLOEXEC);
-    if (file < 0 || fstat(file, &info) != 0) {
-        int code = errno;
-        if (file >= 0) {
-            (void)close(file);
-        }
-        return umb_fail_errno(error, UMB_E_NO_INPUT, code, "cannot open '%.200s'", path);
-    }
-    size_t size = (size_t)info.st_size;
-    void *bytes = size == 0 ? MAP_FAILED : mmap(NULL, size, PROT_READ, MAP_PRIVATE, file, 0);
-    int code = errno;
-    (void)close(file);
-    if (bytes == MAP_FAILED) {
-        return umb_fail_errno(error, UMB_E_IO, size == 0 ? EINVAL : code, "cannot map '%.200s'",
-                              path);
-    }
-    enum umb_status status = umb_pack_prove(bytes, size, 1, &umb__client_sha256, error);
-    (void)munmap(bytes, size);
-    return status;
-}
 
 static void report(const struct umbc_parsed *parsed, const struct umb_asset_info *info,
                    const struct umb_error *error)
@@ -126,26 +70,45 @@ static int fail_open(const struct umbc_parsed *parsed, const struct umb_error *e
         umbc_json_end(&json, '}');
         (void)putchar('\n');
     }
-    return umbc_complain(error);
+    return umbc_complain_file(parsed->words[0], error);
+}
+
+/* Opens and proves one and the same map, so that the file cannot be another one in between. */
+static enum umb_status prove(const void *bytes, size_t size, struct umb_asset_info *info,
+                             bool *opened, struct umb_error *error)
+{
+    struct umb_asset *asset;
+    enum umb_status status = umb_asset_open_bytes(bytes, size, NULL, &asset, error);
+    *opened = status == UMB_OK;
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_asset_get_info(asset, info);
+    status = info->encoding == UMB_ENCODING_PACKED
+                 ? umb_pack_prove(bytes, size, 1, &umb__client_sha256, error)
+                 : umbc_repack(asset, NULL, error);
+    umb_asset_close(asset);
+    return status;
 }
 
 static int verify_file(const struct umbc_parsed *parsed)
 {
-    const struct umb_open_options options = {.trust = UMB_TRUST_NOTHING};
     struct umb_error error = {.status = UMB_OK};
-    struct umb_asset *asset;
     struct umb_asset_info info;
-    if (umb_asset_open_file(parsed->words[0], &options, &asset, &error) != UMB_OK) {
+    void *map;
+    size_t size;
+    bool opened = false;
+    enum umb_status status = umb__file_map(parsed->words[0], &map, &size, &error);
+    if (status == UMB_OK) {
+        status = prove(map, size, &info, &opened, &error);
+        umb__file_unmap(map, size);
+    }
+    error.status = status;
+    if (!opened) {
         return fail_open(parsed, &error);
     }
-    umb_asset_get_info(asset, &info);
-    enum umb_status status = info.encoding == UMB_ENCODING_PACKED
-                                 ? prove_packed(parsed->words[0], &error)
-                                 : prove_mapped(asset, info.id, &error);
-    error.status = status;
     report(parsed, &info, &error);
-    umb_asset_close(asset);
-    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);
+    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain_file(parsed->words[0], &error);
 }
 
 static bool wants_scene(int argc, char **argv)

@@ -14,20 +14,19 @@
 /* Counts what protobuf-c allocates during one unpack. */
 struct budget {
     size_t left;
-    bool refused;
+    bool exceeded, refused; /* by the budget, by malloc */
 };
 
 static void *budget_alloc(void *user, size_t size)
 {
     struct budget *budget = user;
-    void *block = NULL;
-    if (size <= budget->left) {
-        budget->left -= size;
-        block = malloc(size == 0 ? 1 : size);
+    if (size > budget->left) {
+        budget->exceeded = true;
+        return NULL;
     }
-    if (block == NULL) {
-        budget->refused = true;
-    }
+    budget->left -= size;
+    void *block = malloc(size == 0 ? 1 : size);
+    budget->refused = budget->refused || block == NULL;
     return block;
 }
 
@@ -42,7 +41,7 @@ enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor
                                     struct umb_error *error)
 {
     static const uint8_t nothing;
-    struct budget budget = {.left = EXPANSION_BASE, .refused = false};
+    struct budget budget = {.left = EXPANSION_BASE};
     if (size < (SIZE_MAX - EXPANSION_BASE) / EXPANSION_FACTOR) {
         budget.left += size * EXPANSION_FACTOR;
     }
@@ -50,6 +49,11 @@ enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor
     *out = protobuf_c_message_unpack(descriptor, &allocator, size, size == 0 ? &nothing : bytes);
     if (*out != NULL) {
         return UMB_OK;
+    }
+    if (budget.exceeded) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "message: %zu bytes of %s would take more than %zu bytes and %d times that",
+                        size, descriptor->name, EXPANSION_BASE, EXPANSION_FACTOR);
     }
     if (budget.refused) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
@@ -62,7 +66,7 @@ enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor
 void umbw_message_free(ProtobufCMessage *message)
 {
     if (message != NULL) {
-        struct budget budget = {0, false};
+        struct budget budget = {.left = 0};
         ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
         protobuf_c_message_free_unpacked(message, &allocator);
     }
@@ -95,6 +99,16 @@ enum umb_status umbw_text_copy(const char *name, const uint8_t *bytes, size_t si
     }
     out[size] = '\0';
     return UMB_OK;
+}
+
+enum umb_status umbw_asset_copy(const uint8_t *bytes, size_t size,
+                                char out[UMBW_ASSET_NAME_MAX + 1], struct umb_error *error)
+{
+    if (size == 0) {
+        out[0] = '\0';
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
+    }
+    return umbw_text_copy("asset", bytes, size, UMBW_ASSET_NAME_MAX, out, error);
 }
 
 enum umb_status umbw_id_copy(const char *name, const uint8_t *bytes, size_t size,

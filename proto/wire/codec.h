@@ -14,8 +14,8 @@
  *
  * In:    descriptor: of the message type.
  * Out:   out: freed by the caller with umbw_message_free; NULL on failure.
- * Fails: E_ARGUMENT (not such a message), E_NO_MEMORY (out of memory, or the message would expand
- *        to more than 1 MiB and 16 times its size: hostile nesting of empty fields).
+ * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE (it would expand to more than 1 MiB and 16
+ *        times its size: hostile nesting of empty fields), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor,
                                                 const uint8_t *bytes, size_t size,
@@ -36,6 +36,11 @@ UMB_CHECKED enum umb_status umbw_message_append(const ProtobufCMessage *message,
  */
 UMB_CHECKED enum umb_status umbw_text_copy(const char *name, const uint8_t *bytes, size_t size,
                                            size_t max, char *out, struct umb_error *error);
+
+/* Checks and copies the name or id of an asset. Fails: E_ARGUMENT (as umbw_text_copy, or empty). */
+UMB_CHECKED enum umb_status umbw_asset_copy(const uint8_t *bytes, size_t size,
+                                            char out[UMBW_ASSET_NAME_MAX + 1],
+                                            struct umb_error *error);
 
 /* Copies a field of exactly 32 bytes. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbw_id_copy(const char *name, const uint8_t *bytes, size_t size,

@@ -16,12 +16,7 @@ enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size
     struct umbw_field_found found;
     asset[0] = '\0';
     enum umb_status status = umbw_proto_scan(message, size, &field, 1, &found, NULL, error);
-    if (status == UMB_OK && found.size == 0) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
-    }
-    return status == UMB_OK
-               ? umbw_text_copy("asset", found.bytes, found.size, UMBW_ASSET_NAME_MAX, asset, error)
-               : status;
+    return status == UMB_OK ? umbw_asset_copy(found.bytes, found.size, asset, error) : status;
 }
 
 enum umb_status umbw_encode_describe_request(const char *asset, struct umbw_buffer *buffer,
@@ -29,11 +24,8 @@ enum umb_status umbw_encode_describe_request(const char *asset, struct umbw_buff
 {
     Umbrage__V1__DescribeRequest message = UMBRAGE__V1__DESCRIBE_REQUEST__INIT;
     char copy[UMBW_ASSET_NAME_MAX + 1];
-    enum umb_status status = umbw_text_copy("asset", (const uint8_t *)asset, strlen(asset),
-                                            UMBW_ASSET_NAME_MAX, copy, error);
-    if (status == UMB_OK && copy[0] == '\0') {
-        status = umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
-    }
+    enum umb_status status =
+        umbw_asset_copy((const uint8_t *)asset, strlen(asset), copy, error);
     if (status != UMB_OK) {
         return status;
     }

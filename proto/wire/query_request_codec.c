@@ -15,8 +15,6 @@
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
 
-#define BIAS_MAX 1e6 /* voxels or metres; shadows.proto */
-
 enum request_field {
     FIELD_ASSET,
     FIELD_LIGHT,
@@ -107,8 +105,9 @@ static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
 
 static enum umb_status check_bias(double bias, struct umb_error *error)
 {
-    if (!isfinite(bias) || bias < 0 || bias > BIAS_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias, BIAS_MAX);
+    if (!isfinite(bias) || bias < 0 || bias > UMB_BIAS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias,
+                        UMB_BIAS_MAX);
     }
     return UMB_OK;
 }
@@ -185,16 +184,6 @@ static enum umb_status take_points(const struct umbw_field_found found[FIELD_COU
     return UMB_OK;
 }
 
-static enum umb_status take_asset(const struct umbw_field_found *field,
-                                  char asset[UMBW_ASSET_NAME_MAX + 1], struct umb_error *error)
-{
-    if (field->size == 0) {
-        asset[0] = '\0';
-        return umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
-    }
-    return umbw_text_copy("asset", field->bytes, field->size, UMBW_ASSET_NAME_MAX, asset, error);
-}
-
 enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, size_t max_points,
                                           struct umbw_query_request *request,
                                           struct umb_error *error)
@@ -205,7 +194,8 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
     enum umb_status status =
         umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, &scratch, error);
     if (status == UMB_OK) {
-        status = take_asset(&found[FIELD_ASSET], request->asset, error);
+        status = umbw_asset_copy(found[FIELD_ASSET].bytes, found[FIELD_ASSET].size, request->asset,
+                                 error);
     }
     if (status != UMB_OK) {
         return status;
@@ -304,12 +294,9 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
     Umbrage__V1__QueryRequest message = UMBRAGE__V1__QUERY_REQUEST__INIT;
     char asset[UMBW_ASSET_NAME_MAX + 1];
     double origin[3];
-    struct umbw_field_found name = {
-        .bytes = (const uint8_t *)request->asset,
-        .size = strnlen(request->asset, sizeof request->asset),
-        .count = 1,
-    };
-    enum umb_status status = take_asset(&name, asset, error);
+    enum umb_status status =
+        umbw_asset_copy((const uint8_t *)request->asset,
+                        strnlen(request->asset, sizeof request->asset), asset, error);
     if (status == UMB_OK) {
         status = put_settings(request, &message, error);
     }

@@ -32,7 +32,7 @@ const char umbb_options_help[] =
     "  --tile N               texels a side baked at a time, a power of two from 64 (4096)\n"
     "  --depth auto|embree|raster   how depth is found; all give the same bits (auto: raster)\n"
     "  --verify N             compare N points with traced rays before publishing; 0 = off "
-    "(100000)\n"
+    "(1000000)\n"
     "  --plan                 print the plan and its reasons only\n"
     "  --json                 print one JSON object\n"
     "  --quiet                no notices, no progress, no summary\n"
@@ -338,7 +338,7 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
                                                          : (unsigned)processors,
         .memory_bytes = (uint64_t)4 << 30,
         .tile_log2 = 12,
-        .verify_points = 100000,
+        .verify_points = 1000000,
     };
     int only_names = 0; /* after -- */
     for (int at = 1; at < argc; at++) {

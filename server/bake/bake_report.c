@@ -2,7 +2,7 @@
 /* Key figures of a bake. */
 #include "bake/bake_report.h"
 
-#include "bake/print_text.h"
+#include "common/json_text.h"
 
 /* Bytes of a 16-bit shadow map of the same resolution. */
 static double shadow_map_bytes(const struct umbb_report *r)
@@ -55,7 +55,7 @@ static void print_scene_json(FILE *to, const struct umbb_report *r)
             a->count, a->degenerate_count, a->duplicate_count, a->part_count, a->closed_part_count,
             a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y',
             1U << r->options->resolution_log2);
-    umbb_json_string(to, a->light.name);
+    umbs_json_text(to, a->light.name);
     fprintf(to, ",\"direction\":[%.17g,%.17g,%.17g],", a->light.direction[0], a->light.direction[1],
             a->light.direction[2]);
 }
@@ -67,7 +67,7 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(r->publish->id, id);
     fprintf(to, "{\"asset\":\"%s\",\"output\":", id);
-    umbb_json_string(to, r->options->output);
+    umbs_json_text(to, r->options->output);
     fputc(',', to);
     print_scene_json(to, r);
     fprintf(to,

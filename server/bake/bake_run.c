@@ -31,6 +31,7 @@ struct run {
     struct umb_octree octree;
     struct umbb_publish publish;
     struct umbb_report report;
+    uint64_t check_max_bytes; /* for the asset while it is checked */
     double start_s;
 };
 
@@ -89,7 +90,8 @@ static enum umb_status open_depth(struct run *run, const struct umbb_casters *ca
                                   struct umb_error *error)
 {
     const struct umbb_depth_options options = {.tile_log2 = memory->tile_log2,
-                                               .threads = run->options->threads};
+                                               .threads = run->options->threads,
+                                               .max_bytes = memory->shared_max_bytes};
     if (run->options->depth == UMBB_DEPTH_EMBREE) {
         run->report.depth_path = "embree";
         return umbb_depth_embree_create(casters, &options, depth, error);
@@ -117,6 +119,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         return status;
     }
     run->report.tile_log2 = memory.tile_log2;
+    run->check_max_bytes = memory.check_max_bytes;
     const double start = umbb_clock_s();
     umbb_analysis_to_voxels(&run->analysis);
     const struct umbb_casters casters = {
@@ -139,6 +142,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule,
         .octree_max_bytes = memory.octree_max_bytes,
+        .shared_max_bytes = memory.shared_max_bytes,
         .cancelled = umbb_interrupted,
         .progress = umbb_progress_update,
         .progress_user = &progress,
@@ -205,7 +209,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .count = run->analysis.count,
         .points = run->options->verify_points,
         .threads = run->options->threads,
-        .max_memory_bytes = run->options->memory_bytes,
+        .max_memory_bytes = run->check_max_bytes,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
     run->report.seconds_verify = umbb_clock_s() - start;

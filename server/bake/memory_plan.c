@@ -5,9 +5,8 @@
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
 
-#define PROGRAM_BYTES ((uint64_t)8 << 20) /* code, stacks, buffers of the libraries */
+#define PROGRAM_BYTES ((uint64_t)16 << 20)/* code, stacks, buffers of the libraries */
 #define CORNER_BYTES  74U                 /* of a triangle while baking */
-#define BIN_BYTES     24U                 /* tile and block bins of a triangle, ordinary scenes */
 #define EMBREE_BYTES  200U                /* user primitive in a hierarchy, while building */
 #define LAYER_BYTES   ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
 #define GRID_CELL     80U                 /* of a tile: column, runs, bounds, bins */
@@ -21,13 +20,26 @@ static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_
            cells * GRID_CELL;
 }
 
+/* Of a triangle while baking. */
+static uint64_t baked_triangle(const struct umbb_memory_input *input)
+{
+    return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0);
+}
+
 /* What does not depend on the tile. */
 static uint64_t base_bytes(const struct umbb_memory_input *input)
 {
-    uint64_t triangle = CORNER_BYTES + BIN_BYTES + (input->traced ? EMBREE_BYTES : 0);
+    uint64_t triangle = baked_triangle(input);
     triangle = triangle > UMBB_TRIANGLE_BYTES ? triangle : UMBB_TRIANGLE_BYTES;
     return PROGRAM_BYTES + input->scene_bytes + triangle * input->triangles +
            input->threads * LAYER_BYTES;
+}
+
+/* What triangles take at other moments and not while baking. */
+static uint64_t spare_bytes(const struct umbb_memory_input *input)
+{
+    const uint64_t baked = baked_triangle(input);
+    return baked < UMBB_TRIANGLE_BYTES ? (UMBB_TRIANGLE_BYTES - baked) * input->triangles : 0;
 }
 
 enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
@@ -44,7 +56,10 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
             const uint64_t rest = input->memory_bytes - fixed;
             plan->tile_log2 = log2;
             plan->fixed_bytes = fixed;
+            const uint64_t shared = rest + spare_bytes(input);
             plan->octree_max_bytes = rest > SIZE_MAX ? SIZE_MAX : (size_t)rest;
+            plan->shared_max_bytes = shared > SIZE_MAX ? SIZE_MAX : (size_t)shared;
+            plan->check_max_bytes = input->memory_bytes - base;
             return UMB_OK;
         }
     }

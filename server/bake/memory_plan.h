@@ -4,6 +4,9 @@
 /*
  * How --memory is divided: triangles, depth, tiles; what is left may be taken by the octree.
  * The tile may come out smaller than asked for; that changes no bit of the result.
+ *
+ * Three moments count: the search for parts, the bake, and the comparison with rays. Triangles take
+ * the most in the first and the last; in the bake what they take less may go to lists of triangles.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -23,6 +26,8 @@ struct umbb_memory_input {
 struct umbb_memory_plan {
     uint32_t tile_log2;
     size_t octree_max_bytes;
+    size_t shared_max_bytes; /* see umbb_bake_options */
+    uint64_t check_max_bytes; /* for the finished asset while it is compared with rays */
     uint64_t fixed_bytes; /* everything but the octree */
 };
 

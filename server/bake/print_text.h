@@ -1,11 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_PRINT_TEXT_H
 #define UMBRAGE_SERVER_BAKE_PRINT_TEXT_H
-/*
- * Text from outside made fit to print: names in plans and on terminals, strings in JSON.
- */
+/* Text from outside made fit to print: names in plans and on terminals. */
 #include <stddef.h>
-#include <stdio.h>
 #include "umbrage/asset.h"
 
 #define UMBB_ESCAPED_NAME_SIZE (4 * UMB_NAME_SIZE)
@@ -17,8 +14,5 @@
  * In: size: at least 1. Out: out: NUL-terminated, valid UTF-8, no control bytes.
  */
 void umbb_escape(const char *text, char *out, size_t size);
-
-/* Writes text as a JSON string with its quotes; bytes that are not UTF-8 become U+FFFD. */
-void umbb_json_string(FILE *to, const char *text);
 
 #endif

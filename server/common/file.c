@@ -126,25 +126,30 @@ enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_
     return UMB_OK;
 }
 
-static enum umb_status sync_folder(const char *path, struct umb_error *error)
+/* Opens the folder of path. Before the rename: what can fail is done while nothing is visible yet. */
+static enum umb_status open_folder(const char *path, int *fd, struct umb_error *error)
 {
     size_t length = folder_length(path);
     char *folder = length == 0 ? strdup(".") : strndup(path, length);
     if (folder == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the folder of '%.200s'", path);
     }
-    enum umb_status status = UMB_OK;
-    int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    *fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int cause = errno;
+    free(folder);
+    return *fd >= 0 ? UMB_OK
+                    : umb_fail_errno(error, UMB_E_IO, cause, "cannot sync the folder of '%.200s'",
+                                     path);
+}
+
+static enum umb_status sync_folder(const char *path, int fd, struct umb_error *error)
+{
     /* Some file systems have no fsync for folders and say EINVAL: then there is nothing to wait
      * for. */
-    if (fd < 0 || (fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP)) {
-        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the folder of '%.200s'", path);
+    if (fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the folder of '%.200s'", path);
     }
-    if (fd >= 0) {
-        close(fd);
-    }
-    free(folder);
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error)
@@ -164,9 +169,14 @@ enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error
     if (status == UMB_OK && closed != 0) {
         status = umb_fail_errno(error, UMB_E_IO, errno, "cannot close '%.200s'", file->path);
     }
+    int folder = -1;
+    if (status == UMB_OK) {
+        status = open_folder(file->path, &folder, error);
+    }
     if (status == UMB_OK && rename(file->temporary, file->path) != 0) {
         status = umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot replace '%.200s'",
                                 file->path);
+        close(folder);
     }
     if (status != UMB_OK) {
         umbs_file_abandon(file);
@@ -174,7 +184,8 @@ enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error
     }
     free(file->temporary);
     file->temporary = NULL;
-    status = sync_folder(file->path, error);
+    status = sync_folder(file->path, folder, error);
+    close(folder);
     free(file->path);
     file->path = NULL;
     return status;

@@ -61,13 +61,13 @@ struct umbs_instance {
 
 struct umbs_light {
     char name[UMB_NAME_SIZE];
-    uint32_t kind;        /* enum umb_light_kind */
+    uint32_t kind; /* enum umb_light_kind */
     uint32_t reserved;
-    double direction[3];  /* unit, in which the light travels; world */
-    double position[3];   /* metres, world */
+    double direction[3];           /* unit, in which the light travels; world */
+    double position[3];            /* metres, world */
     double inner_cone, outer_cone; /* radians, spot */
-    double range;         /* metres, 0 = unlimited */
-    double intensity;     /* lux (directional) or candela */
+    double range;                  /* metres, 0 = unlimited */
+    double intensity;              /* lux (directional) or candela */
     double color[3];
 };
 
@@ -82,7 +82,7 @@ struct umbs_texture {
 /* Borrowed arrays of a validated buffer. */
 struct umbs_scene_view {
     enum umbs_format format;
-    int z_up;                             /* 1 if +z is up in world space, else +y */
+    int z_up; /* 1 if +z is up in world space, else +y */
     uint32_t mesh_count, instance_count, material_count, light_count, texture_count;
     uint32_t vertex_count, triangle_count; /* as stored: instances not multiplied */
     const struct umbs_mesh *meshes;
@@ -90,14 +90,15 @@ struct umbs_scene_view {
     const struct umbs_material *materials;
     const struct umbs_light *lights;
     const struct umbs_texture *textures;
-    const double (*positions)[3];         /* [vertex_count], mesh space */
-    const float (*uvs)[2];                /* [vertex_count] or NULL */
-    const uint32_t (*triangles)[3];       /* [triangle_count], vertex numbers within the mesh */
-    const uint8_t *alpha;                 /* alpha pool */
+    const double (*positions)[3];   /* [vertex_count], mesh space */
+    const float (*uvs)[2];          /* [vertex_count] or NULL */
+    const uint32_t (*triangles)[3]; /* [triangle_count], vertex numbers within the mesh */
+    const uint8_t *alpha;           /* alpha pool */
     uint64_t alpha_bytes;
-    uint64_t world_triangle_count;        /* instances multiplied */
-    uint32_t dropped_faces;               /* faces the importer could not use: not finite, bad index, < 3 corners */
-    const char *warnings;                 /* lines, may be empty */
+    uint64_t world_triangle_count; /* instances multiplied */
+    uint32_t
+        dropped_faces;    /* faces the importer could not use: not finite, bad index, < 3 corners */
+    const char *warnings; /* lines, may be empty */
 };
 
 struct umbs_scene {
@@ -107,11 +108,11 @@ struct umbs_scene {
 };
 
 struct umbs_import_options {
-    uint64_t max_input_bytes;   /* 0 = 4 GiB */
-    uint64_t max_memory_bytes;  /* of the importer process; 0 = 8 GiB */
-    uint64_t max_triangles;     /* 0 = 200 million, instances multiplied */
-    uint32_t timeout_s;         /* CPU and wall seconds of the importer; 0 = 600 */
-    const char *importer_path;  /* NULL = umbrage-bake beside the running program */
+    uint64_t max_input_bytes;  /* 0 = 4 GiB */
+    uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
+    uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
+    uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
+    const char *importer_path; /* NULL = umbrage-bake beside the running program */
 };
 
 /*
@@ -119,13 +120,15 @@ struct umbs_import_options {
  *
  * Out:   out: the scene, or NULL. Owns: the caller destroys it.
  * Fails: E_NO_INPUT (missing, a folder), E_BAD_SCENE (unknown format, unreadable, no triangles, not
- *        finite; also when the importer crashed), E_LIMIT (over memory, time or size), E_UNAVAILABLE (importer program missing).
+ *        finite; also when the importer crashed), E_LIMIT (over memory, time or size),
+ * E_UNAVAILABLE (importer program missing).
  */
 UMB_CHECKED enum umb_status umbs_scene_import(const char *path,
                                               const struct umbs_import_options *options,
                                               struct umbs_scene **out, struct umb_error *error);
 
-/* Checks a scene buffer and fills view; trusts nothing in it. Fails: E_BAD_SCENE, naming the field. */
+/* Checks a scene buffer and fills view; trusts nothing in it. Fails: E_BAD_SCENE, naming the field.
+ */
 UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
                                             struct umbs_scene_view *view, struct umb_error *error);
 

@@ -70,8 +70,8 @@ static int reset_signals(void)
     return sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* In the child: descriptors 0..5 as agreed, all others closed. The sources are parked out of the way
- * first: a parent without standard streams has them among 0..5. */
+/* In the child: descriptors 0..5 as agreed, all others closed. The sources are parked out of the
+ * way first: a parent without standard streams has them among 0..5. */
 static int lay_out_descriptors(const struct umbs_process *process, int talk)
 {
     int sources[6] = {-1, -1, talk, process->input, process->folder, process->output};

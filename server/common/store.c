@@ -13,8 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/sha256.h"
-
 char *umbs__path_join(const char *folder, const char *name)
 {
     size_t a = strlen(folder);
@@ -126,14 +124,6 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
                               "cannot open the store folder '%.200s'", options->folder);
     }
     closedir(folder);
-    /* OpenSSL sets itself up once, at the first digest; if memory is short just then, no later one
-     * works either, and no asset could ever be proven. Better not to start. */
-    static const uint8_t no_digest[UMB_ID_BYTES];
-    uint8_t digest[UMB_ID_BYTES];
-    umbs_sha256_bytes("", 0, digest);
-    if (memcmp(digest, no_digest, sizeof digest) == 0) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for SHA-256");
-    }
     struct umbs_store *store = calloc(1, sizeof *store);
     if (store == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
@@ -212,8 +202,8 @@ static enum umb_status told_status(enum umb_status status)
     }
 }
 
-/* A damaged file whose head says it is that asset, so that who asks by id hears the same as who asks
- * by name. Usually there is none to look at. */
+/* A damaged file whose head says it is that asset, so that who asks by id hears the same as who
+ * asks by name. Usually there is none to look at. */
 static struct umbs_entry *find_damaged(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {

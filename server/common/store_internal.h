@@ -25,7 +25,7 @@ struct umbs_entry {
     struct umb_error error; /* why it cannot answer */
     struct umbs_stamp stamp;
     int has_id; /* item.id was read from its head */
-    int retry; /* the failure was not the file's: try at each scan */
+    int retry;  /* the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };
 

@@ -165,8 +165,8 @@ static enum umb_status place(struct umbs_store *store, const char *name,
             fresh->retry = 1;
         }
         if (fresh->retry && old != NULL && old->asset != NULL) {
-            /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
-             * version goes on answering until one can tell. */
+            /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the
+             * old version goes on answering until one can tell. */
             umbs__entry_retain(old);
             umbs_entry_release(fresh);
             fresh = old;

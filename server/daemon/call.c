@@ -11,6 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+_Static_assert(sizeof(struct umbd_call) + 1024 <= UMBD_CALL_BYTES, "what a call is counted for");
+
 struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
 {
     uint64_t limit;

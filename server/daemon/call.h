@@ -19,7 +19,7 @@
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
-#define UMBD_CALL_BYTES        2560  /* counted for a call as such: its struct and nghttp2's stream */
+#define UMBD_CALL_BYTES        2560  /* counted for a call itself: its struct, nghttp2's stream */
 
 enum umbd_refusal {
     UMBD_REFUSE_NOTHING = 0,

@@ -2,6 +2,8 @@
 /* Construction and take-down of what the loops share. */
 #include "daemon/daemon.h"
 
+#include "daemon/loop.h"
+
 #include <string.h>
 #include <unistd.h>
 
@@ -29,6 +31,9 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
             umbd_store_watch_kick(daemon->watch);
         }
     }
+    /* Until here a signal ends the process as it ends any: the first scan may take minutes, and
+     * there is nothing to drain yet. The threads from here on inherit the mask. */
+    umbd_signals_block();
     if (status == UMB_OK) {
         status = umbd_pool_create(options->workers, options->queue, &daemon->metrics, &daemon->pool,
                                   error);
@@ -37,20 +42,23 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
         status = umbd_store_watch_start(daemon->watch, daemon->store, error);
     }
     if (status != UMB_OK) {
-        umbd_daemon_finish(daemon);
+        (void)umbd_daemon_finish(daemon); /* its thread is not running yet */
     }
     return status;
 }
 
-void umbd_daemon_finish(struct umbd_daemon *daemon)
+int umbd_daemon_finish(struct umbd_daemon *daemon)
 {
     umbd_pool_destroy(daemon->pool);
-    /* No entry is held any more, so nobody calls the watch after it is gone. */
-    umbd_store_watch_destroy(daemon->watch);
-    umbs_store_close(daemon->store);
     daemon->pool = NULL;
+    /* No entry is held any more, so nobody calls the watch after it is gone. */
+    if (!umbd_store_watch_destroy(daemon->watch)) {
+        return 0;
+    }
+    umbs_store_close(daemon->store);
     daemon->watch = NULL;
     daemon->store = NULL;
+    return 1;
 }
 
 int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes)

@@ -30,7 +30,10 @@ struct umbd_daemon {
 UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
                                              const struct umbd_options *options,
                                              struct umb_error *error);
-void umbd_daemon_finish(struct umbd_daemon *daemon);
+
+/* Takes everything down; returns 1, or 0 if the store's thread is still busy and keeps using the
+ * daemon: the process must then end by _exit (store_watch.h). */
+int umbd_daemon_finish(struct umbd_daemon *daemon);
 
 /* Counts bytes held; returns 1, or 0 (nothing counted) if --max-buffer would be passed. */
 int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes);

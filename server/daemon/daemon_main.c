@@ -22,7 +22,7 @@
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
 #define KEEP_BYTES (32 * 1024 * 1024) /* the most that glibc takes */
 
-#define OTHER_DESCRIPTORS 128 /* beside connections: listeners, the store, the admin port, libuv */
+#define OTHER_DESCRIPTORS 128 /* beside connections: listeners, the store, the admin port */
 
 #if defined(__SANITIZE_THREAD__)
 #define UMBD_UNDER_TSAN 1
@@ -115,18 +115,30 @@ static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_
     return status;
 }
 
+/* Takes the daemon down; does not return if its store is still loading. */
+static void take_down(struct umbd_daemon *daemon, enum umb_status status)
+{
+    umbs_log_event(&daemon->log, UMB_LOG_INFO, "stopped", NULL);
+    if (!umbd_daemon_finish(daemon)) {
+        umbs_log_event(&daemon->log, UMB_LOG_WARN, "load_abandoned", NULL);
+        _exit(status == UMB_OK ? 0 : umb_status_exit(status));
+    }
+}
+
 static enum umb_status serve(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbd_daemon daemon;
     struct umbd_loop loop;
     enum umb_status status = umbd_daemon_init(&daemon, options, error);
     if (status != UMB_OK) {
+        complain(status, error);
         return status;
     }
     raise_descriptors(&daemon);
     status = umbd_loop_init(&loop, &daemon, error);
     if (status != UMB_OK) {
-        umbd_daemon_finish(&daemon);
+        complain(status, error); /* here, because the next line may be the last */
+        take_down(&daemon, status);
         return status;
     }
     status = umbd_listeners_open(&loop, error);
@@ -142,8 +154,10 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
         umbd_loop_run(&loop);
     }
     umbd_loop_finish(&loop);
-    umbs_log_event(&daemon.log, UMB_LOG_INFO, "stopped", NULL);
-    umbd_daemon_finish(&daemon);
+    if (status != UMB_OK) {
+        complain(status, error);
+    }
+    take_down(&daemon, status);
     return status;
 }
 
@@ -167,8 +181,7 @@ int main(int argc, char **argv)
         return 0;
     }
     signal(SIGPIPE, SIG_IGN);
-    umbd_signals_block();
     keep_pages();
     status = serve(&options, &error);
-    return status == UMB_OK ? 0 : complain(status, &error);
+    return status == UMB_OK ? 0 : umb_status_exit(status);
 }

@@ -10,9 +10,9 @@
  *
  * Fair: each connection (lane) with work gets a slice in turn, whatever the number and size of its
  * batches. Bounded: with as many batches waiting as may, the longest lane gives its last one back
- * (E_BUSY) for one of a shorter lane, and a submit of the longest lane itself fails. Deadlines are looked at before
- * each slice: a batch that expired while it waited is never begun, one that expires midway stops.
- * Cancelling drops what has not been begun.
+ * (E_BUSY) for one of a shorter lane, and a submit of the longest lane itself fails. Deadlines are
+ * looked at before each slice: a batch that expired while it waited is never begun, one that
+ * expires midway stops. Cancelling drops what has not been begun.
  *
  * Threads: all functions but create and destroy may be called from any thread. A batch belongs to
  * the pool between submit and done; the maker may only cancel it.
@@ -84,8 +84,8 @@ UMB_CHECKED enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limi
 /* Cancels what is there, gives everything back, joins the threads. NULL is allowed. */
 void umbd_pool_destroy(struct umbd_pool *pool);
 
-/* Hands a batch over; another one may be given back for it before this returns. Fails: E_BUSY (queue
- * full): the batch stays the caller's. */
+/* Hands a batch over; another one may be given back for it before this returns. Fails: E_BUSY
+ * (queue full): the batch stays the caller's. */
 UMB_CHECKED enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batch,
                                              struct umb_error *error);
 

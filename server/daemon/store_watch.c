@@ -11,6 +11,7 @@ struct umbd_store_watch {
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     int kicked, retired, stopping; /* under mutex */
+    int finished;                  /* the thread touches nothing any more; under mutex */
     int running;
     pthread_t thread;
     struct umbs_store *store;
@@ -89,6 +90,8 @@ static void *watch_thread(void *argument)
         }
         pthread_mutex_lock(&watch->mutex);
     }
+    watch->finished = 1;
+    pthread_cond_broadcast(&watch->wake);
     pthread_mutex_unlock(&watch->mutex);
     return NULL;
 }
@@ -142,19 +145,31 @@ void umbd_store_watch_retired(void *user)
     pthread_mutex_unlock(&watch->mutex);
 }
 
-void umbd_store_watch_destroy(struct umbd_store_watch *watch)
+/* Tells the thread to end and waits for it, but not for long. */
+static int end_thread(struct umbd_store_watch *watch)
+{
+    struct timespec until = after_ms(UMBD_WATCH_END_MS);
+    pthread_mutex_lock(&watch->mutex);
+    watch->stopping = 1;
+    pthread_cond_broadcast(&watch->wake);
+    while (!watch->finished &&
+           pthread_cond_timedwait(&watch->wake, &watch->mutex, &until) != ETIMEDOUT) {
+    }
+    int finished = watch->finished;
+    pthread_mutex_unlock(&watch->mutex);
+    return finished && pthread_join(watch->thread, NULL) == 0;
+}
+
+int umbd_store_watch_destroy(struct umbd_store_watch *watch)
 {
     if (watch == NULL) {
-        return;
+        return 1;
     }
-    if (watch->running) {
-        pthread_mutex_lock(&watch->mutex);
-        watch->stopping = 1;
-        pthread_cond_signal(&watch->wake);
-        pthread_mutex_unlock(&watch->mutex);
-        pthread_join(watch->thread, NULL);
+    if (watch->running && !end_thread(watch)) {
+        return 0;
     }
     pthread_cond_destroy(&watch->wake);
     pthread_mutex_destroy(&watch->mutex);
     free(watch);
+    return 1;
 }

@@ -10,6 +10,7 @@
 #include "daemon/daemon_metrics.h"
 
 #define UMBD_RESCAN_S        30 /* events can be lost; this is the safety */
+#define UMBD_WATCH_END_MS    1000
 #define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
 
 struct umbd_store_watch; /* opaque */
@@ -31,7 +32,12 @@ void umbd_store_watch_kick(struct umbd_store_watch *watch);
 /* The store's `retired` call-back; user is the watch. */
 void umbd_store_watch_retired(void *user);
 
-/* Stops and joins the thread, frees the object. NULL is allowed. */
-void umbd_store_watch_destroy(struct umbd_store_watch *watch);
+/*
+ * Stops and joins the thread, frees the object; returns 1. NULL is allowed. Returns 0, with the
+ * thread running and nothing freed, if it is busy with files for longer than UMBD_WATCH_END_MS: a
+ * large asset takes minutes to load, and nobody waits so long for the end of a daemon. The process
+ * must then end by _exit: what the thread leaves behind is a temporary that the next daemon sweeps.
+ */
+int umbd_store_watch_destroy(struct umbd_store_watch *watch);
 
 #endif

@@ -18,7 +18,7 @@ enum {
     POINTS_A_BOUNDARY = 8,
     NEAR_VOXELS = 4,
     TRIES_A_POINT = 24,     /* draws for each point wanted, before a block gives up on it */
-    WALKS_A_BOUNDARY = 8,   /* rows tried before another kind of boundary gets its turn */
+    WALKS_A_BOUNDARY = 4,   /* rows tried before another kind of boundary gets its turn */
 };
 
 _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES_MAX,

@@ -12,7 +12,9 @@
 #include <string.h>
 
 enum {
-    BAND_STEPS = 5, /* samples along each axis of the band's grid */
+    BAND_STEPS = 5,    /* samples along each axis of the band's grid */
+    BAND_SAMPLES = BAND_STEPS * BAND_STEPS * BAND_STEPS,
+    BAND_STRIDE = 62,  /* prime to their number: corners that lie opposite come one after another */
     VOTES_NEEDED = 5,
 };
 
@@ -110,7 +112,8 @@ static int in_band(const struct umbr_verify_block *block, const struct umbr_samp
     if (traced_lit(block->job, sample->centre) != truth) {
         return 1;
     }
-    for (int i = 0; i < BAND_STEPS * BAND_STEPS * BAND_STEPS; i++) {
+    for (int n = 0; n < BAND_SAMPLES; n++) {
+        const int i = n * BAND_STRIDE % BAND_SAMPLES;
         const int step[3] = {i % BAND_STEPS, i / BAND_STEPS % BAND_STEPS,
                              i / (BAND_STEPS * BAND_STEPS)};
         double voxel[3], world[3];

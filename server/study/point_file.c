@@ -34,8 +34,8 @@ static size_t point_put(const struct umbt_point_file *file, const double positio
     size_t bytes = 0;
     if (file->format == UMBT_POINT_FILE_TEXT) {
         char line[POINT_BYTES_MAX];
-        int length = snprintf(line, sizeof line, "%.17g %.17g %.17g", position[0], position[1],
-                              position[2]);
+        int length =
+            snprintf(line, sizeof line, "%.17g %.17g %.17g", position[0], position[1], position[2]);
         if (file->normals && length > 0) {
             length += snprintf(line + length, sizeof line - (size_t)length, " %.9g %.9g %.9g",
                                (double)normal[0], (double)normal[1], (double)normal[2]);

@@ -27,7 +27,7 @@ struct umbt_point_file {
  * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
-                                                  const struct umbt_point_set *set,
-                                                  uint64_t *bytes, struct umb_error *error);
+                                                  const struct umbt_point_set *set, uint64_t *bytes,
+                                                  struct umb_error *error);
 
 #endif

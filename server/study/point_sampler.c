@@ -15,13 +15,14 @@
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 
-#define ROUND         262144U   /* candidates tried between two looks at the result */
-#define BLOCK         1024U     /* candidates a thread takes at a time */
-#define HOPELESS      1000000U  /* candidates after which ... */
-#define HOPELESS_RATE 1000U     /* ... fewer than one in so many is given up on */
-#define CLEARANCE     1e-6      /* off a surface before asking where that is, of the diagonal: ten
-                                   times the ray tracer's float rounding */
-#define SIDE_MAX      16384U    /* pixels of a view */
+#define ROUND         262144U  /* candidates tried between two looks at the result */
+#define BLOCK         1024U    /* candidates a thread takes at a time */
+#define HOPELESS      1000000U /* candidates after which ... */
+#define HOPELESS_RATE 1000U    /* ... fewer than one in so many is given up on */
+#define CLEARANCE                                                                                  \
+    1e-6                /* off a surface before asking where that is, of the diagonal: ten         \
+                           times the ray tracer's float rounding */
+#define SIDE_MAX 16384U /* pixels of a view */
 
 /* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
@@ -201,8 +202,8 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
     umbt_progress_start(&progress, "Mpoints", request->quiet);
     while (status == UMB_OK && set->count < request->count) {
         const size_t missing = request->count - set->count;
-        const size_t tried = missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK
-                                                                   : ROUND;
+        const size_t tried =
+            missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK : ROUND;
         sampling->first = set->candidates;
         status = umbt_parallel_for(request->threads, tried, BLOCK, block_make, sampling, error);
         for (size_t i = 0; i < tried && set->count < request->count; i++) {
@@ -217,8 +218,8 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
             status = umb_fail(error, UMB_E_BAD_SCENE,
                               "%s: only %zu of %llu candidates lie outside closed solids; %zu "
                               "points are wanted",
-                              request->scene->path, set->count,
-                              (unsigned long long)set->candidates, request->count);
+                              request->scene->path, set->count, (unsigned long long)set->candidates,
+                              request->count);
         }
     }
     umbt_progress_end(&progress);

@@ -76,7 +76,6 @@ void umbt_point_set_finish(struct umbt_point_set *set); /* a zeroed struct is al
  * 1 if a point lies inside a closed part, by the crossings of one ray. Off a surface, `away` is
  * its normal and turns the ray away from it; else NULL.
  */
-int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3],
-                         const double *away);
+int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], const double *away);
 
 #endif

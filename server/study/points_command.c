@@ -15,7 +15,7 @@
 #include "study/parallel_for.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
-#include "study/study_json.h"
+#include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 
@@ -282,9 +282,9 @@ static void report(const struct points_run *run)
 {
     if (run->json) {
         printf("{\"scene\":");
-        umbt_json_text(stdout, run->scene_path);
+        umbs_json_text(stdout, run->scene_path);
         printf(",\"points_file\":");
-        umbt_json_text(stdout, run->file.path);
+        umbs_json_text(stdout, run->file.path);
         printf(",\"kind\":\"%s\",\"points\":%zu,\"candidates\":%" PRIu64 ",\"seed\":%" PRIu64
                ",\"format\":\"%s\",\"normals\":%s,\"origin\":[%.17g,%.17g,%.17g],\"bytes\":%" PRIu64
                ",\"triangles\":%zu,\"load_s\":%.4f,\"sample_s\":%.4f}\n",

@@ -11,7 +11,7 @@
 #include <string.h>
 #include "study/render_options.h"
 #include "study/study_frame.h"
-#include "study/study_json.h"
+#include "common/json_text.h"
 #include "study/study_vec.h"
 
 struct render {
@@ -196,10 +196,10 @@ static void report_json(const struct render *render)
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(render->source.id, id);
     printf("{\"asset\":\"%s\",\"scene\":", id);
-    umbt_json_text(stdout, options->scene);
+    umbs_json_text(stdout, options->scene);
     if (options->output != NULL) {
         printf(",\"picture\":");
-        umbt_json_text(stdout, options->output);
+        umbs_json_text(stdout, options->output);
     }
     printf(",\"triangles\":%zu,\"width\":%u,\"height\":%u,\"samples\":%" PRIu64
            ",\"receivers\":%" PRIu64 ",\"facing\":%" PRIu64 ",\"taps\":%u",

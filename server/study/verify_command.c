@@ -14,7 +14,7 @@
 #include "rays/verify.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
-#include "study/study_json.h"
+#include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_scene.h"
 
@@ -184,7 +184,7 @@ static void report_json(const struct verify *verify)
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(verify->info.id, id);
     printf("{\"asset\":\"%s\",\"scene\":", id);
-    umbt_json_text(stdout, verify->scene_path);
+    umbs_json_text(stdout, verify->scene_path);
     printf(",\"triangles\":%zu,\"closed_triangles\":%zu,\"seed\":%" PRIu64
            ",\"seconds\":%.4f,\"agrees\":%s,\"lights\":[",
            verify->scene.count, verify->scene.parts.closed_triangles, verify->seed, verify->seconds,

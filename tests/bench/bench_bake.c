@@ -30,8 +30,8 @@
 struct windows {
     int32_t size; /* voxels a side of the map */
     int32_t x0[WINDOWS], y0[WINDOWS];
-    uint8_t *covered; /* [WINDOWS * WINDOW * WINDOW] */
-    int32_t *lit;     /* the same */
+    uint8_t *covered;        /* [WINDOWS * WINDOW * WINDOW] */
+    int32_t *lit;            /* the same */
     uint64_t covered_texels; /* of the whole map */
 };
 
@@ -156,6 +156,7 @@ static void depth_race(const struct bench_scene *scene, const char *name)
     if (depth == NULL) {
         bench_fail("windows: out of memory");
     }
+    (void)bench_pin(0);
     (void)embree_seconds(peer, &windows, depth);
     depths_compare(scene, &windows, depth);
     while (ratios.count < BENCH_RUNS ||
@@ -170,50 +171,83 @@ static void depth_race(const struct bench_scene *scene, const char *name)
               bench_median(&raster), bench_median(&embree),
               (unsigned long long)windows.covered_texels);
     bench_row(BENCH, name, "depth_front_vs_embree8", "higher", &ratios);
+    (void)bench_pin(BENCH_PIN_ALL);
     embree_peer_destroy(peer);
     free(depth);
     free(windows.covered);
     free(windows.lit);
 }
 
-/* Sizes and voxels of one scene under one rule. */
-static void rule_run(const struct bench_scene *scene, const char *name, int closed_rule,
-                     int with_sizes)
+/* An open scene has no undefined voxels, so both builders must come to the same nodes. */
+static void nodes_compare(const struct bench_asset *asset, const struct yardstick_2014 *yardstick)
 {
-    struct bench_asset asset;
-    bench_asset_make(scene, closed_rule, with_sizes, &asset);
-    if (with_sizes) {
-        const struct yardstick_2014 yardstick = yardstick_2014_count(scene, closed_rule);
-        bench_row_counted(BENCH, name, "packed_vs_2014", "lower",
-                          (double)asset.packed_bytes / (double)yardstick.bytes);
-        bench_row_counted(BENCH, name, "mapped_vs_2014", "lower",
-                          (double)asset.mapped_bytes / (double)yardstick.bytes);
+    struct umb_asset_info info;
+    uint64_t nodes = 0;
+    umb_asset_get_info(asset->asset, &info);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        nodes += info.level_nodes[level];
     }
-    const struct voxel_truth_result truth =
-        voxel_truth_compare(scene, &asset, closed_rule, VOXEL_SAMPLES);
-    bench_row_counted(BENCH, name, "wrong_voxels", "lower", (double)truth.wrong);
-    bench_asset_finish(&asset);
+    if (nodes != yardstick->nodes + yardstick->bricks) {
+        bench_fail("the asset has %llu nodes, the octree of 2014 %llu", (unsigned long long)nodes,
+                   (unsigned long long)(yardstick->nodes + yardstick->bricks));
+    }
 }
 
-static void scene_run(const char *scene_name, uint32_t log2_size)
+static void sizes_report(const struct bench_scene *scene, const char *name, int closed_rule,
+                         const struct bench_asset *asset)
+{
+    const struct yardstick_2014 yardstick = yardstick_2014_count(scene, closed_rule);
+    if (!closed_rule) {
+        nodes_compare(asset, &yardstick);
+    }
+    bench_row_counted(BENCH, name, "packed_vs_2014", "lower",
+                      (double)asset->packed_bytes / (double)yardstick.bytes);
+    bench_row_counted(BENCH, name, "mapped_vs_2014", "lower",
+                      (double)asset->mapped_bytes / (double)yardstick.bytes);
+}
+
+/* Sizes and voxels of a scene under both rules. */
+static void rules_run(const struct bench_scene *scene, int thousands, int with_sizes)
+{
+    struct bench_asset assets[2];
+    struct voxel_truth_result truths[2];
+    const char *names[2];
+    for (int rule = 0; rule < 2; rule++) {
+        names[rule] = bench_text("%s-%dk-%s", scene->name, thousands, rule ? "closed" : "open");
+        bench_asset_make(scene, rule, with_sizes, &assets[rule]);
+        if (with_sizes) {
+            sizes_report(scene, names[rule], rule, &assets[rule]);
+        }
+    }
+    voxel_truth_compare(scene, assets, VOXEL_SAMPLES, truths);
+    for (int rule = 0; rule < 2; rule++) {
+        bench_row_counted(BENCH, names[rule], "wrong_voxels", "lower", (double)truths[rule].wrong);
+        bench_asset_finish(&assets[rule]);
+    }
+}
+
+static void scene_run(const char *scene_name, uint32_t log2_size, const char *assets)
 {
     struct bench_scene scene;
     const int thousands = 1 << (log2_size - 10);
-    bench_scene_make(&scene, scene_name, log2_size);
-    rule_run(&scene, bench_text("%s-%dk-closed", scene_name, thousands), 1, log2_size == 14);
-    rule_run(&scene, bench_text("%s-%dk-open", scene_name, thousands), 0, log2_size == 14);
-    (void)bench_pin(0);
+    bench_scene_make(&scene, scene_name, log2_size, assets);
+    rules_run(&scene, thousands, log2_size == 14);
     depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
-    (void)bench_pin(BENCH_PIN_ALL);
     bench_scene_finish(&scene);
 }
 
 int main(int argc, char **argv)
 {
     const char *size = bench_size(argc, argv);
+    const char *assets = bench_option(argc, argv, "--assets", NULL);
     const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
-    scene_run("terrain", log2_size);
-    scene_run("city", log2_size);
+    const char *only = bench_option(argc, argv, "--scene", NULL);
+    static const char *const scenes[] = {"terrain", "city"};
+    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
+        if (only == NULL || strcmp(only, scenes[i]) == 0) {
+            scene_run(scenes[i], log2_size, assets);
+        }
+    }
     bench_table(BENCH, size);
     return 0;
 }

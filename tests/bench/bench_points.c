@@ -11,14 +11,14 @@
 #include "study/point_sampler.h"
 #include "study/study_vec.h"
 
-#define WIDTH        1280U
-#define HEIGHT       720U
-#define PACKET_WIDE  4U
-#define PACKET_TALL  2U
+#define WIDTH         1280U
+#define HEIGHT        720U
+#define PACKET_WIDE   4U
+#define PACKET_TALL   2U
 #define RANDOM_VOXELS 4.0
 #define FACING_SPARE  4U /* candidates a point: at least one in four faces the sun */
-#define SEED         7U
-#define SLACK        (65.0 / 64.0) /* as the product's automatic bias */
+#define SEED          7U
+#define SLACK         (65.0 / 64.0) /* as the product's automatic bias */
 
 const int bench_taps[3] = {1, 9, 17};
 
@@ -114,8 +114,7 @@ void bench_points_gbuffer(const struct bench_scene *scene, struct bench_points *
     bench_say("%s gbuffer: %zu points", scene->name, points->count);
 }
 
-void bench_points_random(const struct bench_scene *scene, size_t count,
-                         struct bench_points *points)
+void bench_points_random(const struct bench_scene *scene, size_t count, struct bench_points *points)
 {
     struct umbt_point_set set;
     struct umb_error error;

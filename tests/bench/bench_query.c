@@ -27,7 +27,7 @@
 /* One scene, everything made that its rows need. */
 struct stage {
     struct bench_scene scene;
-    struct shadow_map map;     /* 16384 only */
+    struct shadow_map map; /* 16384 only */
     struct embree_peer *peer;
     struct bench_points gbuffer, random;
     int has_map;
@@ -96,9 +96,8 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
     race->answers = floats_make(points->count);
     race->other = floats_make(points->count);
     for (int t = 0; t < 3; t++) {
-        const struct umb_query_settings settings = {.taps = (uint32_t)bench_taps[t],
-                                                    .bias_mode = UMB_BIAS_NONE,
-                                                    .format = UMB_ANSWER_F32};
+        const struct umb_query_settings settings = {
+            .taps = (uint32_t)bench_taps[t], .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_F32};
         bench_must(umb_query_prepare(asset->asset, &settings, &race->queries[t], &error), &error,
                    "query");
         race->batches[t] = (struct umb_points){
@@ -114,8 +113,8 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
         struct embree_query *rays = &race->rays[r];
         rays->peer = stage->peer;
         rays->points = points->at[0];
-        rays->count = race->ray_races == 2 || points->count < RANDOM_RAYS ? points->count
-                                                                           : RANDOM_RAYS;
+        rays->count =
+            race->ray_races == 2 || points->count < RANDOM_RAYS ? points->count : RANDOM_RAYS;
         rays->answers = race->other;
         for (int k = 0; k < 3; k++) {
             rays->to_light[k] = (float)-stage->scene.light.direction[k];
@@ -235,10 +234,11 @@ static void race_run(const struct stage *stage, const struct bench_asset *asset,
     free(race.other);
 }
 
-static void stage_make(struct stage *stage, const char *name, uint32_t log2_size)
+static void stage_make(struct stage *stage, const char *name, uint32_t log2_size,
+                       const char *assets)
 {
     memset(stage, 0, sizeof *stage);
-    bench_scene_make(&stage->scene, name, log2_size);
+    bench_scene_make(&stage->scene, name, log2_size, assets);
     bench_scene_trace(&stage->scene);
     bench_points_gbuffer(&stage->scene, &stage->gbuffer);
     bench_points_random(&stage->scene, RANDOM_POINTS, &stage->random);
@@ -260,11 +260,11 @@ static void stage_finish(struct stage *stage)
     bench_scene_finish(&stage->scene);
 }
 
-static void scene_run(const char *name, uint32_t log2_size)
+static void scene_run(const char *name, uint32_t log2_size, const char *assets)
 {
     struct stage stage;
     const int thousands = 1 << (log2_size - 10);
-    stage_make(&stage, name, log2_size);
+    stage_make(&stage, name, log2_size, assets);
     for (int closed_rule = 1; closed_rule >= (log2_size > 14); closed_rule--) {
         struct bench_asset asset;
         bench_asset_make(&stage.scene, closed_rule, 0, &asset);
@@ -282,9 +282,15 @@ static void scene_run(const char *name, uint32_t log2_size)
 int main(int argc, char **argv)
 {
     const char *size = bench_size(argc, argv);
+    const char *assets = bench_option(argc, argv, "--assets", NULL);
     const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
-    scene_run("terrain", log2_size);
-    scene_run("city", log2_size);
+    const char *only = bench_option(argc, argv, "--scene", NULL);
+    static const char *const scenes[] = {"terrain", "city"};
+    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
+        if (only == NULL || strcmp(only, scenes[i]) == 0) {
+            scene_run(scenes[i], log2_size, assets);
+        }
+    }
     bench_table(BENCH, size);
     return 0;
 }

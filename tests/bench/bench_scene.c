@@ -3,6 +3,7 @@
 #include "bench_scene.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "bake/analysis/light_frame.h"
@@ -53,24 +54,25 @@ static void kinds_make(struct bench_scene *scene)
 {
     struct umbt_scene *study = &scene->study;
     struct umb_error error;
-    bench_must(umbs_parts_find((const double(*)[3][3])study->corners, study->count, &study->parts,
-                               &error),
-               &error, "parts");
+    bench_must(
+        umbs_parts_find((const double(*)[3][3])study->corners, study->count, &study->parts, &error),
+        &error, "parts");
     for (size_t i = 0; i < study->count; i++) {
         const uint32_t part = study->parts.part_of[i];
         if (part >= study->parts.part_count || study->parts.parts[part].flipped) {
             bench_fail("%s: triangle %zu is degenerate or inside out", scene->name, i);
         }
-        scene->kinds[i] =
-            study->parts.parts[part].closed ? UMBB_CASTER_CLOSED : UMBB_CASTER_OPEN;
+        scene->kinds[i] = study->parts.parts[part].closed ? UMBB_CASTER_CLOSED : UMBB_CASTER_OPEN;
     }
 }
 
-void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2_size)
+void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2_size,
+                      const char *assets)
 {
     struct umb_error error;
     memset(scene, 0, sizeof *scene);
     scene->name = name;
+    scene->assets = assets;
     scene->study.path = name;
     if (strcmp(name, "terrain") == 0) {
         gen_terrain(&scene->mesh, TERRAIN_SIZE, SEED);
@@ -84,9 +86,9 @@ void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2
     kinds_make(scene);
     scene->light = (struct umb_light_info){.kind = UMB_LIGHT_DIRECTIONAL, .frustum_count = 1};
     umbb_sun_direction(SUN_AZIMUTH, SUN_ELEVATION, 1, scene->light.direction);
-    bench_must(umbb_light_frame_fit((const double(*)[3][3])scene->study.corners,
-                                    scene->study.count, scene->light.direction, scene->origin,
-                                    log2_size, &scene->frustum, &error),
+    bench_must(umbb_light_frame_fit((const double(*)[3][3])scene->study.corners, scene->study.count,
+                                    scene->light.direction, scene->origin, log2_size,
+                                    &scene->frustum, &error),
                &error, "light frame");
     memcpy(scene->voxels, scene->study.corners, scene->study.count * sizeof *scene->voxels);
     umbb_light_frame_apply(&scene->frustum, scene->origin, scene->voxels, scene->study.count);
@@ -172,8 +174,8 @@ static void octree_bake(const struct bench_scene *scene, int closed_rule, struct
     depth.destroy(depth.state);
 }
 
-void bench_asset_make(const struct bench_scene *scene, int closed_rule, int measure_mapped,
-                      struct bench_asset *asset)
+/* Bakes a scene into packed bytes. */
+static void packed_bake(const struct bench_scene *scene, int closed_rule, struct bytes *bytes)
 {
     struct umb_octree octree;
     struct umb_error error;
@@ -181,10 +183,9 @@ void bench_asset_make(const struct bench_scene *scene, int closed_rule, int meas
     char nothing[] = "";
     struct umb_light_info light = scene->light;
     struct umb_frustum_info frustum = scene->frustum;
-    struct bytes bytes = {0};
-    memset(asset, 0, sizeof *asset);
     const double start = bench_wall_s();
     octree_bake(scene, closed_rule, &octree);
+    const double baked = bench_wall_s();
     frustum.closed = closed_rule;
     struct umb_content content = {
         .light_count = 1,
@@ -197,10 +198,54 @@ void bench_asset_make(const struct bench_scene *scene, int closed_rule, int meas
         .notes = nothing,
     };
     memcpy(content.origin, scene->origin, sizeof content.origin);
-    const struct umb_sink sink = {bytes_append, &bytes};
+    const struct umb_sink sink = {bytes_append, bytes};
     bench_must(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, &error), &error, "pack");
-    asset->bake_s = bench_wall_s() - start;
     umb_octree_finish(&octree);
+    bench_say("%s %s: baked in %.2f s, packed to %zu bytes in %.2f s", scene->name,
+              closed_rule ? "closed" : "open", baked - start, bytes->size, bench_wall_s() - baked);
+}
+
+/* Reads or writes a kept bake; 0 if it is not there to read. */
+static int packed_keep(const char *path, const char *mode, struct bytes *bytes)
+{
+    uint8_t buffer[65536];
+    size_t count;
+    FILE *file = fopen(path, mode);
+    if (file == NULL) {
+        return 0;
+    }
+    if (mode[0] == 'w') {
+        count = fwrite(bytes->data, 1, bytes->size, file);
+        if (fclose(file) != 0 || count != bytes->size) {
+            bench_fail("cannot write %s", path);
+        }
+        return 1;
+    }
+    while ((count = fread(buffer, 1, sizeof buffer, file)) > 0) {
+        if (bytes_append(bytes, buffer, count) != UMB_OK) {
+            bench_fail("%s: out of memory", path);
+        }
+    }
+    (void)fclose(file);
+    return bytes->size > 0;
+}
+
+void bench_asset_make(const struct bench_scene *scene, int closed_rule, int measure_mapped,
+                      struct bench_asset *asset)
+{
+    struct umb_error error;
+    struct bytes bytes = {0};
+    const char *path = scene->assets == NULL
+                           ? NULL
+                           : bench_text("%s/%s-%u-%s.umb", scene->assets, scene->name,
+                                        scene->frustum.log2_size, closed_rule ? "closed" : "open");
+    memset(asset, 0, sizeof *asset);
+    if (path == NULL || !packed_keep(path, "rb", &bytes)) {
+        packed_bake(scene, closed_rule, &bytes);
+        if (path != NULL && !packed_keep(path, "wb", &bytes)) {
+            bench_fail("cannot write %s", path);
+        }
+    }
     asset->packed = bytes.data;
     asset->packed_bytes = bytes.size;
     bench_must(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset->asset, &error), &error,
@@ -209,8 +254,6 @@ void bench_asset_make(const struct bench_scene *scene, int closed_rule, int meas
         const struct umb_sink counter = {bytes_count, &asset->mapped_bytes};
         bench_must(umb_mapped_write(asset->asset, &counter, &error), &error, "map");
     }
-    bench_say("%s %s: %zu bytes packed in %.2f s", scene->name, closed_rule ? "closed" : "open",
-              asset->packed_bytes, asset->bake_s);
 }
 
 void bench_asset_finish(struct bench_asset *asset)
@@ -249,8 +292,7 @@ void bench_tiles(const struct bench_scene *scene, int closed_rule, bench_tile_fn
 void bench_texel(const struct umbb_tile *tile, int32_t size, int32_t x, int32_t y, int32_t *lit,
                  int32_t *end)
 {
-    const size_t block =
-        (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
+    const size_t block = (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
     if (tile->min_end[3][block] == size && tile->max_lit[3][block] == size) {
         /* Perhaps never written; if written, min_end says that every end is `size`, and lit may
          * still be less only where a solid reaches the last voxel, which a fitted box rules out. */

@@ -15,29 +15,31 @@
 
 struct bench_scene {
     const char *name;
-    struct gen_mesh mesh;      /* indexed; millimetres */
-    struct umbt_scene study;   /* corners, parts, box; rays after bench_scene_trace */
-    uint8_t *kinds;            /* [study.count] enum umbb_caster */
-    double (*voxels)[3][3];    /* [study.count] corners in voxel space */
+    const char *assets;      /* folder where bakes are kept from one program of a run to the next */
+    struct gen_mesh mesh;    /* indexed; millimetres */
+    struct umbt_scene study; /* corners, parts, box; rays after bench_scene_trace */
+    uint8_t *kinds;          /* [study.count] enum umbb_caster */
+    double (*voxels)[3][3];  /* [study.count] corners in voxel space */
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* world_to_voxel, voxel_step, log2_size */
     double origin[3];
 };
 
-void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2_size);
+/* assets: a folder that is empty when the run begins, or NULL to bake everything afresh. */
+void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2_size,
+                      const char *assets);
 void bench_scene_trace(struct bench_scene *scene); /* builds the rays */
 void bench_scene_finish(struct bench_scene *scene);
 
 /* The casters of a bake under a rule. */
 struct umbb_casters bench_casters(const struct bench_scene *scene, int closed_rule);
 
-/* An asset, baked, packed and opened in memory. */
+/* An asset, baked (or read, see bench_scene_make), packed and opened in memory. */
 struct bench_asset {
     struct umb_asset *asset;
     uint8_t *packed;
     size_t packed_bytes;
     uint64_t mapped_bytes; /* of its mapped form, if asked for */
-    double bake_s;         /* wall, to the packed bytes */
 };
 
 void bench_asset_make(const struct bench_scene *scene, int closed_rule, int measure_mapped,

@@ -8,6 +8,8 @@
  * answer; a few calls are under way at a time, as any client that wants throughput does. Wall time
  * on both sides. The first answers of both are compared, byte for byte.
  */
+#define _XOPEN_SOURCE 700 /* nftw */
+#include <ftw.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -24,14 +26,14 @@
 #include "bench_scene.h"
 #include "umbrage/client.h"
 
-#define BENCH       "service"
-#define BATCH       65536U
-#define CALLS       48U
-#define UNDER_WAY   4U
-#define TAPS        9U
-#define PCF9        1 /* in bench_points.at */
-#define START_S     10.0
-#define PATH_SIZE   512
+#define BENCH     "service"
+#define BATCH     65536U
+#define CALLS     48U
+#define UNDER_WAY 4U
+#define TAPS      9U
+#define PCF9      1 /* in bench_points.at */
+#define START_S   10.0
+#define PATH_SIZE 512
 
 struct daemon {
     char folder[PATH_SIZE], asset[PATH_SIZE + 32], address_file[PATH_SIZE + 32];
@@ -63,10 +65,10 @@ static void asset_store(struct daemon *daemon, const struct bench_asset *asset)
         bench_fail("cannot make the folder %s", daemon->folder);
     }
     (void)snprintf(daemon->asset, sizeof daemon->asset, "%s/city.umb", daemon->folder);
-    (void)snprintf(daemon->address_file, sizeof daemon->address_file, "%s/address",
-                   daemon->folder);
+    (void)snprintf(daemon->address_file, sizeof daemon->address_file, "%s/address", daemon->folder);
     FILE *file = fopen(daemon->asset, "wb");
-    if (file == NULL || fwrite(asset->packed, 1, asset->packed_bytes, file) != asset->packed_bytes ||
+    if (file == NULL ||
+        fwrite(asset->packed, 1, asset->packed_bytes, file) != asset->packed_bytes ||
         fclose(file) != 0) {
         bench_fail("cannot write %s", daemon->asset);
     }
@@ -113,6 +115,18 @@ static void daemon_start(struct daemon *daemon, const char *program)
     }
 }
 
+/* The daemon keeps a cache in its store. */
+static int entry_remove(const char *path, const struct stat *info, int kind, struct FTW *at)
+{
+    (void)info;
+    (void)kind;
+    (void)at;
+    if (remove(path) != 0) {
+        bench_say("cannot remove %s", path);
+    }
+    return 0;
+}
+
 static void daemon_stop(void)
 {
     const struct daemon *daemon = &daemon_run;
@@ -123,11 +137,7 @@ static void daemon_stop(void)
     if (daemon->folder[0] == '\0') {
         return;
     }
-    (void)unlink(daemon->address_file);
-    (void)unlink(daemon->asset);
-    if (rmdir(daemon->folder) != 0) {
-        bench_say("something is left in %s", daemon->folder);
-    }
+    (void)nftw(daemon->folder, entry_remove, 8, FTW_DEPTH | FTW_PHYS);
 }
 
 static void reply_take(void *user, enum umb_status status,
@@ -240,15 +250,13 @@ int main(int argc, char **argv)
     struct bench_scene scene;
     struct bench_asset asset;
     struct bench_points points;
-    const char *size = bench_size(argc, argv), *program = NULL;
-    for (int i = 1; i + 1 < argc; i++) {
-        program = strcmp(argv[i], "--umbraged") == 0 ? argv[i + 1] : program;
-    }
+    const char *size = bench_size(argc, argv);
+    const char *program = bench_option(argc, argv, "--umbraged", NULL);
     if (program == NULL) {
         fprintf(stderr, "usage: %s --umbraged PROGRAM [--size quick|full]\n", argv[0]);
         return 2;
     }
-    bench_scene_make(&scene, "city", 14);
+    bench_scene_make(&scene, "city", 14, bench_option(argc, argv, "--assets", NULL));
     bench_scene_trace(&scene);
     bench_points_gbuffer(&scene, &points);
     bench_asset_make(&scene, 1, 0, &asset);

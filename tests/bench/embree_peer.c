@@ -121,8 +121,8 @@ static void run_one(const struct embree_query *query)
 static void context_init(struct RTCIntersectContext *context, int coherent)
 {
     rtcInitIntersectContext(context);
-    context->flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
-                              : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    context->flags =
+        coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
 
 /* One body for packets of 8 and 16: the structs differ in width only. */

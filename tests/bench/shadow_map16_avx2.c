@@ -29,8 +29,7 @@ static __m256d transform(const double m[4], __m256d x, __m256d y, __m256d z)
 /* Floor, kept within low..high, plus add. */
 static __m128i cell(__m256d v, double low, double high, int32_t add)
 {
-    v = _mm256_max_pd(_mm256_min_pd(_mm256_floor_pd(v), _mm256_set1_pd(high)),
-                      _mm256_set1_pd(low));
+    v = _mm256_max_pd(_mm256_min_pd(_mm256_floor_pd(v), _mm256_set1_pd(high)), _mm256_set1_pd(low));
     return _mm_add_epi32(_mm256_cvttpd_epi32(v), _mm_set1_epi32(add));
 }
 
@@ -140,9 +139,8 @@ static inline int tiles_count(const struct shadow_map *map, int32_t x, int32_t y
     }
     __m128i sum = _mm_setzero_si128();
     for (int32_t row = y; row < y + taps; row++) {
-        const uint16_t *line =
-            map->tiles + (((size_t)row >> 2) * across + ((size_t)x >> 3)) * 32 +
-            ((size_t)row & 3) * 8;
+        const uint16_t *line = map->tiles + (((size_t)row >> 2) * across + ((size_t)x >> 3)) * 32 +
+                               ((size_t)row & 3) * 8;
         for (int t = 0; t < columns; t++) {
             const __m128i texels =
                 _mm_loadu_si128((const __m128i *)(const void *)(line + 32 * (size_t)t));

@@ -14,8 +14,11 @@
 #define STEP      5U /* of a row's texels: more rows for the same work */
 #define SEED      11U
 
-/* The samples of one row. */
+/* The samples of one row, for one asset. */
 struct samples {
+    int closed_rule;
+    struct umb_query query;
+    struct voxel_truth_result result;
     double *points; /* [3 * capacity], world minus origin */
     uint8_t *truth, *answers;
     size_t count;
@@ -59,7 +62,8 @@ static void sample_add(const struct bench_scene *scene, struct samples *samples,
 {
     const int32_t size = (int32_t)1 << scene->frustum.log2_size;
     const int64_t z = voxel[2];
-    if (z < 0 || z >= size || (z >= (int64_t)texel->lit && z < (int64_t)texel->end)) {
+    const int64_t end = samples->closed_rule ? texel->end : texel->lit;
+    if (z < 0 || z >= size || (z >= (int64_t)texel->lit && z < end)) {
         return;
     }
     centre_world(scene, voxel, samples->points + 3 * samples->count);
@@ -69,7 +73,8 @@ static void sample_add(const struct bench_scene *scene, struct samples *samples,
 static void texel_sample(const struct bench_scene *scene, const struct oracle_texel *texel,
                          int32_t x, int32_t y, struct samples *samples)
 {
-    const int32_t lit = (int32_t)texel->lit, end = (int32_t)texel->end;
+    const int32_t lit = (int32_t)texel->lit;
+    const int32_t end = samples->closed_rule ? (int32_t)texel->end : lit;
     for (int32_t z = lit - NEAR; z < end + NEAR; z++) {
         if (z == lit + NEAR && end - NEAR > z) {
             z = end - NEAR; /* what lies far from both */
@@ -79,79 +84,94 @@ static void texel_sample(const struct bench_scene *scene, const struct oracle_te
     }
 }
 
-static void samples_ask(const struct bench_scene *scene, const struct umb_query *query,
-                        struct samples *samples, struct voxel_truth_result *result)
+static void samples_ask(const struct bench_scene *scene, struct samples *samples)
 {
     struct umb_points points = {
         .positions = samples->points, .format = UMB_POINT_F64, .count = samples->count};
     struct umb_answers answers = {.values = samples->answers};
     memcpy(points.origin, scene->origin, sizeof points.origin);
-    umb_query_run(query, &points, 0, points.count, &answers);
+    umb_query_run(&samples->query, &points, 0, points.count, &answers);
     for (size_t i = 0; i < samples->count; i++) {
-        result->wrong += samples->answers[i] != samples->truth[i];
+        samples->result.wrong += samples->answers[i] != samples->truth[i];
     }
-    result->samples += samples->count;
+    samples->result.samples += samples->count;
     samples->count = 0;
 }
 
-static void samples_make(struct samples *samples, size_t side)
+static void samples_init(struct samples *samples, const struct bench_asset *asset, int closed_rule,
+                         size_t side)
 {
     const size_t capacity = PER_TEXEL * (side / STEP + 1);
-    *samples = (struct samples){.points = calloc(capacity, 3 * sizeof(double)),
+    const struct umb_query_settings settings = {
+        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
+    struct umb_error error;
+    *samples = (struct samples){.closed_rule = closed_rule,
+                                .points = calloc(capacity, 3 * sizeof(double)),
                                 .truth = calloc(capacity, 1),
                                 .answers = calloc(capacity, 1)};
     if (samples->points == NULL || samples->truth == NULL || samples->answers == NULL) {
         bench_fail("voxel samples: out of memory");
     }
+    bench_must(umb_query_prepare(asset->asset, &settings, &samples->query, &error), &error,
+               "query");
 }
 
-struct voxel_truth_result voxel_truth_compare(const struct bench_scene *scene,
-                                              const struct bench_asset *asset, int closed_rule,
-                                              uint64_t samples_wanted)
+static void samples_finish(struct samples *samples)
 {
-    struct voxel_truth_result result = {0};
+    free(samples->points);
+    free(samples->truth);
+    free(samples->answers);
+}
+
+/* One row of texels, for both assets. */
+static void row_compare(const struct bench_scene *scene, const struct oracle_texel *row, uint32_t y,
+                        struct samples samples[2])
+{
+    const uint32_t side = 1U << scene->frustum.log2_size;
+    for (int rule = 0; rule < 2; rule++) {
+        for (uint32_t x = 0; x < side; x += STEP) {
+            samples[rule].result.ties += (uint64_t)(row[x].tie != 0);
+            if (!row[x].tie && row[x].lit < side) {
+                texel_sample(scene, &row[x], (int32_t)x, (int32_t)y, &samples[rule]);
+            }
+        }
+        samples_ask(scene, &samples[rule]);
+    }
+}
+
+void voxel_truth_compare(const struct bench_scene *scene, const struct bench_asset assets[2],
+                         uint64_t samples_wanted, struct voxel_truth_result results[2])
+{
     struct oracle_scene oracle_scene;
     struct oracle_depth depth;
-    struct samples samples;
-    struct umb_query query;
-    struct umb_error error;
+    struct samples samples[2];
     double m[16] = {0};
     struct gen_rng rng = {SEED};
     const uint32_t side = 1U << scene->frustum.log2_size;
-    const struct umb_query_settings settings = {
-        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
     memcpy(m, scene->frustum.world_to_voxel, sizeof m);
-    const struct oracle_view view = {
-        .m = m, .origin = scene->origin, .side = side, .closed = closed_rule};
-    scene_copy(&scene->mesh, &oracle_scene);
-    if (!oracle_depth_init(&depth, &oracle_scene, &view)) {
-        bench_fail("oracle: out of memory");
-    }
+    const struct oracle_view view = {.m = m, .origin = scene->origin, .side = side, .closed = 1};
     struct oracle_texel *row = calloc(side, sizeof *row);
-    if (row == NULL) {
+    scene_copy(&scene->mesh, &oracle_scene);
+    if (row == NULL || !oracle_depth_init(&depth, &oracle_scene, &view)) {
         bench_fail("oracle: out of memory");
     }
-    samples_make(&samples, side);
-    bench_must(umb_query_prepare(asset->asset, &settings, &query, &error), &error, "query");
-    while (result.samples < samples_wanted) {
+    for (int rule = 0; rule < 2; rule++) {
+        samples_init(&samples[rule], &assets[rule], rule, side);
+    }
+    while (samples[0].result.samples < samples_wanted ||
+           samples[1].result.samples < samples_wanted) {
         const uint32_t y = (uint32_t)gen_range(&rng, 0, (int32_t)side - 1);
         oracle_depth_row(&depth, y, STEP, row);
-        for (uint32_t x = 0; x < side; x += STEP) {
-            result.ties += (uint64_t)(row[x].tie != 0);
-            if (!row[x].tie && row[x].lit < side) {
-                texel_sample(scene, &row[x], (int32_t)x, (int32_t)y, &samples);
-            }
-        }
-        samples_ask(scene, &query, &samples, &result);
+        row_compare(scene, row, y, samples);
     }
-    bench_say("%s %s: %llu voxels compared, %llu wrong, %llu texels left out as ties", scene->name,
-              closed_rule ? "closed" : "open", (unsigned long long)result.samples,
-              (unsigned long long)result.wrong, (unsigned long long)result.ties);
-    free(samples.points);
-    free(samples.truth);
-    free(samples.answers);
+    for (int rule = 0; rule < 2; rule++) {
+        results[rule] = samples[rule].result;
+        bench_say("%s %s: %llu voxels compared, %llu wrong, %llu texels left out as ties",
+                  scene->name, rule ? "closed" : "open", (unsigned long long)results[rule].samples,
+                  (unsigned long long)results[rule].wrong, (unsigned long long)results[rule].ties);
+        samples_finish(&samples[rule]);
+    }
     free(row);
     oracle_depth_finish(&depth);
     oracle_scene_finish(&oracle_scene);
-    return result;
 }

@@ -6,8 +6,8 @@
  *
  * The truth is the oracle's (tests/oracle/oracle_depth.h): lit and end of every texel of random
  * rows, in long double, without a line of the product. The asset is asked through its public query,
- * one tap, no bias, at the centres of all voxels within eight of lit or of end. Texels that the oracle
- * calls a tie, and undefined voxels, are left out.
+ * one tap, no bias, at the centres of all voxels within eight of lit or of end. Texels that the
+ * oracle calls a tie, and undefined voxels, are left out.
  */
 #include "bench_scene.h"
 
@@ -15,9 +15,8 @@ struct voxel_truth_result {
     uint64_t samples, wrong, ties;
 };
 
-/* Compares at least `samples` voxels. */
-struct voxel_truth_result voxel_truth_compare(const struct bench_scene *scene,
-                                              const struct bench_asset *asset, int closed_rule,
-                                              uint64_t samples);
+/* Compares at least `samples` voxels of each asset: 0 open, 1 closed. */
+void voxel_truth_compare(const struct bench_scene *scene, const struct bench_asset assets[2],
+                         uint64_t samples, struct voxel_truth_result results[2]);
 
 #endif

@@ -75,7 +75,8 @@ static uint32_t cube_make(struct build *build, const struct umbb_tile *tile, uin
 static void tile_take(void *user, const struct umbb_tile *tile)
 {
     struct build *build = user;
-    const size_t x = (size_t)(tile->x0 >> tile->log2_size), y = (size_t)(tile->y0 >> tile->log2_size);
+    const size_t x = (size_t)(tile->x0 >> tile->log2_size),
+                 y = (size_t)(tile->y0 >> tile->log2_size);
     for (size_t z = 0; z < build->across; z++) {
         build->columns[x + build->across * (y + build->across * z)] =
             cube_make(build, tile, tile->log2_size, 0, 0, z);
@@ -94,8 +95,8 @@ static uint32_t root_make(struct build *build)
             const size_t x = 2 * (i % half), y = 2 * (i / half % half), z = 2 * (i / half / half);
             uint32_t children[8];
             for (size_t c = 0; c < 8; c++) {
-                children[c] = build->columns[x + (c & 1) + n * (y + (c >> 1 & 1) +
-                                                                n * (z + (c >> 2)))];
+                children[c] =
+                    build->columns[x + (c & 1) + n * (y + (c >> 1 & 1) + n * (z + (c >> 2)))];
             }
             must(umb_pool_node(&build->pool, level, children, &build->columns[i], &error), &error);
         }
@@ -140,8 +141,8 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
     struct build build = {.log2_size = scene->frustum.log2_size};
     build.across = 1U << (build.log2_size - BENCH_TILE_LOG2);
     umb_pool_init(&build.pool, NULL, SIZE_MAX);
-    build.columns = calloc((size_t)build.across * build.across * build.across,
-                           sizeof *build.columns);
+    build.columns =
+        calloc((size_t)build.across * build.across * build.across, sizeof *build.columns);
     if (build.columns == NULL) {
         bench_fail("2014 octree: out of memory");
     }
@@ -152,8 +153,8 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
         const struct umb_octree_level *l = &octree.level[level];
         result.nodes += l->count;
         if (l->count > 0) {
-            result.bytes += (uint64_t)l->count * NODE_BYTES + (uint64_t)l->first[l->count] *
-                                                                  POINTER_BYTES;
+            result.bytes +=
+                (uint64_t)l->count * NODE_BYTES + (uint64_t)l->first[l->count] * POINTER_BYTES;
         }
     }
     bricks_count(&octree, &result);

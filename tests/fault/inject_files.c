@@ -104,35 +104,39 @@ EXPORT int renameat(int from_at, const char *from, int to_at, const char *to)
 {
     struct call call;
     fault_weigh_path(&call, RENAMEAT, from_at, from);
-    return fault_fails(&call) ? -1
-                        : (int)fault_done(&call, syscall(SYS_renameat2, from_at, from, to_at, to, 0));
+    return fault_fails(&call)
+               ? -1
+               : (int)fault_done(&call, syscall(SYS_renameat2, from_at, from, to_at, to, 0));
 }
 
 EXPORT int mkdir(const char *path, mode_t mode)
 {
     struct call call;
     fault_weigh_path(&call, MKDIR, AT_FDCWD, path);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_mkdirat, AT_FDCWD, path, mode));
+    return fault_fails(&call) ? -1
+                              : (int)fault_done(&call, syscall(SYS_mkdirat, AT_FDCWD, path, mode));
 }
 
 EXPORT int unlink(const char *path)
 {
     struct call call;
     fault_weigh_path(&call, UNLINK, AT_FDCWD, path);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_unlinkat, AT_FDCWD, path, 0));
+    return fault_fails(&call) ? -1
+                              : (int)fault_done(&call, syscall(SYS_unlinkat, AT_FDCWD, path, 0));
 }
 
 static int open_counted(enum function function, int at, const char *path, int flags, mode_t mode)
 {
     struct call call;
     fault_weigh_path(&call, function, at, path);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_openat, at, path, flags, mode));
+    return fault_fails(&call) ? -1
+                              : (int)fault_done(&call, syscall(SYS_openat, at, path, flags, mode));
 }
 
 /* The mode of an open that may create; only then is there one. */
 #define READ_MODE(flags, mode)                                                                     \
     do {                                                                                           \
-        if (((flags) & O_CREAT) != 0 || ((flags) & O_TMPFILE) == O_TMPFILE) {                      \
+        if (((flags)&O_CREAT) != 0 || ((flags)&O_TMPFILE) == O_TMPFILE) {                          \
             va_list more;                                                                          \
             va_start(more, flags);                                                                 \
             (mode) = va_arg(more, mode_t);                                                         \

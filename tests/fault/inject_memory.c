@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Stand-ins for the allocator's functions (inject.c says when they fail). The work is glibc's, under
- * the second names that it keeps for this, so free and malloc_usable_size need no stand-in.
+ * Stand-ins for the allocator's functions (inject.c says when they fail). The work is glibc's,
+ * under the second names that it keeps for this, so free and malloc_usable_size need no stand-in.
  */
 #define _GNU_SOURCE
 #include "inject.h"

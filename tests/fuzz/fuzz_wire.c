@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hostile messages and gRPC bytes: every decoder, and the reader fed in pieces the input chooses. */
+/* Hostile messages and gRPC bytes: every decoder, and the reader fed in pieces the input chooses.
+ */
 #include <string.h>
 
 #include "fuzz.h"

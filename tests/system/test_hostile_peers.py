@@ -8,6 +8,7 @@ time. Each is held to its bound, and others are answered meanwhile.
 import os
 import socket
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -208,6 +209,50 @@ with test.check("peers who only connect do not lock others out"):
         connection.pump(0.1)
     assert any(connection.goaway == 0 for connection in squatters)
     daemon.stop()
+
+# --- the end ---------------------------------------------------------------------------------
+
+test.bake(test.scene("city", 6), test.path("slow.umb"), "--resolution", 4096, "--depth", "raster",
+          "--verify", 0)
+
+
+def fill(store, count):
+    """The same asset under many names: each is read, proven and mapped on its own."""
+    os.makedirs(store, exist_ok=True)
+    for i in range(count):
+        os.link(test.path("slow.umb"), os.path.join(store, f"c{i}.umb"))
+
+
+def loaded(log):
+    with open(log, encoding="utf-8", errors="replace") as file:
+        return file.read().count("asset_loaded")
+
+
+with test.check("files that are being loaded do not hold up the end of a drain"):
+    daemon = test.daemon("--workers", 1, store=test.path("many"))
+    fill(test.path("many"), 1500)
+    ut.wait_until(lambda: loaded(daemon.log_path) > 3, 20, "loading begins")
+    begin = time.monotonic()
+    daemon.stop()
+    took = time.monotonic() - begin
+    assert took < (20 if SLOW else 4), took
+    assert loaded(daemon.log_path) < 1500, "they were all loaded: this proves nothing"
+with test.check("a daemon that is still loading its store ends at a signal"):
+    fill(test.path("boot"), 1500)
+    log = test.path("boot.log")
+    with open(log, "wb") as file:
+        process = subprocess.Popen([ut.program("umbraged"), "--store", test.path("boot"), "--listen",
+                                    "unix:" + test.path("boot.sock")], stderr=file)
+    try:
+        ut.wait_until(lambda: loaded(log) > 3, 20, "loading begins")
+        process.terminate()
+        begin = time.monotonic()
+        process.wait(60)
+        took = time.monotonic() - begin
+        assert took < (20 if SLOW else 2), took
+        assert loaded(log) < 1500, "they were all loaded: this proves nothing"
+    finally:
+        process.kill()
 
 # --- time ------------------------------------------------------------------------------------
 

@@ -26,6 +26,14 @@ static inline uint64_t umb__load64(const uint8_t *p)
     return (uint64_t)umb__load32(p) | ((uint64_t)umb__load32(p + 4) << 32);
 }
 
+static inline float umb__load_f32(const uint8_t *p)
+{
+    uint32_t bits = umb__load32(p);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
 static inline double umb__load_f64(const uint8_t *p)
 {
     uint64_t bits = umb__load64(p);

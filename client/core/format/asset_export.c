@@ -20,9 +20,9 @@ struct exporter {
 };
 
 /*
- * Added to a reference (mod 2^32) so that 0 is left for "not yet": shadowed and lit, the two highest
- * numbers, become 1 and 2. Uniform results are remembered too: a hostile file may share a subtree
- * that is uniform 64 times a level, and would be walked 64^8 times.
+ * Added to a reference (mod 2^32) so that 0 is left for "not yet": shadowed and lit, the two
+ * highest numbers, become 1 and 2. Uniform results are remembered too: a hostile file may share a
+ * subtree that is uniform 64 times a level, and would be walked 64^8 times.
  */
 #define MADE 3U
 
@@ -127,16 +127,14 @@ static enum umb_status export_roots(struct exporter *e, struct umb_octree *octre
     uint32_t *refs = umb__alloc(alloc, content->frustum_count, sizeof *refs);
     uint32_t *levels = umb__alloc(alloc, content->frustum_count, sizeof *levels);
     enum umb_status status =
-        refs && levels ? UMB_OK
-                       : umb_fail(e->error, UMB_E_NO_MEMORY, "exporting: out of memory");
+        refs && levels ? UMB_OK : umb_fail(e->error, UMB_E_NO_MEMORY, "exporting: out of memory");
     for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
         struct part whole = {content->frusta[i].log2_size, 0, 0, 0};
         levels[i] = whole.level;
         status = export_part(e, i, whole, &refs[i]);
     }
     if (status == UMB_OK) {
-        status =
-            umb_pool_take(&e->pool, refs, levels, content->frustum_count, octree, e->error);
+        status = umb_pool_take(&e->pool, refs, levels, content->frustum_count, octree, e->error);
     }
     umb__free(alloc, refs);
     umb__free(alloc, levels);

@@ -198,12 +198,13 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
         uint32_t tag = umb__load32(head);
         uint64_t size = umb__load64(head + 8);
         if (size > length || !umb__take(&at, end, 1, padded(size), &body)) {
-            return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s of %llu bytes is cut",
-                            (const char *)head, (unsigned long long)size);
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "canonical block: entry %.4s of %llu bytes is cut", (const char *)head,
+                            (unsigned long long)size);
         }
         if (!all_zero(body + size, padded(size) - size)) {
-            return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s: padding is not zero",
-                            (const char *)head);
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "canonical block: entry %.4s: padding is not zero", (const char *)head);
         }
         size_t i = 0;
         while (i < ENTRY_COUNT && entry_tags[i] != tag) {

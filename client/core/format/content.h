@@ -11,15 +11,15 @@
 struct umb_content {
     uint32_t light_count;
     uint32_t frustum_count;
-    struct umb_light_info *lights;    /* [light_count] */
-    struct umb_frustum_info *frusta;  /* [frustum_count]; voxel_step is derived, not stored */
-    double origin[3];                 /* metres, world space */
-    struct umb_box bounds;            /* metres, world space */
+    struct umb_light_info *lights;   /* [light_count] */
+    struct umb_frustum_info *frusta; /* [frustum_count]; voxel_step is derived, not stored */
+    double origin[3];                /* metres, world space */
+    struct umb_box bounds;           /* metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES];
-    uint64_t bytes_2014;              /* yardstick, 0 = not computed */
-    char *plan;                       /* NUL-terminated UTF-8, one line an effect */
-    char *settings;                   /* NUL-terminated key=value lines */
-    char *notes;                      /* outside the identity */
+    uint64_t bytes_2014; /* yardstick, 0 = not computed */
+    char *plan;          /* NUL-terminated UTF-8, one line an effect */
+    char *settings;      /* NUL-terminated key=value lines */
+    char *notes;         /* outside the identity */
 };
 
 /* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
@@ -28,7 +28,8 @@ struct umb_sink {
     void *user;
 };
 
-/* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake). */
+/* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake).
+ */
 struct umb_sha256 {
     /* digest of the concatenation of part_count parts; all zeros if it could not be made (out of
      * memory), which the core takes as E_NO_MEMORY: no input is known to have that digest */
@@ -48,12 +49,10 @@ struct umb_sha256 {
  * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
  * Guaranteed: equal content and octree (up to numbering) give equal bytes but for the notes.
  */
-UMB_API UMB_CHECKED enum umb_status umb_pack_write(const struct umb_content *content,
-                                                   const struct umb_octree *octree,
-                                                   const struct umb_sha256 *sha256,
-                                                   const struct umb_sink *sink,
-                                                   uint8_t id[UMB_ID_BYTES],
-                                                   struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
+               const struct umb_sha256 *sha256, const struct umb_sink *sink,
+               uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
 /*
  * Writes the mapped form (.umbm) of an open asset.

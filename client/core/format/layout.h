@@ -22,8 +22,8 @@
  */
 #include <stdint.h>
 
-#define UMB__MAGIC_PACKED "\x89UMB\r\n\x1a\n"
-#define UMB__MAGIC_MAPPED "\x89UMM\r\n\x1a\n"
+#define UMB__MAGIC_PACKED  "\x89UMB\r\n\x1a\n"
+#define UMB__MAGIC_MAPPED  "\x89UMM\r\n\x1a\n"
 #define UMB__VERSION_MAJOR 1
 #define UMB__VERSION_MINOR 0
 
@@ -44,15 +44,15 @@ enum {
 
 /* Directory entry of a packed file: one page. */
 enum {
-    UMB__PAGE_OFFSET = 0,         /* u64, from the start of the file */
-    UMB__PAGE_STORED_LENGTH = 8,  /* u32, zstd frame */
-    UMB__PAGE_RAW_LENGTH = 12,    /* u32 */
-    UMB__PAGE_CHECK = 16,         /* u64, XXH3-64 of the stored bytes */
-    UMB__PAGE_LEVEL_HIGH = 24,    /* u8 */
-    UMB__PAGE_LEVEL_LOW = 25,     /* u8 */
-    UMB__PAGE_ZERO = 26,          /* u16 */
-    UMB__PAGE_RECORDS = 28,       /* u32, nodes and bricks in the page */
-    UMB__PAGE_HASH = 32,          /* SHA-256 of the raw bytes */
+    UMB__PAGE_OFFSET = 0,        /* u64, from the start of the file */
+    UMB__PAGE_STORED_LENGTH = 8, /* u32, zstd frame */
+    UMB__PAGE_RAW_LENGTH = 12,   /* u32 */
+    UMB__PAGE_CHECK = 16,        /* u64, XXH3-64 of the stored bytes */
+    UMB__PAGE_LEVEL_HIGH = 24,   /* u8 */
+    UMB__PAGE_LEVEL_LOW = 25,    /* u8 */
+    UMB__PAGE_ZERO = 26,         /* u16 */
+    UMB__PAGE_RECORDS = 28,      /* u32, nodes and bricks in the page */
+    UMB__PAGE_HASH = 32,         /* SHA-256 of the raw bytes */
     UMB__PAGE_ENTRY = 64,
 };
 
@@ -80,23 +80,25 @@ enum {
 #define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
 
 /* Sections of a mapped file. */
-#define UMB__TAG_TOPS   UMB__TAG('T', 'O', 'P', 'S') /* per frustum: u32 grid log2, u32 0, u64 first cell */
-#define UMB__TAG_LEVELS UMB__TAG('L', 'V', 'L', 'S') /* u64 begin of each wide level's nodes, in words */
+#define UMB__TAG_TOPS                                                                              \
+    UMB__TAG('T', 'O', 'P', 'S') /* per frustum: u32 grid log2, u32 0, u64 first cell */
+#define UMB__TAG_LEVELS                                                                            \
+    UMB__TAG('L', 'V', 'L', 'S') /* u64 begin of each wide level's nodes, in words */
 #define UMB__TAG_GRID   UMB__TAG('G', 'R', 'I', 'D')
 #define UMB__TAG_NODES  UMB__TAG('N', 'O', 'D', 'E')
 #define UMB__TAG_BRICKS UMB__TAG('B', 'R', 'I', 'K')
 
-#define UMB__ENTRY_HEAD     16U
-#define UMB__SCENE_SIZE     104U
-#define UMB__LIGHT_SIZE     136U
-#define UMB__FRUSTUM_SIZE   144U
-#define UMB__COUNTS_SIZE    152U /* levels 3..20, then the 2014 bytes */
-#define UMB__ROOT_SIZE      16U
-#define UMB__TOP_SIZE       16U
+#define UMB__ENTRY_HEAD      16U
+#define UMB__SCENE_SIZE      104U
+#define UMB__LIGHT_SIZE      136U
+#define UMB__FRUSTUM_SIZE    144U
+#define UMB__COUNTS_SIZE     152U /* levels 3..20, then the 2014 bytes */
+#define UMB__ROOT_SIZE       16U
+#define UMB__TOP_SIZE        16U
 #define UMB__MUST_UNDERSTAND 1U
 
 #define UMB__PAGE_ENCODING   1U
-#define UMB__PAGE_RAW_MAX    (1U << 20) /* longest page, uncompressed */
+#define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
 #define UMB__PAGE_RAW_TARGET (32U << 10) /* where the writer closes a page */
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)

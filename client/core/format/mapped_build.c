@@ -48,8 +48,7 @@ static void widen(const struct umb_octree *octree, uint32_t level, uint32_t inde
         const uint32_t *grandchild =
             state == UMB_NODE_MIXED ? lower->children + lower->first[node] : NULL;
         for (unsigned g = 0; g < 8; g++) {
-            enum umb_node_state inner =
-                grandchild ? umb_mask_state(lower->masks[node], g) : state;
+            enum umb_node_state inner = grandchild ? umb_mask_state(lower->masks[node], g) : state;
             unsigned bit = wide_bit(c, g);
             if (inner == UMB_NODE_MIXED) {
                 wide->mixed |= (uint64_t)1 << bit;
@@ -94,8 +93,8 @@ static uint64_t content_bytes(const struct umb_octree *octree)
     return bytes;
 }
 
-/* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the cells
- * of every grid dissolve into the grids and get none. */
+/* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the
+ * cells of every grid dissolve into the grids and get none. */
 static enum umb_status place_nodes(struct builder *b)
 {
     struct umb__view *view = &b->mapped->view;
@@ -171,9 +170,8 @@ static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cu
     uint32_t cell_level = b->content->frusta[frustum].log2_size - g;
     uint32_t *grid = b->mapped->grid + top->first_cell;
     if (cube.level == cell_level || state != UMB_NODE_MIXED) {
-        uint32_t value = state == UMB_NODE_MIXED
-                             ? number_of(b, cube.level, index) + UMB__CELL_FIRST
-                             : (uint32_t)state;
+        uint32_t value = state == UMB_NODE_MIXED ? number_of(b, cube.level, index) + UMB__CELL_FIRST
+                                                 : (uint32_t)state;
         uint32_t side = 1U << (cube.level - cell_level);
         for (uint32_t z = cube.z; z < cube.z + side; z++) {
             for (uint32_t y = cube.y; y < cube.y + side; y++) {
@@ -231,10 +229,10 @@ static enum umb_status check_memory(const struct builder *b, uint64_t max_memory
 {
     const struct umb_octree *octree = b->octree;
     const struct umb__view *view = &b->mapped->view;
-    uint64_t bytes = (uint64_t)octree->brick_count * 64 + view->node_words * 8 +
-                     view->grid_count * sizeof(uint32_t) +
-                     (uint64_t)octree->root_count *
-                         (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
+    uint64_t bytes =
+        (uint64_t)octree->brick_count * 64 + view->node_words * 8 +
+        view->grid_count * sizeof(uint32_t) +
+        (uint64_t)octree->root_count * (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
         const struct umb_octree_level *level = &octree->level[l];
         bytes += (uint64_t)level->count * (sizeof *level->masks + sizeof *level->first) +

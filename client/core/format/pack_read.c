@@ -125,13 +125,15 @@ static enum umb_status expand_page(ZSTD_DCtx *zstd, const uint8_t *file, const s
 {
     const uint8_t *stored = file + entry->offset;
     if (ZSTD_findFrameCompressedSize(stored, entry->stored_length) != entry->stored_length) {
-        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: %u bytes are not one zstd frame",
-                        entry->page, entry->stored_length);
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "page %u of the file: %u bytes are not one zstd frame", entry->page,
+                        entry->stored_length);
     }
     size_t got = ZSTD_decompressDCtx(zstd, raw, entry->raw_length, stored, entry->stored_length);
     if (ZSTD_isError(got) || got != entry->raw_length) {
-        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: does not uncompress to %u bytes",
-                        entry->page, entry->raw_length);
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "page %u of the file: does not uncompress to %u bytes", entry->page,
+                        entry->raw_length);
     }
     return UMB_OK;
 }
@@ -331,8 +333,7 @@ static uint64_t peak_bytes(const struct umb__canonical *canonical, uint64_t page
     return bytes;
 }
 
-static enum umb_status check_counts(const struct umb__canonical *canonical,
-                                    struct umb_error *error)
+static enum umb_status check_counts(const struct umb__canonical *canonical, struct umb_error *error)
 {
     for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         if (canonical->counts[level] >= UINT32_MAX) {

@@ -8,8 +8,6 @@
 #include "format/asset_parts.h"
 #include "query/query_parts.h"
 
-#define BIAS_MAX 1e6
-
 static umb__kernel_fn choose_kernel(void)
 {
 #if defined(__x86_64__)
@@ -45,9 +43,9 @@ static enum umb_status check_settings(const struct umb_asset *asset,
     if ((unsigned)settings->format > UMB_ANSWER_BIT) {
         return umb_fail(error, UMB_E_ARGUMENT, "format: %d, unknown", (int)settings->format);
     }
-    if (!(settings->bias >= 0 && settings->bias <= BIAS_MAX)) {
+    if (!(settings->bias >= 0 && settings->bias <= UMB_BIAS_MAX)) {
         return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
-                        BIAS_MAX);
+                        UMB_BIAS_MAX);
     }
     if (asset->canonical.content.lights[settings->light].kind != UMB_LIGHT_DIRECTIONAL) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", settings->light);

@@ -5,7 +5,8 @@
  * Assets: the immutable shadow data of one scene and its lights.
  *
  *     struct umb_asset *asset;
- *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) { ... error.message ... }
+ *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) { ... error.message ...
+ * }
  *     ... umb_query_prepare(asset, ...) and umb_query_run(...), see query.h ...
  *     umb_asset_close(asset);
  *
@@ -32,14 +33,14 @@
 extern "C" {
 #endif
 
-#define UMB_ID_BYTES       32     /* SHA-256 */
-#define UMB_ID_TEXT_SIZE   65     /* lower-case hexadecimal and a NUL */
-#define UMB_LEVEL_BRICK    3      /* an 8x8x8 brick is the node of level 3 */
-#define UMB_LEVEL_MIN      6      /* smallest frustum: 64 voxels a side */
-#define UMB_LEVEL_MAX      20     /* largest: 1048576 voxels a side */
-#define UMB_LIGHTS_MAX     4096   /* lights in one asset */
-#define UMB_FRUSTA_MAX     24576  /* six a light */
-#define UMB_NAME_SIZE      64     /* bytes of a light's name with its NUL */
+#define UMB_ID_BYTES     32    /* SHA-256 */
+#define UMB_ID_TEXT_SIZE 65    /* lower-case hexadecimal and a NUL */
+#define UMB_LEVEL_BRICK  3     /* an 8x8x8 brick is the node of level 3 */
+#define UMB_LEVEL_MIN    6     /* smallest frustum: 64 voxels a side */
+#define UMB_LEVEL_MAX    20    /* largest: 1048576 voxels a side */
+#define UMB_LIGHTS_MAX   4096  /* lights in one asset */
+#define UMB_FRUSTA_MAX   24576 /* six a light */
+#define UMB_NAME_SIZE    64    /* bytes of a light's name with its NUL */
 
 struct umb_asset; /* opaque */
 
@@ -70,11 +71,11 @@ enum umb_light_kind {
 struct umb_light_info {
     char name[UMB_NAME_SIZE]; /* UTF-8, may be empty, NUL-terminated */
     enum umb_light_kind kind;
-    double direction[3];     /* unit vector in which the light travels (directional, spot) */
-    double position[3];      /* metres (spot, point), scene origin included */
-    double extent;           /* angular diameter in radians (directional) or size in metres; 0 = none */
-    uint32_t first_frustum;  /* its frusta are first_frustum .. first_frustum + frustum_count - 1 */
-    uint32_t frustum_count;  /* 1 for directional and spot, up to 6 for point */
+    double direction[3]; /* unit vector in which the light travels (directional, spot) */
+    double position[3];  /* metres (spot, point), scene origin included */
+    double extent;       /* angular diameter in radians (directional) or size in metres; 0 = none */
+    uint32_t first_frustum; /* its frusta are first_frustum .. first_frustum + frustum_count - 1 */
+    uint32_t frustum_count; /* 1 for directional and spot, up to 6 for point */
 };
 
 /* One light-space frustum. */
@@ -82,30 +83,32 @@ struct umb_frustum_info {
     uint32_t log2_size;          /* voxels a side = 1 << log2_size */
     uint32_t light;              /* index of the light it belongs to */
     int closed;                  /* baked under the closed rule: undefined inside closed solids */
-    double world_to_voxel[4][4]; /* row major; voxel = M * (world - origin, 1), affine for directional lights */
-    double voxel_step[3][3];     /* row i: world vector of one voxel along voxel axis i (affine), metres */
+    double world_to_voxel[4][4]; /* row major; voxel = M * (world - origin, 1), affine for
+                                    directional lights */
+    double voxel_step[3]
+                     [3]; /* row i: world vector of one voxel along voxel axis i (affine), metres */
 };
 
 /* What an asset is, in one look. */
 struct umb_asset_info {
     uint8_t id[UMB_ID_BYTES];
-    enum umb_encoding encoding;  /* of the file it was opened from */
-    uint64_t file_bytes;         /* of that file */
-    uint64_t memory_bytes;       /* that queries read: grids, nodes and bricks */
-    uint64_t grid_bytes;         /* the parts of memory_bytes */
+    enum umb_encoding encoding; /* of the file it was opened from */
+    uint64_t file_bytes;        /* of that file */
+    uint64_t memory_bytes;      /* that queries read: grids, nodes and bricks */
+    uint64_t grid_bytes;        /* the parts of memory_bytes */
     uint64_t node_bytes;
     uint64_t brick_bytes;
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */
-    uint64_t packed_bytes;       /* of the packed form this content has; 0 if not known */
-    uint64_t bytes_2014;         /* of the same voxels in the 2014 encoding, 0 if the bake did not say */
-    double origin[3];            /* metres, world space: the scene origin that transforms start from */
-    struct umb_box bounds;       /* metres, world space, of the casters */
+    uint64_t packed_bytes; /* of the packed form this content has; 0 if not known */
+    uint64_t bytes_2014;   /* of the same voxels in the 2014 encoding, 0 if the bake did not say */
+    double origin[3];      /* metres, world space: the scene origin that transforms start from */
+    struct umb_box bounds; /* metres, world space, of the casters */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
-    const char *plan;            /* one line an effect, UTF-8 */
-    const char *settings;        /* key=value lines of the bake, canonical */
-    const char *notes;           /* key=value lines outside the identity: writer, time, figures */
+    const char *plan;                 /* one line an effect, UTF-8 */
+    const char *settings;             /* key=value lines of the bake, canonical */
+    const char *notes; /* key=value lines outside the identity: writer, time, figures */
 };
 
 /*
@@ -143,14 +146,12 @@ UMB_API void umb_asset_close(struct umb_asset *asset);
 UMB_API void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *info);
 
 /* Fills info of light `index`; fails with E_NOT_FOUND beyond the last. */
-UMB_API UMB_CHECKED enum umb_status umb_asset_get_light(const struct umb_asset *asset,
-                                                        uint32_t index,
-                                                        struct umb_light_info *info);
+UMB_API UMB_CHECKED enum umb_status
+umb_asset_get_light(const struct umb_asset *asset, uint32_t index, struct umb_light_info *info);
 
 /* Fills info of frustum `index`; fails with E_NOT_FOUND beyond the last. */
-UMB_API UMB_CHECKED enum umb_status umb_asset_get_frustum(const struct umb_asset *asset,
-                                                          uint32_t index,
-                                                          struct umb_frustum_info *info);
+UMB_API UMB_CHECKED enum umb_status
+umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index, struct umb_frustum_info *info);
 
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */
 UMB_API void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE]);

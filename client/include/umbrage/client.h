@@ -40,19 +40,19 @@ struct umb_client_options {
 };
 
 struct umb_client_query_request {
-    const char *asset;                  /* name or id */
+    const char *asset; /* name or id */
     struct umb_query_settings settings;
     struct umb_points points;
     int want_stats;
-    uint32_t timeout_ms;                /* 0 = the client's */
+    uint32_t timeout_ms; /* 0 = the client's */
 };
 
 struct umb_client_query_reply {
-    const void *values;                 /* in settings.format */
+    const void *values; /* in settings.format */
     size_t value_bytes;
-    uint8_t asset_id[UMB_ID_BYTES];     /* the asset that answered */
-    struct umb_query_stats stats;       /* if asked for */
-    uint64_t nanoseconds;               /* server CPU of the query, if asked for */
+    uint8_t asset_id[UMB_ID_BYTES]; /* the asset that answered */
+    struct umb_query_stats stats;   /* if asked for */
+    uint64_t nanoseconds;           /* server CPU of the query, if asked for */
 };
 
 struct umb_client_asset {
@@ -64,8 +64,8 @@ struct umb_client_asset {
 
 struct umb_client_light {
     struct umb_light_info info;
-    uint64_t resolution;   /* voxels a side */
-    double voxel_m[3];     /* metres a voxel along the frustum's x, y, z */
+    uint64_t resolution; /* voxels a side */
+    double voxel_m[3];   /* metres a voxel along the frustum's x, y, z */
     int closed;
 };
 
@@ -92,9 +92,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
 UMB_API void umb_client_close(struct umb_client *client);
 
 /* Starts a query. Fails at once: E_BUSY, E_ARGUMENT, E_NO_MEMORY; else the callback comes. */
-UMB_API UMB_CHECKED enum umb_status umb_client_query_start(
-    struct umb_client *client, const struct umb_client_query_request *request,
-    umb_client_query_fn done, void *user, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_client_query_start(struct umb_client *client, const struct umb_client_query_request *request,
+                       umb_client_query_fn done, void *user, struct umb_error *error);
 
 /*
  * Asks and waits.
@@ -103,11 +103,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_query_start(
  *        reply: may be NULL; reply->values then points to values.
  * Fails: E_UNAVAILABLE (no connection), E_DEADLINE, and what the server said.
  */
-UMB_API UMB_CHECKED enum umb_status umb_client_query(struct umb_client *client,
-                                                     const struct umb_client_query_request *request,
-                                                     void *values,
-                                                     struct umb_client_query_reply *reply,
-                                                     struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_client_query(struct umb_client *client, const struct umb_client_query_request *request,
+                 void *values, struct umb_client_query_reply *reply, struct umb_error *error);
 
 /* Lists the server's assets; free with umb_client_assets_free. */
 UMB_API UMB_CHECKED enum umb_status umb_client_list(struct umb_client *client,
@@ -123,8 +121,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *clien
 UMB_API void umb_client_description_free(struct umb_client_description *description);
 
 /* Asks the health service; *serving is 1 if it said SERVING. */
-UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client, const char *service,
-                                                      int *serving, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
+                                                      const char *service, int *serving,
+                                                      struct umb_error *error);
 
 #ifdef __cplusplus
 }

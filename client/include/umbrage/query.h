@@ -33,7 +33,8 @@
 extern "C" {
 #endif
 
-#define UMB_TAPS_MAX 17 /* widest window, in texels */
+#define UMB_TAPS_MAX 17  /* widest window, in texels */
+#define UMB_BIAS_MAX 1e6 /* longest bias, in voxels or metres */
 
 /* How a point is moved before the look-up, so that a surface does not shadow itself. */
 enum umb_bias_mode {
@@ -61,10 +62,10 @@ enum umb_point_format {
 };
 
 struct umb_query_settings {
-    uint32_t light;           /* index in the asset */
-    uint32_t taps;            /* window width in texels: odd, 1..17; 0 means 1 */
+    uint32_t light; /* index in the asset */
+    uint32_t taps;  /* window width in texels: odd, 1..17; 0 means 1 */
     enum umb_bias_mode bias_mode;
-    double bias;              /* for VOXELS and METRES: finite, 0..1e6 */
+    double bias; /* for VOXELS and METRES: finite, 0..1e6 */
     enum umb_answer_format format;
 };
 
@@ -73,12 +74,12 @@ struct umb_query_settings {
  * Receivers whose normal faces away from the light (n.l <= 0) are shadowed without a look-up.
  */
 struct umb_points {
-    const void *positions;       /* scalar[3*count], x y z interleaved, metres, world space minus origin,
-                                    little-endian, any alignment, finite */
+    const void *positions; /* scalar[3*count], x y z interleaved, metres, world space minus origin,
+                              little-endian, any alignment, finite */
     enum umb_point_format format;
-    double origin[3];            /* metres, world space, added to every position; finite */
-    const void *normals;         /* float[3*count], world space, unit length or longer than 0; or NULL.
-                                    A zero or not finite normal counts as no normal for that point. */
+    double origin[3];    /* metres, world space, added to every position; finite */
+    const void *normals; /* float[3*count], world space, unit length or longer than 0; or NULL.
+                            A zero or not finite normal counts as no normal for that point. */
     size_t count;
 };
 
@@ -94,8 +95,8 @@ struct umb_query_stats {
 };
 
 struct umb_answers {
-    void *values;                 /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
-                                     indexed like the points: a run on [first, first+count) writes there */
+    void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
+                     indexed like the points: a run on [first, first+count) writes there */
     struct umb_query_stats stats; /* added to */
 };
 
@@ -148,20 +149,20 @@ UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 /* How one point was answered, for people. */
 struct umb_explanation {
     int facing_away, outside, before, behind; /* 0 or 1 each */
-    double bias_m;            /* metres moved */
-    double moved[3];          /* metres, world space: where the look-up happened */
-    double voxel[3];          /* the same in voxel space, before flooring */
-    int64_t cell[3];          /* voxel index after flooring and clamping of z */
-    double voxel_size_m;      /* mean voxel edge in metres there */
-    uint32_t lit_taps, taps;  /* of taps * taps */
+    double bias_m;                            /* metres moved */
+    double moved[3];                          /* metres, world space: where the look-up happened */
+    double voxel[3];                          /* the same in voxel space, before flooring */
+    int64_t cell[3];                          /* voxel index after flooring and clamping of z */
+    double voxel_size_m;                      /* mean voxel edge in metres there */
+    uint32_t lit_taps, taps;                  /* of taps * taps */
     uint32_t frustum;
-    uint32_t nodes, bricks;   /* read */
+    uint32_t nodes, bricks; /* read */
     uint32_t step_count;
     struct {
-        uint32_t level;       /* octree level of the node, its side is 1 << level voxels */
-        uint32_t state;       /* 0 shadowed, 1 lit, 2 mixed: went on */
-        uint64_t index;       /* offset or brick number */
-    } steps[16];              /* path of the centre tap */
+        uint32_t level; /* octree level of the node, its side is 1 << level voxels */
+        uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: went on */
+        uint64_t index; /* offset or brick number */
+    } steps[16];        /* path of the centre tap */
 };
 
 /* Explains the answer of point `index`; same rules as umb_query_run. */

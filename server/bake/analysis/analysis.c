@@ -107,6 +107,7 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
     for (size_t i = 0; i < parts->part_count; i++) {
         const struct umbs_part *part = &parts->parts[i];
         analysis->closed_part_count += part->closed != 0;
+        analysis->flipped_part_count += part->closed && part->flipped;
         if (!part->closed &&
             (largest_open == NULL || part->triangle_count > largest_open->triangle_count)) {
             largest_open = part;
@@ -169,11 +170,36 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
     if (status == UMB_OK && analysis->flat_count == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
+    if (status == UMB_OK) { /* before areas, which may overflow, drop a triangle quietly */
+        status = umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count,
+                                  error);
+    }
     if (status == UMB_OK && analysis->flat_count >= UINT32_MAX) {
         status = umb_fail(error, UMB_E_LIMIT, "scene: %zu triangles are more than %u",
                           analysis->flat_count, UINT32_MAX - 1U);
     }
     return status;
+}
+
+/* What flattening and finding parts will take, beside the scene as it is. */
+static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t allowed_bytes,
+                                    struct umb_error *error)
+{
+    /* The scene was in memory to count it; 2^64 bytes are more triangles than anything holds. */
+    const uint64_t scene_bytes =
+        view->vertex_count * (3 * sizeof(double) + (view->uvs != NULL ? 2 * sizeof(float) : 0)) +
+        view->triangle_count * 3 * sizeof(uint32_t) + view->alpha_bytes;
+    const uint64_t left = allowed_bytes > scene_bytes ? allowed_bytes - scene_bytes : 0;
+    if (view->world_triangle_count > left / UMBB_TRIANGLE_BYTES) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: %llu triangles need about %.0f MiB, %llu MiB are allowed",
+                        (unsigned long long)view->world_triangle_count,
+                        ceil(((double)scene_bytes + (double)view->world_triangle_count *
+                                                        (double)UMBB_TRIANGLE_BYTES) /
+                             1048576.0),
+                        (unsigned long long)(allowed_bytes >> 20));
+    }
+    return UMB_OK;
 }
 
 enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
@@ -182,14 +208,9 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
 {
     memset(analysis, 0, sizeof *analysis);
     uint32_t *materials = NULL;
-    enum umb_status status;
-    if (view->world_triangle_count > options->memory_bytes / UMBB_TRIANGLE_BYTES) {
-        return umb_fail(error, UMB_E_LIMIT,
-                        "--memory: %llu triangles need about %llu MiB, %llu MiB are allowed",
-                        (unsigned long long)view->world_triangle_count,
-                        (unsigned long long)(view->world_triangle_count / 1048576U + 1U) *
-                            UMBB_TRIANGLE_BYTES,
-                        (unsigned long long)(options->memory_bytes >> 20));
+    enum umb_status status = check_memory(view, options->memory_bytes, error);
+    if (status != UMB_OK) {
+        return status;
     }
     status = flatten(analysis, view, &materials, error);
     if (status != UMB_OK) {

@@ -32,6 +32,7 @@ struct umbb_analysis {
     size_t degenerate_count;
     size_t duplicate_count; /* same three corners as an earlier one */
     size_t part_count, closed_part_count;
+    size_t flipped_part_count; /* closed parts wound inward and turned around */
     size_t closed_triangles;
     char open_reason[256];   /* why the largest part that is not closed is not; may be empty */
     size_t open_reason_part; /* its number */

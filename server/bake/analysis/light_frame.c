@@ -104,13 +104,9 @@ struct extent {
     double low, high;
 };
 
-static enum umb_status measure(const double (*corners)[3][3], size_t count, double axes[3][3],
-                               const double origin[3], struct extent extents[3],
-                               struct umb_error *error)
+enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
+                                 struct umb_error *error)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        extents[axis] = (struct extent){INFINITY, -INFINITY};
-    }
     for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < 3; k++) {
             const double *p = corners[i][k];
@@ -120,6 +116,20 @@ static enum umb_status measure(const double (*corners)[3][3], size_t count, doub
                                 "scene: corner (%g, %g, %g) lies beyond %g metres", p[0], p[1],
                                 p[2], UMBB_WORLD_MAX);
             }
+        }
+    }
+    return UMB_OK;
+}
+
+static void measure(const double (*corners)[3][3], size_t count, double axes[3][3],
+                    const double origin[3], struct extent extents[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        extents[axis] = (struct extent){INFINITY, -INFINITY};
+    }
+    for (size_t i = 0; i < count; i++) {
+        for (int k = 0; k < 3; k++) {
+            const double *p = corners[i][k];
             const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
             for (int axis = 0; axis < 3; axis++) {
                 const double along = dot(axes[axis], at);
@@ -129,7 +139,6 @@ static enum umb_status measure(const double (*corners)[3][3], size_t count, doub
             }
         }
     }
-    return UMB_OK;
 }
 
 enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
@@ -141,10 +150,7 @@ enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count
     double axes[3][3];
     struct extent extents[3];
     axes_of_light(direction, axes);
-    const enum umb_status status = measure(corners, count, axes, origin, extents, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    measure(corners, count, axes, origin, extents);
     double most = 0.0;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, extents[axis].high - extents[axis].low);

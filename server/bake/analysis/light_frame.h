@@ -30,12 +30,17 @@ void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, doub
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
 
+/* Checks that all corners are finite and within UMBB_WORLD_MAX. Fails: E_BAD_SCENE. */
+UMB_CHECKED enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
+                                             struct umb_error *error);
+
 /*
  * Fits the frustum of a directional light to world triangles.
  *
- * In:    corners: double[count][3][3], count > 0. direction: unit. origin: the asset's origin.
+ * In:    corners: double[count][3][3], count > 0, as umbb_world_check wants them. direction: unit.
+ *        origin: the asset's origin.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
- * Fails: E_BAD_SCENE (not finite or beyond UMBB_WORLD_MAX, or no extent at all).
+ * Fails: E_BAD_SCENE (no extent at all).
  */
 UMB_CHECKED enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
                                                  const double direction[3], const double origin[3],

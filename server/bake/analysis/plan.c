@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "bake/print_text.h"
+#include "common/json_text.h"
 
 /* Changes when equal settings would give other voxels. */
 #define BAKE_VERSION 1
@@ -163,19 +164,14 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
             b->min[1], b->min[2], b->max[0], b->max[1], b->max[2]);
     fprintf(to, "\"origin\":[%.17g,%.17g,%.17g],\"light\":{\"name\":", a->origin[0], a->origin[1],
             a->origin[2]);
-    umbb_json_string(to, a->light.name);
+    umbs_json_text(to, a->light.name);
     fprintf(to, ",\"kind\":\"directional\",\"direction\":[%.17g,%.17g,%.17g]},", d[0], d[1], d[2]);
     fprintf(to, "\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
             1U << a->frustum.log2_size, edge_length(a, 0), edge_length(a, 1), edge_length(a, 2));
-    const char *line = plan;
-    while (*line != '\0') {
+    for (const char *line = plan; *line != '\0';) {
         const size_t length = strcspn(line, "\n");
-        char *copy = strndup(line, length);
-        if (copy != NULL) {
-            fputs(line == plan ? "" : ",", to);
-            umbb_json_string(to, copy);
-            free(copy);
-        }
+        fputs(line == plan ? "" : ",", to);
+        umbs_json_bytes(to, line, length);
         line += length + (line[length] == '\n');
     }
     fputs("]}\n", to);

@@ -31,7 +31,8 @@ struct loop {
     struct umbb_column *columns;               /* [tiles] */
     struct grid_level grid[UMB_LEVEL_MAX + 1]; /* levels tile_log2 .. log2_size */
     atomic_uint_fast64_t texels_done;
-    int busy_slot; /* of the tile whose depth is under way */
+    atomic_int failed; /* blocks not yet begun are left out */
+    int busy_slot;     /* of the tile whose depth is under way */
     struct umbb_bake_figures figures;
 };
 
@@ -105,7 +106,7 @@ static void depth_job(void *user, uint32_t job, unsigned thread)
     struct umbb_tile *tile = &loop->tiles[loop->busy_slot];
     const int32_t block = umbb_tile_block(tile);
     const uint32_t across = (uint32_t)(tile->size / block);
-    if (!is_cancelled(loop)) {
+    if (!is_cancelled(loop) && !atomic_load_explicit(&loop->failed, memory_order_relaxed)) {
         loop->depth->block(loop->depth->state, loop->busy_slot, thread, tile,
                            (int32_t)(job % across), (int32_t)(job / across));
         atomic_fetch_add_explicit(&loop->texels_done, (uint64_t)block * (uint64_t)block,
@@ -122,6 +123,29 @@ static void show_progress(void *user)
     }
 }
 
+static size_t at_most(size_t value, size_t limit)
+{
+    return value < limit ? value : limit;
+}
+
+/* Divides what is shared: each taker may have what the others have not taken. */
+static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
+{
+    const struct umbb_bake_options *o = loop->options;
+    const size_t limit = o->shared_max_bytes > 0 ? o->shared_max_bytes : SIZE_MAX;
+    const size_t runs = (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items;
+    if (runs > limit || loop->pool.bytes > limit - runs) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: the shadow octree's %zu MiB and its columns' %zu MiB are more "
+                        "than the %zu MiB left; give more or lower the resolution",
+                        loop->pool.bytes >> 20, runs >> 20, limit >> 20);
+    }
+    const size_t lists = loop->depth->allow(loop->depth->state, limit - runs - loop->pool.bytes);
+    loop->pool.max_bytes =
+        at_most(o->octree_max_bytes, limit - runs - at_most(lists, limit - runs));
+    return UMB_OK;
+}
+
 /* Sets the threads to work on a tile's depth. */
 static enum umb_status depth_start(struct loop *loop, uint32_t number, struct umb_error *error)
 {
@@ -130,7 +154,13 @@ static enum umb_status depth_start(struct loop *loop, uint32_t number, struct um
     struct umbb_tile *tile = &loop->tiles[slot];
     tile->x0 = (int32_t)((number % n) << loop->options->tile_log2);
     tile->y0 = (int32_t)((number / n) << loop->options->tile_log2);
-    const enum umb_status status = loop->depth->begin(loop->depth->state, slot, tile, error);
+    enum umb_status status = share_memory(loop, error);
+    if (status == UMB_OK) {
+        status = loop->depth->begin(loop->depth->state, slot, tile, error);
+    }
+    if (status == UMB_OK) {
+        status = share_memory(loop, error); /* of what begin has left */
+    }
     if (status == UMB_OK) {
         loop->busy_slot = slot;
         const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
@@ -178,6 +208,7 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         }
         loop->figures.seconds_build += now_s() - depth_done;
     }
+    atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
     return status;
 }
 
@@ -249,6 +280,7 @@ enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
     memset(octree, 0, sizeof *octree);
     struct loop loop = {.depth = depth, .options = options};
     atomic_init(&loop.texels_done, 0);
+    atomic_init(&loop.failed, 0);
     enum umb_status status = loop_init(&loop, error);
     if (status == UMB_OK) {
         status = all_tiles(&loop, error);

@@ -27,6 +27,9 @@ struct umbb_bake_options {
     unsigned threads;   /* 1.. */
     int closed_rule;
     size_t octree_max_bytes;
+    /* For the octree, the columns kept for the levels above the tiles, and the depth path's lists
+     * of triangles together; 0 = no limit. */
+    size_t shared_max_bytes;
     int (*cancelled)(void);                             /* may be NULL; from any thread */
     void (*progress)(void *user, uint64_t texels_done); /* may be NULL; from the owner */
     void *progress_user;
@@ -37,7 +40,7 @@ struct umbb_bake_options {
  *
  * In:    depth: created for the same casters, tile size and threads.
  * Out:   octree: canonical, one root; the caller finishes it. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (octree_max_bytes), E_CANCELLED.
+ * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED.
  */
 UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
                                               const struct umbb_bake_options *options,

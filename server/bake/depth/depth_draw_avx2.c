@@ -21,7 +21,8 @@
 struct edges {
     __m256d x[2], y[2], slope[2]; /* of the short edges: below and above corner 1 */
     __m256d x_min[2], x_max[2];
-    __m256d long_slope, long_min, long_max; /* the long edge starts where the lower short one does */
+    __m256d long_slope, long_min,
+        long_max; /* the long edge starts where the lower short one does */
     __m256d gradient_y, anchor_z;
     __m128i left, right; /* of the canvas */
 };
@@ -81,8 +82,8 @@ static inline void rows_find(const struct edges *e, int32_t row, struct rows *ou
     const __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(high));
     /* Rows of no width get an end before any start. */
     const __m256 apart = _mm256_castpd_ps(_mm256_cmp_pd(low, high, _CMP_LT_OQ));
-    const __m128 wide = _mm_shuffle_ps(_mm256_castps256_ps128(apart),
-                                       _mm256_extractf128_ps(apart, 1), 0x88);
+    const __m128 wide =
+        _mm_shuffle_ps(_mm256_castps256_ps128(apart), _mm256_extractf128_ps(apart, 1), 0x88);
     const __m128i end = _mm_blendv_epi8(_mm_set1_epi32(INT32_MIN), last, _mm_castps_si128(wide));
     _mm_storeu_si128((__m128i *)(void *)out->first, _mm_max_epi32(first, e->left));
     _mm_storeu_si128((__m128i *)(void *)out->last, _mm_min_epi32(end, e->right));
@@ -108,8 +109,8 @@ static inline void span(const struct plane *k, double z, int32_t x, int32_t last
     int32_t left = last - x + 1;
     for (; left > 0; left -= 4, at += 4) {
         /* All ones, shifted to INT32_MAX, in lanes beyond the end. */
-        const __m128i beyond = _mm_srli_epi32(
-            _mm_cmpgt_epi32(_mm_set_epi32(4, 3, 2, 1), _mm_set1_epi32(left)), 1);
+        const __m128i beyond =
+            _mm_srli_epi32(_mm_cmpgt_epi32(_mm_set_epi32(4, 3, 2, 1), _mm_set1_epi32(left)), 1);
         const __m128i lit = _mm_or_si128(four_lit(k, row_z, centre), beyond);
         const __m128i old = _mm_loadu_si128((const __m128i *)(const void *)at);
         _mm_storeu_si128((__m128i *)(void *)at, _mm_min_epi32(lit, old));

@@ -100,6 +100,14 @@ static enum umb_status embree_begin(void *state, int slot, const struct umbb_til
     return UMB_OK;
 }
 
+/* No lists: its hierarchy is built once and planned for. */
+static size_t embree_allow(void *state, size_t max_bytes)
+{
+    (void)state;
+    (void)max_bytes;
+    return 0;
+}
+
 static void cast_texel(const struct caster *caster, struct texel *texel)
 {
     struct RTCRayHit ray;
@@ -193,6 +201,12 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
         return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: Embree could not build %zu triangles",
                         casters->count);
     }
-    *depth = (struct umbb_depth){caster, embree_begin, embree_block, embree_destroy};
+    *depth = (struct umbb_depth){
+        .state = caster,
+        .begin = embree_begin,
+        .block = embree_block,
+        .allow = embree_allow,
+        .destroy = embree_destroy,
+    };
     return UMB_OK;
 }

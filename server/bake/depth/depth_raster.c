@@ -30,6 +30,19 @@ struct raster {
     int32_t *layers;            /* [threads][LAYERS_STRIDE] */
 };
 
+static size_t entry_bytes(const struct umbb_bins *bins)
+{
+    return (size_t)bins->capacity * sizeof *bins->entries;
+}
+
+static size_t raster_allow(void *state, size_t max_bytes)
+{
+    struct raster *raster = state;
+    raster->options.max_bytes = max_bytes;
+    return entry_bytes(&raster->tiles) + entry_bytes(&raster->blocks[0]) +
+           entry_bytes(&raster->blocks[1]);
+}
+
 static enum umb_status raster_begin(void *state, int slot, const struct umbb_tile *tile,
                                     struct umb_error *error)
 {
@@ -39,7 +52,10 @@ static enum umb_status raster_begin(void *state, int slot, const struct umbb_til
         (size_t)(tile->y0 >> tile_log2) * raster->tiles.cells_x + (size_t)(tile->x0 >> tile_log2);
     const uint64_t first = raster->tiles.first[cell];
     const uint32_t block_log2 = tile_log2 < UMBB_BLOCK_LOG2 ? tile_log2 : UMBB_BLOCK_LOG2;
+    const size_t others =
+        entry_bytes(&raster->tiles) + entry_bytes(&raster->blocks[slot == 0 ? 1 : 0]);
     const struct umbb_bins_input input = {
+        .max_bytes = raster->options.max_bytes > others ? raster->options.max_bytes - others : 0,
         .casters = raster->casters,
         .list = raster->tiles.entries == NULL ? NULL : raster->tiles.entries + first,
         .count = (size_t)(raster->tiles.first[cell + 1] - first),
@@ -127,6 +143,7 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     }
     raster->casters = casters;
     raster->options = *options;
+    raster->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
     const umbb_draw_fn quick = options->plain ? NULL : umbb_draw_avx2();
     raster->draw = quick != NULL ? quick : umbb_draw_plain;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();
@@ -143,12 +160,19 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
         .all = 1,
         .cell_log2 = options->tile_log2,
         .cells_x = (uint32_t)casters->size >> options->tile_log2,
+        .max_bytes = raster->options.max_bytes,
     };
     status = umbb_bins_fill(&raster->tiles, &input, error);
     if (status != UMB_OK) {
         goto fail;
     }
-    *depth = (struct umbb_depth){raster, raster_begin, raster_block, raster_destroy};
+    *depth = (struct umbb_depth){
+        .state = raster,
+        .begin = raster_begin,
+        .block = raster_block,
+        .allow = raster_allow,
+        .destroy = raster_destroy,
+    };
     return UMB_OK;
 fail:
     raster_destroy(raster);

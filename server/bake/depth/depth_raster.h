@@ -15,6 +15,7 @@ struct umbb_depth_options {
     uint32_t tile_log2;
     unsigned threads; /* 1.. */
     int plain;        /* 1: never use vector kernels (tests) */
+    size_t max_bytes; /* for the path's lists of triangles; 0 = no limit */
 };
 
 /*
@@ -22,7 +23,7 @@ struct umbb_depth_options {
  *
  * In:    casters: borrowed until destroyed.
  * Out:   depth: its destroy frees all.
- * Fails: E_NO_MEMORY.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
                                                      const struct umbb_depth_options *options,

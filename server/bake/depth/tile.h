@@ -93,6 +93,9 @@ struct umbb_depth {
     /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
     void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
                   int32_t by);
+    /* Says how many bytes the path's lists of triangles may take from now on: begin fails with
+     * E_LIMIT instead of taking more. Returns what they take now. Called by begin's caller. */
+    size_t (*allow)(void *state, size_t max_bytes);
     void (*destroy)(void *state);
 };
 

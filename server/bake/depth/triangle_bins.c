@@ -98,19 +98,28 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
     }
 }
 
-static enum umb_status reserve(struct umbb_bins *bins, uint64_t wanted, struct umb_error *error)
+/* Makes room for as many entries; what was in them is lost. */
+static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_input *input,
+                               uint64_t wanted, struct umb_error *error)
 {
     if (wanted <= bins->capacity) {
         return UMB_OK;
     }
-    uint32_t *entries =
-        wanted > SIZE_MAX / sizeof *entries ? NULL : malloc((size_t)wanted * sizeof *entries);
-    if (entries == NULL) {
+    if (wanted > input->max_bytes / sizeof *bins->entries) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: %llu MiB for lists of which triangle touches which of %u x %u "
+                        "blocks of texels are more than the %zu MiB left; give more memory or "
+                        "another --tile",
+                        (unsigned long long)(wanted / (1048576U / sizeof *bins->entries) + 1U),
+                        input->cells_x, input->cells_x, input->max_bytes >> 20);
+    }
+    free(bins->entries);
+    bins->capacity = 0;
+    bins->entries = malloc((size_t)wanted * sizeof *bins->entries);
+    if (bins->entries == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "triangle bins: memory for %llu entries refused",
                         (unsigned long long)wanted);
     }
-    free(bins->entries);
-    bins->entries = entries;
     bins->capacity = wanted;
     return UMB_OK;
 }
@@ -149,7 +158,7 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
         total += bins->first[i];
         bins->first[i] = total;
     }
-    const enum umb_status status = reserve(bins, total, error);
+    const enum umb_status status = reserve(bins, input, total, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -4,7 +4,7 @@
 /*
  * Which triangles may touch which cell of a square grid of texels.
  *
- * A triangle is listed in every cell that holds a texel centre of its bounding box; cells list
+ * A triangle is listed in every cell where it covers a texel centre, and in few others; cells list
  * triangles in ascending order. Used twice: the whole map into tiles, a tile into blocks.
  */
 #include "bake/depth/tile.h"
@@ -25,9 +25,10 @@ struct umbb_bins_input {
     int32_t x0, y0;
     uint32_t cell_log2; /* texels a side of a cell */
     uint32_t cells_x;   /* cells a side; at most 4096 */
+    size_t max_bytes;   /* that the entries may take */
 };
 
-/* Fills bins, reusing its memory. Start from a zeroed struct. Fails: E_NO_MEMORY. */
+/* Fills bins, reusing its memory. Start from a zeroed struct. Fails: E_NO_MEMORY, E_LIMIT. */
 UMB_CHECKED enum umb_status umbb_bins_fill(struct umbb_bins *bins,
                                            const struct umbb_bins_input *input,
                                            struct umb_error *error);

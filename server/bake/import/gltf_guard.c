@@ -15,6 +15,13 @@
 #define COMPONENT_FLOAT 5126
 #define NO_TYPE         (-1)
 
+/* What of an accessor decides how Assimp reads positions through it. */
+struct accessor {
+    int32_t component;
+    int is_vec3;
+    int has_view; /* without one, Assimp gives zeros, also where `sparse` says otherwise */
+};
+
 /* A text inside the JSON, without its quotes, escapes as written. */
 struct text {
     const char *at;
@@ -188,66 +195,92 @@ static void warn_of_extensions(struct umbs_scene_builder *scene, struct umbb_cur
     }
 }
 
-/* Lists the component types of all accessors. Returns 0 without memory. */
-static int read_accessors(struct umbb_cursor *json, struct umbs_array *types)
+static void read_accessor(struct umbb_cursor *json, struct accessor *accessor)
 {
     struct text key;
+    while (next_member(json, &key)) {
+        if (is_text(key, "componentType")) {
+            accessor->component = (int32_t)(take_number(json, NO_TYPE) & 0xffff);
+        } else if (is_text(key, "type") && umbb_skip_blanks(json) && *json->at == '"') {
+            accessor->is_vec3 = is_text(take_string(json), "VEC3");
+        } else {
+            accessor->has_view |= is_text(key, "bufferView");
+            skip_value(json);
+        }
+    }
+}
+
+/* Lists all accessors. Returns 0 without memory. */
+static int read_accessors(struct umbb_cursor *json, struct umbs_array *accessors)
+{
     if (!enter(json, '[')) {
         return 1;
     }
     while (next_item(json)) {
-        int32_t *type = umbs_array_reserve(types, 1, sizeof(*type));
-        if (type == NULL) {
+        struct accessor *accessor = umbs_array_reserve(accessors, 1, sizeof(*accessor));
+        if (accessor == NULL) {
             return 0;
         }
-        *type = NO_TYPE;
-        types->count++;
-        if (!enter(json, '{')) {
-            continue;
-        }
-        while (next_member(json, &key)) {
-            if (is_text(key, "componentType")) {
-                *type = (int32_t)(take_number(json, NO_TYPE) & 0xffff);
-            } else {
-                skip_value(json);
-            }
+        *accessor = (struct accessor){.component = NO_TYPE};
+        accessors->count++;
+        if (enter(json, '{')) {
+            read_accessor(json, accessor);
         }
     }
     return 1;
 }
 
-static enum umb_status check_attributes(struct umbb_cursor *json, const struct umbs_array *types,
-                                        struct umb_error *error)
+/* Positions must be floats in threes, from a buffer. */
+static enum umb_status check_position(const struct umbs_array *accessors, int64_t index,
+                                      struct umb_error *error)
 {
-    struct text key;
-    if (!enter(json, '{')) {
-        return UMB_OK;
+    if (index < 0 || (uint64_t)index >= accessors->count) {
+        return UMB_OK; /* Assimp has a word for it */
     }
-    while (next_member(json, &key)) {
-        if (!is_text(key, "POSITION")) {
-            skip_value(json);
-            continue;
-        }
-        int64_t accessor = take_number(json, -1);
-        const int32_t *type = types->data;
-        if (accessor >= 0 && (uint64_t)accessor < types->count &&
-            type[accessor] != COMPONENT_FLOAT) {
-            return umb_fail(error, UMB_E_BAD_SCENE,
-                            "accessors[%lld].componentType of a POSITION is %d, must be %d (float)",
-                            (long long)accessor, (int)type[accessor], COMPONENT_FLOAT);
-        }
+    const struct accessor *accessor = (const struct accessor *)accessors->data + index;
+    if (accessor->component != COMPONENT_FLOAT) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "accessors[%lld].componentType of a POSITION is %d, must be %d (float)",
+                        (long long)index, (int)accessor->component, COMPONENT_FLOAT);
+    }
+    if (!accessor->is_vec3) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "accessors[%lld].type of a POSITION must be VEC3",
+                        (long long)index);
+    }
+    if (!accessor->has_view) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "accessors[%lld] of a POSITION has no bufferView, which is not supported",
+                        (long long)index);
     }
     return UMB_OK;
 }
 
+static enum umb_status check_attributes(struct umbb_cursor *json,
+                                        const struct umbs_array *accessors, struct umb_error *error)
+{
+    struct text key;
+    enum umb_status status = UMB_OK;
+    if (!enter(json, '{')) {
+        return UMB_OK;
+    }
+    while (status == UMB_OK && next_member(json, &key)) {
+        if (is_text(key, "POSITION")) {
+            status = check_position(accessors, take_number(json, -1), error);
+        } else {
+            skip_value(json);
+        }
+    }
+    return status;
+}
+
 /* Walks arrays of objects: calls itself for `primitives`, then check_attributes. Two levels. */
 static enum umb_status check_members(struct umbb_cursor *json, const char *const *path,
-                                     const struct umbs_array *types, struct umb_error *error)
+                                     const struct umbs_array *accessors, struct umb_error *error)
 {
     struct text key;
     enum umb_status status = UMB_OK;
     if (*path == NULL) {
-        return check_attributes(json, types, error);
+        return check_attributes(json, accessors, error);
     }
     if (!enter(json, '[')) {
         return UMB_OK;
@@ -258,7 +291,7 @@ static enum umb_status check_members(struct umbb_cursor *json, const char *const
         }
         while (status == UMB_OK && next_member(json, &key)) {
             if (is_text(key, *path)) {
-                status = check_members(json, path + 1, types, error);
+                status = check_members(json, path + 1, accessors, error);
             } else {
                 skip_value(json);
             }
@@ -291,7 +324,7 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
     static const char *const path[] = {"primitives", "attributes", NULL};
     struct umbb_cursor json = find_json(job, kind);
     struct umbb_cursor meshes = {NULL, NULL};
-    struct umbs_array types = {0};
+    struct umbs_array accessors = {0};
     struct text key;
     enum umb_status status = UMB_OK;
     int has_version = 0;
@@ -304,7 +337,7 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
         } else if (is_text(key, "extensionsRequired")) {
             status = check_extensions(&json, error);
         } else if (is_text(key, "accessors")) {
-            if (!read_accessors(&json, &types)) {
+            if (!read_accessors(&json, &accessors)) {
                 status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
             }
         } else {
@@ -320,8 +353,8 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
         status = umb_fail(error, UMB_E_BAD_SCENE, "it has no asset.version, so it is no glTF");
     }
     if (status == UMB_OK && meshes.at != NULL) {
-        status = check_members(&meshes, path, &types, error);
+        status = check_members(&meshes, path, &accessors, error);
     }
-    free(types.data);
+    free(accessors.data);
     return status;
 }

@@ -3,9 +3,9 @@
 #define UMBRAGE_SERVER_BAKE_IMPORT_GLTF_GUARD_H
 /*
  * Refuses glTF that Assimp 5.2.5 would read wrongly without a word: required extensions it does not
- * know (quantised or compressed meshes come out as garbage), positions that are not floats, and
- * versions other than 2.x, which another importer of Assimp's would take. Warns of an extension that
- * is used, need not be known, and yet leaves shadows out.
+ * know (quantised or compressed meshes come out as garbage), positions that are not floats in
+ * threes from a buffer, and versions other than 2.x, which another importer of Assimp's would take.
+ * Warns of an extension that is used, need not be known, and yet leaves shadows out.
  */
 #include "bake/import/import_job.h"
 
@@ -15,7 +15,7 @@
  * Fails: E_BAD_SCENE naming the extension or the accessor; E_NO_MEMORY.
  * Trust: safe on hostile bytes. Broken JSON may pass: Assimp has a word for that. Names written
  *        with escapes are not seen; the worst that comes of it is a scene of odd shape.
- * Cost:  one pass over the JSON, 4 bytes an accessor.
+ * Cost:  one pass over the JSON, 12 bytes an accessor.
  */
 UMB_CHECKED enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
                                             struct umb_error *error);

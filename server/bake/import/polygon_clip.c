@@ -9,8 +9,8 @@
  * the polygon, which makes fewer needles than a fan.
  *
  * Only a corner that is not strictly convex can be the first inside an ear, and of those only the
- * ones in the grid cells under the ear's bounding box are looked at. The grid is lazy: a corner that
- * has become convex or was cut off leaves its cell when somebody next comes by.
+ * ones in the grid cells under the ear's bounding box are looked at. The grid is lazy: a corner
+ * that has become convex or was cut off leaves its cell when somebody next comes by.
  *
  * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
  * takes any corner. Each ear shortens the ring by one. Polygons that are not simple need many such
@@ -396,7 +396,7 @@ static void clip_ears(struct umbb_polygon *polygon, uint32_t count)
         uint32_t before = polygon->previous[corner];
         uint32_t after = polygon->next[corner];
         emit(polygon, made++, before, corner, after);
-        polygon->flags[corner] &= (uint8_t)~(CORNER_EAR | CORNER_REFLEX);
+        polygon->flags[corner] &= (uint8_t) ~(CORNER_EAR | CORNER_REFLEX);
         polygon->next[before] = after;
         polygon->previous[after] = before;
         examine(polygon, before);

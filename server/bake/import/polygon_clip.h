@@ -28,9 +28,9 @@ struct umbb_polygon {
     uint32_t side;       /* cells along each axis */
     double low[2], extent[2];
     size_t queue_first, queue_count;
-    uint64_t budget;          /* looks at a cell or a corner that are left for this polygon */
-    uint64_t overdrawn;       /* looks beyond the allowances of all polygons so far */
-    uint32_t rough;           /* polygons so far that ran out of budget: the rest of each is a fan */
+    uint64_t budget;    /* looks at a cell or a corner that are left for this polygon */
+    uint64_t overdrawn; /* looks beyond the allowances of all polygons so far */
+    uint32_t rough;     /* polygons so far that ran out of budget: the rest of each is a fan */
     uint32_t (*triangles)[3]; /* [capacity], the result: corner numbers */
     size_t capacity;
 };

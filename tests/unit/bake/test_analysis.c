@@ -15,6 +15,7 @@
 #include "bake/memory_plan.h"
 #include "bake/print_text.h"
 #include "bake/progress.h"
+#include "common/json_text.h"
 
 /* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
 struct small_scene {
@@ -297,7 +298,7 @@ static void foreign_text_is_escaped(void **state)
     size_t size;
     FILE *to = open_memstream(&text, &size);
     assert_non_null(to);
-    umbb_json_string(to, "q\"\\\n\x01\xff\xed\xa0\x80\xe2\x82\xac");
+    umbs_json_text(to, "q\"\\\n\x01\xff\xed\xa0\x80\xe2\x82\xac");
     fclose(to);
     assert_string_equal(text,
                         "\"q\\\"\\\\\\u000a\\u0001\\ufffd\\ufffd\\ufffd\\ufffd\xe2\x82\xac\"");

@@ -173,17 +173,17 @@ static void gltf_that_would_be_read_wrongly_is_refused(void **state)
 static void gltf_that_leaves_instances_out_says_so(void **state)
 {
     (void)state;
-    struct umbs_scene *scene = import_text(
-        "used.gltf", gltf("{\"mesh\":0}", "0",
-                          PLAIN "\"extensionsUsed\":[\"KHR_lights_punctual\","
-                                "\"EXT_mesh_gpu_instancing\"],"));
+    struct umbs_scene *scene =
+        import_text("used.gltf", gltf("{\"mesh\":0}", "0",
+                                      PLAIN "\"extensionsUsed\":[\"KHR_lights_punctual\","
+                                            "\"EXT_mesh_gpu_instancing\"],"));
     assert_non_null(strstr(scene->view.warnings, "EXT_mesh_gpu_instancing"));
     assert_null(strstr(scene->view.warnings, "KHR_lights"));
     umbs_scene_destroy(scene);
 }
 
-/* Shapes of primitives and accessors that files in the wild have: each must cast its triangles. */
-static void gltf_strips_fans_and_sparse_accessors_are_read(void **state)
+/* Kinds of primitives that files in the wild have: each must cast its triangles. */
+static void gltf_strips_and_fans_are_read(void **state)
 {
     (void)state;
     static const float square[12] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
@@ -202,6 +202,37 @@ static void gltf_strips_fans_and_sparse_accessors_are_read(void **state)
         umbs_scene_destroy(scene);
     }
     drop_file("sq.bin");
+}
+
+/* Assimp applies `sparse` to a bufferView's values, and gives only zeros where there is none. */
+static void gltf_sparse_positions_are_read_or_refused(void **state)
+{
+    (void)state;
+    struct {
+        float square[12];
+        uint16_t changed, unused;
+        float value[3];
+    } data = {{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, 2, 0, {0, 7, 0}};
+    static const char *const text =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"sp.bin\",\"byteLength\":64}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,"
+        "\"byteLength\":2},{\"buffer\":0,\"byteOffset\":52,\"byteLength\":12}],"
+        "\"accessors\":[{%s\"componentType\":5126,\"count\":3,\"type\":\"%s\",\"sparse\":{"
+        "\"count\":1,"
+        "\"indices\":{\"bufferView\":1,\"componentType\":5123},\"values\":{\"bufferView\":2}}}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],"
+        "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]}";
+    char file[1024];
+    put_file("sp.bin", &data, sizeof(data));
+    (void)snprintf(file, sizeof(file), text, "\"bufferView\":0,", "VEC3");
+    struct umbs_scene *scene = import_text("sparse.gltf", file);
+    expect_corner(scene, 0, 2, 0, 7, 0);
+    umbs_scene_destroy(scene);
+    (void)snprintf(file, sizeof(file), text, "", "VEC3");
+    expect_refusal("zeros.gltf", file, "accessors[0] of a POSITION has no bufferView");
+    (void)snprintf(file, sizeof(file), text, "\"bufferView\":0,", "VEC2");
+    expect_refusal("flat.gltf", file, "accessors[0].type of a POSITION must be VEC3");
+    drop_file("sp.bin");
 }
 
 static void gltf_nodes_too_deep_are_refused(void **state)
@@ -434,7 +465,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
         cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
         cmocka_unit_test(gltf_that_leaves_instances_out_says_so),
-        cmocka_unit_test(gltf_strips_fans_and_sparse_accessors_are_read),
+        cmocka_unit_test(gltf_strips_and_fans_are_read),
+        cmocka_unit_test(gltf_sparse_positions_are_read_or_refused),
         cmocka_unit_test(gltf_nodes_too_deep_are_refused),
         cmocka_unit_test(gltf_without_triangles_says_why),
         cmocka_unit_test(gltf_buffers_come_from_beneath_the_folder_only),

@@ -199,7 +199,8 @@ static void obj_libraries_beneath_the_folder_only(void **state)
 static const char sample[] = "mtllib x.mtl\nv 0 0 0\nv 1.5e2 -0 0\nv 0 1 0\nv 1 1 0.125\nvt 0 1\n"
                              "usemtl a\nf 1/1/1 2//2 3 4/1\nf -1 -2 -3\nusemtl b\nf 1 2 \\\n 3\n";
 
-/* Each could be as large as the scene: a file of mtllib lines must not cost the square of its size. */
+/* Each could be as large as the scene: a file of mtllib lines must not cost the square of its size.
+ */
 static void obj_of_many_libraries_reads_the_first(void **state)
 {
     (void)state;

@@ -67,9 +67,8 @@ static void every_voxel_survives_packing_and_mapping(void **state)
             assert_int_equal(
                 umb_asset_open_bytes(files[f]->data, files[f]->size, NULL, &asset, NULL), UMB_OK);
             for (uint32_t light = 0; light < 3; light++) {
-                struct umb_query_settings settings = {.light = light,
-                                                      .bias_mode = UMB_BIAS_NONE,
-                                                      .format = UMB_ANSWER_U8};
+                struct umb_query_settings settings = {
+                    .light = light, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
                 struct umb_query query;
                 assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
                 for (uint32_t i = 0; i < size * size; i++) {
@@ -88,8 +87,7 @@ static void every_voxel_survives_packing_and_mapping(void **state)
                     struct umb_answers answers = {.values = values};
                     umb_query_run(&query, &batch, 0, size, &answers);
                     for (uint32_t z = 0; z < size; z++) {
-                        assert_int_equal(values[z],
-                                         bumpy(&log2_size, light, x, y, z) ? 255 : 0);
+                        assert_int_equal(values[z], bumpy(&log2_size, light, x, y, z) ? 255 : 0);
                     }
                 }
             }
@@ -167,7 +165,8 @@ static void flipped_bits_of_a_mapped_file_are_refused(void **state)
     size_t head = head_length(&mapped);
     uint64_t seed = 42;
     for (size_t k = 0; k < head * 8 + 4000; k++) {
-        /* Every bit of the head, then a sample of the rest; padding between sections is not data. */
+        /* Every bit of the head, then a sample of the rest; padding between sections is not data.
+         */
         size_t bit = k < head * 8 ? k : head * 8 + next_random(&seed) % ((mapped.size - head) * 8);
         mapped.data[bit / 8] ^= (uint8_t)(1U << (bit % 8));
         enum umb_status status = try_open(mapped.data, mapped.size);

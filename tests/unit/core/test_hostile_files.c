@@ -198,7 +198,9 @@ struct meter {
     int done;
 };
 
-enum { BLOCK_HEAD = 16 };
+enum {
+    BLOCK_HEAD = 16
+};
 
 static void *metered_resize(void *user, void *block, size_t bytes)
 {
@@ -229,7 +231,9 @@ static void *metered_resize(void *user, void *block, size_t bytes)
 static void opening_never_takes_more_than_its_limit(void **state)
 {
     /* Head, texts and lists of lights come on top of the limit; here they are small. */
-    enum { ON_TOP = 8192 };
+    enum {
+        ON_TOP = 8192
+    };
     struct bytes packed = bumpy_file(9);
     struct meter meter = {0};
     struct umb_alloc alloc = {metered_resize, &meter};
@@ -264,8 +268,8 @@ static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
     size_t directory = directory_at(&packed), raw_total = 0;
     uint32_t pages = umb__load32(packed.data + UMB__HEAD_DIRECTORY_COUNT);
     for (uint32_t i = 0; i < pages; i++) {
-        raw_total += umb__load32(packed.data + directory + i * UMB__PAGE_ENTRY +
-                                 UMB__PAGE_RAW_LENGTH);
+        raw_total +=
+            umb__load32(packed.data + directory + i * UMB__PAGE_ENTRY + UMB__PAGE_RAW_LENGTH);
     }
     static const size_t fields[] = {UMB__PAGE_RAW_LENGTH, UMB__PAGE_STORED_LENGTH,
                                     UMB__PAGE_OFFSET};
@@ -288,7 +292,9 @@ static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
     bytes_finish(&packed);
 }
 
-enum { TALL = 19 };
+enum {
+    TALL = 19
+};
 
 /* One node a level, each eight times the one below, and a brick that is wholly lit: a canonical
  * writer would store one bit of it. */

@@ -267,16 +267,25 @@ static void what_a_reader_would_refuse_is_an_argument_error(void **state)
         void (*spoil)(struct umb_content *, struct umb_octree *);
         const char *words;
     } cases[] = {
-        {far_child, "level 4"},         {far_upper_child, "4294967295"},
-        {far_root, "77777777"},         {odd_root, "roots[1].state: 3"},
-        {other_level, "roots[2]"},      {impossible_mask, "level 5"},
-        {short_mask, "mask 0x5554"},    {one_root_less, "roots: 2"},
-        {no_lights, "lights: 0"},       {spot_light, "lights[0].kind"},
+        {far_child, "level 4"},
+        {far_upper_child, "4294967295"},
+        {far_root, "77777777"},
+        {odd_root, "roots[1].state: 3"},
+        {other_level, "roots[2]"},
+        {impossible_mask, "level 5"},
+        {short_mask, "mask 0x5554"},
+        {one_root_less, "roots: 2"},
+        {no_lights, "lights: 0"},
+        {spot_light, "lights[0].kind"},
         {nan_direction, "lights[1].direction"},
-        {latin1_name, "lights[2].name"}, {endless_name, "lights[2].name"},
-        {shared_frustum, "lights[2]"},  {flat_matrix, "frusta[0].world_to_voxel"},
-        {infinite_bounds, "bounds"},    {latin1_plan, "plan"},
-        {latin1_notes, "notes"},        {no_settings, "settings: missing"},
+        {latin1_name, "lights[2].name"},
+        {endless_name, "lights[2].name"},
+        {shared_frustum, "lights[2]"},
+        {flat_matrix, "frusta[0].world_to_voxel"},
+        {infinite_bounds, "bounds"},
+        {latin1_plan, "plan"},
+        {latin1_notes, "notes"},
+        {no_settings, "settings: missing"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {

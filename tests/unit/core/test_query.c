@@ -205,6 +205,34 @@ static void formats_are_roundings_of_one_count(void **state)
     }
 }
 
+static void bits_behind_the_last_answer_are_zero(void **state)
+{
+    const struct fixture *f = *state;
+    uint8_t whole[(POINTS + 7) / 8 + 2], parts[sizeof whole];
+    struct umb_points points = batch_of(f, 1);
+    struct umb_query_settings settings = {.taps = 3, .format = UMB_ANSWER_BIT};
+    struct umb_query query;
+    assert_int_equal(umb_query_prepare(f->asset, &settings, &query, NULL), UMB_OK);
+    for (size_t count = 1; count < 40; count++) {
+        size_t bytes = umb_answer_bytes(UMB_ANSWER_BIT, count);
+        struct umb_answers answers = {.values = whole}, part = {.values = parts};
+        /* What stood in the memory before must not show: it might be another caller's. */
+        memset(whole, 0xff, sizeof whole);
+        memset(parts, 0xff, sizeof parts);
+        umb_query_run(&query, &points, 0, count, &answers);
+        assert_int_equal(bytes, (count + 7) / 8);
+        if (count % 8 != 0) {
+            assert_int_equal(whole[bytes - 1] >> (count % 8), 0);
+        }
+        assert_int_equal(whole[bytes], 0xff);
+        /* In order and on one thread, runs may begin anywhere. */
+        for (size_t i = 0; i < count; i += 3) {
+            umb_query_run(&query, &points, i, count - i < 3 ? count - i : 3, &part);
+        }
+        assert_memory_equal(whole, parts, bytes);
+    }
+}
+
 static void stats_count_points_outside_before_and_behind(void **state)
 {
     const struct fixture *f = *state;
@@ -356,6 +384,7 @@ int main(void)
         cmocka_unit_test(any_split_of_a_batch_gives_the_same_answers),
         cmocka_unit_test(unaligned_float_points_are_read_as_they_are),
         cmocka_unit_test(formats_are_roundings_of_one_count),
+        cmocka_unit_test(bits_behind_the_last_answer_are_zero),
         cmocka_unit_test(stats_count_points_outside_before_and_behind),
         cmocka_unit_test(receivers_facing_away_are_shadowed_by_their_normal),
         cmocka_unit_test(automatic_bias_leaves_no_acne_on_planes),

@@ -192,7 +192,8 @@ static void pool_refuses_beyond_its_queue(void **state)
     }
 }
 
-/* Lane 1 has filled the queue; each newcomer takes its last batch's place until all have as many. */
+/* Lane 1 has filled the queue; each newcomer takes its last batch's place until all have as many.
+ */
 static void pool_full_of_one_lane_makes_room_for_others(void **state)
 {
     struct fixture *f = *state;

@@ -158,7 +158,7 @@ static void json_strings_are_always_utf8(void **state)
         char have[64] = {0};
         FILE *file = tmpfile();
         assert_non_null(file);
-        umbt_json_text(file, cases[i].text);
+        umbs_json_text(file, cases[i].text);
         rewind(file);
         (void)fread(have, 1, sizeof have - 1, file);
         (void)fclose(file);

@@ -474,8 +474,8 @@ static void fake_session(struct fake_connection *connection)
         }
         ssize_t count = recv(connection->socket, block, 65536, 0);
         /* Who said goodbye only reads on until the other side hangs up. */
-        if (count <= 0 || (!server->goodbye &&
-                           nghttp2_session_mem_recv(connection->session, block, (size_t)count) < 0)) {
+        if (count <= 0 || (!server->goodbye && nghttp2_session_mem_recv(connection->session, block,
+                                                                        (size_t)count) < 0)) {
             break;
         }
     }

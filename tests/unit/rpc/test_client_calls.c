@@ -271,7 +271,7 @@ static void a_server_that_greets_and_hangs_up_is_not_asked_without_end(void **st
     struct umb_client *client = open_client(address, NULL);
     double start = now_s();
     assert_int_equal(ask(client, "ok", 5000, &error), UMB_E_UNAVAILABLE);
-    assert_non_null(strstr(error.message, "connection lost"));
+    assert_non_null(strstr(error.message, "tcp:127.0.0.1")); /* closed or reset: a race */
     assert_true(now_s() - start < 4); /* not the deadline ended it */
     umb_client_close(client);
     fake_stop(&server);

@@ -1,0 +1,89 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# What docs/operations.md and docs/protocol.md say about options and metrics is what umbraged has, and
+# the other way round: names, defaults, kinds of abuse.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+operations=$root/docs/operations.md
+protocol=$root/docs/protocol.md
+
+# names PATTERN FILE...: every match in the files, sorted, once each.
+names() {
+    pattern=$1
+    shift
+    grep -ohE -- "$pattern" "$@" | sort -u
+}
+
+# all_in SENTENCE LIST FILE: each line of LIST is a line of FILE.
+all_in() {
+    missing=$(comm -23 "$2" "$3" | tr '\n' ' ')
+    same "$1" "" "$missing"
+}
+
+try 0 umbraged --help
+cp "$folder/out" "$folder/help"
+grep -oE '^  --[a-z-]+' "$folder/help" | tr -d ' ' | sort -u >"$folder/options"
+[ "$(wc -l <"$folder/options")" -gt 15 ] || bad "the help lists options" "$(cat "$folder/options")"
+printf '%s\n' --help >>"$folder/options"
+sort -u -o "$folder/options" "$folder/options"
+
+# A line of usage names no option of another program; those of umbrage-bake are told by their program.
+sed 's/umbrage-bake [^`]*//' "$operations" "$protocol" >"$folder/docs"
+names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
+all_in "every option of --help is in docs/operations.md or docs/protocol.md" "$folder/options" "$folder/told"
+all_in "every option in the two pages is in --help" "$folder/told" "$folder/options"
+names '^\| `--[a-z-]+[^|]*' "$operations" | grep -oE -- '--[a-z-]+' | sort -u >"$folder/table"
+printf '%s\n' --check --check-config --help --version | sort >"$folder/flags"
+sort -u "$folder/table" "$folder/flags" >"$folder/listed"
+all_in "every option has a row in the table of docs/operations.md" "$folder/options" "$folder/listed"
+
+# Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
+/usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
+import re
+import sys
+
+with open(sys.argv[1], encoding="utf-8") as file:
+    found = re.findall(r"^  (--[a-z-]+).*default:? ([^\s;]+(?: a core)?)", file.read(), re.M)
+with open(sys.argv[2], encoding="utf-8") as file:
+    rows = [[cell.strip() for cell in line.strip("|\n").split("|")]
+            for line in file if line.startswith("| `--")]
+table = {}
+for row in rows:
+    options = re.findall(r"--[a-z-]+", row[0])
+    values = re.split(r", ", row[1])
+    for i, option in enumerate(options):
+        table[option] = values[min(i, len(values) - 1)].strip("` ").replace(" min", "m")
+assert len(found) > 10, found
+for option, value in found:
+    told = table.get(option, "nothing")
+    if told.replace(" ", "") != value.replace(" ", ""):
+        print(f"{option}: the help says {value}, the page {told}")
+EOF
+same "the defaults in docs/operations.md are those of --help" "" "$(cat "$folder/defaults")"
+
+mkdir "$folder/store"
+"$BUILD/umbraged" --store "$folder/store" --listen "unix:$folder/socket" --admin 127.0.0.1:0 \
+    --address-file "$folder/addresses" --drain-delay 0 2>"$folder/log" &
+children=$!
+waited=0
+while [ ! -s "$folder/addresses" ] && [ $waited -lt 100 ]; do
+    sleep 0.1
+    waited=$((waited + 1))
+done
+admin=$(sed -n 's/^http://p' "$folder/addresses")
+/usr/bin/python3 -c '
+import sys, urllib.request
+print(urllib.request.urlopen(sys.argv[1], timeout=10).read().decode())' "http://$admin/metrics" \
+    >"$folder/metrics"
+kill -TERM $children
+wait $children
+same "the daemon exits with 0" 0 $?
+sed -n 's/^# TYPE \([a-z0-9_]*\) .*/\1/p' "$folder/metrics" | sort -u >"$folder/served"
+[ "$(wc -l <"$folder/served")" -gt 15 ] || bad "metrics are served" "$(head -n 5 "$folder/metrics")"
+names '`(umbrage|grpc|process)_[a-z0-9_]+' "$operations" "$protocol" | tr -d '`' | sort -u >"$folder/written"
+all_in "every metric served is in docs/operations.md" "$folder/served" "$folder/written"
+all_in "every metric in the pages is served" "$folder/written" "$folder/served"
+sed -n 's/.*h2_abuse_total{kind="\([a-z_]*\)".*/\1/p' "$folder/metrics" | sort -u >"$folder/kinds"
+grep -F 'umbrage_h2_abuse_total{kind}' "$operations" | grep -oE '`[a-z_]+`' | tr -d '`' | sort -u >"$folder/kinds.told"
+all_in "every kind of abuse is explained" "$folder/kinds" "$folder/kinds.told"
+all_in "every kind of abuse explained exists" "$folder/kinds.told" "$folder/kinds"
+finish

@@ -1,0 +1,235 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Command lines: options from a table, and those of `umbrage query`. Usage errors go to stderr. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "../../../client/cli/cli_query_options.h"
+
+enum {
+    WORDS_MAX = 24
+};
+
+/* Splits a line at blanks into argv; "''" is an empty argument. */
+struct line {
+    char text[256];
+    char *words[WORDS_MAX + 1];
+    int count;
+};
+
+static struct line *split(const char *text)
+{
+    static struct line line;
+    memset(&line, 0, sizeof line);
+    assert_true(strlen(text) < sizeof line.text);
+    memcpy(line.text, text, strlen(text));
+    for (char *at = line.text; *at != '\0';) {
+        char *end = at + strcspn(at, " ");
+        char *next = *end == '\0' ? end : end + 1;
+        *end = '\0';
+        assert_true(line.count < WORDS_MAX);
+        line.words[line.count++] = strcmp(at, "''") == 0 ? end : at;
+        at = next;
+    }
+    return &line;
+}
+
+static const struct umbc_option options[] = {
+    {"output", "FILE", "where to", 'o'},
+    {"json", NULL, "one object", 0},
+    {"quiet", NULL, "less talk", 'q'},
+};
+static const struct umbc_command command = {.usage = "thing FILE",
+                                            .summary = "Does.",
+                                            .options = options,
+                                            .option_count = 3,
+                                            .min_words = 1,
+                                            .max_words = 2};
+
+static int parse(const char *text, struct umbc_parsed *parsed)
+{
+    struct line *line = split(text);
+    return umbc_parse(&command, line->count, line->words, parsed);
+}
+
+static void options_may_stand_anywhere_and_in_any_form(void **state)
+{
+    static const char *const forms[] = {
+        "thing a -o x --json",       "thing -ox a --json",       "thing --output x --json a",
+        "thing --output=x a --json", "thing -o y a --json -o x", "thing --json -o x -- a",
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof forms / sizeof forms[0]; i++) {
+        struct umbc_parsed parsed;
+        assert_int_equal(parse(forms[i], &parsed), -1);
+        assert_string_equal(parsed.values[0], "x");
+        assert_string_equal(parsed.values[1], "");
+        assert_null(parsed.values[2]);
+        assert_int_equal(parsed.word_count, 1);
+        assert_string_equal(parsed.words[0], "a");
+    }
+    struct umbc_parsed parsed;
+    assert_int_equal(parse("thing -o -5 - -- -q", &parsed), -1);
+    assert_string_equal(parsed.values[0], "-5");
+    assert_string_equal(parsed.words[0], "-");
+    assert_string_equal(parsed.words[1], "-q");
+}
+
+static void usage_errors_are_2_and_help_is_0(void **state)
+{
+    static const char *const bad[] = {
+        "thing",      "thing a b c",      "thing a --outpu x", "thing a --outputs x",
+        "thing a -x", "thing a --json=1", "thing a -q1",       "thing a --output",
+        "thing a -o", "thing a ---",      "thing a --=x",
+    };
+    struct umbc_parsed parsed;
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        assert_int_equal(parse(bad[i], &parsed), 2);
+    }
+    assert_int_equal(parse("thing --help", &parsed), 0);
+    assert_int_equal(parse("thing -h --nonsense", &parsed), 0);
+    assert_int_equal(parse("thing -- --help", &parsed), -1);
+}
+
+static void numbers_are_whole_decimals_or_nothing(void **state)
+{
+    unsigned long long count = 0;
+    double number = 0;
+    static const char *const no_counts[] = {"",   "-1",  "+1",  " 1",
+                                            "1 ", "1.0", "0x1", "18446744073709551616"};
+    static const char *const no_numbers[] = {"",    "nan", "inf", "0x1p3", "1e999",
+                                             "1,5", "1 ",  "e5",  "--1",   "1e"};
+    (void)state;
+    assert_true(umbc_parse_count("18446744073709551615", UINT64_MAX, &count));
+    assert_true(umbc_parse_count("17", 17, &count) && count == 17);
+    assert_false(umbc_parse_count("18", 17, &count));
+    for (size_t i = 0; i < sizeof no_counts / sizeof no_counts[0]; i++) {
+        assert_false(umbc_parse_count(no_counts[i], UINT64_MAX, &count));
+    }
+    assert_true(umbc_parse_number("-2.5e-3", &number) && number == -2.5e-3);
+    for (size_t i = 0; i < sizeof no_numbers / sizeof no_numbers[0]; i++) {
+        assert_false(umbc_parse_number(no_numbers[i], &number));
+    }
+}
+
+static void files_are_told_from_assets(void **state)
+{
+    (void)state;
+    assert_true(umbc_is_file("a/b"));
+    assert_true(umbc_is_file("missing.umb"));
+    assert_true(umbc_is_file("missing.umbm"));
+    assert_false(umbc_is_file(".umb"));
+    assert_false(umbc_is_file("city"));
+    assert_false(umbc_is_file(""));
+    assert_false(umbc_is_file("tests")); /* a folder is no asset file */
+}
+
+static int query(const char *text, struct umbc_query_options *parsed)
+{
+    struct line *line = split(text);
+    return umbc_query_options_parse(line->count, line->words, parsed);
+}
+
+static void query_options_have_their_defaults(void **state)
+{
+    struct umbc_query_options parsed;
+    (void)state;
+    assert_int_equal(query("query city --points -", &parsed), -1);
+    assert_string_equal(parsed.target, "city");
+    assert_string_equal(parsed.points, "-");
+    assert_string_equal(parsed.out, "-");
+    assert_null(parsed.address);
+    assert_int_equal(parsed.format, UMBC_POINTS_TEXT);
+    assert_int_equal(parsed.encoding, UMBC_ENCODING_TEXT);
+    assert_int_equal(parsed.settings.format, UMB_ANSWER_F32);
+    assert_int_equal(parsed.settings.taps, 1);
+    assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_AUTO);
+    assert_int_equal(parsed.batch, 65536);
+    assert_true(parsed.origin[0] == 0 && parsed.origin[1] == 0 && parsed.origin[2] == 0);
+}
+
+static void query_options_are_taken(void **state)
+{
+    struct umbc_query_options parsed;
+    (void)state;
+    assert_int_equal(query("query a.umb --points p --format f32 --normals --light 3 --taps 17 "
+                           "--bias 0.25m --batch 9 --encoding bit -o out",
+                           &parsed),
+                     -1);
+    assert_int_equal(parsed.format, UMBC_POINTS_F32);
+    assert_true(parsed.with_normals);
+    assert_int_equal(parsed.settings.light, 3);
+    assert_int_equal(parsed.settings.taps, 17);
+    assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_METRES);
+    assert_true(parsed.settings.bias == 0.25);
+    assert_int_equal(parsed.batch, 16); /* so that bits of two batches share no byte */
+    assert_int_equal(parsed.settings.format, UMB_ANSWER_BIT);
+    assert_int_equal(query("query a --points p --bias 1.5vox --origin -1e6,2,3.5", &parsed), -1);
+    assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_VOXELS);
+    assert_true(parsed.settings.bias == 1.5);
+    assert_true(parsed.origin[0] == -1e6 && parsed.origin[1] == 2 && parsed.origin[2] == 3.5);
+    assert_int_equal(query("query a --points p --bias none --encoding u8 --json -o f", &parsed),
+                     -1);
+    assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_NONE);
+}
+
+static void bad_query_options_are_usage_errors(void **state)
+{
+    static const char *const bad[] = {
+        "query --points p",
+        "query a",
+        "query a b --points p",
+        "query a --points p --taps 2",
+        "query a --points p --taps 0",
+        "query a --points p --taps 19",
+        "query a --points p --taps -1",
+        "query a --points p --light -1",
+        "query a --points p --light 4294967296",
+        "query a --points p --batch 0",
+        "query a --points p --batch 16777217",
+        "query a --points p --bias 1",
+        "query a --points p --bias m",
+        "query a --points p --bias vox",
+        "query a --points p --bias nanm",
+        "query a --points p --bias 1e999m",
+        "query a --points p --bias ''",
+        "query a --points p --origin 1,2",
+        "query a --points p --origin 1,2,3,4",
+        "query a --points p --origin 1,,3",
+        "query a --points p --origin 1,2,inf",
+        "query a --points p --origin ''",
+        "query a --points p --format f16",
+        "query a --points p --encoding png",
+        "query a --points p --normals",
+        "query a --points p --explain",
+        "query a.umb --points p --explain --encoding u8",
+        "query a --points p --json --encoding u8",
+    };
+    struct umbc_query_options parsed;
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        if (query(bad[i], &parsed) != 2) {
+            fail_msg("'%s' is not a usage error", bad[i]);
+        }
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(options_may_stand_anywhere_and_in_any_form),
+        cmocka_unit_test(usage_errors_are_2_and_help_is_0),
+        cmocka_unit_test(numbers_are_whole_decimals_or_nothing),
+        cmocka_unit_test(files_are_told_from_assets),
+        cmocka_unit_test(query_options_have_their_defaults),
+        cmocka_unit_test(query_options_are_taken),
+        cmocka_unit_test(bad_query_options_are_usage_errors),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the command line writes: JSON that is JSON, text that commands no terminal, whole files. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "../../../client/cli/cli_answers.h"
+
+static char *text; /* of the memory stream */
+static size_t text_size;
+
+static FILE *open_text(void)
+{
+    FILE *file = open_memstream(&text, &text_size);
+    assert_non_null(file);
+    return file;
+}
+
+static void expect_text(FILE *file, const char *wanted)
+{
+    assert_int_equal(fclose(file), 0);
+    assert_string_equal(text, wanted);
+    free(text);
+    text = NULL;
+}
+
+static void json_puts_commas_and_escapes(void **state)
+{
+    FILE *file = open_text();
+    struct umbc_json json = {.file = file};
+    const double vector[3] = {1, -0.5, NAN};
+    (void)state;
+    umbc_json_begin(&json, NULL, '{');
+    umbc_json_text(&json, "a\"b", "line\nbreak \\ \"quoted\" \t\x1b[0m\x7f");
+    umbc_json_begin(&json, "list", '[');
+    umbc_json_end(&json, ']');
+    umbc_json_integer(&json, "big", UINT64_MAX);
+    umbc_json_signed(&json, "low", INT64_MIN);
+    umbc_json_bool(&json, "yes", true);
+    umbc_json_vector(&json, "v", vector);
+    umbc_json_number(&json, "infinite", INFINITY);
+    umbc_json_end(&json, '}');
+    expect_text(file, "{\"a\\\"b\":\"line\\nbreak \\\\ \\\"quoted\\\" \\u0009\\u001b[0m\\u007f\","
+                      "\"list\":[],\"big\":18446744073709551615,\"low\":-9223372036854775808,"
+                      "\"yes\":true,\"v\":[1,-0.5,null],\"infinite\":null}");
+}
+
+static void json_is_utf8_whatever_it_is_given(void **state)
+{
+    FILE *file = open_text();
+    struct umbc_json json = {.file = file};
+    (void)state;
+    umbc_json_text(&json, NULL, "caf\xc3\xa9 \xff \xc3 \xed\xa0\x80.");
+    expect_text(file, "\"caf\xc3\xa9 \\ufffd \\ufffd \\ufffd\\ufffd\\ufffd.\"");
+}
+
+static void text_from_strangers_commands_no_terminal(void **state)
+{
+    FILE *file = open_text();
+    char wanted[1024], given[1024];
+    (void)state;
+    static const char hostile[] = "a\x1b[2J\xc2\x9b\x0d\xff.";
+    umbc_print_text(file, hostile, sizeof hostile - 1);
+    expect_text(file, "a [2J   ?.");
+    /* Pieces of the copy never cut a character. */
+    for (size_t shift = 0; shift < 4; shift++) {
+        memset(given, 'x', sizeof given);
+        for (size_t i = shift; i + 3 < sizeof given - 4; i += 3) {
+            memcpy(given + i, "\xe2\x82\xac", 3);
+        }
+        given[sizeof given - 1] = '\0';
+        memcpy(wanted, given, sizeof wanted);
+        file = open_text();
+        umbc_print_text(file, given, strlen(given));
+        expect_text(file, wanted);
+    }
+}
+
+static void answers_that_are_no_numbers_are_null_in_json(void **state)
+{
+    char path[] = "umbrage-answers-XXXXXX", content[200] = "";
+    const float values[3] = {0.5F, NAN, 1};
+    struct umbc_query_options options = {.json = true, .out = path};
+    struct umbc_query_total total = {.points = 3};
+    struct umbc_answers answers;
+    struct umb_error error;
+    (void)state;
+    assert_true(mkstemp(path) >= 0);
+    assert_int_equal(umbc_answers_begin(&options, &answers, &error), UMB_OK);
+    assert_true(umbc_answers_put(&answers, values, 2));
+    assert_true(umbc_answers_put(&answers, values + 2, 1));
+    assert_int_equal(umbc_answers_end(&answers, &total, &error), UMB_OK);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    assert_non_null(fgets(content, sizeof content, file));
+    assert_memory_equal(content, "{\"answers\":[0.5,null,1],\"asset\":\"", 33);
+    (void)fclose(file);
+    (void)unlink(path);
+}
+
+static void outputs_appear_whole_or_not_at_all(void **state)
+{
+    char folder[] = "umbrage-output-XXXXXX", path[64], content[32] = "";
+    struct umbc_output output;
+    struct umb_error error;
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    (void)snprintf(path, sizeof path, "%s/file", folder);
+    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
+    struct umb_sink sink = umbc_output_sink(&output);
+    assert_int_equal(sink.write(sink.user, "old", 3), UMB_OK);
+    assert_int_equal(access(path, F_OK), -1);
+    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
+    assert_int_equal(chmod(path, 0640), 0);
+    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
+    assert_int_equal(sink.write(sink.user, "half", 4), UMB_OK);
+    umbc_output_abandon(&output);
+    umbc_output_abandon(&output);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    assert_non_null(fgets(content, sizeof content, file));
+    assert_string_equal(content, "old");
+    (void)fclose(file);
+    struct stat info;
+    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
+    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
+    assert_int_equal(stat(path, &info), 0);
+    assert_int_equal(info.st_mode & 0777, 0640); /* of the file it replaced */
+    assert_int_equal(info.st_size, 0);
+    assert_int_equal(umbc_output_begin(folder, &output, &error), UMB_E_CANNOT_CREATE);
+    assert_int_equal(umbc_output_begin("no/such/folder/file", &output, &error),
+                     UMB_E_CANNOT_CREATE);
+    (void)unlink(path);
+    assert_int_equal(rmdir(folder), 0); /* no temporary is left */
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(json_puts_commas_and_escapes),
+        cmocka_unit_test(json_is_utf8_whatever_it_is_given),
+        cmocka_unit_test(text_from_strangers_commands_no_terminal),
+        cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
+        cmocka_unit_test(outputs_appear_whole_or_not_at_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
