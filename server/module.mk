@@ -10,11 +10,13 @@ STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c))
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
 BAKE_LIB   := $(BUILD)/libumbrage-bake.a
+STUDY_LIB  := $(BUILD)/libumbrage-study.a
 DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
 
 $(COMMON_LIB): $(COMMON_OBJ)
 $(RAYS_LIB): $(RAYS_OBJ)
 $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
+$(STUDY_LIB): $(filter-out %/study_main.o,$(STUDY_OBJ))
 $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
 
 $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
@@ -25,7 +27,7 @@ $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) 
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lcrypto $(CORE_LIBS) -o $@
 
-$(BUILD)/umbrage-study: $(STUDY_OBJ) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS) -o $@
 

@@ -10,6 +10,7 @@ TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_daemon = $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
@@ -18,10 +19,11 @@ TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_common = -luv -lcrypto $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 -lcrypto $(CORE_LIBS)
+TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lcrypto $(CORE_LIBS)
 TEST_SYS_daemon = -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS)
 
-UNIT_PARTS := core wire rpc cli common rays bake daemon
+UNIT_PARTS := core wire rpc cli common rays study bake daemon
 UNIT_TESTS :=
 
 define unit_part

@@ -141,7 +141,7 @@ enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error 
     if (!temporary) {
         return UMB_OK;
     }
-    int folder;
+    int folder = -1;
     enum umb_status status = open_folder(output->path, &folder, error);
     if (status != UMB_OK) {
         umbc_output_abandon(output);

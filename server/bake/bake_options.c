@@ -36,11 +36,16 @@ const char umbb_options_help[] =
     "  --plan                 print the plan and its reasons only\n"
     "  --json                 print one JSON object\n"
     "  --quiet                no notices, no progress, no summary\n"
-    "  --help, --version\n"
+    "  -h, --help\n"
+    "  --version\n"
     "\n"
-    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 70 failed check, 73 cannot "
-    "create,\n"
-    "74 input or output error, 75 out of memory or interrupted.\n";
+    "The output appears only when it is complete and has passed the comparison. An interrupt\n"
+    "(SIGINT, SIGTERM) leaves the old file as it was and ends with 75.\n"
+    "\n"
+    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 unsupported light or missing\n"
+    "importer, 70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary: "
+    "over\n"
+    "--memory, out of memory, or interrupted.\n";
 
 /* What went wrong with the value being read. */
 static enum umb_status refuse(struct umb_error *error, const char *option, const char *value,
@@ -105,8 +110,9 @@ static int read_choice(const char *text, const char *const *names, int count)
 static enum umb_status set_output(struct umbb_options *o, const char *option, const char *value,
                                   struct umb_error *error)
 {
-    if (value[0] == '\0') {
-        return refuse(error, option, value, "a file name");
+    if (value[0] == '\0' || strcmp(value, "-") == 0) {
+        return refuse(error, option, value, "a file name (an asset is replaced as a whole: it "
+                                            "cannot go to standard output)");
     }
     o->output = value;
     return UMB_OK;
@@ -127,6 +133,10 @@ static enum umb_status set_sun(struct umbb_options *o, const char *option, const
                                struct umb_error *error)
 {
     const char *rest;
+    if (o->has_sun) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is a second one; one light is baked",
+                        option, value);
+    }
     if (!read_number(value, &rest, &o->sun_azimuth_deg) || *rest != ',' ||
         !read_number(rest + 1, &rest, &o->sun_elevation_deg) || *rest != '\0' ||
         fabs(o->sun_azimuth_deg) > 360.0 || o->sun_elevation_deg < 0.0 ||
@@ -143,6 +153,10 @@ static enum umb_status set_light(struct umbb_options *o, const char *option, con
 {
     if (value[0] == '\0') {
         return refuse(error, option, value, "the name of a light");
+    }
+    if (o->light != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is a second one; one light is baked",
+                        option, value);
     }
     o->light = value;
     return UMB_OK;
@@ -345,6 +359,10 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
         const char *word = argv[at];
         if (!only_names && strcmp(word, "--") == 0) {
             only_names = 1;
+        } else if (!only_names && strcmp(word, "-") == 0) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "SCENE: '-' (standard input) is not a file: a scene's format is told "
+                            "by its name and its parts lie beside it");
         } else if (!only_names && word[0] == '-') {
             if (!take_flag(options, word)) {
                 const enum umb_status status = take_valued(options, argc, argv, &at, error);

@@ -37,7 +37,7 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
     fprintf(to, "rate        %.1f Mtexel/s, depth by %s\n",
             1e-6 * (double)r->figures.texels / (r->seconds_bake > 0.0 ? r->seconds_bake : 1e-9),
             r->depth_path);
-    if (v->points > 0) {
+    if (r->options->verify_points > 0) {
         fprintf(to,
                 "verified    %llu points against rays: %llu differ within a voxel of a boundary, "
                 "%llu elsewhere\n",

@@ -218,7 +218,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
 
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
 {
-    umbb_interrupt_install();
+    umbb_interrupt_defer();
     enum umb_status status = umbb_publish_begin(&run->publish, run->options->output, error);
     if (status != UMB_OK) {
         return status;
@@ -252,6 +252,7 @@ static void print_report(struct run *run)
 enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error)
 {
     struct run run = {.options = options, .start_s = umbb_clock_s()};
+    umbb_interrupt_install();
     enum umb_status status = check_output(options, error);
     if (status == UMB_OK) {
         status = import_and_analyse(&run, error);

@@ -2,12 +2,18 @@
 #ifndef UMBRAGE_SERVER_BAKE_INTERRUPT_H
 #define UMBRAGE_SERVER_BAKE_INTERRUPT_H
 /*
- * SIGINT and SIGTERM as a flag that long work looks at, so that the bake ends in order: temporary
- * file removed, exit code of E_CANCELLED. A second signal ends the process at once.
+ * SIGINT, SIGTERM and SIGHUP end a bake in order, with the exit code of E_CANCELLED. While there is
+ * nothing to clean up they do so at once; from umbb_interrupt_defer on they set a flag that long
+ * work looks at, so that the temporary file goes. A second signal ends the process as usual.
+ * A signal that was ignored when the program started (nohup) stays so.
  */
 
-/* Catches the two signals from now on. */
+/* Catches the signals from now on, and makes writing to a closed pipe or beyond the file size limit
+ * an error of that write. */
 void umbb_interrupt_install(void);
+
+/* From now on a signal only sets the flag. */
+void umbb_interrupt_defer(void);
 
 /* 1 after a caught signal. Threads: any. */
 int umbb_interrupted(void);

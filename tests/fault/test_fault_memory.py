@@ -230,10 +230,11 @@ def start(at, keep):
             start_aborts.add(at)
             assert len(start_aborts) <= START_ABORTS, f"aborted at {sorted(start_aborts)}"
         else:
-            last = err.splitlines()[-1]
-            assert code == 75 or (code == 69 and "not enough memory" in last), \
+            said = [line for line in err.splitlines() if line.startswith("umbraged: ")]
+            assert len(said) == 1, f"not one sentence: {err[-600:]}"
+            # 69: cannot listen, and says that it is for want of memory.
+            assert code == 75 or (code == 69 and "not enough memory" in said[0]), \
                 f"exit code {code}: {err[-600:]}"
-            assert last.startswith("umbraged: "), err[-600:]
         return not lives
     finally:
         if process.poll() is None:

@@ -22,6 +22,12 @@ static const char *closed_name(enum umbb_closed_mode mode)
     return names[mode];
 }
 
+static double edge_length(const struct umbb_analysis *a, int axis)
+{
+    const double *step = a->frustum.voxel_step[axis];
+    return sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+}
+
 static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_closed_mode mode)
 {
     char why[4 * sizeof a->open_reason];
@@ -35,6 +41,9 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
     }
     fprintf(to, "%zu of %zu parts closed and consistently oriented, %zu of %zu triangles",
             a->closed_part_count, a->part_count, a->closed_triangles, a->count);
+    if (a->flipped_part_count > 0) {
+        fprintf(to, "; %zu wound inside out and turned around", a->flipped_part_count);
+    }
     if (open_parts > 0) {
         fprintf(to, "; largest open part, number %zu: %s", a->open_reason_part, why);
     }
@@ -49,8 +58,7 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
     double most = 0.0, voxel = INFINITY;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, fmax(fabs(a->bounds.min[axis]), fabs(a->bounds.max[axis])));
-        const double *step = a->frustum.voxel_step[axis];
-        voxel = fmin(voxel, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
+        voxel = fmin(voxel, edge_length(a, axis));
     }
     const double off = most * FLOAT_HALF_STEP;
     const int on = off > 0.01 * voxel;
@@ -58,6 +66,48 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
             "effect=origin state=%s reason=\"coordinates up to %.6g m as floats are off by %.3g m, "
             "%.3g of the smallest voxel edge of %.3g m\" cost=\"none measurable\"\n",
             on ? "on" : "off", most, off, off / voxel, voxel);
+}
+
+/* The sun is no point: what its half shadows would be. */
+static void write_penumbra(FILE *to, const struct umbb_analysis *a)
+{
+    const double size = (double)((uint64_t)1 << a->frustum.log2_size);
+    const double depth = size * edge_length(a, 2);
+    const double voxel = fmin(edge_length(a, 0), edge_length(a, 1));
+    const double width = depth * a->light.extent;
+    if (width > voxel) {
+        fprintf(to,
+                "effect=penumbra state=off reason=\"not in this version: a light %.3g degrees "
+                "across over %.6g m makes half shadows up to %.3g m or %.3g voxels wide; edges are "
+                "baked sharp\" cost=\"none\"\n",
+                a->light.extent * 57.29577951308232, depth, width, width / voxel);
+    }
+}
+
+/* Lights of the file that nobody asked to leave out. */
+static void write_other_lights(FILE *to, const struct umbs_scene_view *view,
+                               const struct umbb_options *options)
+{
+    uint32_t directional = 0, others = 0;
+    if (options->has_sun || options->light != NULL) {
+        return;
+    }
+    for (uint32_t i = 0; i < view->light_count; i++) {
+        directional += view->lights[i].kind == UMB_LIGHT_DIRECTIONAL;
+        others += view->lights[i].kind != UMB_LIGHT_DIRECTIONAL;
+    }
+    if (directional > 1) {
+        fprintf(to,
+                "effect=suns state=off reason=\"not in this version: %u more directional lights "
+                "of the file are left out\" cost=\"none\"\n",
+                directional - 1);
+    }
+    if (others > 0) {
+        fprintf(to,
+                "effect=faces state=off reason=\"not in this version: %u spot or point lights of "
+                "the file are left out\" cost=\"none\"\n",
+                others);
+    }
 }
 
 /* An effect this version does not have, for materials that call for it. */
@@ -100,6 +150,8 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     }
     write_closed(to, analysis, options->closed);
     write_origin(to, analysis);
+    write_penumbra(to, analysis);
+    write_other_lights(to, view, options);
     write_missing(to, "cut-out", "MASK", &analysis->mask, view);
     write_missing(to, "transmittance", "BLEND", &analysis->blend, view);
     return close_text(to, text, error);
@@ -122,12 +174,6 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     fprintf(to, "resolution=%u\n", 1U << options->resolution_log2);
     fprintf(to, "up=%c\n", analysis->z_up ? 'z' : 'y');
     return close_text(to, text, error);
-}
-
-static double edge_length(const struct umbb_analysis *a, int axis)
-{
-    const double *step = a->frustum.voxel_step[axis];
-    return sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
 }
 
 void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_scene_view *view,

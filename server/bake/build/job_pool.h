@@ -26,7 +26,11 @@ typedef void (*umbb_job_fn)(void *user, uint32_t job, unsigned thread);
 /* Called by the owner between jobs. */
 typedef void (*umbb_jobs_tick_fn)(void *user);
 
-/* In: threads: 1.. with the owner. Fails: E_NO_MEMORY, E_LIMIT (the system refuses threads). */
+/*
+ * Starts the threads: those that the system refuses are done without.
+ *
+ * In: threads: 1.. with the owner. Fails: E_NO_MEMORY.
+ */
 UMB_CHECKED enum umb_status umbb_jobs_create(unsigned threads, struct umbb_jobs **out,
                                              struct umb_error *error);
 

@@ -74,6 +74,9 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     struct umbr_verify_result *result = &publish->verified;
     status = umbr_verify(asset, 0, rays, &options, result, error);
     umbr_rays_destroy(rays);
+    if (status == UMB_E_CANCELLED) {
+        return umb_fail(error, status, "interrupted: nothing was written");
+    }
     if (status == UMB_OK && result->outside_band > 0) {
         const double *p = result->worst_point;
         return umb_fail(error, UMB_E_INTERNAL,

@@ -147,6 +147,7 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     struct umbb_analysis a;
     struct umb_error error;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(a.flipped_part_count, 1);
     for (int i = 0; i < 12; i++) {
         assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED_FLIPPED);
     }
@@ -230,6 +231,11 @@ static void scenes_without_area_or_over_memory_are_refused(void **state)
     options.memory_bytes = 1000;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "--memory"));
+    options.memory_bytes = (uint64_t)563 << 20;
+    s.view.world_triangle_count = 2109440; /* at 280 bytes each: 563.3 MiB */
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_LIMIT);
+    assert_non_null(strstr(error.message, "2109440 triangles need about 564 MiB, 563 MiB"));
+    s.view.world_triangle_count = 14;
     options.memory_bytes = 1 << 30;
     memset(s.positions, 0, sizeof s.positions);
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_BAD_SCENE);
@@ -259,6 +265,58 @@ static void plan_and_settings_say_what_and_why(void **state)
     free(plan);
     free(settings);
     umbb_analysis_finish(&a);
+}
+
+static void plan_says_what_this_version_leaves_out(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    char *plan;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+    assert_non_null(strstr(plan, "effect=suns state=off reason=\"not in this version: 1 more"));
+    assert_non_null(strstr(plan, "effect=faces state=off reason=\"not in this version: 1 spot"));
+    assert_null(strstr(plan, "effect=penumbra")); /* the file's light has no extent */
+    free(plan);
+    umbb_analysis_finish(&a);
+    options.has_sun = 1;
+    options.sun_elevation_deg = 45.0;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+    assert_null(strstr(plan, "effect=suns")); /* --sun replaces the file's lights */
+    assert_non_null(strstr(plan, "effect=penumbra state=off reason=\"not in this version: a light "
+                                 "0.53 degrees across"));
+    char *json;
+    size_t size;
+    FILE *to = open_memstream(&json, &size);
+    assert_non_null(to);
+    umbb_plan_print_json(to, &a, &s.view, plan);
+    assert_int_equal(fclose(to), 0);
+    assert_non_null(strstr(json, "\"plan\":[\"effect=closed state=on reason=\\\"1 of 2"));
+    assert_non_null(strstr(json, "cost=\\\"none\\\"\"]}\n"));
+    free(json);
+    free(plan);
+    umbb_analysis_finish(&a);
+}
+
+static void corners_out_of_reach_are_refused_and_not_dropped(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    const struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    for (int k = 0; k < 3; k++) { /* a triangle whose area overflows to no number */
+        s.positions[8 + k][0] = 1e200 * (k + 1);
+        s.positions[8 + k][1] = 1e200 * (k * k);
+    }
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "beyond 1e+12 metres"));
 }
 
 static void memory_is_divided_within_the_limit(void **state)
@@ -326,6 +384,8 @@ int main(void)
         cmocka_unit_test(lights_are_chosen_by_option),
         cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),
         cmocka_unit_test(plan_and_settings_say_what_and_why),
+        cmocka_unit_test(plan_says_what_this_version_leaves_out),
+        cmocka_unit_test(corners_out_of_reach_are_refused_and_not_dropped),
         cmocka_unit_test(memory_is_divided_within_the_limit),
         cmocka_unit_test(foreign_text_is_escaped),
         cmocka_unit_test(progress_tells_share_rate_and_time_left),

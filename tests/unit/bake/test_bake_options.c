@@ -45,7 +45,7 @@ static void defaults_are_those_of_the_manual(void **state)
     assert_int_equal(o.resolution_log2, 14);
     assert_int_equal(o.tile_log2, 12);
     assert_int_equal(o.memory_bytes, (uint64_t)4 << 30);
-    assert_int_equal(o.verify_points, 100000);
+    assert_int_equal(o.verify_points, 1000000);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     assert_int_equal(o.depth, UMBB_DEPTH_AUTO);
     assert_int_equal(o.up, UMBB_UP_OF_FORMAT);
@@ -144,6 +144,11 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o -o=y", "option", "-o=y"},
         {"s -o o second", "SCENE", "second"},
         {"s -o o --light A --sun 1,1", "--light", "A"},
+        {"s -o o --sun 1,1 --sun 2,2", "--sun", "'2,2' is a second one"},
+        {"s -o o --light A --light B", "--light", "'B' is a second one"},
+        {"- -o o", "SCENE", "'-' (standard input)"},
+        {"s -o -", "-o", "'-'"},
+        {"s --output=-", "--output", "'-'"},
         {"s -o o --tile", "--tile", "value"},
         {"s -o o --light=", "--light", "''"},
         {"-o o", "SCENE", "no scene"},

@@ -314,6 +314,34 @@ static void memory_limit_stops_the_build_with_a_reason(void **state)
     soup_finish(&soup);
 }
 
+static void the_shared_limit_counts_columns_and_lists_too(void **state)
+{
+    (void)state;
+    struct soup soup;
+    soup_init(&soup, 512, 601);
+    soup_mixture(&soup);
+    struct umb_error error;
+    const struct umbb_casters casters = soup_casters(&soup, 0);
+    const struct umbb_depth_options depth_options = {.tile_log2 = 6, .threads = 2};
+    static const size_t limits[] = {300, 60000, 400000};
+    for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
+        struct umbb_depth depth;
+        assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, &error),
+                         UMB_OK);
+        const struct umbb_bake_options options = {.log2_size = 9,
+                                                  .tile_log2 = 6,
+                                                  .threads = 2,
+                                                  .octree_max_bytes = SIZE_MAX,
+                                                  .shared_max_bytes = limits[i]};
+        struct umb_octree octree;
+        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
+        assert_non_null(strstr(error.message, "memory"));
+        assert_null(octree.bricks);
+        depth.destroy(depth.state);
+    }
+    soup_finish(&soup);
+}
+
 static int always(void)
 {
     return 1;
@@ -403,6 +431,7 @@ int main(void)
         cmocka_unit_test(an_empty_scene_is_one_lit_root),
         cmocka_unit_test(a_lid_over_everything_leaves_a_lit_slab_before_it),
         cmocka_unit_test(memory_limit_stops_the_build_with_a_reason),
+        cmocka_unit_test(the_shared_limit_counts_columns_and_lists_too),
         cmocka_unit_test(a_cancelled_bake_ends_cleanly),
         cmocka_unit_test(slices_compare_every_depth),
         cmocka_unit_test(filling_keeps_what_is_defined_and_makes_runs),

@@ -11,10 +11,11 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/shading.c"
-#include "study/study_args.c"
-#include "study/study_json.c"
-#include "study/traced_shadow.c"
+#include "common/json_text.h"
+#include "study/shading.h"
+#include "study/study_args.h"
+#include "study/study_vec.h"
+#include "study/traced_shadow.h"
 
 static void near_check(const char *what, double have, double want, double tolerance)
 {

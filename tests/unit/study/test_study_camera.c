@@ -11,8 +11,8 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/camera.c"
-#include "study/study_args.c"
+#include "study/camera.h"
+#include "study/study_vec.h"
 
 /* Doubles through sin and cos of degrees: a few ulp of 1. */
 #define TOLERANCE 1e-12
