@@ -126,7 +126,7 @@ enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_
     return UMB_OK;
 }
 
-/* Opens the folder of path. Before the rename: what can fail is done while nothing is visible yet. */
+/* Opens the folder of path. Before the rename: what can fail is done while nothing shows yet. */
 static enum umb_status open_folder(const char *path, int *fd, struct umb_error *error)
 {
     size_t length = folder_length(path);

@@ -20,7 +20,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import umbrage_test as ut  # noqa: E402
 
 SHORT = os.environ.get("FAULT") == "short"
-LIMIT = 24 if SHORT else 400
+LIMIT = 16 if SHORT else 400
 HANG_S = 20            # no program here takes a tenth of it
 KEEP = (1 << 64) - 1   # last call to fail: none is the last
 KILLED = -signal.SIGKILL

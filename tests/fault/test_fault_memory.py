@@ -158,7 +158,7 @@ def serve(keep):
     before = board.calls
     answers_right(daemon.socket_path)
     count = board.calls - before
-    for at in sweep.points(count + count // 4, fs.LIMIT if not fs.SHORT else 12):
+    for at in sweep.points(count + count // 4, 6 if fs.SHORT else fs.LIMIT):
         with failures.point("from" if keep else "at", "call", at):
             now = board.calls
             board.fail(now + at, fs.KEEP if keep else now + at)

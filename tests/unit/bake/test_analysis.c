@@ -15,7 +15,6 @@
 #include "bake/memory_plan.h"
 #include "bake/print_text.h"
 #include "bake/progress.h"
-#include "common/json_text.h"
 
 /* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
 struct small_scene {
@@ -352,15 +351,6 @@ static void foreign_text_is_escaped(void **state)
     assert_string_equal(out, "a\\x1b[2J\\x22\\x5c\\xff\\xc0\\x80\\xc2\\x9b");
     umbb_escape("\xc3\xa9\xc3\xa9", out, 4); /* cut between characters */
     assert_string_equal(out, "\xc3\xa9");
-    char *text;
-    size_t size;
-    FILE *to = open_memstream(&text, &size);
-    assert_non_null(to);
-    umbs_json_text(to, "q\"\\\n\x01\xff\xed\xa0\x80\xe2\x82\xac");
-    fclose(to);
-    assert_string_equal(text,
-                        "\"q\\\"\\\\\\u000a\\u0001\\ufffd\\ufffd\\ufffd\\ufffd\xe2\x82\xac\"");
-    free(text);
 }
 
 static void progress_tells_share_rate_and_time_left(void **state)

@@ -58,8 +58,9 @@ static void messages_are_one_line_of_plain_utf8(void **state)
 {
     struct umb_error error;
     (void)state;
-    assert_int_equal(umb_fail(&error, UMB_E_ARGUMENT, "name '%s'", "a\n\x1b[2J\xff\xc3\xa9\xc2\x85"),
-                     UMB_E_ARGUMENT);
+    assert_int_equal(
+        umb_fail(&error, UMB_E_ARGUMENT, "name '%s'", "a\n\x1b[2J\xff\xc3\xa9\xc2\x85"),
+        UMB_E_ARGUMENT);
     assert_string_equal(error.message, "name 'a  [2J?\xc3\xa9  '");
     assert_int_equal(error.system_error, 0);
     assert_int_equal(umb_fail_errno(&error, UMB_E_IO, ENOSPC, "writing"), UMB_E_IO);

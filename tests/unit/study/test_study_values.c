@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * The study's option values, tone curve and traced reference. The study has no library of its own,
- * so its pure files are compiled in here.
- */
+/* The study's option values, tone curve and traced reference. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -11,7 +8,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "common/json_text.h"
 #include "study/shading.h"
 #include "study/study_args.h"
 #include "study/study_vec.h"
@@ -142,31 +138,6 @@ static void tone_curve_rises_and_stays_in_range(void **state)
     }
 }
 
-static void json_strings_are_always_utf8(void **state)
-{
-    (void)state;
-    static const struct {
-        const char *text, *want;
-    } cases[] = {
-        {"a\"b\\c\n", "\"a\\\"b\\\\c\\u000a\""},
-        {"Gr\xc3\xbc\xc3\x9f", "\"Gr\xc3\xbc\xc3\x9f\""},
-        {"\xff.png", "\"\\ufffd.png\""},
-        {"\xe2\x82", "\"\\ufffd\\ufffd\""},
-        {"\xed\xa0\x80", "\"\\ufffd\\ufffd\\ufffd\""}, /* a surrogate */
-        {"\xc0\xaf", "\"\\ufffd\\ufffd\""},            /* over-long */
-    };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        char have[64] = {0};
-        FILE *file = tmpfile();
-        assert_non_null(file);
-        umbs_json_text(file, cases[i].text);
-        rewind(file);
-        (void)fread(have, 1, sizeof have - 1, file);
-        (void)fclose(file);
-        assert_string_equal(have, cases[i].want);
-    }
-}
-
 /* A frustum of half-metre voxels that looks straight down. */
 static void frustum_make(struct umb_frustum_info *frustum)
 {
@@ -294,7 +265,6 @@ int main(void)
         cmocka_unit_test(bad_options_are_refused_by_name),
         cmocka_unit_test(sizes_and_biases_have_limits),
         cmocka_unit_test(tone_curve_rises_and_stays_in_range),
-        cmocka_unit_test(json_strings_are_always_utf8),
         cmocka_unit_test(bias_follows_the_documented_formula),
         cmocka_unit_test(window_counts_the_texels_beyond_the_edge),
         cmocka_unit_test(window_knows_when_it_reaches_into_a_closed_solid),
