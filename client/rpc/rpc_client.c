@@ -7,6 +7,7 @@
  */
 #include "rpc_connection.h"
 
+#include <errno.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -232,6 +233,14 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     }
 }
 
+/* A system call that failed for want of something may work later; anything else is our bug. */
+static enum umb_status lacks(int code)
+{
+    return code == ENOMEM ? UMB_E_NO_MEMORY
+           : code == EAGAIN || code == EMFILE || code == ENFILE ? UMB_E_LIMIT
+                                                                : UMB_E_INTERNAL;
+}
+
 /* Makes loop and handles; on failure nothing of them is left. */
 static int open_loop(struct umb_client *client)
 {
@@ -278,12 +287,12 @@ enum umb_status umb_client_open(const char *address, const struct umb_client_opt
     }
     code = open_loop(client);
     if (code < 0) {
-        status = umb_fail_errno(error, UMB_E_INTERNAL, -code, "cannot make the client's loop");
+        status = umb_fail_errno(error, lacks(-code), -code, "cannot make the client's loop");
         goto fail_loop;
     }
     code = start_thread(client);
     if (code != 0) {
-        status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot start the client's thread");
+        status = umb_fail_errno(error, lacks(code), code, "cannot start the client's thread");
         goto fail_thread;
     }
     *out = client;

@@ -2,7 +2,8 @@
 /*
  * Containment among boxes: an implicit balanced tree by the box centres, one union box a node. A
  * query descends only where the union contains it. Many small solids side by side (a city) answer
- * in O(log n); boxes that overlap without containing one another cost more, never a wrong answer.
+ * in O(log n); boxes that overlap without containing one another cost more, up to a limit: a file
+ * could otherwise ask for all pairs of its parts.
  */
 #include "common/parts_nest.h"
 
@@ -69,17 +70,21 @@ static void build(struct umbs_nest *nest, size_t first, size_t last, int axis)
     build(nest, middle + 1, last, (axis + 1) % 3);
 }
 
-static int holds(const struct umbs_nest *nest, size_t first, size_t last, const struct umb_box *box)
+static int holds(const struct umbs_nest *nest, size_t first, size_t last, const struct umb_box *box,
+                 unsigned *steps)
 {
     if (first >= last) {
         return 0;
+    }
+    if ((*steps)++ == UMBS_NEST_STEPS_MAX) {
+        return 1;
     }
     size_t middle = first + (last - first) / 2;
     if (!box_inside(box, &nest->unions[middle])) {
         return 0;
     }
-    return box_inside(box, &nest->boxes[middle]) || holds(nest, first, middle, box) ||
-           holds(nest, middle + 1, last, box);
+    return box_inside(box, &nest->boxes[middle]) || holds(nest, first, middle, box, steps) ||
+           holds(nest, middle + 1, last, box, steps);
 }
 
 int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count)
@@ -109,5 +114,6 @@ void umbs_nest_finish(struct umbs_nest *nest)
 
 int umbs_nest_holds(const struct umbs_nest *nest, const struct umb_box *box)
 {
-    return holds(nest, 0, nest->count, box);
+    unsigned steps = 0;
+    return holds(nest, 0, nest->count, box, &steps);
 }

@@ -19,7 +19,13 @@ struct umbs_nest {
 int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count);
 void umbs_nest_finish(struct umbs_nest *nest);
 
-/* 1 if the box lies inside (touching allowed) at least one of the tree's boxes. */
+/* Nodes a query looks at before it gives up. Cities and forests need a few dozen. */
+#define UMBS_NEST_STEPS_MAX 4096U
+
+/*
+ * 1 if the box lies inside (touching allowed) at least one of the tree's boxes, or if that is not
+ * known after UMBS_NEST_STEPS_MAX steps: the answer that turns no part around.
+ */
 int umbs_nest_holds(const struct umbs_nest *nest, const struct umb_box *box);
 
 #endif

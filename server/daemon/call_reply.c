@@ -39,10 +39,13 @@ static size_t add_status(const struct umbd_call *call, char digits[12], nghttp2_
     return count;
 }
 
+/* Without memory even for that, the connection goes: its client must not wait for ever. */
 static void reset_stream(struct umbd_call *call)
 {
-    nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
-                              NGHTTP2_INTERNAL_ERROR);
+    if (nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
+                                  NGHTTP2_INTERNAL_ERROR) != 0) {
+        umbd_conn_doom(call->conn, NGHTTP2_INTERNAL_ERROR);
+    }
 }
 
 static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *buffer,

@@ -124,7 +124,7 @@ void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes)
 }
 
 /* Queues a GOAWAY and lets the session end; the tick closes what does not go. */
-static void doom(struct umbd_conn *conn, uint32_t code)
+void umbd_conn_doom(struct umbd_conn *conn, uint32_t code)
 {
     if (!conn->doomed) {
         conn->doomed = 1;
@@ -141,7 +141,7 @@ void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *w
                        "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
                        (unsigned long long)conn->serial, why);
     }
-    doom(conn, NGHTTP2_ENHANCE_YOUR_CALM);
+    umbd_conn_doom(conn, NGHTTP2_ENHANCE_YOUR_CALM);
 }
 
 static void cut_by_timer(struct umbd_conn *conn, const char *which)
@@ -332,7 +332,7 @@ static void make_room(struct umbd_loop *loop)
     }
     if (idlest != NULL) {
         umbd_count(&loop->daemon->metrics.connections_evicted, 1);
-        doom(idlest, NGHTTP2_NO_ERROR);
+        umbd_conn_doom(idlest, NGHTTP2_NO_ERROR);
         umbd_conn_flush(idlest);
         umbd_conn_close(idlest, "idle, and others want in");
     }
@@ -431,7 +431,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
         }
     }
     if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms) {
-        doom(conn, NGHTTP2_NO_ERROR);
+        umbd_conn_doom(conn, NGHTTP2_NO_ERROR);
     }
     umbd_conn_flush(conn);
 }

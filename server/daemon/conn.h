@@ -73,6 +73,9 @@ void umbd_conn_flush(struct umbd_conn *conn);
 /* Looks at the timers. May close the connection. */
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
+/* Says GOAWAY and lets the session end; what does not go is closed by the tick. */
+void umbd_conn_doom(struct umbd_conn *conn, uint32_t code);
+
 /* Ends the session with a GOAWAY of that code; counts and logs it. Safe in call-backs. */
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
 

@@ -194,7 +194,8 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
     write_own(out, metrics, gauges);
     write_process(out);
     int bad = ferror(out);
-    if (fclose(out) != 0 || bad) {
+    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    if (fclose(out) != 0 || bad || *text == NULL) {
         free(*text);
         *text = NULL;
         return UMB_E_NO_MEMORY;

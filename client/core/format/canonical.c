@@ -217,6 +217,11 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
             }
             continue;
         }
+        if (umb__load32(head + 4) != UMB__MUST_UNDERSTAND) {
+            return umb_fail(error, UMB_E_VERSION,
+                            "canonical block: entry %.4s has flags 0x%x of a newer writer",
+                            (const char *)head, umb__load32(head + 4));
+        }
         if (entries->bytes[i]) {
             return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry %.4s stands twice",
                             (const char *)head);

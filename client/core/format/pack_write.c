@@ -7,6 +7,7 @@
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
@@ -54,7 +55,8 @@ static enum umb_status write_page(struct writer *w, uint32_t page)
     uint8_t *stored = w->stored + w->stored_size;
     size_t stored_length = ZSTD_compressCCtx(w->zstd, stored, bound, w->raw, size, ZSTD_LEVEL);
     if (ZSTD_isError(stored_length)) {
-        return umb_fail(w->error, UMB_E_INTERNAL, "packing: zstd: %s",
+        const bool no_memory = ZSTD_getErrorCode(stored_length) == ZSTD_error_memory_allocation;
+        return umb_fail(w->error, no_memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL, "packing: zstd: %s",
                         ZSTD_getErrorName(stored_length));
     }
     uint8_t *entry = w->directory + (size_t)page * UMB__PAGE_ENTRY;

@@ -5,7 +5,9 @@
  * The allocator that opening and building take; queries allocate nothing.
  *
  * A NULL allocator means malloc, realloc and free. Passing one's own is how a host bounds memory,
- * and how the tests make the n-th allocation fail.
+ * and how the tests make the n-th allocation fail. zstd's working memory, a few MiB while a packed
+ * file is opened or written, comes from malloc all the same.
+ * Threads: an asset uses its allocator while it is opened, exported and closed only.
  */
 #include <stddef.h>
 

@@ -19,9 +19,11 @@
  * description at once; only umb_asset_close needs that nobody else still uses it.
  * Trust: open is safe on hostile bytes. It checks everything a query relies on, so that queries
  * have no failure path and never read outside the asset. It does not prove that the bytes are
- * those the identity names: that takes SHA-256, see umb_asset_prove in the store and in client.h.
- * Caveat: a file that another process truncates or overwrites while it is mapped breaks that
- * promise; the store's files are never edited in place (docs/operations.md).
+ * those the identity names: that takes SHA-256, which `umbrage verify` and the daemon's store do.
+ * Texts (plan, settings, notes, names) are UTF-8 without NUL, but may hold control characters.
+ * Caveat: a mapped file (.umbm) that another process truncates or overwrites while it is open
+ * breaks that promise; the store's files are never edited in place (docs/operations.md). A packed
+ * one is not looked at any more once it is open.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -47,12 +49,18 @@ struct umb_asset; /* opaque */
 /* How much of a file is checked when it opens. */
 enum umb_trust {
     UMB_TRUST_NOTHING = 0, /* default: checksums of everything, and the whole structure */
-    UMB_TRUST_VALIDATED,   /* header and directory only: this id passed a full check before */
+    /* For a file that passed a full check before and that nobody else can write to. Mapped: head,
+     * canonical block, and the lengths of sections, grids and levels are checked; the numbers in
+     * grids and nodes are not, so that queries of a file altered since may read anywhere. Packed:
+     * only the checksums of the pages are left out; their structure is checked as ever. */
+    UMB_TRUST_VALIDATED,
 };
 
 struct umb_open_options {
     enum umb_trust trust;
-    uint64_t max_memory_bytes;     /* refuse to allocate more than this; 0 = 64 GiB */
+    /* Refuse a packed file that needs more while it expands: pages, octree, grids, nodes and bricks
+     * together. Its head comes on top, twice at most. 0 = 64 GiB. */
+    uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
 };
 
@@ -80,13 +88,13 @@ struct umb_light_info {
 
 /* One light-space frustum. */
 struct umb_frustum_info {
-    uint32_t log2_size;          /* voxels a side = 1 << log2_size */
-    uint32_t light;              /* index of the light it belongs to */
-    int closed;                  /* baked under the closed rule: undefined inside closed solids */
-    double world_to_voxel[4][4]; /* row major; voxel = M * (world - origin, 1), affine for
-                                    directional lights */
-    double voxel_step[3]
-                     [3]; /* row i: world vector of one voxel along voxel axis i (affine), metres */
+    uint32_t log2_size; /* voxels a side = 1 << log2_size */
+    uint32_t light;     /* index of the light it belongs to */
+    int closed;         /* baked under the closed rule: undefined inside closed solids */
+    /* Row major; voxel = M * (world - origin, 1), affine for directional lights. */
+    double world_to_voxel[4][4];
+    /* Row i: world vector of one voxel along voxel axis i (affine), metres. */
+    double voxel_step[3][3];
 };
 
 /* What an asset is, in one look. */
@@ -101,27 +109,30 @@ struct umb_asset_info {
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */
-    uint64_t packed_bytes; /* of the packed form this content has; 0 if not known */
-    uint64_t bytes_2014;   /* of the same voxels in the 2014 encoding, 0 if the bake did not say */
-    double origin[3];      /* metres, world space: the scene origin that transforms start from */
-    struct umb_box bounds; /* metres, world space, of the casters */
+    uint64_t
+        packed_bytes;    /* of the packed file it was opened from; a mapped one does not know: 0 */
+    uint64_t bytes_2014; /* of the same voxels in the 2014 encoding, 0 if the bake did not say */
+    double origin[3];    /* metres, world space: the scene origin that transforms start from */
+    struct umb_box bounds;            /* metres, world space, of the casters */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     const char *plan;                 /* one line an effect, UTF-8 */
     const char *settings;             /* key=value lines of the bake, canonical */
-    const char *notes; /* key=value lines outside the identity: writer, time, figures */
+    const char *notes; /* key=value lines outside the identity; the three are never NULL */
 };
 
 /*
  * Opens an asset file, packed or mapped, told apart by content.
  *
- * In:    path: NUL-terminated. options: NULL for the defaults.
+ * In:    path: NUL-terminated. options: NULL for the defaults; copied, but for the allocator.
  * Out:   out: the asset, or NULL on failure.
  * Owns:  the caller closes it with umb_asset_close.
- * Fails: E_NO_INPUT (missing, a folder, unreadable), E_FORMAT, E_VERSION, E_TRUNCATED, E_CORRUPT,
- *        E_TOO_LARGE (over max_memory_bytes), E_NO_MEMORY, E_IO. Nothing is left behind.
- * Trust: safe on hostile files.
- * Cost:  mapped: one pass over the file (about 1 GB/s or more), none with UMB_TRUST_VALIDATED;
- *        packed: expands in memory. Blocks on the disk.
+ * Fails: E_NO_INPUT (missing, no regular file, unreadable), E_FORMAT, E_VERSION (needs a newer
+ *        reader), E_TRUNCATED, E_CORRUPT, E_TOO_LARGE (over max_memory_bytes), E_NO_MEMORY, E_IO.
+ *        Nothing is left behind.
+ * Threads: any number at once.
+ * Trust: safe on hostile files with UMB_TRUST_NOTHING.
+ * Cost:  mapped: one pass over the file (about 1 GB/s or more), with UMB_TRUST_VALIDATED over its
+ *        head only; packed: expands in memory. Blocks on the disk.
  */
 UMB_API UMB_CHECKED enum umb_status umb_asset_open_file(const char *path,
                                                         const struct umb_open_options *options,
@@ -131,25 +142,27 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_open_file(const char *path,
 /*
  * Opens an asset from memory.
  *
- * In:    bytes: uint8[size]; for a mapped asset 64-byte aligned. Borrowed until umb_asset_close.
- * Fails: as umb_asset_open_file; E_ARGUMENT if a mapped asset is not aligned.
+ * In:    bytes: uint8[size]; for a mapped asset 64-byte aligned.
+ * Owns:  mapped: bytes are borrowed, and must not change, until umb_asset_close; packed: during the
+ *        call only.
+ * Fails: as umb_asset_open_file but for its file; E_ARGUMENT if a mapped asset is not aligned.
  */
 UMB_API UMB_CHECKED enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
                                                          const struct umb_open_options *options,
                                                          struct umb_asset **out,
                                                          struct umb_error *error);
 
-/* Closes an asset and frees all it owns. NULL is allowed. */
+/* Closes an asset and frees all it owns. NULL is allowed. Threads: nobody else may use it. */
 UMB_API void umb_asset_close(struct umb_asset *asset);
 
-/* Fills info. Never fails. Cost: O(1). */
+/* Fills info. Never fails. Owns: its texts are the asset's. Threads: any. Cost: O(1). */
 UMB_API void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *info);
 
-/* Fills info of light `index`; fails with E_NOT_FOUND beyond the last. */
+/* Fills info of light `index`. Fails: E_NOT_FOUND beyond the last; info is left alone. */
 UMB_API UMB_CHECKED enum umb_status
 umb_asset_get_light(const struct umb_asset *asset, uint32_t index, struct umb_light_info *info);
 
-/* Fills info of frustum `index`; fails with E_NOT_FOUND beyond the last. */
+/* Fills info of frustum `index`, likewise. */
 UMB_API UMB_CHECKED enum umb_status
 umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index, struct umb_frustum_info *info);
 

@@ -6,18 +6,27 @@
  *
  *     struct umb_client *client;
  *     umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
- *     umb_client_query(client, &request, &reply, &error);      blocks until answered or timed out
+ *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
  *     umb_client_close(client);
  *
  * A client owns one loop thread and one connection, which it opens at the first call and again
- * after it was lost. Calls may be made from any thread at once; they share the connection. The
- * asynchronous face returns at once and calls back on the client's own thread; the blocking face
- * is the asynchronous one and a wait. The library never aborts, exits or prints.
+ * after it was lost. A call that the server has not begun is sent again, at most twice; one that it
+ * may have begun never is. The asynchronous face returns at once and calls back on the client's own
+ * thread; the blocking face is the asynchronous one and a wait. The library never aborts, exits or
+ * prints.
  *
  * Addresses: "tcp:HOST:PORT" (HOST may be [::1]) and "unix:PATH".
- * Ownership: requests are copied before a call returns; a callback's reply is borrowed during the
- * callback. umb_client_close cancels what is under way (callbacks get E_CANCELLED) and waits for
- * the thread; it must not be called from a callback.
+ * Ownership: requests are copied before a call returns; a callback's reply and error are borrowed
+ * during the callback.
+ * Threads: every function may be called from any thread at once on one client, but for
+ * umb_client_close. Blocking calls refuse to run in a callback (E_STATE): they would wait for
+ * themselves. A callback that takes long delays all other calls of its client.
+ * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
+ * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
+ * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-when-to-come-again.md).
+ * Limits: one connection a client; no TLS.
+ * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
+ * umb_client_close then waits for it.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -31,67 +40,101 @@ extern "C" {
 struct umb_client; /* opaque */
 
 struct umb_client_options {
-    uint32_t connect_timeout_ms; /* 0 = 5000 */
+    uint32_t connect_timeout_ms; /* until the server's first HTTP/2 frame; 0 = 5000 */
     uint32_t call_timeout_ms;    /* 0 = 60000; sent as grpc-timeout */
     uint32_t max_calls;          /* under way and waiting; 0 = 1024; further ones get E_BUSY */
-    uint64_t max_reply_bytes;    /* 0 = 64 MiB */
-    umb_log_fn log;              /* NULL = silent */
+    uint64_t max_reply_bytes;    /* of one reply; 0 = 64 MiB, at most 4 GiB */
+    umb_log_fn log;              /* NULL = silent; called on the client's thread */
     void *log_user;
 };
 
 struct umb_client_query_request {
-    const char *asset; /* name or id */
+    const char *asset; /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
-    struct umb_points points;
-    int want_stats;
-    uint32_t timeout_ms; /* 0 = the client's */
+    struct umb_points points; /* that they are finite is checked by the server alone */
+    int want_stats;           /* 0 or 1 */
+    uint32_t timeout_ms;      /* 0 = the client's */
 };
 
 struct umb_client_query_reply {
-    const void *values; /* in settings.format */
-    size_t value_bytes;
+    const void *values;             /* in settings.format, one a point, in their order */
+    size_t value_bytes;             /* always umb_answer_bytes(format, count) */
     uint8_t asset_id[UMB_ID_BYTES]; /* the asset that answered */
-    struct umb_query_stats stats;   /* if asked for */
-    uint64_t nanoseconds;           /* server CPU of the query, if asked for */
+    struct umb_query_stats stats;   /* if asked for, else 0 */
+    uint64_t nanoseconds;           /* server CPU of the query, if asked for, else 0 */
 };
 
 struct umb_client_asset {
-    char name[256];
+    char name[256]; /* UTF-8, NUL-terminated */
     uint8_t id[UMB_ID_BYTES];
-    uint64_t packed_bytes, memory_bytes;
+    uint64_t packed_bytes; /* of its file */
+    uint64_t memory_bytes; /* that queries read */
     uint32_t light_count;
 };
 
 struct umb_client_light {
-    struct umb_light_info info;
-    uint64_t resolution; /* voxels a side */
-    double voxel_m[3];   /* metres a voxel along the frustum's x, y, z */
-    int closed;
+    struct umb_light_info info; /* first_frustum and frustum_count are 0: not on the wire */
+    uint64_t resolution;        /* voxels a side */
+    double voxel_m[3];          /* metres a voxel along the frustum's x, y, z */
+    int closed;                 /* baked under the closed rule */
 };
 
+/* Numbers are as the server sent them, not checked for being finite. */
 struct umb_client_description {
     struct umb_client_asset asset;
     uint32_t light_count;
-    struct umb_client_light *lights;
-    double origin[3];
-    struct umb_box bounds;
-    uint8_t scene_hash[UMB_ID_BYTES];
-    char *plan, *settings;
+    struct umb_client_light *lights;  /* [light_count] */
+    double origin[3];                 /* metres, world space */
+    struct umb_box bounds;            /* metres, world space, of the casters */
+    uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
+    char *plan, *settings;            /* UTF-8 */
 };
 
-/* status UMB_OK: reply is set; else error is. Called once, on the client's thread. */
+/*
+ * Takes the end of a query.
+ *
+ * In:    status UMB_OK: reply is set and error NULL; else reply is NULL and error is set.
+ * Owns:  both are borrowed during the call.
+ * Threads: called exactly once for each started query, on the client's thread. May start calls.
+ */
 typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
 
-/* Fails: E_ARGUMENT (address), E_NO_MEMORY, E_INTERNAL (thread). Does not connect yet. */
+/*
+ * Makes a client. Does not connect yet.
+ *
+ * In:    address: copied. options: copied; NULL for the defaults.
+ * Out:   out: the client, or NULL on failure.
+ * Owns:  the caller closes it with umb_client_close.
+ * Fails: E_ARGUMENT (address), E_NO_MEMORY, E_INTERNAL (no lock, loop or thread to be had).
+ * Cost:  one thread with all signals blocked, about 0.3 MiB.
+ */
 UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
                                                     const struct umb_client_options *options,
                                                     struct umb_client **out,
                                                     struct umb_error *error);
+
+/*
+ * Cancels what is under way (its callbacks get E_CANCELLED), waits for the thread, frees the
+ * client.
+ *
+ * In:    client: may be NULL.
+ * Threads: nobody else may use the client, or begin to; never from a callback.
+ */
 UMB_API void umb_client_close(struct umb_client *client);
 
-/* Starts a query. Fails at once: E_BUSY, E_ARGUMENT, E_NO_MEMORY; else the callback comes. */
+/*
+ * Starts a query; its end comes to `done`.
+ *
+ * In:    request: copied whole, points included. user: handed to done.
+ * Fails: at once, and then done is not called: E_ARGUMENT (what the server would refuse without
+ *        looking at the points), E_TOO_LARGE (over 4 GiB of points), E_BUSY (max_calls),
+ *        E_CANCELLED (closing), E_NO_MEMORY. To done: E_UNAVAILABLE (no connection, or lost),
+ *        E_DEADLINE, E_CANCELLED, E_TOO_LARGE (reply over max_reply_bytes), E_PROTOCOL (no proper
+ *        gRPC), E_NO_MEMORY, and what the server said.
+ * Cost:  one copy of the points.
+ */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query_start(struct umb_client *client, const struct umb_client_query_request *request,
                        umb_client_query_fn done, void *user, struct umb_error *error);
@@ -99,28 +142,51 @@ umb_client_query_start(struct umb_client *client, const struct umb_client_query_
 /*
  * Asks and waits.
  *
- * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes, caller's.
- *        reply: may be NULL; reply->values then points to values.
- * Fails: E_UNAVAILABLE (no connection), E_DEADLINE, and what the server said.
+ * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes; written on
+ *        success only. reply: may be NULL; zeroed on failure; reply->values then points to values.
+ * Fails: as umb_client_query_start, at once or later; E_STATE in a callback.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query(struct umb_client *client, const struct umb_client_query_request *request,
                  void *values, struct umb_client_query_reply *reply, struct umb_error *error);
 
-/* Lists the server's assets; free with umb_client_assets_free. */
+/*
+ * Lists the server's assets, by name, and waits for the answer.
+ *
+ * Out:   assets: [count], NULL and 0 on failure.
+ * Owns:  the caller frees them with umb_client_assets_free.
+ * Fails: as umb_client_query but for the points.
+ */
 UMB_API UMB_CHECKED enum umb_status umb_client_list(struct umb_client *client,
                                                     struct umb_client_asset **assets, size_t *count,
                                                     struct umb_error *error);
+
+/* Frees a list. NULL is allowed. */
 UMB_API void umb_client_assets_free(struct umb_client_asset *assets);
 
-/* Describes one asset; free with umb_client_description_free. */
+/*
+ * Describes one asset and waits for the answer.
+ *
+ * In:    asset: name or id.
+ * Out:   description: NULL on failure.
+ * Owns:  the caller frees it with umb_client_description_free.
+ * Fails: as umb_client_list; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8), E_NOT_FOUND.
+ */
 UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *client,
                                                         const char *asset,
                                                         struct umb_client_description **description,
                                                         struct umb_error *error);
+
+/* Frees a description and all it points to. NULL is allowed. */
 UMB_API void umb_client_description_free(struct umb_client_description *description);
 
-/* Asks the health service; *serving is 1 if it said SERVING. */
+/*
+ * Asks the health service and waits for the answer.
+ *
+ * In:    service: "umbrage.v1.Shadows"; "" or NULL for the server as a whole.
+ * Out:   serving: 1 if it said SERVING, else 0.
+ * Fails: as umb_client_list; E_NOT_FOUND (a service it does not know).
+ */
 UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
                                                       const char *service, int *serving,
                                                       struct umb_error *error);

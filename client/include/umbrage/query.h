@@ -108,9 +108,12 @@ struct umb_query {
 /*
  * Checks settings against an asset and makes them ready to run.
  *
- * In:    asset: borrowed as long as the query is used.
- * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range,
- *        unknown mode or format), E_UNSUPPORTED (a kind of light this version cannot answer).
+ * In:    asset: borrowed as long as the query is used. settings: copied.
+ * Out:   query: zeroed on failure, and then must not be run.
+ * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range
+ *        whatever the mode, unknown mode or format), E_UNSUPPORTED (a kind of light this version
+ *        cannot answer).
+ * Threads: any.
  * Cost:  O(1), no allocation.
  */
 UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *asset,
@@ -121,8 +124,11 @@ UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *as
 /*
  * Checks that a batch may be run: every position and the origin finite.
  *
+ * In:    points: count * 12 or count * 24 bytes of positions, which must be there. Normals are not
+ *        looked at: any bits are safe.
  * Fails: E_ARGUMENT, naming the index and the value of the first bad coordinate.
- * Cost:  one pass over the positions.
+ * Threads: any.
+ * Cost:  one pass over the positions, no allocation.
  */
 UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *points,
                                                      struct umb_error *error);
@@ -143,7 +149,8 @@ UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *po
 UMB_API void umb_query_run(const struct umb_query *query, const struct umb_points *points,
                            size_t first, size_t count, struct umb_answers *answers);
 
-/* Bytes that `count` answers take in a format. */
+/* Returns the bytes that `count` answers take in a format; 0 for an unknown one. In: count: at most
+ * SIZE_MAX / 4. */
 UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 
 /* How one point was answered, for people. */
@@ -165,7 +172,8 @@ struct umb_explanation {
     } steps[16];        /* path of the centre tap */
 };
 
-/* Explains the answer of point `index`; same rules as umb_query_run. */
+/* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few
+ * look-ups of that point; for people, not for batches. */
 UMB_API void umb_query_explain(const struct umb_query *query, const struct umb_points *points,
                                size_t index, struct umb_explanation *explanation);
 

@@ -120,7 +120,8 @@ enum umb_status umbb_light_choose(const struct umbs_scene_view *view,
     }
     enum umb_status status = choose_default(view, z_up, light, text, error);
     const int short_of_memory = ferror(text);
-    if ((fclose(text) != 0 || short_of_memory) && status == UMB_OK) {
+    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    if ((fclose(text) != 0 || short_of_memory || *notices == NULL) && status == UMB_OK) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "light: memory for notices refused");
     }
     if (status != UMB_OK) {

@@ -129,7 +129,8 @@ static void write_missing(FILE *to, const char *effect, const char *mode,
 static enum umb_status close_text(FILE *stream, char **text, struct umb_error *error)
 {
     const int failed = ferror(stream);
-    if (fclose(stream) != 0 || failed) {
+    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    if (fclose(stream) != 0 || failed || *text == NULL) {
         free(*text);
         *text = NULL;
         return umb_fail(error, UMB_E_NO_MEMORY, "plan: memory refused");

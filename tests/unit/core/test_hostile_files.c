@@ -98,6 +98,8 @@ static void reserved_fields_are_a_newer_file(void **state)
     size_t frustum = entry_at(&packed, UMB__TAG_FRUSTA);
     size_t root = entry_at(&packed, UMB__TAG_ROOTS);
     expect_spoilt(&packed, light + 13, 1, UMB_E_VERSION, "newer");
+    expect_spoilt(&packed, light - 12, 0, UMB_E_VERSION, "newer"); /* the entry's flags */
+    expect_spoilt(&packed, light - 11, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, frustum + 8, 2, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, frustum + 15, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, root + 12, 1, UMB_E_VERSION, "newer");
