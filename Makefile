@@ -41,7 +41,7 @@ LDFLAGS_ALL := -pthread $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 
 # The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.
 ifneq ($(filter x86_64%,$(shell $(CC) -dumpmachine)),)
-AVX2_FLAGS := -mavx2 -mpopcnt -mbmi -mbmi2 -mlzcnt -mno-fma
+AVX2_FLAGS := -mavx2 -mpopcnt -mbmi -mbmi2 -mno-fma
 endif
 
 all: client daemon bake study ## build every program and library

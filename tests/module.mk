@@ -69,6 +69,7 @@ test: deps ## everything: units, sanitizers, system, interop (see docs/testing.m
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check
 	@$(MAKE) --no-print-directory system
+	@$(MAKE) --no-print-directory fuzz-replay fault-short
 	@$(MAKE) --no-print-directory sanitize
 
 layers: ## prove the include rules

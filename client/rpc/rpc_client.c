@@ -97,8 +97,10 @@ static uint64_t earliest(const struct umb__call_list *list, uint64_t known)
     return known;
 }
 
-static void expire_list(struct umb_client *client, struct umb__call_list *list, uint64_t now)
+/* Ends the calls of a list whose time is over; true if there were any. */
+static bool expire_list(struct umb_client *client, struct umb__call_list *list, uint64_t now)
 {
+    bool any = false;
     struct umb__call *next;
     for (struct umb__call *call = list->first; call != NULL; call = next) {
         next = call->next;
@@ -114,7 +116,9 @@ static void expire_list(struct umb_client *client, struct umb__call_list *list, 
             umb__session_cancel(call->connection, call);
         }
         umb__call_complete(client, call, status, &error);
+        any = true;
     }
+    return any;
 }
 
 static void arm_deadline(struct umb_client *client);
@@ -124,11 +128,13 @@ static void on_deadline(uv_timer_t *timer)
     struct umb_client *client = timer->data;
     uint64_t now = uv_hrtime();
     client->deadline_armed_ns = 0;
-    expire_list(client, &client->waiting, now);
+    (void)expire_list(client, &client->waiting, now);
     struct umb__connection *next;
     for (struct umb__connection *at = client->connections; at != NULL; at = next) {
         next = at->next;
-        expire_list(client, &at->active, now);
+        if (expire_list(client, &at->active, now)) {
+            umb__connection_probe(at);
+        }
         umb__connection_flush(at);
     }
     arm_deadline(client);
@@ -236,7 +242,7 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
 /* A system call that failed for want of something may work later; anything else is our bug. */
 static enum umb_status lacks(int code)
 {
-    return code == ENOMEM ? UMB_E_NO_MEMORY
+    return code == ENOMEM                                       ? UMB_E_NO_MEMORY
            : code == EAGAIN || code == EMFILE || code == ENFILE ? UMB_E_LIMIT
                                                                 : UMB_E_INTERNAL;
 }

@@ -242,6 +242,10 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         }
         return;
     }
+    if (connection->probing) {
+        connection->probing = false;
+        (void)uv_timer_stop(&connection->timer);
+    }
     if (!connection->saw_bytes) {
         connection->saw_bytes = true;
         connection->http1 = count >= 5 && memcmp(buffer->base, "HTTP/", 5) == 0;
@@ -263,12 +267,31 @@ static void on_timeout(uv_timer_t *timer)
 {
     struct umb__connection *connection = timer->data;
     struct umb_error error;
+    if (connection->probing) {
+        (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no sign of life within %lu ms",
+                       connection->client->address.text,
+                       (unsigned long)connection->client->options.connect_timeout_ms);
+        umb__connection_lose(connection, &error);
+        return;
+    }
     (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no HTTP/2 connection within %lu ms%s%.80s",
                    connection->client->address.text,
                    (unsigned long)connection->client->options.connect_timeout_ms,
                    connection->last_error.message[0] != '\0' ? ", last: " : "",
                    connection->last_error.message);
     umb__connection_lose(connection, &error);
+}
+
+void umb__connection_probe(struct umb__connection *connection)
+{
+    struct umb_client *client = connection->client;
+    if (connection->lost || !connection->ready || connection->probing ||
+        nghttp2_submit_ping(connection->session, NGHTTP2_FLAG_NONE, NULL) != 0) {
+        return;
+    }
+    connection->probing = true;
+    uv_update_time(&client->loop);
+    (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
 }
 
 static void start_session(struct umb__connection *connection)

@@ -5,6 +5,10 @@
  * One connection: resolve, connect, HTTP/2 session, loss. Loop thread only.
  *
  * Life: resolving -> connecting -> settings awaited -> ready [-> draining] -> lost -> freed.
+ * A call that ends at its deadline may have met a peer that is gone without a word (a cut cable, a
+ * NAT that forgot). The connection is then asked for a sign of life, and lost if none comes in the
+ * time that connecting may take; else every further call would wait for its deadline too.
+ *
  * Lost is final: the calls are given back or failed at once, the memory goes when libuv has
  * returned every handle and request. nghttp2_session_del closes no streams by itself, so that the
  * calls are always handled first.
@@ -21,7 +25,7 @@ struct umb__connection {
         uv_pipe_t pipe;
     } socket;
     bool socket_open;
-    uv_timer_t timer; /* until the peer's settings came */
+    uv_timer_t timer; /* until the peer's settings came; while probing */
     unsigned handles; /* not yet closed */
     uv_getaddrinfo_t resolve;
     bool resolving;
@@ -34,6 +38,7 @@ struct umb__connection {
     struct umb__call_list active;
     bool ready;    /* settings came: takes calls */
     bool used;     /* took a call */
+    bool probing;  /* waits for any bytes, after a PING */
     bool draining; /* GOAWAY came, or stream numbers ran out: takes no more calls */
     bool lost;
     bool http1; /* the first bytes were an HTTP/1 answer */
@@ -47,6 +52,9 @@ void umb__connection_open(struct umb_client *client);
 
 /* Ends a connection for a reason. Never from inside an nghttp2 call-back. */
 void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason);
+
+/* Asks a ready connection for a sign of life; the PING goes out with the next flush. */
+void umb__connection_probe(struct umb__connection *connection);
 
 /* Sends what the session has to send; may lose the connection. */
 void umb__connection_flush(struct umb__connection *connection);

@@ -1,28 +1,43 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SA_RESETHAND gives a second signal its default meaning. */
+/*
+ * One handler. Signals come in bursts (a terminal and a supervisor both send one, timeout(1) sends
+ * two), so a further one counts as a second wish only after a while.
+ */
 #include "bake/interrupt.h"
 
 #include <signal.h>
 #include <stdatomic.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "umbrage/status.h"
 
+#define BURST_S 1
+
 /* Lock-free: allowed in a handler. */
 static atomic_int caught;
+static atomic_long caught_at_s; /* 0 = not yet */
 static atomic_int deferred;
 static atomic_int exit_code;
 
 static void handle(int number)
 {
     static const char farewell[] = "umbrage-bake: interrupted: nothing was written\n";
-    (void)number;
+    struct timespec now = {0};
     if (!atomic_load(&deferred)) {
         (void)!write(STDERR_FILENO, farewell, sizeof farewell - 1);
         _exit(atomic_load(&exit_code));
     }
-    atomic_store(&caught, 1);
+    (void)clock_gettime(CLOCK_MONOTONIC, &now); /* allowed in a handler; sets no errno here */
+    const long now_s = (long)now.tv_sec + 1;
+    long first_s = 0;
+    if (atomic_compare_exchange_strong(&caught_at_s, &first_s, now_s)) {
+        atomic_store(&caught, 1);
+    } else if (now_s - first_s > BURST_S) {
+        (void)signal(number, SIG_DFL);
+        (void)raise(number);
+    }
 }
 
 void umbb_interrupt_install(void)
@@ -36,7 +51,6 @@ void umbb_interrupt_install(void)
     sigaction(SIGPIPE, &action, NULL);
     sigaction(SIGXFSZ, &action, NULL);
     action.sa_handler = handle;
-    action.sa_flags = (int)SA_RESETHAND;
     for (size_t i = 0; i < sizeof caught_signals / sizeof caught_signals[0]; i++) {
         if (sigaction(caught_signals[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN) {
             sigaction(caught_signals[i], &action, NULL);

@@ -162,11 +162,18 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     submit(call, fields, count, 0);
 }
 
+/* What passes by itself: without the trailer a client takes RESOURCE_EXHAUSTED for final. */
+static int is_temporary(enum umb_status status)
+{
+    return status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT || status == UMB_E_BUSY;
+}
+
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error)
 {
     const char *message =
         error != NULL && error->message[0] != '\0' ? error->message : umb_status_text(status);
+    call->pushback |= is_temporary(status);
     umbd_call_fail(call, umb_status_grpc(status), message);
 }
 

@@ -46,7 +46,6 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch)
 static void shed(struct umbd_call *call, const struct umb_error *error)
 {
     umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
-    call->pushback = 1;
     umbd_call_fail_status(call, UMB_E_BUSY, error);
 }
 

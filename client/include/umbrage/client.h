@@ -11,9 +11,10 @@
  *
  * A client owns one loop thread and one connection, which it opens at the first call and again
  * after it was lost. A call that the server has not begun is sent again, at most twice; one that it
- * may have begun never is. The asynchronous face returns at once and calls back on the client's own
- * thread; the blocking face is the asynchronous one and a wait. The library never aborts, exits or
- * prints.
+ * may have begun never is. A connection on which a call met its deadline is asked for a sign of
+ * life and given up after connect_timeout_ms without one. The asynchronous face returns at once and
+ * calls back on the client's own thread; the blocking face is the asynchronous one and a wait. The
+ * library never aborts, exits or prints.
  *
  * Addresses: "tcp:HOST:PORT" (HOST may be [::1]) and "unix:PATH".
  * Ownership: requests are copied before a call returns; a callback's reply and error are borrowed
@@ -40,7 +41,7 @@ extern "C" {
 struct umb_client; /* opaque */
 
 struct umb_client_options {
-    uint32_t connect_timeout_ms; /* until the server's first HTTP/2 frame; 0 = 5000 */
+    uint32_t connect_timeout_ms; /* until the server's first frame, or sign of life; 0 = 5000 */
     uint32_t call_timeout_ms;    /* 0 = 60000; sent as grpc-timeout */
     uint32_t max_calls;          /* under way and waiting; 0 = 1024; further ones get E_BUSY */
     uint64_t max_reply_bytes;    /* of one reply; 0 = 64 MiB, at most 4 GiB */

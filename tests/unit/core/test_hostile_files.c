@@ -359,6 +359,46 @@ static void levels_above_every_grid_are_not_laid_out(void **state)
     bytes_finish(&packed);
 }
 
+static void what_a_validated_mapped_file_is_still_checked_for(void **state)
+{
+    const struct umb_open_options options = {.trust = UMB_TRUST_VALIDATED};
+    struct bytes packed = bumpy_file(6), mapped = make_mapped(&packed);
+    struct umb_asset *asset;
+    struct umb_error error;
+    (void)state;
+    size_t head = (size_t)umb__load64(mapped.data + UMB__HEAD_LENGTH);
+    for (size_t bit = 0; bit < head * 8; bit += 3) {
+        mapped.data[bit / 8] ^= (uint8_t)(1U << (bit % 8));
+        assert_int_not_equal(
+            umb_asset_open_bytes(mapped.data, mapped.size, &options, &asset, &error), UMB_OK);
+        mapped.data[bit / 8] ^= (uint8_t)(1U << (bit % 8));
+    }
+    for (size_t size = 0; size < mapped.size; size += 257) {
+        assert_int_not_equal(umb_asset_open_bytes(mapped.data, size, &options, &asset, &error),
+                             UMB_OK);
+    }
+    /* Sections: the shape of grids and levels, but no numbers. */
+    const uint8_t *entry = mapped.data + directory_at(&mapped);
+    size_t tops = (size_t)umb__load64(entry + UMB__SECTION_OFFSET);
+    size_t levels = (size_t)umb__load64(entry + UMB__SECTION_ENTRY + UMB__SECTION_OFFSET);
+    size_t grid = (size_t)umb__load64(entry + 2 * (size_t)UMB__SECTION_ENTRY + UMB__SECTION_OFFSET);
+    const size_t shapes[] = {tops, tops + 4, tops + 8, levels, levels + 64};
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++) {
+        mapped.data[shapes[i]] ^= 2;
+        assert_int_not_equal(
+            umb_asset_open_bytes(mapped.data, mapped.size, &options, &asset, &error), UMB_OK);
+        mapped.data[shapes[i]] ^= 2;
+    }
+    mapped.data[grid + 3] ^= 0x40; /* leads far away: never to be queried */
+    assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, &error),
+                     UMB_E_CORRUPT);
+    assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, &options, &asset, &error),
+                     UMB_OK);
+    umb_asset_close(asset);
+    bytes_finish(&packed);
+    bytes_finish(&mapped);
+}
+
 static void a_pipe_is_refused_and_not_waited_for(void **state)
 {
     char folder[] = "umbrage-test-XXXXXX", path[64];
@@ -389,6 +429,7 @@ int main(void)
         cmocka_unit_test(a_directory_overwritten_while_it_is_read_does_no_harm),
         cmocka_unit_test(shared_uniform_subtrees_cost_no_more_than_their_nodes),
         cmocka_unit_test(levels_above_every_grid_are_not_laid_out),
+        cmocka_unit_test(what_a_validated_mapped_file_is_still_checked_for),
         cmocka_unit_test(a_pipe_is_refused_and_not_waited_for),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -34,6 +34,7 @@ struct fake_server {
     bool http1;           /* answers like a web server of old */
     bool mute;            /* accepts and says nothing */
     bool early_error;     /* answers RESOURCE_EXHAUSTED to the headers, before the body */
+    atomic_bool frozen;   /* the first connection stays open and says nothing more */
     bool goodbye;         /* greets with SETTINGS and GOAWAY and hangs up */
     uint32_t max_streams; /* 0 = 100 */
     const char *unix_path;
@@ -61,6 +62,7 @@ struct fake_stream {
 
 struct fake_connection {
     struct fake_server *server;
+    unsigned number; /* from 0 */
     int socket;
     nghttp2_session *session;
     struct fake_stream *streams;
@@ -469,6 +471,10 @@ static void fake_session(struct fake_connection *connection)
     }
     while (fake_send_all(connection) && !atomic_load(&server->stop)) {
         struct pollfd entry = {.fd = connection->socket, .events = POLLIN};
+        if (connection->number == 0 && atomic_load(&server->frozen)) {
+            fake_pause(10);
+            continue;
+        }
         if (poll(&entry, 1, 20) <= 0) {
             continue;
         }
@@ -535,6 +541,7 @@ static void *fake_accept(void *user)
         }
         connection->server = server;
         connection->socket = client;
+        connection->number = number;
         if (pthread_create(&server->workers[number], NULL, fake_worker, connection) != 0) {
             abort();
         }

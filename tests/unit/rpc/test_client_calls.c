@@ -272,7 +272,7 @@ static void a_server_that_greets_and_hangs_up_is_not_asked_without_end(void **st
     double start = now_s();
     assert_int_equal(ask(client, "ok", 5000, &error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(error.message, "tcp:127.0.0.1")); /* closed or reset: a race */
-    assert_true(now_s() - start < 4); /* not the deadline ended it */
+    assert_true(now_s() - start < 4);                        /* not the deadline ended it */
     umb_client_close(client);
     fake_stop(&server);
     assert_in_range(atomic_load(&server.connections), 2, 3); /* one and at most two more tries */
@@ -295,6 +295,49 @@ static void silence_ends_at_the_deadline_and_resets_the_stream(void **state)
     umb_client_close(client);
     fake_stop(&server);
     assert_int_equal(atomic_load(&server.resets), 1);
+    assert_int_equal(atomic_load(&server.connections), 1);
+}
+
+static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
+{
+    struct fake_server server = {.http1 = false};
+    const struct umb_client_options options = {.connect_timeout_ms = 150};
+    char address[128];
+    struct umb_error error;
+    (void)state;
+    fake_start(&server, 0, address);
+    struct umb_client *client = open_client(address, &options);
+    assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
+    atomic_store(&server.frozen, true);
+    fake_pause(50); /* the server looks every 20 ms */
+    assert_int_equal(ask(client, "ok", 100, &error), UMB_E_DEADLINE);
+    /* Calls under way when the connection is given up end then, not at their own deadline. */
+    double start = now_s();
+    assert_int_equal(ask(client, "ok", 5000, &error), UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(error.message, "sign of life"));
+    assert_true(now_s() - start < 3);
+    assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
+    umb_client_close(client);
+    fake_stop(&server);
+    assert_int_equal(atomic_load(&server.connections), 2);
+}
+
+static void a_slow_peer_that_answers_pings_keeps_its_connection(void **state)
+{
+    struct fake_server server = {.http1 = false};
+    const struct umb_client_options options = {.connect_timeout_ms = 100};
+    char address[128];
+    struct umb_error error;
+    (void)state;
+    fake_start(&server, 0, address);
+    struct umb_client *client = open_client(address, &options);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(ask(client, "silent", 50, &error), UMB_E_DEADLINE);
+        fake_pause(200);
+    }
+    assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
+    umb_client_close(client);
+    fake_stop(&server);
     assert_int_equal(atomic_load(&server.connections), 1);
 }
 
@@ -592,6 +635,8 @@ int main(void)
         cmocka_unit_test(goaway_moves_an_unprocessed_call_to_a_new_connection),
         cmocka_unit_test(a_server_that_greets_and_hangs_up_is_not_asked_without_end),
         cmocka_unit_test(silence_ends_at_the_deadline_and_resets_the_stream),
+        cmocka_unit_test(a_peer_that_vanished_costs_one_deadline_not_all),
+        cmocka_unit_test(a_slow_peer_that_answers_pings_keeps_its_connection),
         cmocka_unit_test(an_expired_call_frees_its_stream),
         cmocka_unit_test(queued_calls_expire_behind_a_full_server),
         cmocka_unit_test(full_client_is_busy_and_close_cancels_every_call_once),
