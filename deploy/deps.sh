@@ -15,7 +15,7 @@ needed="
     libuv1-dev libnghttp2-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libssl-dev libzstd-dev libxxhash-dev
-    libembree-dev libassimp-dev libpng-dev
+    libembree-dev libassimp-dev libpng-dev libseccomp-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "
 optional="

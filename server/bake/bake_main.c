@@ -6,11 +6,15 @@
 #include "bake/bake_options.h"
 #include "bake/bake_run.h"
 #include "bake/import/import_child.h"
+#include "bake/sandbox/doctor.h"
 
 int main(int argc, char **argv)
 {
     if (argc > 1 && strcmp(argv[1], "import-child") == 0) {
         return umbb_import_child(argc, argv);
+    }
+    if (argc > 1 && strcmp(argv[1], "doctor") == 0) {
+        return umbb_doctor(argc, argv);
     }
     struct umbb_options options;
     struct umb_error error = {0};

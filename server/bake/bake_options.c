@@ -13,6 +13,7 @@
 const char umbb_options_help[] =
     "umbrage-bake SCENE -o OUT.umb [options]     bake the shadows of a scene\n"
     "umbrage-bake SCENE --plan [options]         print what would be baked and why; write nothing\n"
+    "umbrage-bake doctor [--json]                check this machine and the importer's sandbox\n"
     "\n"
     "SCENE is a glTF, GLB, OBJ, PLY or STL file.\n"
     "\n"

@@ -11,7 +11,7 @@
 /* Descriptors of the importer beside 0 and 1 (/dev/null) and 2 (a pipe for its one sentence). */
 enum umbs_child_fd {
     UMBS_CHILD_FD_INPUT = 3,  /* the scene file, a regular file, read only */
-    UMBS_CHILD_FD_FOLDER = 4, /* its folder (O_PATH): relative names beneath it only */
+    UMBS_CHILD_FD_FILES = 4,  /* asks for the files that the scene names (scene_broker.h) */
     UMBS_CHILD_FD_OUTPUT = 5, /* an empty memfd for the scene buffer */
 };
 

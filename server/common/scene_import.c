@@ -127,6 +127,10 @@ static enum umb_status classify(const struct import *import, const struct umbs_p
                                                : "its limit of time or memory",
                         end->signal);
     }
+    if (end->signal == SIGSYS) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "%s: importer stopped: it did what its sandbox forbids", import->shown);
+    }
     if (end->signal != 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "%s: importer crashed (signal %d)", import->shown,
                         end->signal);
@@ -143,6 +147,9 @@ static enum umb_status classify(const struct import *import, const struct umbs_p
         break;
     case 75:
         status = UMB_E_LIMIT;
+        break;
+    case 69:
+        status = UMB_E_UNAVAILABLE;
         break;
     case UMBS_PROCESS_EXIT_NOT_STARTED:
         return umb_fail(error, UMB_E_UNAVAILABLE, "importer program '%.200s' cannot be started",

@@ -25,13 +25,20 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "common/scene_broker.h"
 #include "common/scene_contract.h"
 #include "common/scene_text.h"
 
-#define CHILD_FDS_MAX   32U /* input, folder, output, one sibling at a time, sanitizer's own */
+#define CHILD_FDS_MAX   32U /* input, output, one sibling at a time, sanitizer's own */
 #define CHILD_FD_SPARE  10  /* descriptors are parked from here up while 0..5 are laid out */
 #define POLL_STEP_MS    50  /* how late the end of a child is noticed whose pipe somebody holds */
 #define ENVIRONMENT_MAX 8
+
+/* What connects it with its parent; each [0] is the parent's end. */
+struct lines {
+    int talk[2];  /* a pipe: its one sentence */
+    int files[2]; /* scene_broker.h */
+};
 
 static int64_t now_ms(void)
 {
@@ -72,11 +79,11 @@ static int reset_signals(void)
 
 /* In the child: descriptors 0..5 as agreed, all others closed. The sources are parked out of the
  * way first: a parent without standard streams has them among 0..5. */
-static int lay_out_descriptors(const struct umbs_process *process, int talk)
+static int lay_out_descriptors(const struct umbs_process *process, const struct lines *lines)
 {
-    int sources[6] = {-1, -1, talk, process->input, process->folder, process->output};
+    int sources[6] = {-1, -1, lines->talk[1], process->input, lines->files[1], process->output};
     static const int targets[6] = {
-        0, 1, 2, UMBS_CHILD_FD_INPUT, UMBS_CHILD_FD_FOLDER, UMBS_CHILD_FD_OUTPUT};
+        0, 1, 2, UMBS_CHILD_FD_INPUT, UMBS_CHILD_FD_FILES, UMBS_CHILD_FD_OUTPUT};
     sources[0] = sources[1] = open("/dev/null", O_RDWR | O_CLOEXEC);
     for (int i = 0; i < 6; i++) {
         sources[i] = fcntl(sources[i], F_DUPFD, CHILD_FD_SPARE);
@@ -93,13 +100,13 @@ static int lay_out_descriptors(const struct umbs_process *process, int talk)
 }
 
 /* In the child: never returns. */
-static void become_program(const struct umbs_process *process, char *const *environment, int talk,
-                           pid_t parent)
+static void become_program(const struct umbs_process *process, char *const *environment,
+                           const struct lines *lines, pid_t parent)
 {
     uint64_t seconds = process->timeout_s;
     if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
         getppid() != parent || /* the parent died before the line above */
-        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || lay_out_descriptors(process, talk) != 0 ||
+        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || lay_out_descriptors(process, lines) != 0 ||
         limit(RLIMIT_CORE, 0, 0) != 0 || limit(RLIMIT_CPU, seconds, seconds + 1) != 0 ||
         limit(RLIMIT_FSIZE, process->max_output_bytes, process->max_output_bytes) != 0 ||
         limit(RLIMIT_NOFILE, CHILD_FDS_MAX, CHILD_FDS_MAX) != 0 || reset_signals() != 0) {
@@ -150,10 +157,12 @@ static int drain(int pipe_end, char *talk, size_t size, size_t *used)
     }
 }
 
-static void pause_ms(long milliseconds)
+static void hang_up(int *fd)
 {
-    struct timespec time = {.tv_nsec = milliseconds * 1000000L};
-    (void)nanosleep(&time, NULL);
+    if (*fd >= 0) {
+        (void)close(*fd);
+    }
+    *fd = -1;
 }
 
 /* Leaves it a zombie, so that its number, which is its group's too, cannot be another's yet. */
@@ -164,81 +173,112 @@ static int has_ended(pid_t child)
     return code == 0 ? facts.si_pid == child : errno != EINTR;
 }
 
-/* Waits for the end of the child; kills it at the deadline. Returns 0 if its status was taken. */
-static int watch(pid_t child, int pipe_end, int64_t deadline_ms, struct umbs_process_end *end,
-                 int *wait_status)
+/* Waits a moment for words or requests, and takes them. */
+static void attend(struct lines *lines, int folder, struct umbs_process_end *end, size_t *used,
+                   int64_t left_ms)
+{
+    struct pollfd wanted[2] = {{.fd = lines->talk[0], .events = POLLIN},
+                               {.fd = lines->files[0], .events = POLLIN}};
+    /* Both closed: it is about to end. poll passes over -1. */
+    int step_ms = lines->talk[0] < 0 && lines->files[0] < 0 ? 1 : POLL_STEP_MS;
+    (void)poll(wanted, 2, left_ms < step_ms ? (int)left_ms : step_ms);
+    if (wanted[0].revents != 0 && !drain(lines->talk[0], end->talk, sizeof(end->talk), used)) {
+        hang_up(&lines->talk[0]);
+    }
+    if (wanted[1].revents != 0 && !umbs_broker_serve(lines->files[0], folder)) {
+        hang_up(&lines->files[0]);
+    }
+}
+
+/* Waits for the end of the child; kills it at the deadline. Returns 1 if its status was taken. */
+static int watch(pid_t child, struct lines *lines, const struct umbs_process *process,
+                 struct umbs_process_end *end, int *wait_status)
 {
     char talk[UMBS_PROCESS_TALK_BYTES];
+    int64_t deadline_ms = now_ms() + (int64_t)process->timeout_s * 1000;
     size_t used = 0;
-    int pipe_open = 1;
     pid_t ended;
-    for (;;) {
-        if (has_ended(child)) {
-            break;
-        }
-        int64_t left = deadline_ms - now_ms();
-        if (left <= 0) {
+    while (!has_ended(child)) {
+        int64_t left_ms = deadline_ms - now_ms();
+        if (left_ms <= 0) {
             end->timed_out = 1;
             (void)kill(child, SIGKILL); /* it may have no group yet */
             break;
         }
-        if (pipe_open) {
-            struct pollfd wanted = {.fd = pipe_end, .events = POLLIN};
-            (void)poll(&wanted, 1, left < POLL_STEP_MS ? (int)left : POLL_STEP_MS);
-            pipe_open = drain(pipe_end, talk, sizeof(talk), &used);
-        } else {
-            pause_ms(1);
-        }
+        attend(lines, process->folder, end, &used, left_ms);
     }
     (void)kill(-child, SIGKILL); /* it, and whatever it may have started */
     do {
         ended = waitpid(child, wait_status, 0);
     } while (ended < 0 && errno == EINTR);
-    (void)drain(pipe_end, talk, sizeof(talk), &used);
-    const char *newline = memchr(talk, '\n', used);
-    umbs_text_clean(end->talk, sizeof(end->talk), talk,
-                    newline != NULL ? (size_t)(newline - talk) : used);
+    if (lines->talk[0] >= 0) {
+        (void)drain(lines->talk[0], end->talk, sizeof(end->talk), &used);
+    }
+    const char *newline = memchr(end->talk, '\n', used);
+    size_t length = newline != NULL ? (size_t)(newline - end->talk) : used;
+    memcpy(talk, end->talk, length);
+    umbs_text_clean(end->talk, sizeof(end->talk), talk, length);
     return ended == child;
 }
 
-enum umb_status umbs_process_run(const struct umbs_process *process, struct umbs_process_end *end,
-                                 struct umb_error *error)
+static enum umb_status open_lines(struct lines *lines, struct umb_error *error)
 {
-    memset(end, 0, sizeof(*end));
-    if (access(process->program, X_OK) != 0) {
-        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "importer program '%s'",
-                              process->program);
-    }
-    char *environment[ENVIRONMENT_MAX];
-    choose_environment(environment);
-    int ends[2];
-    if (pipe2(ends, O_CLOEXEC) != 0) {
+    *lines = (struct lines){{-1, -1}, {-1, -1}};
+    if (pipe2(lines->talk, O_CLOEXEC) != 0 || umbs_broker_pair(lines->files) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot make a pipe for the importer");
     }
-    (void)fcntl(ends[0], F_SETFL, O_NONBLOCK);
+    (void)fcntl(lines->talk[0], F_SETFL, O_NONBLOCK);
+    return UMB_OK;
+}
+
+static void close_lines(struct lines *lines)
+{
+    for (int i = 0; i < 2; i++) {
+        hang_up(&lines->talk[i]);
+        hang_up(&lines->files[i]);
+    }
+}
+
+static enum umb_status run(const struct umbs_process *process, struct lines *lines,
+                           struct umbs_process_end *end, struct umb_error *error)
+{
+    char *environment[ENVIRONMENT_MAX];
+    choose_environment(environment);
     pid_t parent = getpid();
-    int64_t deadline_ms = now_ms() + (int64_t)process->timeout_s * 1000;
     pid_t child = fork();
     if (child == 0) {
-        become_program(process, environment, ends[1], parent);
+        become_program(process, environment, lines, parent);
     }
-    int fork_error = errno;
-    (void)close(ends[1]);
     if (child < 0) {
-        (void)close(ends[0]);
-        return umb_fail_errno(error, UMB_E_IO, fork_error,
-                              "cannot start a process for the importer");
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot start a process for the importer");
     }
+    hang_up(&lines->talk[1]);
+    hang_up(&lines->files[1]);
     int wait_status = 0;
-    int taken = watch(child, ends[0], deadline_ms, end, &wait_status);
-    (void)close(ends[0]);
-    if (!taken) {
+    if (!watch(child, lines, process, end, &wait_status)) {
         return umb_fail(error, UMB_E_INTERNAL,
                         "the importer's exit status is lost (SIGCHLD is ignored here?)");
     }
     end->exit_code = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
     end->signal = WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : 0;
     return UMB_OK;
+}
+
+enum umb_status umbs_process_run(const struct umbs_process *process, struct umbs_process_end *end,
+                                 struct umb_error *error)
+{
+    struct lines lines;
+    memset(end, 0, sizeof(*end));
+    if (access(process->program, X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "importer program '%s'",
+                              process->program);
+    }
+    enum umb_status status = open_lines(&lines, error);
+    if (status == UMB_OK) {
+        status = run(process, &lines, end, error);
+    }
+    close_lines(&lines);
+    return status;
 }
 
 enum umb_status umbs_memfd_create(int *fd, struct umb_error *error)

@@ -19,7 +19,8 @@
 struct umbs_process {
     const char *program;
     char *const *arguments;    /* NULL-terminated, program first */
-    int input, folder, output; /* become UMBS_CHILD_FD_*; stay open here */
+    int input, output;         /* become UMBS_CHILD_FD_*; stay open here */
+    int folder;                /* of the files that it may ask for (scene_broker.h) */
     uint32_t timeout_s;        /* CPU seconds, and wall seconds */
     uint64_t max_output_bytes; /* written to one file */
 };

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
+#include "common/open_beneath.h"
 #include "common/scene.h"
 #include "fuzz.h"
 #include "make_asset.h"
@@ -25,8 +26,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     memcpy(text, data + 1, size - 1);
     int is_ply = data[0] & 1;
-    struct umbb_import job = {
-        .file = {.bytes = text, .size = size - 1}, .folder = folder, .max_input_bytes = 1 << 20};
+    struct umbb_import job = {.file = {.bytes = text, .size = size - 1},
+                              .folder = {folder, umbs_open_beneath},
+                              .max_input_bytes = 1 << 20};
     umbs_scene_builder_init(&job.scene, is_ply ? UMBS_FORMAT_PLY : UMBS_FORMAT_OBJ, 1, 1 << 20);
     enum umb_status status =
         is_ply ? umbb_ply_read(&job, NULL) : umbb_obj_read(&job, NULL);

@@ -102,12 +102,12 @@ static enum umb_status find_file(struct umbb_assimp_files *files, const char *na
         return UMB_OK;
     }
     char decoded[1024];
-    enum umb_status status = umbb_file_map_beneath(job->folder, name, strlen(name),
-                                                   job->max_input_bytes, &open->file, error);
+    enum umb_status status = umbb_file_map_named(&job->folder, name, strlen(name),
+                                                 job->max_input_bytes, &open->file, error);
     size_t length = decode(name, decoded, sizeof(decoded));
     if (status != UMB_OK && length > 0) {
-        status = umbb_file_map_beneath(job->folder, decoded, length, job->max_input_bytes,
-                                       &open->file, error);
+        status = umbb_file_map_named(&job->folder, decoded, length, job->max_input_bytes,
+                                     &open->file, error);
     }
     open->owned = status == UMB_OK;
     return status;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): limit, map, detect, read, write.
+ * The importer's process (import_child.h): limit, map, shut in, detect, read, write.
  *
- * The limit of the address space is set before a byte of the scene is looked at. Sanitizers reserve
- * terabytes of address space, so their builds go without that one limit.
+ * The limit of the address space and the sandbox stand before a byte of the scene is looked at.
+ * Sanitizers reserve terabytes of address space, so their builds go without both.
  */
 #include "bake/import/import_child.h"
 
@@ -16,20 +16,10 @@
 
 #include "bake/import/import_job.h"
 #include "bake/import/text_number.h"
+#include "bake/sandbox/sandbox.h"
+#include "common/scene_broker.h"
 #include "common/scene_contract.h"
 #include "common/scene_text.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) ||                         \
-    __has_feature(memory_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 #define EXIT_USAGE 2
 #define EXIT_READ  74
@@ -62,7 +52,7 @@ static int parse_argument(const char *text, uint64_t *value)
 static int limit_memory(uint64_t bytes)
 {
     struct rlimit value;
-    if (SANITIZED) {
+    if (umbb_sandbox_exempt()) {
         return 1;
     }
     if (getrlimit(RLIMIT_AS, &value) != 0) {
@@ -120,11 +110,16 @@ static enum umb_status read_scene(struct umbb_import *job, enum umbb_kind kind,
 static enum umb_status import(const char *name, uint64_t max_input, uint64_t max_triangles,
                               struct umb_error *error)
 {
-    struct umbb_import job = {.folder = UMBS_CHILD_FD_FOLDER, .max_input_bytes = max_input};
+    struct umbb_import job = {.folder = {UMBS_CHILD_FD_FILES, umbs_broker_open},
+                              .max_input_bytes = max_input};
     int output = UMBS_CHILD_FD_OUTPUT;
     const struct umb_sink sink = {write_output, &output};
     enum umbb_kind kind;
+    struct umbb_sandbox sandbox;
     enum umb_status status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
+    if (status == UMB_OK) {
+        status = umbb_sandbox_enter(&sandbox, error);
+    }
     if (status == UMB_OK) {
         status = umbb_import_detect(name, &job.file, &kind, error);
     }

@@ -10,12 +10,14 @@
  *     0, 1  /dev/null
  *     2     gets at most one line: the sentence that says why the scene is refused
  *     3     the scene file
- *     4     its folder; files that the scene names (.mtl, .bin) are opened beneath it by relative
- *           names; absolute names, "..", and symbolic links that leave it are refused
+ *     4     a socket to ask for the files that the scene names (.mtl, .bin): the parent opens them
+ *           beneath the scene's folder by relative names; absolute names, "..", and symbolic links
+ *           that leave it are refused (common/scene_broker.h)
  *     5     an empty memfd; gets the scene buffer (scene_buffer.h)
  *
  * Exit codes: 0 the buffer is complete; 65 the scene cannot be used; 74 reading or writing failed;
- * 75 over a limit of memory, size or triangles; 2 called wrongly.
+ * 75 over a limit of memory, size or triangles; 69 no sandbox here, so that nothing was read;
+ * 2 called wrongly. Ended by SIGSYS: it did what the sandbox forbids (bake/sandbox/sandbox.h).
  *
  * Formats, by extension and content: .gltf .glb (Assimp), .stl (Assimp), .obj and .ply (own
  * readers, because no packaged C library keeps their doubles). World space: metres; y up for glTF,

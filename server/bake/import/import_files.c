@@ -1,38 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * Files of a scene (import_files.h).
- *
- * openat2 with RESOLVE_BENEATH lets the kernel prove, without a race, that a name does not leave
- * the folder (Linux 5.6). Where it is missing, each component is opened on its own and symbolic
- * links are refused altogether. Source: openat2(2).
- */
-#define _GNU_SOURCE /* openat2's numbers, O_PATH, syscall */
+/* Files of a scene (import_files.h). */
 #include "bake/import/import_files.h"
 
 #include <errno.h>
-#include <fcntl.h>
-#include <linux/openat2.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
-#include <sys/syscall.h>
 #include <unistd.h>
 
-#define NAME_BYTES 1024
+#include "common/open_beneath.h"
+
+#define NAME_BYTES UMBS_BENEATH_NAME_BYTES
 
 enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
                               struct umb_error *error)
 {
     memset(file, 0, sizeof(*file));
     file->bytes = "";
-    struct stat facts;
-    if (fstat(fd, &facts) != 0) {
+    off_t end = lseek(fd, 0, SEEK_END);
+    if (end < 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot look at the file");
     }
-    if (!S_ISREG(facts.st_mode)) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "not a regular file");
-    }
-    uint64_t size = (uint64_t)facts.st_size;
+    uint64_t size = (uint64_t)end;
     if (size > max_bytes || size > SIZE_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "file has %llu bytes, limit %llu",
                         (unsigned long long)size, (unsigned long long)max_bytes);
@@ -51,43 +39,6 @@ enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file
     file->bytes = map;
     file->size = (size_t)size;
     return UMB_OK;
-}
-
-/* One component at a time, no symbolic links. Returns a descriptor, or -1 and errno. */
-static int walk_beneath(int folder, char *name)
-{
-    int at = dup(folder);
-    char *rest = name;
-    while (at >= 0) {
-        char *slash = strchr(rest, '/');
-        if (slash != NULL) {
-            *slash = '\0';
-        }
-        int flags = slash != NULL ? O_PATH | O_DIRECTORY : O_RDONLY | O_NONBLOCK | O_NOCTTY;
-        int next = openat(at, *rest != '\0' ? rest : ".", flags | O_NOFOLLOW | O_CLOEXEC);
-        int saved = errno;
-        (void)close(at);
-        errno = saved;
-        at = next;
-        if (slash == NULL) {
-            break;
-        }
-        rest = slash + 1;
-    }
-    return at;
-}
-
-static int open_beneath(int folder, char *name)
-{
-    struct open_how how = {
-        .flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY,
-        .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS,
-    };
-    long fd = syscall(SYS_openat2, folder, name, &how, sizeof(how));
-    if (fd < 0 && (errno == ENOSYS || errno == EPERM)) {
-        return walk_beneath(folder, name);
-    }
-    return (int)fd;
 }
 
 /* Copies a name and refuses what no name beneath a folder needs. */
@@ -118,9 +69,9 @@ static enum umb_status clean_name(const char *name, size_t length, char out[NAME
     return UMB_OK;
 }
 
-enum umb_status umbb_file_map_beneath(int folder, const char *name, size_t length,
-                                      uint64_t max_bytes, struct umbb_file *file,
-                                      struct umb_error *error)
+enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char *name,
+                                    size_t length, uint64_t max_bytes, struct umbb_file *file,
+                                    struct umb_error *error)
 {
     char clean[NAME_BYTES];
     memset(file, 0, sizeof(*file));
@@ -128,7 +79,10 @@ enum umb_status umbb_file_map_beneath(int folder, const char *name, size_t lengt
     if (status != UMB_OK) {
         return status;
     }
-    int fd = open_beneath(folder, clean);
+    int fd = folder->open(folder->handle, clean);
+    if (fd < 0 && (errno == EISDIR || errno == ENODEV)) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "file '%.100s' is not a regular file", clean);
+    }
     if (fd < 0) {
         int saved = errno;
         int leaves = saved == EXDEV || saved == ELOOP || saved == EACCES;

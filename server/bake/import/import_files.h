@@ -15,21 +15,30 @@ struct umbb_file {
     void *map; /* NULL if size is 0 */
 };
 
-/* Maps the file behind a descriptor. Fails: E_LIMIT (more than max_bytes), E_IO, E_NO_MEMORY. */
+/*
+ * Where the files that a scene names come from: a folder itself (umbs_open_beneath), or a process
+ * that opens them for one that may not (umbs_broker_open).
+ */
+struct umbb_folder {
+    int handle;
+    int (*open)(int handle, const char *name); /* a regular file's descriptor, or -1 and errno */
+};
+
+/* Maps the regular file behind a descriptor. Fails: E_LIMIT (more than max_bytes), E_IO,
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
                                           struct umb_error *error);
 
 /*
  * Opens and maps a file that the scene names.
  *
- * In:    folder: descriptor of the scene's folder. name: char[length], as the scene wrote it;
- *        '\' counts as '/'.
+ * In:    name: char[length], as the scene wrote it; '\' counts as '/'.
  * Fails: E_PERMISSION (absolute, "..", leaves the folder, a symbolic link that does), E_NOT_FOUND
  *        (missing, or not a regular file), E_LIMIT, E_IO, E_NO_MEMORY.
  */
-UMB_CHECKED enum umb_status umbb_file_map_beneath(int folder, const char *name, size_t length,
-                                                  uint64_t max_bytes, struct umbb_file *file,
-                                                  struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char *name,
+                                                size_t length, uint64_t max_bytes,
+                                                struct umbb_file *file, struct umb_error *error);
 
 /* Unmaps. Harmless on a zeroed struct. */
 void umbb_file_unmap(struct umbb_file *file);

@@ -14,9 +14,9 @@
 #include "common/scene_builder.h"
 
 struct umbb_import {
-    struct umbb_file file;    /* the scene file */
-    int folder;               /* descriptor */
-    uint64_t max_input_bytes; /* of any file */
+    struct umbb_file file;     /* the scene file */
+    struct umbb_folder folder; /* of the files that it names */
+    uint64_t max_input_bytes;  /* of any file */
     struct umbs_scene_builder scene;
 };
 

@@ -220,8 +220,8 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
                         LIBRARIES_MAX);
         return UMB_OK;
     }
-    enum umb_status status = umbb_file_map_beneath(obj->job->folder, name, length,
-                                                   obj->job->max_input_bytes, &file, &why);
+    enum umb_status status = umbb_file_map_named(&obj->job->folder, name, length,
+                                                 obj->job->max_input_bytes, &file, &why);
     *found = status == UMB_OK;
     if (status != UMB_OK) {
         if (length <= 100) {

@@ -21,6 +21,7 @@
 
 #include "bake/import/import_child.h"
 #include "bake/import/import_job.h"
+#include "common/open_beneath.h"
 #include "common/scene.h"
 #include "common/scene_contract.h"
 
@@ -147,8 +148,9 @@ static inline enum umb_status read_here(enum umb_status (*reader)(struct umbb_im
     char *block = malloc(size > 0 ? size : 1);
     assert_non_null(block);
     memcpy(block, bytes, size);
-    struct umbb_import job = {
-        .file = {.bytes = block, .size = size}, .folder = AT_FDCWD, .max_input_bytes = 1 << 20};
+    struct umbb_import job = {.file = {.bytes = block, .size = size},
+                              .folder = {AT_FDCWD, umbs_open_beneath},
+                              .max_input_bytes = 1 << 20};
     umbs_scene_builder_init(&job.scene, UMBS_FORMAT_OBJ, 1, 100000);
     enum umb_status status = reader(&job, &error);
     if (status == UMB_OK) {

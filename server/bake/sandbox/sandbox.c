@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Enters the layers in their order (sandbox.h): each later one forbids what the earlier need. */
+#include "bake/sandbox/sandbox.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/prctl.h>
+
+#include "bake/sandbox/sandbox_parts.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define EXEMPT 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) ||                         \
+    __has_feature(memory_sanitizer)
+#define EXEMPT 1
+#endif
+#endif
+#ifndef EXEMPT
+#define EXEMPT 0
+#endif
+
+int umbb_sandbox_exempt(void)
+{
+    return EXEMPT;
+}
+
+enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *error)
+{
+    memset(out, 0, sizeof(*out));
+    if (EXEMPT) {
+        return UMB_OK;
+    }
+    /* Without it neither Landlock nor a filter is given to an ordinary user. */
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "sandbox: prctl");
+    }
+    out->namespaces = umbb_namespaces_enter();
+    out->landlock_abi = umbb_landlock_enter();
+    out->seccomp = umbb_filter_enter();
+    if (!out->seccomp) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno,
+                              "sandbox: the kernel takes no system call filter (seccomp)");
+    }
+    return UMB_OK;
+}
+
+const char *umbb_sandbox_level(const struct umbb_sandbox *sandbox)
+{
+    if (EXEMPT) {
+        return "exempt";
+    }
+    if (!sandbox->seccomp) {
+        return "none";
+    }
+    return sandbox->namespaces && sandbox->landlock_abi > 0 ? "full" : "reduced";
+}
