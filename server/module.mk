@@ -6,12 +6,26 @@ COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
 RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
-STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c))
+STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/trade_template.o
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
 BAKE_LIB   := $(BUILD)/libumbrage-bake.a
 STUDY_LIB  := $(BUILD)/libumbrage-study.a
 DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
+
+# The report's page, as bytes.
+$(BUILD)/gen/trade_template.c: server/study/trade_page.html
+	@mkdir -p $(@D)
+	$(call say,GEN,$@)
+	$(Q){ echo '#include <stddef.h>'; echo 'extern const unsigned char umbt_trade_template[];'; \
+	  echo 'extern const size_t umbt_trade_template_size;'; \
+	  echo 'const unsigned char umbt_trade_template[] = {'; \
+	  od -An -v -tx1 $< | sed 's/ \([0-9a-f][0-9a-f]\)/0x\1,/g'; echo '};'; \
+	  echo 'const size_t umbt_trade_template_size = sizeof umbt_trade_template;'; } >$@
+
+$(BUILD)/gen/trade_template.o: $(BUILD)/gen/trade_template.c
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
 $(COMMON_LIB): $(COMMON_OBJ)
 $(RAYS_LIB): $(RAYS_OBJ)

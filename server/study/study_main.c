@@ -8,8 +8,11 @@
 #include "umbrage/status.h"
 
 static const char help[] =
-    "usage: umbrage-study COMMAND ...\n"
+    "usage: umbrage-study SCENE -o DIR [options]\n"
+    "       umbrage-study COMMAND ...\n"
     "\n"
+    "  SCENE -o DIR                                 what accuracy costs in time and bytes: a report\n"
+    "                                               (`umbrage-study study --help`)\n"
     "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"
     "  points SCENE -o FILE                         sample points, for load tests\n"
@@ -24,6 +27,7 @@ static const struct command {
     {"render", umbt_render_command},
     {"verify", umbt_verify_command},
     {"points", umbt_points_command},
+    {"study", umbt_trade_command},
 };
 
 /* Data that did not reach stdout must not look like success. */
@@ -57,6 +61,10 @@ int main(int argc, char **argv)
         puts("umbrage-study " UMB_VERSION);
         return output_finish(0);
     }
-    fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n", argv[1]);
-    return umb_status_exit(UMB_E_ARGUMENT);
+    if (strpbrk(argv[1], "./") == NULL) { /* no scene's name */
+        fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n",
+                argv[1]);
+        return umb_status_exit(UMB_E_ARGUMENT);
+    }
+    return output_finish(umbt_trade_command(argc - 1, argv + 1));
 }

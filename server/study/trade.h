@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_TRADE_H
+#define UMBRAGE_SERVER_STUDY_TRADE_H
+/*
+ * The study proper: what accuracy costs in time and bytes, for one scene and one light.
+ *
+ *     ladder    bakes the scene at each resolution, open and closed     (trade_ladder.c)
+ *     points    draws samples and traces what is true of them           (trade_points.c)
+ *     measure   asks every setting about the same points, interleaved   (trade_measure.c)
+ *     report    report.json, report.csv, report.html, the verdict       (trade_report.c,
+ * trade_page.c)
+ *
+ * Data flows in that order; each step reads what the earlier ones filled and nothing else.
+ *
+ * Two truths. *Hard*: one ray from the sample, lit or not: what a reader of the shadow asks for.
+ * *Area*: the share of the filter's own footprint at the sample's depth that sees the light, from
+ * truth_side^2 rays: what an n-tap answer estimates. The first gives errors in metres (how far off
+ * is the boundary where the answer is wrong), the second in visibility.
+ */
+#include "study/camera.h"
+#include "study/study_scene.h"
+#include "umbrage/query.h"
+
+#define UMBT_TRADE_BAKES_MAX    24
+#define UMBT_TRADE_SETTINGS_MAX 256
+#define UMBT_TRADE_RUNS         7 /* timed, interleaved; the median counts */
+#define UMBT_TRADE_SPREAD_MAX   0.15
+#define UMBT_TRADE_NAME         32
+
+struct umbt_trade_options {
+    const char *scene, *folder, *light, *sun, *up;
+    uint64_t max_resolution; /* of the ladder */
+    uint64_t points;         /* a set */
+    uint64_t threads, seed;
+    uint64_t truth_side; /* rays a side of the area truth */
+    int quick, json, quiet, help;
+};
+
+/* One asset of the ladder. */
+struct umbt_trade_bake {
+    char name[UMBT_TRADE_NAME]; /* "4096-closed" */
+    uint32_t resolution;
+    int closed;           /* wanted; what came of it is in frustum.closed */
+    char reason[256];     /* why there is no asset, or empty */
+    double wall_s, cpu_s; /* of the whole umbrage-bake, without its self-check */
+    uint64_t packed_bytes;
+    struct umb_asset *asset;
+    struct umb_asset_info info;
+    struct umb_light_info light;
+    struct umb_frustum_info frustum;
+    double voxel_m; /* mean edge of a voxel across the light */
+};
+
+/* What kind of samples. */
+enum umbt_trade_set {
+    UMBT_TRADE_VIEW = 0, /* what three cameras see, in scan order: coherent */
+    UMBT_TRADE_BORDER,   /* surface points close to a true shadow boundary */
+    UMBT_TRADE_FREE,     /* anywhere in the scene's box: incoherent */
+    UMBT_TRADE_SET_COUNT,
+};
+extern const char *const umbt_trade_set_names[UMBT_TRADE_SET_COUNT];
+
+struct umbt_trade_points {
+    size_t count;
+    size_t first[UMBT_TRADE_SET_COUNT + 1]; /* set s is first[s] .. first[s + 1] - 1 */
+    double (*positions)[3];
+    float (*normals)[3]; /* zero for free points */
+    uint8_t *lit;        /* hard truth */
+    float *boundary_m;   /* along the surface to where the hard truth changes; infinite beyond
+                            reach_m,   and for free points */
+    double reach_m;
+    double to_light[3];
+};
+
+/* How one setting did on all sets together, and in time. */
+struct umbt_trade_result {
+    uint32_t bake; /* index */
+    uint32_t taps;
+    uint64_t judged, undefined; /* samples; left out because their window reaches into a solid */
+    double rms, worst;          /* against the area truth */
+    double over_001, over_01, over_05;
+    double false_light, false_shadow;       /* shares: wrong side of 0.5 against the hard truth */
+    double off_p50_m, off_p95_m, off_max_m; /* distance to the true boundary where wrong */
+    double off_unknown;      /* share of the wrong ones with no boundary within reach */
+    double truth_error;      /* of the area truth itself, estimated, RMS */
+    double ns_view, ns_free; /* a point, one thread, CPU time, median */
+    double ns_view_all;      /* a point, all threads, wall time, median */
+    double spread;           /* (largest - least) / median of ns_view's runs */
+    double nodes, bricks;    /* read a point, view */
+};
+
+/* Rays, asked about the same points. */
+struct umbt_trade_rays {
+    double ns_view, ns_free; /* one ray a point */
+    double ns_area;          /* 81 rays a point, view */
+    double spread;
+};
+
+struct umbt_trade {
+    struct umbt_trade_options options;
+    struct umbt_scene scene;
+    struct umbt_trade_bake bakes[UMBT_TRADE_BAKES_MAX];
+    uint32_t bake_count;
+    struct umbt_trade_points points;
+    struct umbt_trade_result results[UMBT_TRADE_SETTINGS_MAX];
+    uint32_t result_count;
+    struct umbt_trade_rays rays;
+    double started_s, seconds; /* of the whole study, known when it reports */
+};
+
+/* Bakes the ladder into FOLDER/assets, or takes what an earlier run left there. A resolution that
+ * does not fit in memory ends the ladder and says so. Fails: E_UNAVAILABLE, E_CANNOT_CREATE, or as
+ * the bake of the lowest rung. */
+UMB_CHECKED enum umb_status umbt_trade_bake_all(struct umbt_trade *trade, struct umb_error *error);
+void umbt_trade_bakes_finish(struct umbt_trade *trade);
+
+/* Draws the samples and traces their hard truth. Fails: E_NO_MEMORY, E_BAD_SCENE. */
+UMB_CHECKED enum umb_status umbt_trade_points_make(struct umbt_trade *trade,
+                                                   struct umb_error *error);
+void umbt_trade_points_finish(struct umbt_trade_points *points);
+
+/* Asks every setting. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_trade_measure(struct umbt_trade *trade, struct umb_error *error);
+
+/* Writes FOLDER/report.json, report.csv and report.html, each as a whole. Fails: E_CANNOT_CREATE,
+ * E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_trade_report(const struct umbt_trade *trade,
+                                              struct umb_error *error);
+
+/* Says in words which setting to take for which error. Writes at most size bytes with the NUL. */
+void umbt_trade_verdict(const struct umbt_trade *trade, char *text, size_t size);
+
+#endif

@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_TRADE_PICTURES_H
+#define UMBRAGE_SERVER_STUDY_TRADE_PICTURES_H
+/* The pictures of a study: one view with the shadows of each rung, and how they differ from rays.
+ */
+#include "study/trade.h"
+
+#define UMBT_TRADE_PICTURE_WIDTH  640
+#define UMBT_TRADE_PICTURE_HEIGHT 360
+
+/* 1 if a result gets pictures: 1 and 9 taps. */
+int umbt_trade_has_picture(const struct umbt_trade_result *result);
+
+/* File name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */
+void umbt_trade_picture_name(const struct umbt_trade *trade, const struct umbt_trade_result *result,
+                             int difference, char *name, size_t size);
+
+/* Draws them all, and pictures/traced.png. Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_trade_pictures(const struct umbt_trade *trade,
+                                                struct umb_error *error);
+
+#endif

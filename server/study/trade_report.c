@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* report.json, report.csv and the verdict of a study (trade.h). */
+#include "study/trade_report.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/file.h"
+#include "common/json_text.h"
+
+#define PATH_BYTES 4096
+
+enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *name,
+                                 const void *bytes, size_t size, struct umb_error *error)
+{
+    char path[PATH_BYTES];
+    struct umbs_file file;
+    if (snprintf(path, sizeof path, "%s/%s", trade->options.folder, name) >= (int)sizeof path) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
+    }
+    enum umb_status status = umbs_file_begin(path, &file, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umbs_file_write(&file, bytes, size, error);
+    if (status == UMB_OK) {
+        return umbs_file_commit(&file, error);
+    }
+    umbs_file_abandon(&file);
+    return status;
+}
+
+/* JSON has no infinities. */
+static void number(FILE *to, const char *name, double value)
+{
+    fprintf(to, isfinite(value) ? ",\"%s\":%.6g" : ",\"%s\":null", name, value);
+}
+
+static void json_bake(FILE *to, const struct umbt_trade_bake *bake)
+{
+    char id[UMB_ID_TEXT_SIZE] = "";
+    if (bake->asset != NULL) {
+        umb_id_to_text(bake->info.id, id);
+    }
+    fprintf(to, "{\"name\":\"%s\",\"asset\":\"%s\",\"resolution\":%u,\"closed\":%s,\"reason\":",
+            bake->name, id, bake->resolution,
+            bake->asset != NULL && bake->frustum.closed ? "true" : "false");
+    umbs_json_text(to, bake->reason);
+    fprintf(to, ",\"packed_bytes\":%" PRIu64 ",\"memory_bytes\":%" PRIu64, bake->packed_bytes,
+            bake->info.memory_bytes);
+    number(to, "voxel_m", bake->voxel_m);
+    number(to, "bake_s", bake->wall_s);
+    number(to, "bake_cpu_s", bake->cpu_s);
+    fputs("}", to);
+}
+
+/* The numbers of a result by name, in the order of the columns. */
+struct column {
+    const char *name;
+    double value;
+};
+
+#define COLUMNS 19
+
+static void columns_of(const struct umbt_trade_result *r, struct column columns[COLUMNS])
+{
+    const struct column all[COLUMNS] = {
+        {"rms", r->rms},
+        {"worst", r->worst},
+        {"over_001", r->over_001},
+        {"over_01", r->over_01},
+        {"over_05", r->over_05},
+        {"false_light", r->false_light},
+        {"false_shadow", r->false_shadow},
+        {"off_p50_m", r->off_p50_m},
+        {"off_p95_m", r->off_p95_m},
+        {"off_max_m", r->off_max_m},
+        {"off_unknown", r->off_unknown},
+        {"truth_error", r->truth_error},
+        {"ns_view", r->ns_view},
+        {"ns_free", r->ns_free},
+        {"ns_view_all", r->ns_view_all},
+        {"spread", r->spread},
+        {"nodes", r->nodes},
+        {"bricks", r->bricks},
+        {"undefined", (double)r->undefined},
+    };
+    memcpy(columns, all, sizeof all);
+}
+
+static void json_result(FILE *to, const struct umbt_trade_result *result)
+{
+    struct column columns[COLUMNS];
+    columns_of(result, columns);
+    fprintf(to, "{\"bake\":%u,\"taps\":%u,\"judged\":%" PRIu64, result->bake, result->taps,
+            result->judged);
+    for (int i = 0; i < COLUMNS; i++) {
+        number(to, columns[i].name, columns[i].value);
+    }
+    fputs("}", to);
+}
+
+static void json_head(FILE *to, const struct umbt_trade *trade)
+{
+    const struct umbt_trade_points *points = &trade->points;
+    const double *light = trade->bakes[0].light.direction;
+    fputs("{\"scene\":", to);
+    umbs_json_text(to, trade->options.scene);
+    fprintf(to, ",\"version\":\"%s\",\"triangles\":%zu,\"seed\":%" PRIu64 ",\"threads\":%" PRIu64,
+            UMB_VERSION, trade->scene.count, trade->options.seed, trade->options.threads);
+    fprintf(to, ",\"light\":[%.9g,%.9g,%.9g]", light[0], light[1], light[2]);
+    number(to, "diagonal_m", trade->scene.diagonal_m);
+    number(to, "reach_m", points->reach_m);
+    number(to, "study_s", trade->seconds);
+    fprintf(to, ",\"truth_rays\":%" PRIu64 ",\"runs\":%d,\"samples\":{",
+            trade->options.truth_side * trade->options.truth_side, UMBT_TRADE_RUNS);
+    for (int s = 0; s < UMBT_TRADE_SET_COUNT; s++) {
+        fprintf(to, "%s\"%s\":%zu", s > 0 ? "," : "", umbt_trade_set_names[s],
+                points->first[s + 1] - points->first[s]);
+    }
+    fputs("}", to);
+}
+
+void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
+{
+    char verdict[4096];
+    json_head(to, trade);
+    fputs(",\"plan\":", to);
+    umbs_json_text(to, trade->bakes[0].info.plan);
+    fputs(",\"rays\":{\"rays\":1", to);
+    number(to, "ns_view", trade->rays.ns_view);
+    number(to, "ns_free", trade->rays.ns_free);
+    number(to, "ns_area81", trade->rays.ns_area);
+    number(to, "spread", trade->rays.spread);
+    fputs("},\"bakes\":[", to);
+    for (uint32_t i = 0; i < trade->bake_count; i++) {
+        fputs(i > 0 ? "," : "", to);
+        json_bake(to, &trade->bakes[i]);
+    }
+    fputs("],\"results\":[", to);
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        fputs(i > 0 ? "," : "", to);
+        json_result(to, &trade->results[i]);
+    }
+    umbt_trade_verdict(trade, verdict, sizeof verdict);
+    fputs("],\"verdict\":", to);
+    umbs_json_text(to, verdict);
+    fputs("}\n", to);
+}
+
+static void csv(FILE *to, const struct umbt_trade *trade)
+{
+    struct column columns[COLUMNS];
+    columns_of(&trade->results[0], columns);
+    fputs("bake,resolution,closed,taps,voxel_m,packed_bytes,memory_bytes,bake_s", to);
+    for (int i = 0; i < COLUMNS; i++) {
+        fprintf(to, ",%s", columns[i].name);
+    }
+    fputs("\n", to);
+    for (uint32_t r = 0; r < trade->result_count; r++) {
+        const struct umbt_trade_result *result = &trade->results[r];
+        const struct umbt_trade_bake *bake = &trade->bakes[result->bake];
+        columns_of(result, columns);
+        fprintf(to, "%s,%u,%d,%u,%.6g,%" PRIu64 ",%" PRIu64 ",%.6g", bake->name, bake->resolution,
+                bake->frustum.closed, result->taps, bake->voxel_m, bake->packed_bytes,
+                bake->info.memory_bytes, bake->wall_s);
+        for (int i = 0; i < COLUMNS; i++) {
+            fprintf(to, ",%.6g", columns[i].value);
+        }
+        fputs("\n", to);
+    }
+}
+
+/* Writes what `print` prints as one file. */
+static enum umb_status print_file(const struct umbt_trade *trade, const char *name,
+                                  void (*print)(FILE *to, const struct umbt_trade *trade),
+                                  struct umb_error *error)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *to = open_memstream(&text, &size);
+    if (to == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    }
+    print(to, trade);
+    const int failed = ferror(to);
+    if (fclose(to) != 0 || failed) {
+        free(text);
+        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    }
+    const enum umb_status status = umbt_trade_write(trade, name, text, size, error);
+    free(text);
+    return status;
+}
+
+enum umb_status umbt_trade_report(const struct umbt_trade *trade, struct umb_error *error)
+{
+    static const struct {
+        const char *name;
+        void (*print)(FILE *to, const struct umbt_trade *trade);
+    } files[] = {
+        {"report.json", umbt_trade_json}, {"report.csv", csv}, {"report.html", umbt_trade_page}};
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < sizeof files / sizeof files[0]; i++) {
+        status = print_file(trade, files[i].name, files[i].print, error);
+    }
+    return status;
+}

@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The study in words: for errors of 1, 5, 20 cm and so on, the cheapest setting that stays below.
+ *
+ * A setting stays below an error if, where its answers are on the wrong side, 95 % of the true
+ * boundaries are nearer than that (and hardly any is out of reach).
+ */
+#include "study/trade.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#define UNKNOWN_MAX 0.02 /* share of wrong answers without a boundary in reach */
+
+struct writer {
+    char *text;
+    size_t size, used;
+};
+
+__attribute__((format(printf, 2, 3))) static void say(struct writer *writer, const char *format,
+                                                      ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    const int length =
+        vsnprintf(writer->text + writer->used, writer->size - writer->used, format, arguments);
+    va_end(arguments);
+    if (length > 0) {
+        const size_t room = writer->size - writer->used - 1;
+        writer->used += (size_t)length < room ? (size_t)length : room;
+    }
+}
+
+static int stays_below(const struct umbt_trade_result *result, double error_m)
+{
+    return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
+}
+
+/* The fastest setting of a filter that stays below an error, or NULL. */
+static const struct umbt_trade_result *fastest(const struct umbt_trade *trade, double error_m,
+                                               uint32_t least_taps)
+{
+    const struct umbt_trade_result *best = NULL;
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        const struct umbt_trade_result *result = &trade->results[i];
+        if (result->taps >= least_taps && stays_below(result, error_m) &&
+            (best == NULL || result->ns_view < best->ns_view)) {
+            best = result;
+        }
+    }
+    return best;
+}
+
+static void say_setting(struct writer *writer, const struct umbt_trade *trade,
+                        const struct umbt_trade_result *result)
+{
+    const struct umbt_trade_bake *bake = &trade->bakes[result->bake];
+    say(writer,
+        "%u^3 voxels %s, %u x %u taps: %.3g ns a point, %.2f MB on disk, %.2f MB in memory, "
+        "%.2g s to bake",
+        bake->resolution, bake->frustum.closed ? "closed" : "open", result->taps, result->taps,
+        result->ns_view, 1e-6 * (double)bake->packed_bytes, 1e-6 * (double)bake->info.memory_bytes,
+        bake->wall_s);
+}
+
+/* The pair of settings that a sentence names. */
+struct choice {
+    const struct umbt_trade_result *hard, *soft; /* any filter; 9 taps and more, or NULL */
+};
+
+/* Says what stays below an error, unless the sentence before named the same. */
+static void say_error(struct writer *writer, const struct umbt_trade *trade, double error_m,
+                      struct choice *last)
+{
+    const struct choice choice = {fastest(trade, error_m, 1), fastest(trade, error_m, 9)};
+    if (choice.hard == NULL || (choice.hard == last->hard && choice.soft == last->soft)) {
+        return;
+    }
+    *last = choice;
+    say(writer, "Edges within %.3g m: ", error_m);
+    say_setting(writer, trade, choice.hard);
+    if (choice.soft != NULL && choice.soft != choice.hard) {
+        say(writer, "; with wide filters ");
+        say_setting(writer, trade, choice.soft);
+    }
+    say(writer, ".\n");
+}
+
+/* The best that this ladder reached. */
+static const struct umbt_trade_result *sharpest(const struct umbt_trade *trade)
+{
+    const struct umbt_trade_result *best = NULL;
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        const struct umbt_trade_result *result = &trade->results[i];
+        if (best == NULL || result->off_p95_m < best->off_p95_m) {
+            best = result;
+        }
+    }
+    return best;
+}
+
+static void say_caveats(struct writer *writer, const struct umbt_trade *trade)
+{
+    double widest = trade->rays.spread;
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        widest = fmax(widest, trade->results[i].spread);
+    }
+    if (widest > UMBT_TRADE_SPREAD_MAX) {
+        say(writer,
+            "Times are uncertain: the runs of one setting spread by up to %.0f %%; run "
+            "again on a quieter machine.\n",
+            100.0 * widest);
+    }
+    for (uint32_t i = 0; i < trade->bake_count; i++) {
+        if (trade->bakes[i].asset == NULL) {
+            say(writer, "Not reached: %s: %s.\n", trade->bakes[i].name, trade->bakes[i].reason);
+        }
+    }
+}
+
+void umbt_trade_verdict(const struct umbt_trade *trade, char *text, size_t size)
+{
+    struct writer writer = {text, size, 0};
+    text[0] = '\0';
+    const struct umbt_trade_result *best = sharpest(trade);
+    if (best == NULL) {
+        return;
+    }
+    say(&writer, "Sharpest of this ladder: edges within %.3g m: ", best->off_p95_m);
+    say_setting(&writer, trade, best);
+    say(&writer, ".\n");
+    /* 1, 2, 5 a decade, from what was reached on. */
+    const double decade = pow(10.0, floor(log10(fmax(best->off_p95_m, 1e-6))));
+    struct choice last = {best, NULL};
+    for (double scale = decade; scale <= trade->points.reach_m; scale *= 10.0) {
+        for (int step = 0; step < 3; step++) {
+            const double error_m = scale * (step == 0 ? 1.0 : step == 1 ? 2.0 : 5.0);
+            if (error_m > best->off_p95_m && error_m <= trade->points.reach_m) {
+                say_error(&writer, trade, error_m, &last);
+            }
+        }
+    }
+    const struct umbt_trade_result *one = fastest(trade, INFINITY, 1);
+    say(&writer, "A shadow ray by Embree, exact: %.3g ns a point on the same view",
+        trade->rays.ns_view);
+    if (one != NULL && one->ns_view > 0.0) {
+        say(&writer, ", %.2g times the fastest look-up here and %.2g times the sharpest",
+            trade->rays.ns_view / one->ns_view, trade->rays.ns_view / best->ns_view);
+    }
+    say(&writer, "; 81 rays a point: %.3g ns.\n", trade->rays.ns_area);
+    say_caveats(&writer, trade);
+}

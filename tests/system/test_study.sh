@@ -1,0 +1,82 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# The study of what accuracy costs: its files, that errors are reproducible and fall with the voxel.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+
+cd "$folder" || exit 1
+"$BUILD/scenegen" city --size 4 -o city.glb 2>/dev/null
+set -- --quick --max-resolution 1024 --points 1000 --truth 4
+try 0 umbrage-study city.glb -o first "$@" --json
+cp out first.json
+try 0 umbrage study city.glb -o second "$@" --quiet
+check "--quiet says nothing" test ! -s out -a ! -s err
+
+# What two runs say must be equal but for times.
+cat >same.py <<'PY'
+import json, sys
+a, b = (json.load(open(p)) for p in sys.argv[1:3])
+timed = {"ns_view", "ns_free", "ns_view_all", "spread"}
+strip = lambda rows: [{k: v for k, v in r.items() if k not in timed} for r in rows]
+assert strip(a["results"]) == strip(b["results"]), "errors differ"
+assert a["samples"] == b["samples"] and a["samples"]["view"] >= 900 and a["samples"]["free"] == 1000
+PY
+check "two runs agree in every error" /usr/bin/python3 same.py first/report.json second/report.json
+check "--json prints the report" cmp -s first.json first/report.json
+
+cat >falls.py <<'PY'
+import csv, json
+report = json.load(open("first/report.json"))
+rows = list(csv.DictReader(open("first/report.csv")))
+assert len(rows) == len(report["results"]) == 2 * 2 * 3, len(rows)
+for closed in (True, False):
+    for taps in (1, 3, 9):
+        ladder = [(report["bakes"][r["bake"]], r) for r in report["results"]
+                  if r["taps"] == taps and report["bakes"][r["bake"]]["closed"] == closed]
+        voxels = [b["voxel_m"] for b, _ in ladder]
+        off = [r["off_p50_m"] for _, r in ladder]
+        assert voxels == sorted(voxels, reverse=True) and off == sorted(off, reverse=True), off
+        # Where one tap is wrong, the true edge is within the voxel and its bias, on a slope.
+        if taps == 1:
+            assert all(r["off_p95_m"] < 6 * b["voxel_m"] for b, r in ladder), ladder
+for r in report["results"]:
+    assert r["judged"] > 1000 and 0 < r["rms"] < 0.3 and r["truth_error"] < 0.1, r
+    assert r["ns_view"] > 0 and r["nodes"] > 0
+PY
+check "errors fall with the voxel" /usr/bin/python3 falls.py
+
+check "the page holds the data and the pictures" sh -c '
+    ! grep -q "@DATA@\|@PICTURES@" first/report.html &&
+    [ "$(grep -c "data:image/png;base64," first/report.html)" -eq 17 ] &&
+    ! grep -qE "(src|href)=\"(https?:)?//" first/report.html'
+browser=$(command -v chromium || true)
+if [ -n "$browser" ]; then
+    timeout 60 "$browser" --headless --no-sandbox --disable-gpu --enable-logging=stderr --virtual-time-budget=2000 \
+        --dump-dom "file://$PWD/first/report.html" >dom 2>log || true
+    same "a browser finds no error" "" "$(grep -E 'Uncaught|CONSOLE.*(E|e)rror' log)"
+    check "a browser draws every chart" [ "$(grep -o '<svg' dom | wc -l)" -eq 3 ]
+    check "a browser lists every setting" [ "$(grep -o '<tr' dom | wc -l)" -eq 18 ]
+fi
+
+# An earlier run's assets are taken only if they are of this scene.
+before=$(stat -c %Y.%i first/assets/512-closed.umb)
+try 0 umbrage-study city.glb -o first "$@" --quiet
+same "an asset that is there is not baked again" "$before" "$(stat -c %Y.%i first/assets/512-closed.umb)"
+"$BUILD/scenegen" city --size 4 --seed 9 -o city.glb 2>/dev/null
+try 0 umbrage-study city.glb -o first "$@" --max-resolution 512 --quiet
+check "an asset of another scene is baked again" \
+    [ "$before" != "$(stat -c %Y.%i first/assets/512-closed.umb)" ]
+
+# What it refuses.
+try 2 umbrage-study city.glb
+one_sentence -o
+try 2 umbrage-study city.glb -o x --points 10
+one_sentence --points
+try 2 umbrage-study nonsense -o x
+one_sentence nonsense
+try 66 umbrage-study missing.glb -o x
+one_sentence missing.glb
+try 2 umbrage-study city.glb -o x --sun 400,400,1 --quick --quiet
+one_sentence --sun
+try 73 umbrage-study city.glb -o no/such/folder --quiet
+one_sentence no/such/folder
+finish

@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The study's samples against a scene whose shadow is known, and its verdict on made-up results. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "study/trade.h"
+
+static struct umbt_trade trade;
+
+static void fill_results(void)
+{
+    static const struct umbt_trade_result results[] = {
+        {.bake = 0, .taps = 1, .off_p95_m = 4.0, .ns_view = 20.0, .spread = 0.1},
+        {.bake = 0, .taps = 9, .off_p95_m = 8.0, .ns_view = 40.0, .spread = 0.1},
+        {.bake = 1, .taps = 1, .off_p95_m = 0.4, .ns_view = 50.0, .spread = 0.1},
+        {.bake = 1, .taps = 9, .off_p95_m = 0.8, .ns_view = 90.0, .spread = 0.1},
+        /* Cheap, but most of its wrong answers are out of reach of any boundary. */
+        {.bake = 0, .taps = 3, .off_p95_m = 0.5, .ns_view = 1.0, .off_unknown = 0.9, .spread = 0.1},
+    };
+    memset(&trade, 0, sizeof trade);
+    trade.bake_count = 3;
+    trade.bakes[0].resolution = 512;
+    trade.bakes[1].resolution = 4096;
+    trade.bakes[2].resolution = 8192;
+    (void)snprintf(trade.bakes[2].name, sizeof trade.bakes[2].name, "8192-open");
+    (void)snprintf(trade.bakes[2].reason, sizeof trade.bakes[2].reason, "no room");
+    memcpy(trade.results, results, sizeof results);
+    trade.result_count = sizeof results / sizeof results[0];
+    trade.points.reach_m = 100.0;
+    trade.rays.ns_view = 500.0;
+}
+
+static void verdict_names_the_cheapest_setting_below_each_error(void **state)
+{
+    char text[4096];
+    (void)state;
+    fill_results();
+    umbt_trade_verdict(&trade, text, sizeof text);
+    assert_non_null(strstr(text, "edges within 0.4 m: 4096^3 voxels open, 1 x 1 taps: 50 ns"));
+    assert_non_null(strstr(text, "Edges within 1 m: 4096^3 voxels open, 1 x 1 taps: 50 ns"));
+    assert_non_null(strstr(text, "with wide filters 4096^3 voxels open, 9 x 9 taps: 90 ns"));
+    assert_non_null(strstr(text, "Edges within 5 m: 512^3 voxels open, 1 x 1 taps: 20 ns"));
+    assert_non_null(strstr(text, "10 times the sharpest"));
+    assert_non_null(strstr(text, "Not reached: 8192-open"));
+    assert_null(strstr(text, "uncertain"));
+    assert_null(strstr(text, "3 x 3"));
+}
+
+static void verdict_repeats_nothing_and_owns_up_to_noise(void **state)
+{
+    char text[4096];
+    (void)state;
+    fill_results();
+    trade.results[0].spread = 0.4;
+    umbt_trade_verdict(&trade, text, sizeof text);
+    assert_non_null(strstr(text, "uncertain"));
+    assert_null(strstr(text, "Edges within 50 m")); /* the same as within 10 m */
+}
+
+static void verdict_fits_any_buffer(void **state)
+{
+    char whole[4096], part[4096];
+    (void)state;
+    fill_results();
+    umbt_trade_verdict(&trade, whole, sizeof whole);
+    for (size_t size = 1; size < strlen(whole); size++) {
+        memset(part, '#', sizeof part);
+        umbt_trade_verdict(&trade, part, size);
+        assert_int_equal(strlen(part), size - 1);
+        assert_memory_equal(part, whole, size - 1);
+        assert_int_equal(part[size], '#');
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(verdict_names_the_cheapest_setting_below_each_error),
+        cmocka_unit_test(verdict_repeats_nothing_and_owns_up_to_noise),
+        cmocka_unit_test(verdict_fits_any_buffer),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
