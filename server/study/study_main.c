@@ -11,7 +11,7 @@ static const char help[] =
     "usage: umbrage-study SCENE -o DIR [options]\n"
     "       umbrage-study COMMAND ...\n"
     "\n"
-    "  SCENE -o DIR                                 what accuracy costs in time and bytes: a report\n"
+    "  SCENE -o DIR                                 what accuracy costs: a report\n"
     "                                               (`umbrage-study study --help`)\n"
     "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"

@@ -94,6 +94,7 @@ struct umbt_trade_rays {
     double ns_view, ns_free; /* one ray a point */
     double ns_area;          /* 81 rays a point, view */
     double spread;
+    int64_t stopped; /* by something, in all runs */
 };
 
 struct umbt_trade {

@@ -293,22 +293,23 @@ static enum umb_status time_once(struct probe *probe, struct times *times, int r
     return status;
 }
 
-/* Rays on the same samples: one a point, and a window of them. */
-static void rays_once(const struct umbt_trade *trade, double view[UMBT_TRADE_RUNS],
-                      double area[UMBT_TRADE_RUNS], double random[UMBT_TRADE_RUNS], int run,
-                      const struct umbt_truth *truth)
+/* Rays on the same samples: one a point, and a window of them. Out: how many were stopped, so that
+ * the compiler cannot leave them out. */
+static int rays_once(const struct umbt_trade *trade, double view[UMBT_TRADE_RUNS],
+                     double area[UMBT_TRADE_RUNS], double random[UMBT_TRADE_RUNS], int run,
+                     const struct umbt_truth *truth)
 {
     const struct umbt_trade_points *points = &trade->points;
     const size_t counts[2] = {points->first[UMBT_TRADE_BORDER],
                               points->count - points->first[UMBT_TRADE_FREE]};
     const size_t firsts[2] = {0, points->first[UMBT_TRADE_FREE]};
     const double reach = 2.0 * trade->scene.diagonal_m;
-    volatile int sink = 0;
+    int sum = 0;
     for (int set = 0; set < 2; set++) {
         double start = cpu_now_s();
         for (size_t i = firsts[set]; i < firsts[set] + counts[set]; i++) {
-            sink += umbr_occluded(trade->scene.rays, points->positions[i], points->to_light,
-                                  1e-5 * reach, reach);
+            sum += umbr_occluded(trade->scene.rays, points->positions[i], points->to_light,
+                                 1e-5 * reach, reach);
         }
         (set == 0 ? view : random)[run] = 1e9 * (cpu_now_s() - start) / (double)counts[set];
     }
@@ -317,9 +318,10 @@ static void rays_once(const struct umbt_trade *trade, double view[UMBT_TRADE_RUN
     for (size_t i = 0; i < some; i++) {
         double normal[3];
         point_and_normal(points, i, normal);
-        sink += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
+        sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
     }
     area[run] = 1e9 * (cpu_now_s() - start) / (double)some;
+    return sum;
 }
 
 static enum umb_status times_take(struct umbt_trade *trade, struct probe *probes,
@@ -335,7 +337,7 @@ static enum umb_status times_take(struct umbt_trade *trade, struct probe *probes
                 return status;
             }
         }
-        rays_once(trade, view, area, random, run, &window);
+        trade->rays.stopped += rays_once(trade, view, area, random, run, &window);
     }
     for (uint32_t i = 0; i < trade->result_count; i++) {
         struct umbt_trade_result *result = &trade->results[i];
@@ -344,8 +346,9 @@ static enum umb_status times_take(struct umbt_trade *trade, struct probe *probes
         result->ns_view_all = median(times[i].all);
         result->spread = spread(times[i].view);
     }
-    trade->rays = (struct umbt_trade_rays){
-        .ns_view = median(view), .ns_free = median(random), .ns_area = median(area)};
+    trade->rays.ns_view = median(view);
+    trade->rays.ns_free = median(random);
+    trade->rays.ns_area = median(area);
     trade->rays.spread = spread(view);
     return UMB_OK;
 }
