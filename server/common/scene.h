@@ -134,7 +134,13 @@ UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
 
 void umbs_scene_destroy(struct umbs_scene *scene);
 
-/* SHA-256 of the scene's content (geometry, materials that matter, lights), not of the file. */
+/*
+ * Hash of the scene's content, not of the file: up axis, world triangles in the order of
+ * umbs_scene_flatten, what their materials do to light, lights. Vertex numbering, the division into
+ * meshes and names of materials do not count; the order of triangles and of their corners does.
+ *
+ * Cost: SHA-256 of 72 bytes a world triangle (about 0.3 us); no allocation.
+ */
 void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYTES]);
 
 /*

@@ -363,6 +363,101 @@ static void hash_follows_content_and_not_names(void **state)
     assert_memory_not_equal(base, other, sizeof(base));
 }
 
+/* How one file writes the two triangles of a square. */
+struct writing {
+    int shared;    /* corners that are the same are one vertex */
+    int unused;    /* with a vertex that no triangle has */
+    int meshes;    /* 1, or 2 with a triangle each */
+    int moved;     /* placed by a transform */
+    int materials; /* 1: opaque, with a texture that is not read */
+    int turned;    /* the second triangle starts at another corner */
+};
+
+static void hash_of_square(const struct writing *how, uint8_t hash[UMB_ID_BYTES])
+{
+    static const double square[4][3] = {{0, 0, 1}, {8, 0, 1}, {8, 8, 1}, {0, 8, 1}};
+    static const uint32_t corners[2][3] = {{0, 1, 2}, {0, 2, 3}};
+    static const double identity[3][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}};
+    struct umbs_scene_builder builder;
+    struct bytes bytes = {0};
+    const struct umb_sink sink = {append_bytes, &bytes};
+    struct umbs_scene_view view;
+    umbs_scene_builder_init(&builder, UMBS_FORMAT_OBJ, 1, 0);
+    uint32_t vertices = 0, first = 0;
+    for (; how->shared && vertices < 4; vertices++) {
+        assert_int_equal(umbs_scene_add_vertex(&builder, square[vertices], NULL, NULL), 0);
+    }
+    if (how->unused) {
+        assert_int_equal(umbs_scene_add_vertex(&builder, square[2], NULL, NULL), 0);
+        first = how->shared ? 0 : 1;
+        vertices++;
+    }
+    if (how->materials) {
+        struct umbs_material material = umbs_material_opaque();
+        material.double_sided = 1;
+        material.base_alpha = 0.5F;
+        assert_int_equal(umbs_scene_add_material(&builder, &material, NULL), 0);
+    }
+    for (uint32_t t = 0; t < 2; t++) {
+        uint32_t own[3];
+        for (uint32_t k = 0; k < 3; k++) {
+            const uint32_t corner = corners[t][t == 1 && how->turned ? (k + 1) % 3 : k];
+            double at[3];
+            memcpy(at, square[corner], sizeof at);
+            at[0] -= how->moved ? 5 : 0;
+            own[k] = how->shared ? corner : vertices - first;
+            if (!how->shared) {
+                assert_int_equal(umbs_scene_add_vertex(&builder, at, NULL, NULL), 0);
+                vertices++;
+            }
+        }
+        assert_int_equal(umbs_scene_add_triangle(&builder, own, NULL), 0);
+        if (t == 1 || how->meshes == 2) {
+            assert_int_equal(umbs_scene_end_mesh(&builder, first, vertices - first,
+                                                 how->meshes == 2 ? 1 : 2,
+                                                 how->materials ? 0 : UMBS_NO_INDEX, NULL),
+                             0);
+            first = how->shared ? 0 : vertices;
+        }
+    }
+    for (int mesh = 0; mesh < how->meshes; mesh++) {
+        double place[3][4];
+        memcpy(place, identity, sizeof place);
+        place[0][3] = how->moved ? 5 : 0;
+        assert_int_equal(
+            umbs_scene_add_instance(&builder, (uint32_t)mesh, (const double(*)[4])place, NULL), 0);
+    }
+    assert_int_equal(umbs_scene_builder_write(&builder, &sink, NULL), UMB_OK);
+    assert_int_equal(umbs_scene_view(bytes.data, bytes.size, &view, NULL), UMB_OK);
+    umbs_scene_hash(&view, hash);
+    umbs_scene_builder_finish(&builder);
+    free(bytes.data);
+}
+
+static void hash_is_of_the_triangles_and_not_of_how_they_are_written(void **state)
+{
+    (void)state;
+    static const struct writing same[] = {
+        {.shared = 0, .meshes = 1},
+        {.shared = 1, .unused = 1, .meshes = 1},
+        {.shared = 0, .unused = 1, .meshes = 1},
+        {.shared = 1, .meshes = 2},
+        {.shared = 0, .meshes = 2},
+        {.shared = 0, .meshes = 2, .moved = 1},
+        {.shared = 1, .meshes = 1, .materials = 1},
+    };
+    const struct writing plain = {.shared = 1, .meshes = 1};
+    const struct writing turned = {.shared = 1, .meshes = 1, .turned = 1};
+    uint8_t base[UMB_ID_BYTES], other[UMB_ID_BYTES];
+    hash_of_square(&plain, base);
+    for (size_t i = 0; i < sizeof same / sizeof same[0]; i++) {
+        hash_of_square(&same[i], other);
+        assert_memory_equal(base, other, sizeof base);
+    }
+    hash_of_square(&turned, other); /* order is the file's: flattened differently, hashed so */
+    assert_memory_not_equal(base, other, sizeof base);
+}
+
 static void builder_refuses_more_triangles_than_allowed(void **state)
 {
     (void)state;
@@ -427,6 +522,7 @@ int main(void)
         cmocka_unit_test(view_survives_every_field_replaced),
         cmocka_unit_test(view_names_the_field_it_refuses),
         cmocka_unit_test(hash_follows_content_and_not_names),
+        cmocka_unit_test(hash_is_of_the_triangles_and_not_of_how_they_are_written),
         cmocka_unit_test(builder_refuses_more_triangles_than_allowed),
         cmocka_unit_test(text_is_cleaned_to_utf8_without_controls),
     };

@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_SCENE_FLATTEN_H
+#define UMBRAGE_SERVER_COMMON_SCENE_FLATTEN_H
+/* The step that flattening and hashing of a scene share: the same corners, bit for bit. */
+#include "common/scene.h"
+
+/*
+ * World triangles first .. first + count - 1 of an instance.
+ *
+ * In:  first + count: at most the triangles of the instance's mesh.
+ * Out: corners: double[count][3][3]; two corners have changed places if the transform mirrors.
+ */
+void umbs_scene_flatten_part(const struct umbs_scene_view *view,
+                             const struct umbs_instance *instance, uint32_t first, uint32_t count,
+                             double (*corners)[3][3]);
+
+#endif
