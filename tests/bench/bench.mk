@@ -28,10 +28,6 @@ bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 bench-service: $(BUILD)/bench_service $(BUILD)/umbraged ## the daemon against the library in process
 	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged
 
-# The study has no library; its point sampler's test links what it needs.
-$(BUILD)/tests/unit/rays/test_point_sampler: $(patsubst %,$(BUILD)/server/%.o,common/file \
-	$(addprefix study/,point_sampler point_file camera gbuffer parallel_for study_args study_progress))
-
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged ## every benchmark (SIZE=quick|full)
