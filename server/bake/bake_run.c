@@ -20,6 +20,7 @@
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
 #include "bake/write/publish.h"
+#include "common/file.h"
 #include "common/scene.h"
 
 /* A run under way. */
@@ -45,7 +46,8 @@ static void print_notices(const char *lines)
     }
 }
 
-/* An output that is the scene itself would destroy it. */
+/* An output that is the scene itself would destroy it; one that cannot be written is better known
+ * before the work than after it. */
 static enum umb_status check_output(const struct umbb_options *options, struct umb_error *error)
 {
     struct stat scene, output;
@@ -54,7 +56,7 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
         scene.st_ino == output.st_ino) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: '%.200s' is the scene itself", options->output);
     }
-    return UMB_OK;
+    return options->plan ? UMB_OK : umbs_file_check(options->output, error);
 }
 
 static enum umb_status import_and_analyse(struct run *run, struct umb_error *error)

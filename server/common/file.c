@@ -66,6 +66,24 @@ static enum umb_status check_target(const char *path, struct umb_error *error)
     return UMB_OK;
 }
 
+enum umb_status umbs_file_check(const char *path, struct umb_error *error)
+{
+    const enum umb_status status = check_target(path, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const size_t length = folder_length(path);
+    char *folder = length == 0 ? strdup(".") : strndup(path, length);
+    if (folder == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the folder of '%.200s'", path);
+    }
+    const int cause = access(folder, W_OK | X_OK) == 0 ? 0 : errno;
+    free(folder);
+    return cause == 0
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_CANNOT_CREATE, cause, "cannot create '%.200s'", path);
+}
+
 enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct umb_error *error)
 {
     memset(file, 0, sizeof *file);
@@ -137,9 +155,9 @@ static enum umb_status open_folder(const char *path, int *fd, struct umb_error *
     *fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     int cause = errno;
     free(folder);
-    return *fd >= 0 ? UMB_OK
-                    : umb_fail_errno(error, UMB_E_IO, cause, "cannot sync the folder of '%.200s'",
-                                     path);
+    return *fd >= 0
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_IO, cause, "cannot sync the folder of '%.200s'", path);
 }
 
 static enum umb_status sync_folder(const char *path, int fd, struct umb_error *error)

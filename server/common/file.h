@@ -11,10 +11,16 @@
 
 struct umbs_file {
     int fd;
-    char *path;      /* the target */
-    char *temporary; /* beside it */
+    char *path;       /* the target */
+    char *temporary;  /* beside it */
     int system_error; /* errno of the first failed write, else 0; commit then refuses */
 };
+
+/*
+ * Looks whether path can be replaced, so that long work need not find out at its end. Writes
+ * nothing. Fails: E_CANNOT_CREATE where umbs_file_begin would.
+ */
+UMB_CHECKED enum umb_status umbs_file_check(const char *path, struct umb_error *error);
 
 /* Starts a replacement of path. Fails: E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbs_file_begin(const char *path, struct umbs_file *file,

@@ -8,7 +8,7 @@
 #include <png.h>
 #include <stdlib.h>
 #include <string.h>
-#include "common/file.h"
+#include "study/output_guard.h"
 
 enum umb_status umbt_picture_init(struct umbt_picture *picture, uint32_t width, uint32_t height,
                                   struct umb_error *error)
@@ -34,15 +34,15 @@ static enum umb_status bytes_write(const char *path, const void *bytes, size_t s
                                    struct umb_error *error)
 {
     struct umbs_file file;
-    enum umb_status status = umbs_file_begin(path, &file, error);
+    enum umb_status status = umbt_output_begin(path, &file, error);
     if (status != UMB_OK) {
         return status;
     }
     status = umbs_file_write(&file, bytes, size, error);
     if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
+        return umbt_output_commit(&file, error);
     }
-    umbs_file_abandon(&file);
+    umbt_output_abandon(&file);
     return status;
 }
 

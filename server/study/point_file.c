@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/bytes.h"
-#include "common/file.h"
+#include "study/output_guard.h"
 
 #define POINT_BYTES_MAX 192U /* of one point: six numbers of at most 25 characters as text */
 #define BUFFER_BYTES    65536U
@@ -61,7 +61,7 @@ enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
     uint8_t buffer[BUFFER_BYTES];
     size_t used = 0;
     *bytes = 0;
-    enum umb_status status = umbs_file_begin(file->path, &out, error);
+    enum umb_status status = umbt_output_begin(file->path, &out, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -78,8 +78,8 @@ enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
         }
     }
     if (status == UMB_OK) {
-        return umbs_file_commit(&out, error);
+        return umbt_output_commit(&out, error);
     }
-    umbs_file_abandon(&out);
+    umbt_output_abandon(&out);
     return status;
 }

@@ -12,6 +12,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include "common/file.h"
 #include "study/parallel_for.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
@@ -304,7 +305,10 @@ static void report(const struct points_run *run)
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
     const double start = umbt_now_s();
-    enum umb_status status = umbt_scene_init(&run->scene, run->scene_path, error);
+    enum umb_status status = umbs_file_check(run->file.path, error);
+    if (status == UMB_OK) {
+        status = umbt_scene_init(&run->scene, run->scene_path, error);
+    }
     const double loaded = umbt_now_s();
     run->load_s = loaded - start;
     if (status == UMB_OK) {

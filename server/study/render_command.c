@@ -9,9 +9,10 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
+#include "common/file.h"
+#include "common/json_text.h"
 #include "study/render_options.h"
 #include "study/study_frame.h"
-#include "common/json_text.h"
 #include "study/study_vec.h"
 
 struct render {
@@ -29,6 +30,18 @@ static const char *truth_name(enum umbt_truth_kind kind)
 {
     static const char *const names[] = {"texels", "area", "surface"};
     return names[kind];
+}
+
+/* What cannot be written is better known before the work than after it. */
+static enum umb_status outputs_check(const struct umbt_render_options *options,
+                                     struct umb_error *error)
+{
+    const char *const paths[] = {options->output, options->reference, options->difference};
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < sizeof paths / sizeof paths[0] && status == UMB_OK; i++) {
+        status = paths[i] != NULL ? umbs_file_check(paths[i], error) : UMB_OK;
+    }
+    return status;
 }
 
 static enum umb_status inputs_open(struct render *render, struct umb_error *error)
@@ -219,7 +232,10 @@ static void report_json(const struct render *render)
 
 static enum umb_status render_run(struct render *render, struct umb_error *error)
 {
-    enum umb_status status = inputs_open(render, error);
+    enum umb_status status = outputs_check(&render->options, error);
+    if (status == UMB_OK) {
+        status = inputs_open(render, error);
+    }
     if (status == UMB_OK) {
         status = view_make(render, error);
     }

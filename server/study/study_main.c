@@ -44,6 +44,7 @@ int main(int argc, char **argv)
 {
     /* A closed pipe or connection is an error of that write, not the end of the process. */
     (void)signal(SIGPIPE, SIG_IGN);
+    (void)signal(SIGXFSZ, SIG_IGN); /* so is a file beyond the size limit */
     if (argc < 2) {
         fputs(help, stderr);
         return umb_status_exit(UMB_E_ARGUMENT);

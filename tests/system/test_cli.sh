@@ -110,6 +110,22 @@ for number in INT TERM; do
         "$(find . -name '*big.umb*' -o -name '*.tmp*' -o -name '*.part*')"
 done
 
+# --- so do interrupted points; a place that cannot be written shows before the work ---
+for number in TERM HUP; do
+    echo old >big.pts
+    "$BUILD/umbrage-study" points big.ply -o big.pts --count 2000000 --format text --quiet &
+    points=$!
+    while kill -0 $points 2>err && [ -z "$(find . -name '.tmp.big.pts*')" ]; do sleep 0.01; done
+    kill -s $number $points
+    wait $points
+    same "SIG$number ends umbrage points" "$(kill -l $?)" $number
+    same "no temporary after SIG$number" "old " "$(cat big.pts) $(find . -name '*.tmp*')"
+done
+try 73 umbrage-bake bad.ply -o missing/bad.umb
+try 73 umbrage points bad.ply -o missing/bad.f32
+try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
+try 73 umbrage-bake bad.ply -o .
+
 # --- info, verify, pack, unpack ---
 try 0 umbrage info city.umb
 check "info says the id" grep -qE '^asset +[0-9a-f]{64}$' out

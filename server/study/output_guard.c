@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A handler that removes one file and gives the signal its usual effect.
+ *
+ * The handler may run on any thread while the owner goes on, so it reads a copy of the name that is
+ * never freed. The signals are held back while the name and the file change together; another
+ * thread that takes one in that moment finds the old state, which is harmless but for a temporary
+ * that was made an instant ago.
+ */
+#include "study/output_guard.h"
+
+#include <limits.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <unistd.h>
+
+static const int guarded_signals[] = {SIGINT, SIGTERM, SIGHUP};
+
+enum {
+    SIGNAL_COUNT = sizeof guarded_signals / sizeof guarded_signals[0]
+};
+
+static char doomed[PATH_MAX]; /* the temporary's name while `armed` */
+static atomic_int armed;      /* lock-free: allowed in a handler */
+
+static void handle(int number)
+{
+    if (atomic_load(&armed)) {
+        (void)unlink(doomed);
+    }
+    (void)signal(number, SIG_DFL);
+    (void)raise(number); /* arrives when this returns */
+}
+
+/* Holds the signals back, or lets them in again. */
+static void hold(int how)
+{
+    sigset_t set;
+    sigemptyset(&set);
+    for (int i = 0; i < SIGNAL_COUNT; i++) {
+        sigaddset(&set, guarded_signals[i]);
+    }
+    (void)pthread_sigmask(how, &set, NULL);
+}
+
+static void install(void)
+{
+    struct sigaction action, before;
+    memset(&action, 0, sizeof action);
+    sigemptyset(&action.sa_mask);
+    action.sa_handler = handle;
+    for (int i = 0; i < SIGNAL_COUNT; i++) {
+        if (sigaction(guarded_signals[i], NULL, &before) == 0 && before.sa_handler == SIG_DFL) {
+            (void)sigaction(guarded_signals[i], &action, NULL);
+        }
+    }
+}
+
+enum umb_status umbt_output_begin(const char *path, struct umbs_file *file, struct umb_error *error)
+{
+    hold(SIG_BLOCK);
+    install();
+    const enum umb_status status = umbs_file_begin(path, file, error);
+    if (status == UMB_OK && strlen(file->temporary) < sizeof doomed) {
+        memcpy(doomed, file->temporary, strlen(file->temporary) + 1);
+        atomic_store(&armed, 1);
+    }
+    hold(SIG_UNBLOCK);
+    return status;
+}
+
+enum umb_status umbt_output_commit(struct umbs_file *file, struct umb_error *error)
+{
+    /* Once renamed, there is no file of the temporary's name to remove. */
+    const enum umb_status status = umbs_file_commit(file, error);
+    atomic_store(&armed, 0);
+    return status;
+}
+
+void umbt_output_abandon(struct umbs_file *file)
+{
+    umbs_file_abandon(file);
+    atomic_store(&armed, 0);
+}

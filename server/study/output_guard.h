@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
+#define UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
+/*
+ * Replacing a file as umbs_file does, and SIGINT, SIGTERM or SIGHUP meanwhile end the process as
+ * usual but take the temporary with them. One output at a time, by one thread.
+ * A signal that was ignored when the program started (nohup) stays so.
+ */
+#include "common/file.h"
+
+/* As umbs_file_begin. */
+UMB_CHECKED enum umb_status umbt_output_begin(const char *path, struct umbs_file *file,
+                                              struct umb_error *error);
+
+/* As umbs_file_commit. */
+UMB_CHECKED enum umb_status umbt_output_commit(struct umbs_file *file, struct umb_error *error);
+
+/* As umbs_file_abandon. */
+void umbt_output_abandon(struct umbs_file *file);
+
+#endif
