@@ -59,7 +59,7 @@ static int add_conditions(scmp_filter_ctx filter)
     int code = 0;
     for (size_t i = 0; code == 0 && i < COUNT(writable); i++) {
         code = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(write), 1,
-                                SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)writable[i]));
+                                SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)writable[i], 0));
     }
     for (size_t i = 0; code == 0 && i < COUNT(paging); i++) {
         code = seccomp_rule_add(filter, SCMP_ACT_ALLOW, paging[i], 1,
@@ -67,11 +67,11 @@ static int add_conditions(scmp_filter_ctx filter)
     }
     for (size_t i = 0; code == 0 && i < COUNT(talking); i++) {
         code = seccomp_rule_add(filter, SCMP_ACT_ALLOW, talking[i], 1,
-                                SCMP_A0(SCMP_CMP_EQ, UMBS_CHILD_FD_FILES));
+                                SCMP_A0(SCMP_CMP_EQ, UMBS_CHILD_FD_FILES, 0));
     }
     if (code == 0) { /* abort() */
         code = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1,
-                                SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid()));
+                                SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid(), 0));
     }
     return code;
 }
