@@ -26,24 +26,6 @@ char *umbs__path_join(const char *folder, const char *name)
     return path;
 }
 
-struct umbs_stamp umbs__stamp_of(const struct stat *status)
-{
-    return (struct umbs_stamp){
-        .device = status->st_dev,
-        .inode = status->st_ino,
-        .size = status->st_size,
-        .modified = status->st_mtim,
-        .changed = status->st_ctim,
-    };
-}
-
-int umbs__stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b)
-{
-    return a->device == b->device && a->inode == b->inode && a->size == b->size &&
-           a->modified.tv_sec == b->modified.tv_sec && a->modified.tv_nsec == b->modified.tv_nsec &&
-           a->changed.tv_sec == b->changed.tv_sec && a->changed.tv_nsec == b->changed.tv_nsec;
-}
-
 struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name)
 {
     size_t low = 0;
@@ -99,8 +81,8 @@ static void bury(struct umbs_store *store, struct umbs_entry *list)
     while (list != NULL) {
         struct umbs_entry *entry = list;
         list = entry->next_retired;
-        umb_asset_close(entry->asset);
-        free(entry->image);
+        umbs_asset_map_close(entry->map);
+        umb_asset_close(entry->expanded);
         free(entry);
         count++;
     }
@@ -139,9 +121,12 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     store->max_memory_bytes =
         options->max_memory_bytes != 0 ? options->max_memory_bytes : (uint64_t)64 << 30;
     store->no_cache = options->no_cache;
+    store->copy = options->copy;
+    store->warm = options->warm;
     store->log = options->log;
     store->retired = options->retired;
-    store->retired_user = options->retired_user;
+    store->faulted = options->faulted;
+    store->owner = options->owner;
     pthread_mutex_init(&store->scan, NULL);
     pthread_mutex_init(&store->mutex, NULL);
     *out = store;
@@ -236,7 +221,7 @@ enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or
     if (entry == NULL) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "asset: no asset named %.200s in this store",
                           umbs_log_quote(name_or_id, quoted));
-    } else if (entry->asset == NULL) {
+    } else if (entry->asset == NULL || entry->faulted) {
         status = umb_fail(error, told_status(entry->error.status), "asset: '%.64s' is damaged: %s",
                           entry->item.name, entry->error.message);
     } else {
@@ -262,7 +247,7 @@ void umbs_entry_release(struct umbs_entry *entry)
             entry->next_retired = store->graveyard;
             store->graveyard = entry;
             retired = store->retired;
-            user = store->retired_user;
+            user = store->owner;
         } else {
             entry->next_retired = NULL;
             dead = entry;
@@ -274,6 +259,50 @@ void umbs_entry_release(struct umbs_entry *entry)
     } else if (retired != NULL) {
         retired(user);
     }
+}
+
+/* Sets an entry aside: no further call gets it, and the owner is asked for a scan that replaces
+ * it. Only the first of several batches that find the same damage does so. */
+static void quarantine(struct umbs_entry *entry, const struct umb_error *error)
+{
+    struct umbs_store *store = entry->store;
+    void (*faulted)(void *user) = NULL;
+    void *owner = NULL;
+    pthread_mutex_lock(&store->mutex);
+    int first = !entry->faulted;
+    if (first) {
+        entry->faulted = 1;
+        entry->error = *error;
+        store->faults++;
+        faulted = store->closed ? NULL : store->faulted;
+        owner = store->owner;
+    }
+    pthread_mutex_unlock(&store->mutex);
+    if (first) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(store->log, UMB_LOG_ERROR, "asset_quarantined", "asset=%s reason=%s",
+                       entry->item.name, umbs_log_quote(error->message, quoted));
+    }
+    if (faulted != NULL) {
+        faulted(owner);
+    }
+}
+
+enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user), void *user,
+                                struct umb_error *error)
+{
+    struct umb_error cause;
+    if (entry->map == NULL) {
+        read(user);
+        return UMB_OK;
+    }
+    enum umb_status status = umbs_asset_map_read(entry->map, read, user, &cause);
+    if (status != UMB_OK) {
+        quarantine(entry, &cause);
+        return umb_fail(error, status, "asset: '%.64s' is damaged: %s", entry->item.name,
+                        cause.message);
+    }
+    return UMB_OK;
 }
 
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)
@@ -295,7 +324,9 @@ enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item
     size_t found = store->table.count;
     struct umbs_store_item *list = calloc(found + 1, sizeof *list);
     for (size_t i = 0; list != NULL && i < found; i++) {
-        list[i] = store->table.by_name[i]->item;
+        const struct umbs_entry *entry = store->table.by_name[i];
+        list[i] = entry->item;
+        list[i].status = entry->faulted ? UMB_E_CORRUPT : entry->item.status;
     }
     pthread_mutex_unlock(&store->mutex);
     if (list == NULL) {
@@ -306,10 +337,19 @@ enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item
     return UMB_OK;
 }
 
-void umbs_store_count(struct umbs_store *store, size_t *healthy, size_t *damaged)
+void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts)
 {
+    memset(counts, 0, sizeof *counts);
     pthread_mutex_lock(&store->mutex);
-    *healthy = store->table.healthy;
-    *damaged = store->table.count - store->table.healthy;
+    for (size_t i = 0; i < store->table.count; i++) {
+        const struct umbs_entry *entry = store->table.by_name[i];
+        if (entry->asset != NULL && !entry->faulted) {
+            counts->healthy++;
+            counts->memory_bytes += entry->item.memory_bytes;
+        } else {
+            counts->damaged++;
+        }
+    }
+    counts->faults = store->faults;
     pthread_mutex_unlock(&store->mutex);
 }

@@ -9,7 +9,8 @@
  *     umbs_store_rescan(store, &report, &error);          again whenever the folder changed
  *     struct umbs_entry *entry;
  *     umbs_store_acquire(store, "city", &entry, &error);
- *     ... umb_query_run on umbs_entry_asset(entry) ...
+ *     ... umb_query_prepare on umbs_entry_asset(entry) ...
+ *     umbs_entry_read(entry, run, &batch, &error);        run calls umb_query_run
  *     umbs_entry_release(entry);
  *     umbs_store_close(store);
  *
@@ -21,6 +22,9 @@
  * A damaged file stays in the list with its reason: asking for it gives E_CORRUPT, and nothing else
  * is affected. A changed file (inode, size, time of change) is loaded and proven first, then takes
  * the old one's place; the old version lives until its last batch lets go.
+ *
+ * A mapped cache that somebody cuts or overwrites fails the batches that were reading it
+ * (asset_map.h) and is set aside at once; the next scan makes it anew from the packed file.
  *
  * Threads: acquire, release and list may be called from any thread at any time; they hold a mutex
  * for a look-up only, never during a batch, a load or an unmap. Rescans exclude one another. An
@@ -48,10 +52,15 @@ struct umbs_store_options {
     uint64_t max_memory_bytes;  /* of one asset expanded in memory; 0 = 64 GiB */
     const struct umbs_log *log; /* NULL = silent; must outlive the store */
     int no_cache;               /* 1 = never write cache files, expand in memory */
+    int copy;                   /* 1 = hold copies in memory, so that files may be changed */
+    int warm;                   /* 1 = read mapped files ahead when they are opened */
     /* Called when a retired version waits to be freed, from whatever thread released it; the owner
      * then calls umbs_store_reap where blocking is allowed. NULL: it is freed at once. */
     void (*retired)(void *user);
-    void *retired_user;
+    /* Called when an asset was set aside, from the thread that found it; the owner then rescans.
+     * NULL: it stays set aside until somebody does. */
+    void (*faulted)(void *user);
+    void *owner; /* user of both */
 };
 
 /* What a rescan found and did. */
@@ -103,7 +112,19 @@ UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const c
 /* Gives a reference back. NULL is allowed. */
 void umbs_entry_release(struct umbs_entry *entry);
 
-/* Borrowed until the release. */
+/*
+ * Calls read(user), which may read the entry's voxels (umb_query_run and the like) and must hold no
+ * lock and own nothing, because it may be left midway.
+ *
+ * Fails: E_CORRUPT if the mapped file was cut or changed: what read gave must not be used, and the
+ *        asset is set aside.
+ * Cost:  0.2 us.
+ */
+UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user),
+                                            void *user, struct umb_error *error);
+
+/* Borrowed until the release. Its description may be read at any time, its voxels in
+ * umbs_entry_read only. */
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry);
 const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry);
 
@@ -112,7 +133,12 @@ UMB_CHECKED enum umb_status umbs_store_list(struct umbs_store *store,
                                             struct umbs_store_item **items, size_t *count,
                                             struct umb_error *error);
 
-/* Assets that answer, and files that do not. */
-void umbs_store_count(struct umbs_store *store, size_t *healthy, size_t *damaged);
+struct umbs_store_counts {
+    size_t healthy, damaged; /* files that answer, and that do not */
+    uint64_t memory_bytes;   /* that queries of all healthy ones read */
+    uint64_t faults;         /* maps found cut or changed since the start */
+};
+
+void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts);
 
 #endif

@@ -50,11 +50,16 @@ static enum umb_status read_all(int fd, size_t size, const char *name, uint8_t *
     return UMB_OK;
 }
 
+/* A packed file in memory. */
+struct packed {
+    uint8_t *bytes;
+    size_t size;
+};
+
 static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *entry,
-                                   const char *path, size_t *size, struct umb_error *error)
+                                   const char *path, struct packed *packed, struct umb_error *error)
 {
     struct stat stat_buffer;
-    uint8_t *bytes = NULL;
     enum umb_status status;
     int fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0) {
@@ -72,47 +77,34 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
                      entry->item.name, (long long)stat_buffer.st_size,
                      (unsigned long long)store->max_memory_bytes);
     } else {
-        entry->stamp = umbs__stamp_of(&stat_buffer);
-        *size = (size_t)stat_buffer.st_size;
-        status = read_all(fd, *size, entry->item.name, &bytes, error);
+        entry->stamp = umbs_stamp_of(&stat_buffer);
+        packed->size = (size_t)stat_buffer.st_size;
+        status = read_all(fd, packed->size, entry->item.name, &packed->bytes, error);
     }
     close(fd);
-    entry->image = bytes;
     return status;
 }
 
-/* Opens a packed image in memory; the entry keeps the bytes. */
-static enum umb_status expand(struct umbs_store *store, const void *packed, size_t size,
+/* Opens a packed image in memory. */
+static enum umb_status expand(struct umbs_store *store, const struct packed *packed,
                               struct umb_asset **asset, struct umb_error *error)
 {
     struct umb_open_options options = {.trust = UMB_TRUST_NOTHING,
                                        .max_memory_bytes = store->max_memory_bytes};
-    return umb_asset_open_bytes(packed, size, &options, asset, error);
+    return umb_asset_open_bytes(packed->bytes, packed->size, &options, asset, error);
 }
 
 /* Opens a cache file and checks that it is the mapped form of that id. */
 static enum umb_status cache_try(struct umbs_store *store, const char *path,
-                                 const uint8_t id[UMB_ID_BYTES], struct umb_asset **asset,
-                                 struct umb_error *error)
+                                 struct umbs_entry *entry, struct umb_error *error)
 {
-    struct umb_open_options options = {.trust = UMB_TRUST_NOTHING,
-                                       .max_memory_bytes = store->max_memory_bytes};
-    struct umb_asset_info info;
-    enum umb_status status = umb_asset_open_file(path, &options, asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    umb_asset_get_info(*asset, &info);
-    if (info.encoding != UMB_ENCODING_MAPPED || memcmp(info.id, id, UMB_ID_BYTES) != 0) {
-        umb_asset_close(*asset);
-        *asset = NULL;
-        return umb_fail(error, UMB_E_CORRUPT, "the cache file is of another asset");
-    }
-    return UMB_OK;
+    struct umbs_asset_map_options options = {.copy = store->copy, .warm = store->warm};
+    memcpy(options.id, entry->item.id, UMB_ID_BYTES);
+    return umbs_asset_map_open(path, &options, &entry->map, error);
 }
 
-static enum umb_status cache_build(struct umbs_store *store, const char *path, const void *packed,
-                                   size_t size, struct umb_error *error)
+static enum umb_status cache_build(struct umbs_store *store, const char *path,
+                                   const struct packed *packed, struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
     struct umbs_file file = {.fd = -1};
@@ -124,7 +116,7 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path, c
     if (status != UMB_OK) {
         return status;
     }
-    status = expand(store, packed, size, &asset, error);
+    status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
         struct umb_sink sink = umbs_file_sink(&file);
         status = umb_mapped_write(asset, &sink, error);
@@ -140,38 +132,41 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path, c
     return status;
 }
 
-enum umb_status umbs__cache_open(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES],
-                                 const void *packed, size_t packed_size, struct umb_asset **asset,
-                                 struct umb_error *error)
+/* Opens the mapped cache of a proven packed image, making it if need be. Fails: any status; the
+ * caller then expands the packed form. */
+static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *entry,
+                                  const struct packed *packed, int rebuild, struct umb_error *error)
 {
     char name[UMB_ID_TEXT_SIZE + 8];
-    *asset = NULL;
-    umb_id_to_text(id, name);
+    umb_id_to_text(entry->item.id, name);
     memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
     char *path = umbs__path_join(store->cache, name);
     if (path == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
     }
-    enum umb_status status = cache_try(store, path, id, asset, error);
+    enum umb_status status =
+        rebuild ? umb_fail(error, UMB_E_CORRUPT, "it was changed while it was in use")
+                : cache_try(store, path, entry, error);
     if (status != UMB_OK) {
         if (status != UMB_E_NO_INPUT) {
             char quoted[UMBS_LOG_QUOTE_SIZE];
             umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "file=%s reason=%s", name,
                            umbs_log_quote(error->message, quoted));
         }
-        status = cache_build(store, path, packed, packed_size, error);
+        status = cache_build(store, path, packed, error);
         if (status == UMB_OK) {
-            status = cache_try(store, path, id, asset, error);
+            status = cache_try(store, path, entry, error);
         }
     }
     free(path);
     return status;
 }
 
-static enum umb_status prove(struct umbs_entry *entry, size_t size, struct umb_error *error)
+static enum umb_status prove(struct umbs_entry *entry, const struct packed *packed,
+                             struct umb_error *error)
 {
     struct umb__head head;
-    enum umb_status status = umb__head_parse(entry->image, size, &head, error);
+    enum umb_status status = umb__head_parse(packed->bytes, packed->size, &head, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -181,39 +176,47 @@ static enum umb_status prove(struct umbs_entry *entry, size_t size, struct umb_e
         return umb_fail(error, UMB_E_FORMAT,
                         "a mapped file (.umbm) cannot be published: it proves no identity");
     }
-    return umb_pack_prove(entry->image, size, 1, &umbs_sha256, error);
+    return umb_pack_prove(packed->bytes, packed->size, 1, &umbs_sha256, error);
+}
+
+/* Opens the asset of a proven packed image: mapped from its cache, else expanded. */
+static enum umb_status open_proven(struct umbs_store *store, struct umbs_entry *entry,
+                                   const struct packed *packed, int rebuild,
+                                   struct umb_error *error)
+{
+    enum umb_status status =
+        store->no_cache ? UMB_E_UNSUPPORTED : cache_open(store, entry, packed, rebuild, error);
+    if (status == UMB_OK) {
+        entry->asset = umbs_asset_map_asset(entry->map);
+        return UMB_OK;
+    }
+    if (!store->no_cache) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(store->log, UMB_LOG_WARN, "cache_unavailable", "asset=%s reason=%s",
+                       entry->item.name, umbs_log_quote(error->message, quoted));
+    }
+    status = expand(store, packed, &entry->expanded, error);
+    entry->asset = entry->expanded;
+    return status;
 }
 
 /* Reads, proves and opens; on failure the entry has no asset. */
 static enum umb_status load(struct umbs_store *store, struct umbs_entry *entry, const char *path,
-                            struct umb_error *error)
+                            int rebuild, struct umb_error *error)
 {
-    size_t size = 0;
-    enum umb_status status = read_packed(store, entry, path, &size, error);
+    struct packed packed = {0};
+    enum umb_status status = read_packed(store, entry, path, &packed, error);
     if (status == UMB_OK) {
-        status = prove(entry, size, error);
+        status = prove(entry, &packed, error);
     }
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = store->no_cache ? UMB_E_UNSUPPORTED
-                             : umbs__cache_open(store, entry->item.id, entry->image, size,
-                                                &entry->asset, error);
     if (status == UMB_OK) {
-        free(entry->image);
-        entry->image = NULL;
-    } else {
-        if (!store->no_cache) {
-            char quoted[UMBS_LOG_QUOTE_SIZE];
-            umbs_log_event(store->log, UMB_LOG_WARN, "cache_unavailable", "asset=%s reason=%s",
-                           entry->item.name, umbs_log_quote(error->message, quoted));
-        }
-        status = expand(store, entry->image, size, &entry->asset, error);
+        status = open_proven(store, entry, &packed, rebuild, error);
     }
+    free(packed.bytes);
     if (status == UMB_OK) {
         struct umb_asset_info info;
         umb_asset_get_info(entry->asset, &info);
-        entry->item.packed_bytes = size;
+        entry->item.packed_bytes = packed.size;
         entry->item.memory_bytes = info.memory_bytes;
         entry->item.light_count = info.light_count;
     }
@@ -226,7 +229,7 @@ static int is_the_files_fault(enum umb_status status)
            status == UMB_E_CORRUPT || status == UMB_E_UNSUPPORTED || status == UMB_E_TOO_LARGE;
 }
 
-struct umbs_entry *umbs__entry_load(struct umbs_store *store, const char *name)
+struct umbs_entry *umbs__entry_load(struct umbs_store *store, const char *name, int rebuild)
 {
     char file[UMBS_STORE_NAME_MAX + 8];
     char quoted[UMBS_LOG_QUOTE_SIZE];
@@ -246,12 +249,10 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const char *name)
         return NULL;
     }
     clock_gettime(CLOCK_MONOTONIC, &from);
-    entry->item.status = load(store, entry, path, &entry->error);
+    entry->item.status = load(store, entry, path, rebuild, &entry->error);
     clock_gettime(CLOCK_MONOTONIC, &to);
     free(path);
     if (entry->item.status != UMB_OK) {
-        free(entry->image);
-        entry->image = NULL;
         entry->retry = !is_the_files_fault(entry->item.status);
         umbs_log_event(store->log, UMB_LOG_ERROR, "asset_damaged", "asset=%s status=%s reason=%s",
                        name, umb_status_name(entry->item.status),

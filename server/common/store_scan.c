@@ -122,6 +122,14 @@ static int is_fresh(const struct stat *file)
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
 }
 
+static int is_faulted(struct umbs_store *store, const struct umbs_entry *entry)
+{
+    pthread_mutex_lock(&store->mutex);
+    int faulted = entry->faulted;
+    pthread_mutex_unlock(&store->mutex);
+    return faulted;
+}
+
 /*
  * Decides what stands for one file in the new table: the old entry, a new one, or none (NULL and
  * UMB_OK: the file vanished). The result holds a reference for the table.
@@ -145,14 +153,15 @@ static enum umb_status place(struct umbs_store *store, const char *name,
     }
     /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
     struct umbs_entry *old = umbs__table_find_name(&store->table, name);
-    struct umbs_stamp stamp = umbs__stamp_of(&now);
-    if (old != NULL && !old->retry && umbs__stamp_equal(&old->stamp, &stamp)) {
+    struct umbs_stamp stamp = umbs_stamp_of(&now);
+    int faulted = old != NULL && is_faulted(store, old);
+    if (old != NULL && !old->retry && !faulted && umbs_stamp_equal(&old->stamp, &stamp)) {
         umbs__entry_retain(old);
         report->unchanged++;
         *out = old;
         return UMB_OK;
     }
-    struct umbs_entry *fresh = umbs__entry_load(store, name);
+    struct umbs_entry *fresh = umbs__entry_load(store, name, faulted);
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name);
     }
@@ -164,7 +173,7 @@ static enum umb_status place(struct umbs_store *store, const char *name,
             report->unsettled = 1;
             fresh->retry = 1;
         }
-        if (fresh->retry && old != NULL && old->asset != NULL) {
+        if (fresh->retry && old != NULL && old->asset != NULL && !faulted) {
             /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the
              * old version goes on answering until one can tell. */
             umbs__entry_retain(old);

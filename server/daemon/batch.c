@@ -88,6 +88,20 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     return part;
 }
 
+struct slice {
+    const struct umbd_batch *batch;
+    size_t first, count;
+    struct umb_answers *answers;
+};
+
+/* What may be left midway if the asset's file is cut: it owns nothing. */
+static void run_slice(void *user)
+{
+    const struct slice *slice = user;
+    umb_query_run(&slice->batch->query, &slice->batch->points, slice->first, slice->count,
+                  slice->answers);
+}
+
 enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
                                 struct umbd__slice_result *result)
 {
@@ -101,10 +115,11 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
         part = sub_points(&batch->points, 0, first + count);
         return umb_points_check(&part, &result->error);
     }
-    umb_query_run(&batch->query, &batch->points, first, count, &answers);
+    struct slice slice = {batch, first, count, &answers};
+    status = umbs_entry_read(batch->entry, run_slice, &slice, &result->error);
     result->stats = answers.stats;
     result->cpu_ns = batch->want_stats ? cost_clock_ns(count) - from : 0;
-    return UMB_OK;
+    return status;
 }
 
 void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from)

@@ -18,9 +18,12 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
         umbd_store_watch_create(&daemon->metrics, &daemon->log, &daemon->watch, error);
     if (status == UMB_OK) {
         struct umbs_store_options store = {.folder = options->store,
+                                           .copy = options->copy,
+                                           .warm = options->warm_up,
                                            .log = &daemon->log,
                                            .retired = umbd_store_watch_retired,
-                                           .retired_user = daemon->watch};
+                                           .faulted = umbd_store_watch_faulted,
+                                           .owner = daemon->watch};
         status = umbs_store_open(&store, &daemon->store, error);
     }
     if (status == UMB_OK) {
@@ -78,7 +81,7 @@ void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes)
 
 void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
 {
-    umbs_store_count(daemon->store, &gauges->assets_loaded, &gauges->assets_damaged);
+    umbs_store_count(daemon->store, &gauges->assets);
     gauges->queue_depth = umbd_pool_depth(daemon->pool);
     gauges->buffered_bytes = atomic_load(&daemon->buffered);
     gauges->ready = !atomic_load(&daemon->draining);

@@ -145,9 +145,14 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
         fprintf(out, "umbrage_h2_abuse_total{kind=\"%s\"} %llu\n", abuse_names[k],
                 get(&metrics->abuse[k]));
     }
-    single(out, "umbrage_asset_loaded", "gauge", "Assets that answer.", gauges->assets_loaded);
+    single(out, "umbrage_asset_loaded", "gauge", "Assets that answer.", gauges->assets.healthy);
     single(out, "umbrage_asset_damaged", "gauge", "Files of the store that cannot answer.",
-           gauges->assets_damaged);
+           gauges->assets.damaged);
+    single(out, "umbrage_asset_bytes", "gauge", "Bytes that queries of all healthy assets read.",
+           gauges->assets.memory_bytes);
+    single(out, "umbrage_sigbus_total", "counter",
+           "Assets set aside because their mapped file was cut or changed in use.",
+           gauges->assets.faults);
     single(out, "umbrage_asset_errors_total", "counter", "Loads that failed.",
            get(&metrics->asset_errors));
     single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",

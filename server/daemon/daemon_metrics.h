@@ -9,6 +9,7 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
+#include "common/store.h"
 #include "umbrage/status.h"
 
 enum umbd_method {
@@ -52,7 +53,8 @@ struct umbd_metrics {
 
 /* What only others know at the moment of a scrape. */
 struct umbd_gauges {
-    size_t queue_depth, assets_loaded, assets_damaged;
+    struct umbs_store_counts assets;
+    size_t queue_depth;
     uint64_t buffered_bytes;
     int ready;
 };

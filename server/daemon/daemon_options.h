@@ -19,6 +19,7 @@ struct umbd_options {
     size_t listen_count;
     const char *admin;        /* HOST:PORT or NULL */
     const char *address_file; /* or NULL */
+    int copy, warm_up;        /* how assets are held: store.h */
     uint32_t workers;         /* threads of the pool */
     uint32_t queue;           /* batches that may wait for the pool */
     uint32_t max_connections;

@@ -145,6 +145,11 @@ void umbd_store_watch_retired(void *user)
     pthread_mutex_unlock(&watch->mutex);
 }
 
+void umbd_store_watch_faulted(void *user)
+{
+    umbd_store_watch_kick(user);
+}
+
 /* Tells the thread to end and waits for it, but not for long. */
 static int end_thread(struct umbd_store_watch *watch)
 {

@@ -29,8 +29,9 @@ UMB_CHECKED enum umb_status umbd_store_watch_start(struct umbd_store_watch *watc
 /* Asks for a scan soon. Any thread, at once. */
 void umbd_store_watch_kick(struct umbd_store_watch *watch);
 
-/* The store's `retired` call-back; user is the watch. */
+/* The store's `retired` and `faulted` call-backs; user is the watch. */
 void umbd_store_watch_retired(void *user);
+void umbd_store_watch_faulted(void *user);
 
 /*
  * Stops and joins the thread, frees the object; returns 1. NULL is allowed. Returns 0, with the

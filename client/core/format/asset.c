@@ -86,8 +86,10 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
                         "must be at one",
                         (unsigned)((uintptr_t)bytes % 64));
     }
-    return umb__mapped_view(bytes, &head, &asset->canonical.content, full, asset->alloc,
-                            &asset->view, error);
+    asset->mapped.alloc = asset->alloc;
+    status = umb__mapped_view(bytes, &head, &asset->canonical.content, full, &asset->mapped, error);
+    asset->view = asset->mapped.view;
+    return status;
 }
 
 static struct umb_asset *new_asset(const struct umb_open_options *options)

@@ -38,11 +38,13 @@ void umb__mapped_finish(struct umb__mapped *mapped);
  * In:    full: checksums of all sections and the whole structure: every child number is the start
  *        of a node of the level two below, or a brick. Else only that the sections have the lengths
  *        that canonical block, grids and level table ask for.
+ * Out:   mapped: its view leads into the file, but for the tops, which are copied: where a query
+ *        starts stays what was checked even if the file is overwritten later. Zeroed but for its
+ *        allocator before; finish it also after a failure.
  * Trust: with full, safe on hostile bytes. Without, only on bytes that passed with full before.
  */
 UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
                                              const struct umb_content *content, int full,
-                                             const struct umb_alloc *alloc,
-                                             struct umb__view *view, struct umb_error *error);
+                                             struct umb__mapped *mapped, struct umb_error *error);
 
 #endif

@@ -90,7 +90,8 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
 }
 
 static enum umb_status check_shapes(const struct sections *s, const struct umb_content *content,
-                                    struct umb__view *view, struct umb_error *error)
+                                    struct umb__top *tops, struct umb__view *view,
+                                    struct umb_error *error)
 {
     if (s->lengths[SECTION_TOPS] != (uint64_t)content->frustum_count * UMB__TOP_SIZE ||
         s->lengths[SECTION_LEVELS] != sizeof view->level_begin ||
@@ -98,7 +99,8 @@ static enum umb_status check_shapes(const struct sections *s, const struct umb_c
         s->lengths[SECTION_BRICKS] % 64 != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "sections: a length does not fit its content");
     }
-    view->tops = (const struct umb__top *)(const void *)s->bytes[SECTION_TOPS];
+    memcpy(tops, s->bytes[SECTION_TOPS], (size_t)s->lengths[SECTION_TOPS]);
+    view->tops = tops;
     view->grid = (const uint32_t *)(const void *)s->bytes[SECTION_GRID];
     view->nodes = (const uint64_t *)(const void *)s->bytes[SECTION_NODES];
     view->bricks = (const uint64_t(*)[8])(const void *)s->bytes[SECTION_BRICKS];
@@ -209,17 +211,21 @@ static enum umb_status check_structure(const struct umb__view *view,
 
 enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
                                  const struct umb_content *content, int full,
-                                 const struct umb_alloc *alloc, struct umb__view *view,
-                                 struct umb_error *error)
+                                 struct umb__mapped *mapped, struct umb_error *error)
 {
     struct sections sections;
+    struct umb__view *view = &mapped->view;
     memset(view, 0, sizeof *view);
+    mapped->tops = umb__alloc(mapped->alloc, (size_t)content->frustum_count + 1, UMB__TOP_SIZE);
+    if (!mapped->tops) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
+    }
     enum umb_status status = find_sections(file, head, full, &sections, error);
     if (status == UMB_OK) {
-        status = check_shapes(&sections, content, view, error);
+        status = check_shapes(&sections, content, mapped->tops, view, error);
     }
     if (status == UMB_OK && full) {
-        status = check_structure(view, content, alloc, error);
+        status = check_structure(view, content, mapped->alloc, error);
     }
     return status;
 }

@@ -162,8 +162,7 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     struct umbs_entry *entry;
     struct umb_error error;
     uint8_t id[UMB_ID_BYTES];
-    size_t healthy;
-    size_t damaged;
+    struct umbs_store_counts counts;
     uint8_t bad_id[UMB_ID_BYTES];
     char text[UMB_ID_TEXT_SIZE];
     folder_asset(&f->folder, "bad.umb", 20, bad_id);
@@ -182,9 +181,69 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     assert_int_equal(umbs_store_acquire(f->store, text, &entry, &error), UMB_E_NOT_FOUND);
     assert_int_equal(umbs_store_acquire(f->store, "good", &entry, &error), UMB_OK);
     umbs_entry_release(entry);
-    umbs_store_count(f->store, &healthy, &damaged);
-    assert_int_equal(healthy, 1);
-    assert_int_equal(damaged, 1);
+    umbs_store_count(f->store, &counts);
+    assert_int_equal(counts.healthy, 1);
+    assert_int_equal(counts.damaged, 1);
+}
+
+struct look {
+    const struct umb_asset *asset;
+    int lit;
+};
+
+static void look_at(void *user)
+{
+    struct look *look = user;
+    look->lit = is_lit(look->asset, 5);
+}
+
+static void count_fault(void *user)
+{
+    ++*(int *)user;
+}
+
+static void store_sets_a_cut_cache_aside_and_makes_it_anew(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t id[UMB_ID_BYTES];
+    uint8_t other[UMB_ID_BYTES];
+    char cache[128];
+    struct umbs_store_counts counts;
+    struct umbs_entry *entry;
+    struct umbs_entry *late;
+    struct umb_error error;
+    int faults = 0;
+    umbs_store_close(f->store);
+    struct umbs_store_options options = {
+        .folder = f->folder.path, .faulted = count_fault, .owner = &faults};
+    assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
+    folder_asset(&f->folder, "city.umb", 20, id);
+    folder_asset(&f->folder, "other.umb", 30, other);
+    rescan(f);
+    assert_int_equal(umbs_store_acquire(f->store, "city", &entry, &error), UMB_OK);
+    struct look look = {.asset = umbs_entry_asset(entry)};
+    assert_int_equal(umbs_entry_read(entry, look_at, &look, &error), UMB_OK);
+    assert_int_equal(look.lit, 1);
+    cache_name(id, cache);
+    assert_int_equal(truncate(folder_file(&f->folder, cache), 100), 0);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(umbs_entry_read(entry, look_at, &look, &error), UMB_E_CORRUPT);
+        assert_non_null(strstr(error.message, "city"));
+    }
+    assert_int_equal(faults, 1);
+    assert_int_equal(umbs_store_acquire(f->store, "city", &late, &error), UMB_E_CORRUPT);
+    assert_int_equal(umbs_store_acquire(f->store, "other", &late, &error), UMB_OK);
+    umbs_entry_release(late);
+    umbs_store_count(f->store, &counts);
+    assert_int_equal(counts.healthy, 1);
+    assert_int_equal(counts.faults, 1);
+    rescan(f);
+    assert_int_equal(umbs_store_acquire(f->store, "city", &late, &error), UMB_OK);
+    look.asset = umbs_entry_asset(late);
+    assert_int_equal(umbs_entry_read(late, look_at, &look, &error), UMB_OK);
+    assert_int_equal(look.lit, 1);
+    umbs_entry_release(late);
+    umbs_entry_release(entry);
 }
 
 static void store_young_damaged_replacement_keeps_the_old_version_until_settled(void **state)
@@ -396,7 +455,7 @@ static void store_retired_version_waits_for_the_reaper(void **state)
     uint8_t id[UMB_ID_BYTES];
     umbs_store_close(f->store);
     struct umbs_store_options options = {
-        .folder = f->folder.path, .retired = count_call, .retired_user = &calls};
+        .folder = f->folder.path, .retired = count_call, .owner = &calls};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     folder_asset(&f->folder, "city.umb", 20, id);
     rescan(f);
@@ -493,6 +552,7 @@ int main(void)
         WITH_STORE(store_entry_outlives_the_store),
         WITH_STORE(store_retired_version_waits_for_the_reaper),
         WITH_STORE(store_swaps_under_readers_never_fail_a_look_up),
+        WITH_STORE(store_sets_a_cut_cache_aside_and_makes_it_anew),
         cmocka_unit_test(store_open_fails_without_a_folder),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

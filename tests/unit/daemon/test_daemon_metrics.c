@@ -23,7 +23,7 @@ static char *render(struct umbd_metrics *metrics, const struct umbd_gauges *gaug
 static void metrics_text_counts_calls_by_code_and_time(void **state)
 {
     static struct umbd_metrics metrics;
-    struct umbd_gauges gauges = {.queue_depth = 3, .assets_loaded = 2, .ready = 1};
+    struct umbd_gauges gauges = {.queue_depth = 3, .assets = {.healthy = 2}, .ready = 1};
     (void)state;
     umbd_count(&metrics.started[UMBD_METHOD_QUERY], 3);
     umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 0, 40000);
