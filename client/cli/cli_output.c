@@ -4,10 +4,65 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+/* The temporary that a signal takes with it; NULL if there is none. A command has one output. */
+static char *volatile doomed;
+
+/* Removes the temporary, then lets the signal do what it always does. */
+static void on_signal(int number)
+{
+    char *path = doomed;
+    if (path != NULL) {
+        (void)unlink(path);
+    }
+    (void)raise(number); /* blocked until this returns, and the handler is reset */
+}
+
+/* Signals that end a program. One that was ignored at the start (nohup) stays so. */
+static const int ending[] = {SIGINT, SIGTERM, SIGHUP};
+#define ENDING_COUNT (sizeof ending / sizeof ending[0])
+
+static void catch_signals(sigset_t *set)
+{
+    struct sigaction action, before;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_signal;
+    action.sa_flags = (int)SA_RESETHAND;
+    sigemptyset(&action.sa_mask);
+    sigemptyset(set);
+    for (size_t i = 0; i < ENDING_COUNT; i++) {
+        (void)sigaddset(set, ending[i]);
+        if (sigaction(ending[i], NULL, &before) == 0 && before.sa_handler == SIG_DFL) {
+            (void)sigaction(ending[i], &action, NULL);
+        }
+    }
+}
+
+/* mkstemp, after which no signal leaves the file behind. */
+static int make_temporary(char *name)
+{
+    sigset_t set, before;
+    catch_signals(&set);
+    (void)pthread_sigmask(SIG_BLOCK, &set, &before);
+    int file = mkstemp(name);
+    int code = errno;
+    doomed = file >= 0 ? name : NULL;
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    errno = code;
+    return file;
+}
+
+static void forget_temporary(struct umbc_output *output)
+{
+    doomed = NULL;
+    free(output->temporary);
+    output->temporary = NULL;
+}
 
 /* Length of the folder part of a path with its slash, 0 if there is none. */
 static size_t folder_length(const char *path)
@@ -35,7 +90,7 @@ static enum umb_status begin_temporary(const char *path, struct umbc_output *out
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
     }
     (void)snprintf(output->temporary, capacity, "%.*s.tmp.umbrage.XXXXXX", (int)folder, path);
-    int file = mkstemp(output->temporary);
+    int file = make_temporary(output->temporary);
     if (file < 0) {
         int code = errno;
         free(output->temporary);
@@ -87,9 +142,9 @@ static enum umb_status open_folder(const char *path, int *fd, struct umb_error *
     *fd = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     int code = errno;
     free(name);
-    return *fd >= 0 ? UMB_OK
-                    : umb_fail_errno(error, UMB_E_IO, code, "cannot sync the folder of '%.180s'",
-                                     path);
+    return *fd >= 0
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_IO, code, "cannot sync the folder of '%.180s'", path);
 }
 
 /* The rename itself is durable only once the folder is. */
@@ -154,8 +209,7 @@ enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error 
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'",
                               output->path);
     }
-    free(output->temporary);
-    output->temporary = NULL;
+    forget_temporary(output);
     return sync_folder(output->path, folder, error);
 }
 
@@ -167,8 +221,7 @@ void umbc_output_abandon(struct umbc_output *output)
     output->file = NULL;
     if (output->temporary != NULL) {
         (void)unlink(output->temporary);
-        free(output->temporary);
-        output->temporary = NULL;
+        forget_temporary(output);
     }
 }
 

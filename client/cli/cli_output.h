@@ -4,7 +4,8 @@
 /*
  * Output files that appear whole or not at all: a temporary `.tmp.*` beside the target (the store
  * of a daemon sweeps old ones), fsync, rename, fsync of the folder. "-" is stdout, which is only
- * flushed. A device, pipe or other special file is written to directly: renaming would replace it.
+ * flushed. SIGINT, SIGTERM and SIGHUP take the temporary with them.
+ * A device, pipe or other special file is written to directly: renaming would replace it.
  */
 #include <stdbool.h>
 #include <stdio.h>

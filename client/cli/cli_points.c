@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "base/bytes.h"
+#include "base/open_status.h"
 #include "cli_common.h"
 
 #define SHOWN 60 /* bytes of a bad line in the message */
@@ -29,7 +30,7 @@ enum umb_status umbc_points_open(const char *path, enum umbc_points_format forma
     points->file = fopen(path, "rb");
     if (points->file == NULL) {
         int code = errno;
-        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+        return umb_fail_errno(error, umb__open_status(code), code,
                               "cannot open '%.200s'", path);
     }
     if (fstat(fileno(points->file), &info) == 0) {

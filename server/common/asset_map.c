@@ -19,6 +19,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "base/open_status.h"
 #include "common/fault_guard.h"
 
 #define REACH_BYTES (((uint64_t)1 << 38) + ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end   \
@@ -204,8 +205,7 @@ static enum umb_status open_file(struct umbs_asset_map *map, const char *path,
     struct stat facts;
     map->fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (map->fd < 0) {
-        enum umb_status status = errno == ENOENT ? UMB_E_NO_INPUT : UMB_E_IO;
-        return umb_fail_errno(error, status, errno, "%.200s", path);
+        return umb_fail_errno(error, umb__open_status(errno), errno, "%.200s", path);
     }
     if (fstat(map->fd, &facts) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "%.200s", path);

@@ -19,6 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/open_status.h"
 #include "common/scene_contract.h"
 #include "common/scene_process.h"
 #include "common/scene_text.h"
@@ -46,7 +47,7 @@ static enum umb_status open_input(struct import *import, struct umb_error *error
     /* O_NONBLOCK: opening a pipe without a writer must not wait. It changes nothing for files. */
     import->input = open(import->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (import->input < 0) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open scene '%s'",
+        return umb_fail_errno(error, umb__open_status(errno), errno, "cannot open scene '%s'",
                               import->shown);
     }
     struct stat facts;

@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/open_status.h"
+
 char *umbs__path_join(const char *folder, const char *name)
 {
     size_t a = strlen(folder);
@@ -102,7 +104,7 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     DIR *folder = opendir(options->folder);
     if (folder == NULL) {
         int code = errno;
-        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+        return umb_fail_errno(error, umb__open_status(code), code,
                               "cannot open the store folder '%.200s'", options->folder);
     }
     closedir(folder);

@@ -16,6 +16,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/open_status.h"
+
 struct name_list {
     size_t count, capacity;
     char (*names)[UMBS_STORE_NAME_MAX + 1];
@@ -80,7 +82,7 @@ static enum umb_status read_names(struct umbs_store *store, struct name_list *li
     DIR *folder = opendir(store->folder);
     if (folder == NULL) {
         int code = errno;
-        return umb_fail_errno(error, code == ENOMEM ? UMB_E_NO_MEMORY : UMB_E_NO_INPUT, code,
+        return umb_fail_errno(error, umb__open_status(code), code,
                               "cannot open the store folder '%.200s'", store->folder);
     }
     while (status == UMB_OK) {

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""A daemon that is told to leave again and again while it leaves still exits with 0.
+"""A daemon that is told to leave again and again while it leaves still exits with 0; a command that is
+interrupted while it writes leaves no temporary behind.
 
 libuv gives a signal its default action back when its handle closes; a SIGTERM in that last moment
 used to kill the process (13 of 30 runs).
@@ -36,7 +37,41 @@ def storm(folder):
     return daemon.returncode
 
 
+def build(name):
+    return os.path.join(BUILD, name)
+
+
+def interrupted(folder, number):
+    """Interrupts `umbrage unpack` as soon as its temporary is there; returns exit code and files."""
+    out = os.path.join(folder, f"out{number}")
+    os.mkdir(out)
+    command = subprocess.Popen([build("umbrage"), "unpack", os.path.join(folder, "city.umb"), "-o",
+                                os.path.join(out, "city.umbm")], stderr=subprocess.DEVNULL)
+    while not os.listdir(out) and command.poll() is None:
+        time.sleep(0.0005)
+    command.send_signal(number)
+    return command.wait(20), os.listdir(out)
+
+
+def interrupt_commands(folder):
+    scene = os.path.join(folder, "city.glb")
+    subprocess.run([build("scenegen"), "city", "--size", "6", "--seed", "1", "-o", scene], check=True)
+    subprocess.run([build("umbrage-bake"), scene, "-o", os.path.join(folder, "city.umb"),
+                    "--resolution", "8192", "--depth", "raster", "--verify", "0", "--quiet"],
+                   check=True)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        code, left = interrupted(folder, number)
+        print("interrupted:", code, left)
+        # A command that had finished before the signal came has its whole output and nothing else.
+        if (code, left) not in ((-number, []), (0, ["city.umbm"])):
+            return 1
+    return 0
+
+
 def main():
+    with tempfile.TemporaryDirectory() as folder:
+        if interrupt_commands(folder) != 0:
+            return 1
     codes = []
     for _ in range(ROUNDS):
         with tempfile.TemporaryDirectory() as folder:

@@ -9,6 +9,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/open_status.h"
+
 enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struct umb_error *error)
 {
     *map = NULL;
@@ -16,7 +18,7 @@ enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struc
     /* Not blocking, so that a pipe nobody writes to is refused and not waited for. */
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "%.200s", path);
+        return umb_fail_errno(error, umb__open_status(errno), errno, "%.200s", path);
     }
     struct stat facts;
     enum umb_status status = UMB_OK;

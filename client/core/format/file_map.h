@@ -5,7 +5,8 @@
 #include <stddef.h>
 #include "umbrage/status.h"
 
-/* Fails: E_NO_INPUT (missing, a folder, unreadable), E_TRUNCATED (empty), E_IO. */
+/* Fails: E_NO_INPUT (missing, a folder), E_PERMISSION, E_LIMIT (descriptors), E_TRUNCATED (empty),
+ * E_IO. */
 UMB_CHECKED enum umb_status umb__file_map(const char *path, void **map, size_t *bytes,
                                           struct umb_error *error);
 

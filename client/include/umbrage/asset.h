@@ -126,9 +126,9 @@ struct umb_asset_info {
  * In:    path: NUL-terminated. options: NULL for the defaults; copied, but for the allocator.
  * Out:   out: the asset, or NULL on failure.
  * Owns:  the caller closes it with umb_asset_close.
- * Fails: E_NO_INPUT (missing, no regular file, unreadable), E_FORMAT, E_VERSION (needs a newer
- *        reader), E_TRUNCATED, E_CORRUPT, E_TOO_LARGE (over max_memory_bytes), E_NO_MEMORY, E_IO.
- *        Nothing is left behind.
+ * Fails: E_NO_INPUT (missing, no regular file), E_PERMISSION, E_LIMIT (no descriptor left),
+ *        E_FORMAT, E_VERSION (needs a newer reader), E_TRUNCATED, E_CORRUPT, E_TOO_LARGE (over
+ *        max_memory_bytes), E_NO_MEMORY, E_IO. Nothing is left behind.
  * Threads: any number at once.
  * Trust: safe on hostile files with UMB_TRUST_NOTHING.
  * Cost:  mapped: one pass over the file (about 1 GB/s or more), with UMB_TRUST_VALIDATED over its

@@ -47,6 +47,10 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");
     }
+    if (publish->file.system_error != 0) { /* the core knows only that a write failed, not why */
+        return umb_fail_errno(error, UMB_E_IO, publish->file.system_error, "cannot write '%.200s'",
+                              publish->file.path);
+    }
     if (status != UMB_OK && (error == NULL || error->message[0] == '\0')) {
         return umb_fail(error, status, "cannot write '%.200s': %s", publish->file.path,
                         umb_status_text(status));

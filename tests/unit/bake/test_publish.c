@@ -6,9 +6,12 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <dirent.h>
+#include <errno.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include "bake/analysis/light_frame.h"
@@ -19,7 +22,7 @@
 
 /* A box over a floor, 20 m across, light from straight above, baked. */
 struct fixture {
-    struct soup soup;            /* world metres */
+    struct soup soup; /* world metres */
     double world[14][3][3];
     struct umb_light_info light;
     struct umb_frustum_info frustum;
@@ -187,15 +190,37 @@ static void an_unwritable_place_shows_at_once(void **state)
     umbb_publish_abandon(&publish);
 }
 
+static void a_write_that_fails_names_the_file_and_the_cause(void **state)
+{
+    struct fixture *f = *state;
+    struct umbb_publish publish;
+    struct umb_error error;
+    struct rlimit limit, small;
+    assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    small = limit;
+    small.rlim_cur = 100;
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const enum umb_status status = umbb_publish_write(&publish, &f->content, &f->octree, &error);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    assert_int_equal(status, UMB_E_IO);
+    assert_int_equal(error.system_error, EFBIG);
+    assert_non_null(strstr(error.message, f->path));
+    assert_non_null(strstr(error.message, strerror(EFBIG)));
+    umbb_publish_abandon(&publish);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(a_right_asset_is_published_under_its_name, setup,
-                                        teardown),
+        cmocka_unit_test_setup_teardown(a_right_asset_is_published_under_its_name, setup, teardown),
         cmocka_unit_test_setup_teardown(a_wrong_octree_is_found_by_rays_and_not_published, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(
             equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_write_that_fails_names_the_file_and_the_cause, setup,
+                                        teardown),
         cmocka_unit_test(an_unwritable_place_shows_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -8,7 +8,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 
+#include "base/open_status.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
 
@@ -289,6 +291,29 @@ static void info_says_what_was_written(void **state)
     bytes_finish(&packed);
 }
 
+static void opening_tells_missing_from_forbidden_from_exhausted(void **state)
+{
+    (void)state;
+    struct umb_asset *asset;
+    struct umb_error error;
+    struct rlimit limit, none;
+    assert_int_equal(umb_asset_open_file("/nonexistent/x.umb", NULL, &asset, &error),
+                     UMB_E_NO_INPUT);
+    assert_int_equal(umb_asset_open_file("/dev/null/x.umb", NULL, &asset, &error), UMB_E_NO_INPUT);
+    assert_int_equal(umb_asset_open_file("/tmp", NULL, &asset, &error), UMB_E_NO_INPUT);
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    none = limit;
+    none.rlim_cur = 0;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &none), 0);
+    enum umb_status status = umb_asset_open_file("/tmp", NULL, &asset, &error);
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    assert_int_equal(status, UMB_E_LIMIT);
+    assert_int_equal(umb_status_exit(umb__open_status(EACCES)), 77);
+    assert_int_equal(umb_status_exit(umb__open_status(EIO)), 74);
+    assert_int_equal(umb_status_exit(umb__open_status(ELOOP)), 74);
+    assert_int_equal(umb_status_exit(umb__open_status(ENOENT)), 66);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -302,6 +327,7 @@ int main(void)
         cmocka_unit_test(memory_limit_is_respected),
         cmocka_unit_test(every_failing_allocation_is_reported_and_nothing_leaks),
         cmocka_unit_test(info_says_what_was_written),
+        cmocka_unit_test(opening_tells_missing_from_forbidden_from_exhausted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
