@@ -15,6 +15,10 @@ CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
 
+# Numerics: the sanitizers also watch floats that do not fit an integer and divisions by zero.
+FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
+$(BUILD)/client/core/maps/%.o $(BUILD)/client/core/deep/%.o: CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))

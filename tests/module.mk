@@ -5,6 +5,7 @@ INC_tests = -Iclient/include -Iclient/core -Iproto -Iserver -Itests/harness -Ite
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
+TEST_LIBS_maps   = $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
@@ -14,6 +15,7 @@ TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_daemon = $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
+TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = -lprotobuf-c $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(RPC_LIBS) $(CORE_LIBS)
@@ -23,7 +25,7 @@ TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lseccomp -lcrypto $(CORE_LIBS)
 TEST_SYS_daemon = -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS)
 
-UNIT_PARTS := core wire rpc cli common rays study bake daemon
+UNIT_PARTS := core maps wire rpc cli common rays study bake daemon
 UNIT_TESTS :=
 
 define unit_part
@@ -60,7 +62,7 @@ sanitize:
 	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
 	@$(MAKE) --no-print-directory -j$(CORES) config=tsan sanitize-one
 # Core and wire have no threads: TSan has nothing to see there.
-SANITIZED := $(if $(filter tsan,$(config)),$(filter-out $(UNIT_BIN_core) $(UNIT_BIN_wire),$(UNIT_TESTS)),$(UNIT_TESTS))
+SANITIZED := $(if $(filter tsan,$(config)),$(filter-out $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire),$(UNIT_TESTS)),$(UNIT_TESTS))
 sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
 	@echo "== $(config)"
 	@BUILD=$(BUILD) $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py

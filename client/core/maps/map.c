@@ -1,0 +1,271 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Maps: built, asked, freed. Chooses the technique; see umbrage/maps.h. */
+#include <math.h>
+#include <string.h>
+#include "base/memory.h"
+#include "maps/map_channels.h"
+#include "maps/map_depths.h"
+#include "maps/map_poisson.h"
+
+_Static_assert(sizeof(struct umb__map_query) <= sizeof(struct umb_map_query),
+               "a prepared query fits its storage");
+
+static const struct umb__technique *const techniques[UMB_MAP_TECHNIQUES] = {
+    [UMB_MAP_PCF] = &umb__map_pcf,   [UMB_MAP_VSM] = &umb__map_vsm,
+    [UMB_MAP_LVSM] = &umb__map_lvsm, [UMB_MAP_CONVOLUTION] = &umb__map_convolution,
+    [UMB_MAP_ESM] = &umb__map_esm,   [UMB_MAP_EVSM] = &umb__map_evsm,
+    [UMB_MAP_MSM] = &umb__map_msm,
+};
+
+const char *umb_map_technique_name(enum umb_map_technique technique)
+{
+    return (unsigned)technique < UMB_MAP_TECHNIQUES ? techniques[technique]->name : "unknown";
+}
+
+static enum umb_status layer_check(const struct umb_map_frustum *frustum,
+                                   const struct umb_map_layer *layer, struct umb_error *error)
+{
+    const size_t count = (size_t)frustum->width * frustum->height;
+    for (size_t i = 0; i < count; i++) {
+        if (!(layer->depth[i] >= 0.0F && layer->depth[i] <= 1.0F)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "layer.depth[%zu] is %g; it must be 0..1", i,
+                            (double)layer->depth[i]);
+        }
+        if (layer->slope != NULL &&
+            !(isfinite(layer->slope[2 * i]) && isfinite(layer->slope[2 * i + 1]))) {
+            return umb_fail(error, UMB_E_ARGUMENT, "layer.slope[%zu] is not finite", i);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status settings_check(const struct umb_map_settings *settings,
+                                      struct umb_error *error)
+{
+    if ((unsigned)settings->technique >= UMB_MAP_TECHNIQUES) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.technique %d is unknown",
+                        (int)settings->technique);
+    }
+    if ((unsigned)settings->format > UMB_MAP_U16 || (unsigned)settings->access > UMB_MAP_SAT) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings: format %d or access %d is unknown",
+                        (int)settings->format, (int)settings->access);
+    }
+    if (settings->blur > 63 || (settings->blur > 0 && settings->blur % 2 == 0)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.blur is %u; it must be odd, 1..63",
+                        settings->blur);
+    }
+    if (!(settings->min_variance >= 0.0 && settings->min_variance <= 1.0)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.min_variance is %g; it must be 0..1",
+                        settings->min_variance);
+    }
+    return techniques[settings->technique]->check(settings, error);
+}
+
+/* An empty map. Fails: E_NO_MEMORY. */
+static enum umb_status map_create(const struct umb_map_frustum *frustum,
+                                  const struct umb_alloc *alloc, struct umb_map **out,
+                                  struct umb_error *error)
+{
+    struct umb_map *map = umb__alloc_zeroed(alloc, 1, sizeof *map);
+    if (map == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "a map does not fit in memory");
+    }
+    map->frustum = *frustum;
+    map->own_alloc = alloc != NULL;
+    if (alloc != NULL) {
+        map->alloc = *alloc;
+    }
+    *out = map;
+    return UMB_OK;
+}
+
+enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
+                              const struct umb_map_layer *layer,
+                              const struct umb_map_settings *settings,
+                              const struct umb_alloc *alloc, struct umb_map **out,
+                              struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_map *map = NULL;
+    enum umb_status status = umb__frustum_check(frustum, error);
+    if (status == UMB_OK) {
+        status = settings_check(settings, error);
+    }
+    if (status == UMB_OK) {
+        status = layer_check(frustum, layer, error);
+    }
+    if (status == UMB_OK) {
+        status = map_create(frustum, alloc, &map, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    map->technique = techniques[settings->technique];
+    map->settings = *settings;
+    status = map->technique->filterable ? umb__channels_init(&map->channels, map, layer, error)
+                                        : umb__depths_init(&map->depths, map, layer->depth, error);
+    if (status != UMB_OK) {
+        umb_map_destroy(map);
+        return status;
+    }
+    *out = map;
+    return UMB_OK;
+}
+
+void umb_map_destroy(struct umb_map *map)
+{
+    if (map == NULL) {
+        return;
+    }
+    umb__channels_finish(&map->channels, map);
+    umb__depths_finish(&map->depths, map);
+    const struct umb_alloc alloc = map->alloc;
+    umb__free(map->own_alloc ? &alloc : NULL, map);
+}
+
+void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
+{
+    *info = (struct umb_map_info){
+        .technique = map->settings.technique,
+        .name = map->technique->name,
+        .width = map->frustum.width,
+        .height = map->frustum.height,
+        .channels = map->technique->filterable ? map->channels.count : 1,
+        .bytes = map->depths.bytes + map->channels.bytes,
+        .bound = map->technique->bound,
+        .slack = map->technique->slack(map),
+    };
+}
+
+struct limit {
+    const char *name;
+    double value, least, most;
+};
+
+static enum umb_status filter_numbers_check(const struct umb_map *map,
+                                            const struct umb_map_filter *filter,
+                                            struct umb_error *error)
+{
+    const struct limit limits[] = {
+        {"width", filter->width, 1.0, UMB_MAP_WIDTH_MAX},
+        {"bias_m", filter->bias_m, 0.0, 1e6},
+        {"bias_slope", filter->bias_slope, 0.0, 100.0},
+        {"bias_normal", filter->bias_normal, 0.0, 100.0},
+        {"light_size", filter->light_size, 0.0, map->frustum.directional ? 1.0 : 1e6},
+        {"reduction", filter->reduction, 0.0, 0.99},
+        {"contrast", filter->contrast, 1e-6, 1e6},
+    };
+    for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
+        if (!(limits[i].value >= limits[i].least && limits[i].value <= limits[i].most)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "filter.%s is %g; it must be %g..%g",
+                            limits[i].name, limits[i].value, limits[i].least, limits[i].most);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status kernel_check(const struct umb_map *map, const struct umb_map_filter *filter,
+                                    struct umb_error *error)
+{
+    const int poisson = filter->kernel == UMB_MAP_POISSON;
+    const enum umb_map_technique technique = map->settings.technique;
+    if ((unsigned)filter->kernel > UMB_MAP_POISSON) {
+        return umb_fail(error, UMB_E_ARGUMENT, "filter.kernel %d is unknown", (int)filter->kernel);
+    }
+    if (poisson && (technique != UMB_MAP_PCF || filter->light_size > 0.0)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "filter.kernel: POISSON is for PCF maps, without light_size");
+    }
+    if (poisson && (filter->samples < 1 || filter->samples > UMB_MAP_SAMPLES_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "filter.samples is %u; it must be 1..%d",
+                        filter->samples, UMB_MAP_SAMPLES_MAX);
+    }
+    if (filter->light_size > 0.0 && technique != UMB_MAP_PCF &&
+        !(technique == UMB_MAP_VSM && map->settings.access == UMB_MAP_SAT)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "filter.light_size is for PCF maps and for VSM with summed-area tables");
+    }
+    const int on_texels = !map->technique->filterable && !poisson && filter->light_size == 0.0;
+    if (on_texels && (filter->width != floor(filter->width) || fmod(filter->width, 2.0) != 1.0)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "filter.width is %g; a box over texels is odd and whole", filter->width);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_filter *filter,
+                                struct umb_map_query *query, struct umb_error *error)
+{
+    struct umb__map_query *q = (struct umb__map_query *)(void *)query;
+    memset(query, 0, sizeof *query);
+    struct umb_map_filter f = *filter;
+    f.width = f.width == 0.0 ? 1.0 : f.width;
+    f.contrast = f.contrast == 0.0 ? 1.0 : f.contrast;
+    enum umb_status status = filter_numbers_check(map, &f, error);
+    if (status == UMB_OK) {
+        status = kernel_check(map, &f, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    q->map = map;
+    q->filter = f;
+    q->taps = (uint32_t)f.width;
+    const double base = map->settings.blur > 1 ? (double)map->settings.blur : 1.0;
+    q->level = log2(f.width / base);
+    if (f.kernel == UMB_MAP_POISSON) {
+        umb__poisson_disc(q->kernel, f.samples);
+        for (uint32_t i = 0; i < f.samples; i++) {
+            q->kernel[i][0] *= 0.5 * f.width;
+            q->kernel[i][1] *= 0.5 * f.width;
+        }
+    }
+    return UMB_OK;
+}
+
+/* Filterable maps compare with one depth: biases move the receiver, as they do for texels. */
+static double filtered_depth(const struct umb__map_query *q, const struct umb__receiver *receiver)
+{
+    double depth = receiver->depth - q->filter.bias_m / q->map->frustum.depth_m;
+    const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
+    if (q->filter.bias_slope > 0.0) {
+        depth -= q->filter.bias_slope * 0.5 * width *
+                 (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
+    }
+    return fmin(depth, 1.0);
+}
+
+static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
+{
+    double at[UMB__MAP_CHANNELS_MAX];
+    receiver->depth = filtered_depth(q, receiver);
+    if (!(receiver->depth > 0.0)) {
+        return 1.0;
+    }
+    umb__channels_fetch(&q->map->channels, receiver->x, receiver->y, q->level, q->filter.width, at);
+    return q->map->technique->answer(q, receiver, at);
+}
+
+static double point_answer(const struct umb__map_query *q, const struct umb_points *points,
+                           size_t index)
+{
+    struct umb__receiver receiver;
+    umb__receiver_make(&q->map->frustum, &q->filter, points, index, &receiver);
+    if (receiver.place != UMB__RECEIVER_INSIDE) {
+        return receiver.place == UMB__RECEIVER_OUTSIDE ? 1.0 : 0.0;
+    }
+    const double visibility = q->map->technique->filterable
+                                  ? filterable_answer(q, &receiver)
+                                  : q->map->technique->answer(q, &receiver, NULL);
+    const double rest = visibility - q->filter.reduction;
+    return rest > 0.0 ? rest / (1.0 - q->filter.reduction) : 0.0;
+}
+
+void umb_map_run(const struct umb_map_query *query, const struct umb_points *points, size_t first,
+                 size_t count, float *values)
+{
+    const struct umb__map_query *q = (const struct umb__map_query *)(const void *)query;
+    for (size_t i = first; i < first + count; i++) {
+        values[i] = (float)point_answer(q, points, i);
+    }
+}

@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Shadow map, percentage closer filtering, percentage closer soft shadows.
+ *
+ * A box of n x n texels answers with an integer count: the same bits everywhere. A penumbra's box
+ * has a real width: texels at its border count by the share of them that is covered, so that the
+ * answer changes smoothly with the width.
+ * Sources: Williams 1978; Reeves, Salesin, Cook 1987; Fernando 2005.
+ */
+#include <math.h>
+#include "maps/map_depths.h"
+#include "maps/map_penumbra.h"
+
+/*
+ * Depth up to which texels light the receiver, for a filter of `width` texels: its own plane rises
+ * by gain * width / 2 within the filter. Infinite gains (grazing receivers) clear everything.
+ */
+static double biased_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                           double width)
+{
+    double depth = receiver->depth - query->filter.bias_m / query->map->frustum.depth_m;
+    if (query->filter.bias_slope > 0.0) {
+        depth -= query->filter.bias_slope * 0.5 * width *
+                 (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
+    }
+    return depth;
+}
+
+static double box_answer(const struct umb__map_query *query, const struct umb__receiver *receiver)
+{
+    const int64_t taps = (int64_t)query->taps;
+    const int64_t x0 = (int64_t)floor(receiver->x) - taps / 2;
+    const int64_t y0 = (int64_t)floor(receiver->y) - taps / 2;
+    const double depth = biased_depth(query, receiver, (double)taps);
+    uint32_t lit = 0;
+    for (int64_t y = y0; y < y0 + taps; y++) {
+        for (int64_t x = x0; x < x0 + taps; x++) {
+            lit += umb__depth_at(&query->map->depths, x, y) >= depth;
+        }
+    }
+    return (double)lit / (double)(taps * taps);
+}
+
+static double poisson_answer(const struct umb__map_query *query,
+                             const struct umb__receiver *receiver)
+{
+    const double depth = biased_depth(query, receiver, query->filter.width);
+    uint32_t lit = 0;
+    for (uint32_t i = 0; i < query->filter.samples; i++) {
+        const int64_t x = (int64_t)floor(receiver->x + query->kernel[i][0]);
+        const int64_t y = (int64_t)floor(receiver->y + query->kernel[i][1]);
+        lit += umb__depth_at(&query->map->depths, x, y) >= depth;
+    }
+    return (double)lit / (double)query->filter.samples;
+}
+
+/* The texels [first, last] that an interval of real width around `centre` touches. */
+struct span {
+    double low, high;
+    int64_t first, last;
+};
+
+static struct span span_make(double centre, double width)
+{
+    const double low = centre - 0.5 * width, high = centre + 0.5 * width;
+    return (struct span){low, high, (int64_t)floor(low), (int64_t)ceil(high) - 1};
+}
+
+static double span_share(const struct span *span, int64_t texel)
+{
+    return fmin(span->high, (double)(texel + 1)) - fmax(span->low, (double)texel);
+}
+
+/* Mean depth of the texels that shadow the receiver within the widest penumbra; 0 if none does. */
+static int blockers_find(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                         double *mean)
+{
+    /* A blocker at depth 0 has the widest penumbra of all. */
+    const double width = umb__penumbra_texels(query, receiver, 0.0);
+    const double depth = biased_depth(query, receiver, width);
+    const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
+    double sum = 0.0;
+    int64_t count = 0;
+    for (int64_t y = ys.first; y <= ys.last; y++) {
+        for (int64_t x = xs.first; x <= xs.last; x++) {
+            const double at = umb__depth_at(&query->map->depths, x, y);
+            if (at < depth) {
+                sum += at;
+                count++;
+            }
+        }
+    }
+    *mean = count > 0 ? sum / (double)count : 0.0;
+    return count > 0;
+}
+
+static double penumbra_answer(const struct umb__map_query *query,
+                              const struct umb__receiver *receiver)
+{
+    double blocker = 0.0, lit = 0.0;
+    if (!blockers_find(query, receiver, &blocker)) {
+        return 1.0;
+    }
+    const double width = umb__penumbra_texels(query, receiver, blocker);
+    const double depth = biased_depth(query, receiver, width);
+    const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
+    for (int64_t y = ys.first; y <= ys.last; y++) {
+        for (int64_t x = xs.first; x <= xs.last; x++) {
+            if (umb__depth_at(&query->map->depths, x, y) >= depth) {
+                lit += span_share(&xs, x) * span_share(&ys, y);
+            }
+        }
+    }
+    return lit / (width * width);
+}
+
+static double pcf_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                         const double *at)
+{
+    (void)at;
+    if (query->filter.light_size > 0.0) {
+        return penumbra_answer(query, receiver);
+    }
+    return query->filter.kernel == UMB_MAP_POISSON ? poisson_answer(query, receiver)
+                                                   : box_answer(query, receiver);
+}
+
+static enum umb_status pcf_check(const struct umb_map_settings *settings, struct umb_error *error)
+{
+    if (settings->format == UMB_MAP_F16) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "settings.format: depth maps are F32, U24 or U16");
+    }
+    return UMB_OK;
+}
+
+/* Counting is exact; rounding of depths moves a shadow's boundary, which is the bias's business. */
+static double pcf_slack(const struct umb_map *map)
+{
+    (void)map;
+    return 0.0;
+}
+
+const struct umb__technique umb__map_pcf = {
+    .name = "pcf",
+    .bound = UMB_MAP_EXACT,
+    .check = pcf_check,
+    .answer = pcf_answer,
+    .slack = pcf_slack,
+};

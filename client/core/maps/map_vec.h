@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_MAPS_MAP_VEC_H
+#define UMBRAGE_CORE_MAPS_MAP_VEC_H
+/* Three-component vectors of doubles. Nothing here can fail. */
+#include <math.h>
+
+static inline double umb__dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* out must not be a or b. */
+static inline void umb__cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static inline void umb__subtract(const double a[3], const double b[3], double out[3])
+{
+    for (int k = 0; k < 3; k++) {
+        out[k] = a[k] - b[k];
+    }
+}
+
+static inline double umb__length(const double a[3])
+{
+    return sqrt(umb__dot(a, a));
+}
+
+static inline void umb__scale(double s, double a[3])
+{
+    for (int k = 0; k < 3; k++) {
+        a[k] *= s;
+    }
+}
+
+/* Scales to unit length; 0 and untouched if that is not possible. */
+static inline int umb__unit(double a[3])
+{
+    const double length = umb__length(a);
+    if (!(length > 0.0 && isfinite(length))) {
+        return 0;
+    }
+    umb__scale(1.0 / length, a);
+    return 1;
+}
+
+#endif

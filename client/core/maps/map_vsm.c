@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Variance shadow maps, and layered ones.
+ *
+ * Channels are the mean and the mean square of depth, d in -1..1: centred depths make the square's
+ * rounding, which the variance subtracts two large numbers of, four times smaller than depths of
+ * 0..1 do. A layered map has both for each of its slices of depth, clamped and stretched to -1..1;
+ * a receiver asks the slice it lies in, where an occluder of another slice is at one end.
+ *
+ * Variance of rounded moments: with both off by e and |d| <= 1, s2 = m2 - m1^2 is off by at most
+ * e + 2 e + e^2. The floor is twice that, so that a plane that ought to have none cannot flicker.
+ *
+ * Sources: Donnelly, Lauritzen 2006 (moments, bound); Lauritzen 2007 (floor, second moment from the
+ * depth plane: 0.25 (gx^2 + gy^2), a deviation of half a texel); Lauritzen, McCool 2008 (layers).
+ */
+#include <math.h>
+#include "maps/chebyshev.h"
+#include "maps/map_penumbra.h"
+#include "maps/map_channels.h"
+
+/* Rounding of a stored channel: tables keep units of 2^-40. */
+static double channel_error(const struct umb_map_settings *settings)
+{
+    return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
+}
+
+/* Least variance of depths of -1..1. */
+static double variance_floor(const struct umb_map_settings *settings)
+{
+    const double rounding = 8.0 * channel_error(settings);
+    return fmax(4.0 * settings->min_variance, rounding);
+}
+
+static double second_moment(double depth, const double gain[2])
+{
+    return depth * depth + fmin(0.25 * (gain[0] * gain[0] + gain[1] * gain[1]), 1.0);
+}
+
+static double bound(const struct umb__map_query *query, const double moments[2], double depth)
+{
+    const double variance =
+        fmax(moments[1] - moments[0] * moments[0], variance_floor(&query->map->settings));
+    return umb__chebyshev(variance, depth - moments[0], query->filter.contrast);
+}
+
+static enum umb_status vsm_check(const struct umb_map_settings *settings, struct umb_error *error)
+{
+    if (settings->format != UMB_MAP_F32 && settings->format != UMB_MAP_U16) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: moments are F32 or U16");
+    }
+    return UMB_OK;
+}
+
+static uint32_t vsm_channels(const struct umb_map_settings *settings, double *exponent)
+{
+    (void)settings;
+    exponent[0] = 0.0;
+    exponent[1] = 0.0;
+    return 2;
+}
+
+static double vsm_encode(const struct umb_map_settings *settings, uint32_t k, double depth,
+                         const double gain[2])
+{
+    (void)settings;
+    return k == 0 ? depth : second_moment(depth, gain);
+}
+
+/*
+ * Mean depth of what shadows the receiver, if a share `lit` of the filter lies at its own depth:
+ * mean = lit depth + (1 - lit) blockers. Source: Yang et al. 2010 (variance soft shadow mapping).
+ */
+static double penumbra_width(const struct umb__map_query *query,
+                             const struct umb__receiver *receiver)
+{
+    double at[2];
+    const double width = umb__penumbra_texels(query, receiver, 0.0);
+    const double depth = 2.0 * receiver->depth - 1.0;
+    umb__channels_fetch(&query->map->channels, receiver->x, receiver->y, 0.0, width, at);
+    const double lit = bound(query, at, depth);
+    if (!(lit < 1.0)) {
+        return 1.0;
+    }
+    const double blockers = (at[0] - lit * depth) / (1.0 - lit);
+    return umb__penumbra_texels(query, receiver, fmax(0.5 * blockers + 0.5, 0.0));
+}
+
+static double vsm_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                         const double *at)
+{
+    double moments[2] = {at[0], at[1]};
+    if (query->filter.light_size > 0.0) {
+        const double width = penumbra_width(query, receiver);
+        umb__channels_fetch(&query->map->channels, receiver->x, receiver->y, 0.0, width, moments);
+    }
+    return bound(query, moments, 2.0 * receiver->depth - 1.0);
+}
+
+/*
+ * How far rounding can push an answer below the bound. With e of rounding, 3 e of variance and a
+ * floor of 8 e, a variance that was lowered was at least 11 e: the bound's derivative by log
+ * variance, p (1 - p) <= 1/4, times log(11/8) is 0.0796. The mean's own e adds at most
+ * 0.65 e / sqrt(8 e).
+ */
+static double vsm_slack(const struct umb_map *map)
+{
+    return 0.0797 + 0.23 * sqrt(channel_error(&map->settings));
+}
+
+const struct umb__technique umb__map_vsm = {
+    .name = "vsm",
+    .bound = UMB_MAP_UPPER_BOUND,
+    .filterable = 1,
+    .check = vsm_check,
+    .channels = vsm_channels,
+    .encode = vsm_encode,
+    .answer = vsm_answer,
+    .slack = vsm_slack,
+};
+
+static enum umb_status lvsm_check(const struct umb_map_settings *settings, struct umb_error *error)
+{
+    if (settings->terms < 1 || settings->terms > UMB_MAP_TERMS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.terms: %u layers; it must be 1..%d",
+                        settings->terms, UMB_MAP_TERMS_MAX);
+    }
+    return vsm_check(settings, error);
+}
+
+static uint32_t lvsm_channels(const struct umb_map_settings *settings, double *exponent)
+{
+    for (uint32_t k = 0; k < 2 * settings->terms; k++) {
+        exponent[k] = 0.0;
+    }
+    return 2 * settings->terms;
+}
+
+/* Depth stretched so that slice `slice` of `count` becomes -1..1, clamped to it. */
+static double slice_depth(double depth, uint32_t slice, uint32_t count)
+{
+    const double stretched = (depth + 1.0) * (double)count - 2.0 * (double)slice - 1.0;
+    return fmin(fmax(stretched, -1.0), 1.0);
+}
+
+static double lvsm_encode(const struct umb_map_settings *settings, uint32_t k, double depth,
+                          const double gain[2])
+{
+    const double in_slice = slice_depth(depth, k / 2, settings->terms);
+    const double stretch = fabs(in_slice) < 1.0 ? (double)settings->terms : 0.0;
+    const double stretched[2] = {stretch * gain[0], stretch * gain[1]};
+    return (k & 1) == 0 ? in_slice : second_moment(in_slice, stretched);
+}
+
+static double lvsm_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                          const double *at)
+{
+    const uint32_t count = query->map->settings.terms;
+    const double scaled = fmin(receiver->depth, 1.0) * (double)count;
+    const uint32_t slice = scaled < (double)count ? (uint32_t)scaled : count - 1;
+    return bound(query, at + 2 * (size_t)slice,
+                 slice_depth(2.0 * receiver->depth - 1.0, slice, count));
+}
+
+const struct umb__technique umb__map_lvsm = {
+    .name = "lvsm",
+    .bound = UMB_MAP_UPPER_BOUND,
+    .filterable = 1,
+    .check = lvsm_check,
+    .channels = lvsm_channels,
+    .encode = lvsm_encode,
+    .answer = lvsm_answer,
+    .slack = vsm_slack,
+};
