@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/memory.h"
+#include "deep/deep_parts.h"
 #include "maps/map_channels.h"
 #include "maps/map_depths.h"
 #include "maps/map_poisson.h"
@@ -14,7 +15,7 @@ static const struct umb__technique *const techniques[UMB_MAP_TECHNIQUES] = {
     [UMB_MAP_PCF] = &umb__map_pcf,   [UMB_MAP_VSM] = &umb__map_vsm,
     [UMB_MAP_LVSM] = &umb__map_lvsm, [UMB_MAP_CONVOLUTION] = &umb__map_convolution,
     [UMB_MAP_ESM] = &umb__map_esm,   [UMB_MAP_EVSM] = &umb__map_evsm,
-    [UMB_MAP_MSM] = &umb__map_msm,
+    [UMB_MAP_MSM] = &umb__map_msm,   [UMB_MAP_DEEP] = &umb__map_deep,
 };
 
 const char *umb_map_technique_name(enum umb_map_technique technique)
@@ -112,6 +113,40 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
     return UMB_OK;
 }
 
+enum umb_status umb_map_build_deep(const struct umb_map_frustum *frustum,
+                                   const struct umb_map_fragments *fragments,
+                                   const struct umb_map_deep_settings *settings,
+                                   const struct umb_alloc *alloc, struct umb_map **out,
+                                   struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_map *map = NULL;
+    enum umb_status status = umb__frustum_check(frustum, error);
+    if (status == UMB_OK && !(settings->epsilon >= 0.0 && settings->epsilon <= 1.0)) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "settings.epsilon is %g; it must be 0..1",
+                          settings->epsilon);
+    }
+    if (status == UMB_OK && !(settings->exponent >= 0.0 && settings->exponent <= 1e6)) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "settings.exponent is %g; it must be 0..1e6",
+                          settings->exponent);
+    }
+    if (status == UMB_OK) {
+        status = map_create(frustum, alloc, &map, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    map->technique = &umb__map_deep;
+    map->settings.technique = UMB_MAP_DEEP;
+    status = umb__deep_create(frustum, fragments, settings, alloc, &map->deep, error);
+    if (status != UMB_OK) {
+        umb_map_destroy(map);
+        return status;
+    }
+    *out = map;
+    return UMB_OK;
+}
+
 void umb_map_destroy(struct umb_map *map)
 {
     if (map == NULL) {
@@ -119,6 +154,7 @@ void umb_map_destroy(struct umb_map *map)
     }
     umb__channels_finish(&map->channels, map);
     umb__depths_finish(&map->depths, map);
+    umb__deep_destroy(map->deep, umb__map_alloc(map));
     const struct umb_alloc alloc = map->alloc;
     umb__free(map->own_alloc ? &alloc : NULL, map);
 }
@@ -130,8 +166,11 @@ void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
         .name = map->technique->name,
         .width = map->frustum.width,
         .height = map->frustum.height,
-        .channels = map->technique->filterable ? map->channels.count : 1,
-        .bytes = map->depths.bytes + map->channels.bytes,
+        .channels = map->technique->filterable ? map->channels.count : map->deep == NULL,
+        .bytes = map->depths.bytes + map->channels.bytes + (map->deep ? map->deep->bytes : 0),
+        .fragments = map->deep != NULL
+                         ? map->deep->first[(size_t)map->frustum.width * map->frustum.height]
+                         : 0,
         .bound = map->technique->bound,
         .slack = map->technique->slack(map),
     };
@@ -223,22 +262,12 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
     return UMB_OK;
 }
 
-/* Filterable maps compare with one depth: biases move the receiver, as they do for texels. */
-static double filtered_depth(const struct umb__map_query *q, const struct umb__receiver *receiver)
-{
-    double depth = receiver->depth - q->filter.bias_m / q->map->frustum.depth_m;
-    const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
-    if (q->filter.bias_slope > 0.0) {
-        depth -= q->filter.bias_slope * 0.5 * width *
-                 (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
-    }
-    return fmin(depth, 1.0);
-}
-
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
     double at[UMB__MAP_CHANNELS_MAX];
-    receiver->depth = filtered_depth(q, receiver);
+    /* They compare with one depth: biases move the receiver, as they do for texels. */
+    const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
+    receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {
         return 1.0;
     }

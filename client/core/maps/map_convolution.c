@@ -9,8 +9,8 @@
  * then holds every difference.
  *
  * A truncated series rings: it overshoots by 9 % of the step beside each edge, however many terms
- * (Gibbs). Damping term k by exp(-damping (k/M)^2) trades the overshoot for a wider slope; at 2 half
- * of it and less is left.
+ * (Gibbs). Damping term k by exp(-damping (k/M)^2) trades the overshoot for a wider slope; at 2
+ * half of it and less is left.
  *
  * Sines of odd multiples come by the recurrence s_(k+1) = 2 cos(2a) s_k - s_(k-1), whose error
  * grows with k^2: below 2e-13 for the greatest M (docs/numerics.md).

@@ -9,13 +9,14 @@
  * a few channels, channels are averaged by map_channels.c, and it turns averaged channels and a
  * receiver's depth into a visibility. All arithmetic is in doubles; formats only store.
  */
-#include <stdbool.h>
+#include <math.h>
 #include "maps/map_receiver.h"
 #include "umbrage/maps.h"
 
 #define UMB__MAP_CHANNELS_MAX 32
 
 struct umb__technique;
+struct umb__deep;
 
 /* A layer of depths, as stored. */
 struct umb__depths {
@@ -44,6 +45,7 @@ struct umb_map {
     struct umb_map_settings settings;
     struct umb__depths depths;
     struct umb__channels channels;
+    struct umb__deep *deep; /* DEEP */
 };
 
 /* Behind struct umb_map_query. */
@@ -74,7 +76,22 @@ struct umb__technique {
 };
 
 extern const struct umb__technique umb__map_pcf, umb__map_vsm, umb__map_lvsm, umb__map_convolution,
-    umb__map_esm, umb__map_evsm, umb__map_msm;
+    umb__map_esm, umb__map_evsm, umb__map_msm, umb__map_deep;
+
+/*
+ * Depth up to which texels light the receiver, for a filter of `width` texels: its own plane rises
+ * by gain * width / 2 within the filter. Infinite gains (grazing receivers) clear everything.
+ */
+static inline double umb__biased_depth(const struct umb__map_query *query,
+                                       const struct umb__receiver *receiver, double width)
+{
+    double depth = receiver->depth - query->filter.bias_m / query->map->frustum.depth_m;
+    if (query->filter.bias_slope > 0.0) {
+        depth -= query->filter.bias_slope * 0.5 * width *
+                 (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
+    }
+    return depth;
+}
 
 /* The allocator of a map, for umb__alloc. */
 static inline const struct umb_alloc *umb__map_alloc(const struct umb_map *map)

@@ -11,27 +11,12 @@
 #include "maps/map_depths.h"
 #include "maps/map_penumbra.h"
 
-/*
- * Depth up to which texels light the receiver, for a filter of `width` texels: its own plane rises
- * by gain * width / 2 within the filter. Infinite gains (grazing receivers) clear everything.
- */
-static double biased_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
-                           double width)
-{
-    double depth = receiver->depth - query->filter.bias_m / query->map->frustum.depth_m;
-    if (query->filter.bias_slope > 0.0) {
-        depth -= query->filter.bias_slope * 0.5 * width *
-                 (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
-    }
-    return depth;
-}
-
 static double box_answer(const struct umb__map_query *query, const struct umb__receiver *receiver)
 {
     const int64_t taps = (int64_t)query->taps;
     const int64_t x0 = (int64_t)floor(receiver->x) - taps / 2;
     const int64_t y0 = (int64_t)floor(receiver->y) - taps / 2;
-    const double depth = biased_depth(query, receiver, (double)taps);
+    const double depth = umb__biased_depth(query, receiver, (double)taps);
     uint32_t lit = 0;
     for (int64_t y = y0; y < y0 + taps; y++) {
         for (int64_t x = x0; x < x0 + taps; x++) {
@@ -44,7 +29,7 @@ static double box_answer(const struct umb__map_query *query, const struct umb__r
 static double poisson_answer(const struct umb__map_query *query,
                              const struct umb__receiver *receiver)
 {
-    const double depth = biased_depth(query, receiver, query->filter.width);
+    const double depth = umb__biased_depth(query, receiver, query->filter.width);
     uint32_t lit = 0;
     for (uint32_t i = 0; i < query->filter.samples; i++) {
         const int64_t x = (int64_t)floor(receiver->x + query->kernel[i][0]);
@@ -77,7 +62,7 @@ static int blockers_find(const struct umb__map_query *query, const struct umb__r
 {
     /* A blocker at depth 0 has the widest penumbra of all. */
     const double width = umb__penumbra_texels(query, receiver, 0.0);
-    const double depth = biased_depth(query, receiver, width);
+    const double depth = umb__biased_depth(query, receiver, width);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     double sum = 0.0;
     int64_t count = 0;
@@ -102,7 +87,7 @@ static double penumbra_answer(const struct umb__map_query *query,
         return 1.0;
     }
     const double width = umb__penumbra_texels(query, receiver, blocker);
-    const double depth = biased_depth(query, receiver, width);
+    const double depth = umb__biased_depth(query, receiver, width);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {

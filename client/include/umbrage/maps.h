@@ -53,6 +53,7 @@ enum umb_map_technique {
     UMB_MAP_ESM,         /* mean exponential (Annen et al. 2008, Salvi 2008) */
     UMB_MAP_EVSM,        /* two moments of an exponential warp, or of two (Lauritzen 2008) */
     UMB_MAP_MSM,         /* four moments (Peters, Klein 2015) */
+    UMB_MAP_DEEP,        /* transmittance lists; see umb_map_build_deep */
     UMB_MAP_TECHNIQUES
 };
 
@@ -63,7 +64,7 @@ enum umb_map_format {
     UMB_MAP_U16,     /* two bytes: depth, or a channel of -1..1 */
 };
 
-/* How the channels of a filterable map (all but PCF) are filtered when asked. */
+/* How the channels of a filterable map (all but PCF and DEEP) are filtered when asked. */
 enum umb_map_access {
     UMB_MAP_BASE = 0, /* bilinear over texels that were blurred when built */
     UMB_MAP_MIPS,     /* trilinear over a chain of halved maps; sides must be powers of two */
@@ -131,8 +132,8 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width;     /* texels, 1..64; 0 = 1. Boxes on PCF: odd and whole. BASE: not used but
-                         by the biases */
+    double width; /* texels, 1..64; 0 = 1. Boxes on PCF and DEEP: odd and whole. BASE: not used but
+                     by the biases */
     uint32_t samples; /* POISSON: 1..64 */
     double bias_m;    /* metres towards the light, 0..1e6 */
     /* Share, 0..100, of the depth that the receiver's plane gains over half the filter (its
@@ -152,11 +153,32 @@ struct umb_map_info {
     enum umb_map_technique technique;
     const char *name; /* "pcf", "vsm", ... */
     uint32_t width, height;
-    uint32_t channels;        /* numbers a texel */
+    uint32_t channels;        /* numbers a texel; 0 for DEEP */
     uint64_t bytes;           /* that queries read */
+    uint64_t fragments;       /* DEEP: kept in all lists */
     enum umb_map_bound bound; /* of an answer without `reduction`, in exact arithmetic */
     double slack;             /* rounding, of visibility: the stated error of storage and arithmetic
                                  (docs/numerics.md) */
+};
+
+/* One surface or hair that light meets on its way through a texel. */
+struct umb_map_fragment {
+    float depth; /* 0..1 */
+    float alpha; /* share of the light it takes, 0..1 */
+};
+
+/* All fragments of a texel's ray, for translucent casters. */
+struct umb_map_fragments {
+    const uint64_t *first; /* [width * height + 1]: texel i has first[i] .. first[i+1] - 1 */
+    const struct umb_map_fragment *fragments; /* [first[width * height]], any order in a texel */
+};
+
+struct umb_map_deep_settings {
+    double epsilon;  /* a list ends when less transmittance is left, 0..1; 0 keeps all; 0.001 cannot
+                        be seen */
+    double exponent; /* 0: steps; to 1e6: the last step fades in by exp(-c d), d of depth behind it
+                      */
+    int links;       /* 1: store links to the right and upper texel's list, for wide filters */
 };
 
 /* A checked query: caller's storage, no pointer into itself, may be copied. */
@@ -212,6 +234,13 @@ UMB_API UMB_CHECKED enum umb_status umb_map_build(const struct umb_map_frustum *
                                                   const struct umb_map_settings *settings,
                                                   const struct umb_alloc *alloc,
                                                   struct umb_map **out, struct umb_error *error);
+
+/* Builds a deep shadow map; same rules. Fails also: E_ARGUMENT (`first`
+ * not rising, depth, alpha or a setting out of range). Source: Lokovic, Veach 2000; seed 003. */
+UMB_API UMB_CHECKED enum umb_status
+umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_fragments *fragments,
+                   const struct umb_map_deep_settings *settings, const struct umb_alloc *alloc,
+                   struct umb_map **out, struct umb_error *error);
 
 /* Frees a map. NULL is allowed. */
 UMB_API void umb_map_destroy(struct umb_map *map);

@@ -150,7 +150,7 @@ static void hostile_points_do_no_harm(void **state)
     enum {
         N = sizeof odd / sizeof odd[0]
     };
-    for (int technique = 0; technique < UMB_MAP_TECHNIQUES; technique++) {
+    for (int technique = 0; technique < UMB_MAP_DEEP; technique++) {
         struct umb_map_settings settings = {
             .technique = (enum umb_map_technique)technique, .exponent = 40, .terms = 4};
         struct umb_map *map = map_of(&frustum, depth, &settings);
@@ -194,7 +194,7 @@ static void short_memory_is_a_status_and_leaks_nothing(void **state)
     const struct umb_map_frustum frustum = plain_frustum(16, 16);
     static float depth[256];
     const struct umb_map_layer layer = {.depth = depth};
-    for (int technique = 0; technique < UMB_MAP_TECHNIQUES; technique++) {
+    for (int technique = 0; technique < UMB_MAP_DEEP; technique++) {
         const struct umb_map_settings settings = {.technique = (enum umb_map_technique)technique,
                                                   .access = UMB_MAP_MIPS,
                                                   .exponent = 40,

@@ -1,0 +1,189 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Transmittance lists from fragments; see deep_parts.h. Source: Lokovic, Veach 2000. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "deep/deep_parts.h"
+
+static enum umb_status fragments_check(const struct umb_map_fragments *in, size_t texels,
+                                       struct umb_error *error)
+{
+    for (size_t i = 0; i < texels; i++) {
+        if (in->first[i] > in->first[i + 1] || in->first[i + 1] - in->first[i] >= UINT32_MAX) {
+            return umb_fail(error, UMB_E_ARGUMENT, "fragments.first[%zu]: %llu, then %llu", i,
+                            (unsigned long long)in->first[i], (unsigned long long)in->first[i + 1]);
+        }
+    }
+    for (uint64_t i = in->first[0]; i < in->first[texels]; i++) {
+        const struct umb_map_fragment *f = &in->fragments[i];
+        if (!(f->depth >= 0.0F && f->depth <= 1.0F && f->alpha >= 0.0F && f->alpha <= 1.0F)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "fragments[%llu]: depth %g, alpha %g; both must be 0..1",
+                            (unsigned long long)i, (double)f->depth, (double)f->alpha);
+        }
+    }
+    return UMB_OK;
+}
+
+/* By depth, then by alpha: equal lists give equal products whatever order they came in. */
+static int fragment_compare(const void *a, const void *b)
+{
+    const struct umb_map_fragment *x = a, *y = b;
+    if (x->depth != y->depth) {
+        return x->depth < y->depth ? -1 : 1;
+    }
+    return (x->alpha > y->alpha) - (x->alpha < y->alpha);
+}
+
+/*
+ * Writes the list of one texel and returns its length. Products are doubles, rounded once a node:
+ * n factors are off by n 2^-53. Fragments that take nothing are left out; the first node that
+ * leaves less than epsilon, or nothing, is the last.
+ */
+static uint32_t list_write(struct umb_map_fragment *sorted, size_t count, double epsilon,
+                           struct umb__deep_node *nodes)
+{
+    double left = 1.0;
+    uint32_t length = 0;
+    qsort(sorted, count, sizeof *sorted, fragment_compare);
+    for (size_t i = 0; i < count; i++) {
+        if (sorted[i].alpha == 0.0F) {
+            continue;
+        }
+        left *= 1.0 - (double)sorted[i].alpha;
+        if (length == 0 || nodes[length - 1].depth != sorted[i].depth) {
+            nodes[length++].depth = sorted[i].depth;
+        }
+        nodes[length - 1].left = (float)left;
+        const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
+        if (!more_here && (left < epsilon || left == 0.0)) {
+            break;
+        }
+    }
+    return length;
+}
+
+static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_fragments *in,
+                                  const struct umb_alloc *alloc, struct umb_error *error)
+{
+    const size_t texels = (size_t)deep->width * deep->height;
+    uint64_t longest = 0, used = 0;
+    for (size_t i = 0; i < texels; i++) {
+        const uint64_t count = in->first[i + 1] - in->first[i];
+        longest = count > longest ? count : longest;
+    }
+    struct umb_map_fragment *sorted = umb__alloc(alloc, longest, sizeof *sorted);
+    if (sorted == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
+                        (unsigned long long)longest);
+    }
+    for (size_t i = 0; i < texels; i++) {
+        const size_t count = (size_t)(in->first[i + 1] - in->first[i]);
+        if (count > 0) {
+            memcpy(sorted, &in->fragments[in->first[i]], count * sizeof *sorted);
+        }
+        deep->first[i] = used;
+        used += list_write(sorted, count, deep->settings.epsilon, deep->nodes + used);
+    }
+    deep->first[texels] = used;
+    umb__free(alloc, sorted);
+    /* What truncation saved is given back; a refusal to shrink changes nothing. */
+    void *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * sizeof *deep->nodes);
+    deep->nodes = less != NULL ? less : deep->nodes;
+    deep->bytes = (texels + 1) * sizeof *deep->first + used * sizeof *deep->nodes;
+    return UMB_OK;
+}
+
+/* Node of list `to` whose depth is nearest to that of each node of list `from`: both rise. */
+static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
+{
+    const struct umb__deep_node *other = deep->nodes + deep->first[to];
+    const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
+    uint32_t near = 0;
+    for (uint64_t i = deep->first[from]; i < deep->first[from + 1]; i++) {
+        const float depth = deep->nodes[i].depth;
+        while (near + 1 < count &&
+               fabsf(other[near + 1].depth - depth) < fabsf(other[near].depth - depth)) {
+            near++;
+        }
+        if (upper) {
+            deep->links[i].upper = near;
+        } else {
+            deep->links[i].right = near;
+        }
+    }
+}
+
+static enum umb_status links_make(struct umb__deep *deep, const struct umb_alloc *alloc,
+                                  struct umb_error *error)
+{
+    const uint64_t used = deep->first[(size_t)deep->width * deep->height];
+    deep->links = umb__alloc_zeroed(alloc, used, sizeof *deep->links);
+    if (deep->links == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%llu links do not fit in memory",
+                        (unsigned long long)used);
+    }
+    for (uint32_t y = 0; y < deep->height; y++) {
+        for (uint32_t x = 0; x < deep->width; x++) {
+            const size_t i = (size_t)y * deep->width + x;
+            if (x + 1 < deep->width) {
+                list_link(deep, i, i + 1, 0);
+            }
+            if (y + 1 < deep->height) {
+                list_link(deep, i, i + deep->width, 1);
+            }
+        }
+    }
+    deep->bytes += used * sizeof *deep->links;
+    return UMB_OK;
+}
+
+enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
+                                 const struct umb_map_fragments *fragments,
+                                 const struct umb_map_deep_settings *settings,
+                                 const struct umb_alloc *alloc, struct umb__deep **out,
+                                 struct umb_error *error)
+{
+    *out = NULL;
+    const size_t texels = (size_t)frustum->width * frustum->height;
+    enum umb_status status = fragments_check(fragments, texels, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint64_t total = fragments->first[texels] - fragments->first[0];
+    struct umb__deep *deep = umb__alloc_zeroed(alloc, 1, sizeof *deep);
+    if (deep != NULL) {
+        deep->settings = *settings;
+        deep->width = frustum->width;
+        deep->height = frustum->height;
+        deep->first = umb__alloc_zeroed(alloc, texels + 1, sizeof *deep->first);
+        deep->nodes = umb__alloc(alloc, total, sizeof *deep->nodes);
+    }
+    if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
+        umb__deep_destroy(deep, alloc);
+        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
+                        (unsigned long long)total);
+    }
+    status = lists_make(deep, fragments, alloc, error);
+    if (status == UMB_OK && settings->links) {
+        status = links_make(deep, alloc, error);
+    }
+    if (status != UMB_OK) {
+        umb__deep_destroy(deep, alloc);
+        return status;
+    }
+    *out = deep;
+    return UMB_OK;
+}
+
+void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc)
+{
+    if (deep == NULL) {
+        return;
+    }
+    umb__free(alloc, deep->first);
+    umb__free(alloc, deep->nodes);
+    umb__free(alloc, deep->links);
+    umb__free(alloc, deep);
+}

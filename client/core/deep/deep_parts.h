@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_DEEP_DEEP_PARTS_H
+#define UMBRAGE_CORE_DEEP_DEEP_PARTS_H
+/*
+ * Deep shadow maps: a texel's light as a falling staircase of depth.
+ *
+ * A list holds the depths at which something takes light, nearest first, each once, with the
+ * transmittance left behind it. A receiver at depth t gets what is left behind the last node
+ * nearer than t; nodes at t itself do not count, as for shadow maps.
+ *
+ * Links (Bavoil et al., seed 003): each node knows the node nearest in depth in the list of the
+ * texel to the right and above. A wide filter searches its first list only, follows the link of
+ * the node it found to the next texel, and walks a step or two there. The place it ends at is the
+ * one a search finds, so both ways give the same bits.
+ */
+#include "maps/map_parts.h"
+
+struct umb__deep_node {
+    float depth;
+    float left; /* transmittance behind it */
+};
+
+struct umb__deep_link {
+    uint32_t right, upper; /* node numbers within that list */
+};
+
+struct umb__deep {
+    struct umb_map_deep_settings settings;
+    uint32_t width, height;
+    uint64_t *first;              /* [width * height + 1] */
+    struct umb__deep_node *nodes; /* [first[width * height]] */
+    struct umb__deep_link *links; /* the same; NULL without */
+    uint64_t bytes;
+};
+
+/* Number of nodes of a list nearer than depth: by halving, and by walking from a guess. */
+uint32_t umb__deep_search(const struct umb__deep_node *nodes, uint32_t count, double depth);
+uint32_t umb__deep_walk(const struct umb__deep_node *nodes, uint32_t count, uint32_t guess,
+                        double depth);
+
+void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc);
+
+/*
+ * Sorts, multiplies, ends and links all lists.
+ *
+ * Fails: E_ARGUMENT (first not rising, a depth or alpha not 0..1), E_TOO_LARGE (2^32 - 1 fragments
+ *        in a texel or more), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
+                                             const struct umb_map_fragments *fragments,
+                                             const struct umb_map_deep_settings *settings,
+                                             const struct umb_alloc *alloc, struct umb__deep **out,
+                                             struct umb_error *error);
+
+#endif

@@ -1,0 +1,322 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Deep shadow maps against brute force: products in long double, windows searched texel by texel.
+ */
+#include "maps_fixture.h"
+#include "deep/deep_parts.h"
+
+enum {
+    W = 83,
+    H = 47,
+    MOST = 40,
+    POINTS = 60000
+};
+
+static struct umb_map_fragment fragments[W * H * MOST];
+static uint64_t first[W * H + 1];
+static double at[POINTS][3];
+static float values[POINTS], others[POINTS];
+
+/* Strands: lists of 0 to `most` fragments in random order, some at equal depths, depths of
+ * neighbours alike. */
+static struct umb_map_fragments strands(uint64_t seed, int most, int opaque)
+{
+    uint64_t used = 0;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int i = 0; i < W * H; i++) {
+        const int count = (int)(random_unit(&seed) * (most + 1));
+        first[i] = used;
+        for (int k = 0; k < count; k++) {
+            const double near = (double)k / most + 0.02 * sin(0.2 * i) + 0.01 * random_unit(&seed);
+            const int slot = (int)(random_unit(&seed) * (double)(used - first[i] + 1));
+            fragments[used] = fragments[first[i] + (uint64_t)slot];
+            fragments[first[i] + (uint64_t)slot] = (struct umb_map_fragment){
+                (float)(floor(fmin(fmax(near, 0.0), 1.0) * 500.0) / 500.0),
+                opaque ? 1.0F : (float)random_unit(&seed)};
+            used++;
+        }
+    }
+    first[W * H] = used;
+    for (int i = 0; i < POINTS; i++) {
+        at[i][0] = random_unit(&seed) * W;
+        at[i][1] = random_unit(&seed) * H;
+        at[i][2] = random_unit(&seed) < 0.3 ? floor(random_unit(&seed) * 500.0) / 500.0
+                                            : random_unit(&seed) + 1e-6;
+    }
+    return (struct umb_map_fragments){first, fragments};
+}
+
+static struct umb_map *deep_of(const struct umb_map_fragments *in,
+                               const struct umb_map_deep_settings *settings)
+{
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    struct umb_map *map = NULL;
+    struct umb_error error = {.message = ""};
+    if (umb_map_build_deep(&frustum, in, settings, NULL, &map, &error) != UMB_OK) {
+        fail_msg("%s", error.message);
+    }
+    return map;
+}
+
+static void ask_deep(const struct umb_map *map, double taps, float *out)
+{
+    const struct umb_map_query query = query_of(map, &(struct umb_map_filter){.width = taps});
+    ask(&query, (const double(*)[3])at, POINTS, out);
+}
+
+/* Product over a texel's fragments before a depth, in any order: exact to long double. */
+static long double brute_texel(int64_t x, int64_t y, double depth)
+{
+    long double left = 1.0L;
+    if (x < 0 || y < 0 || x >= W || y >= H) {
+        return left;
+    }
+    for (uint64_t i = first[y * W + x]; i < first[y * W + x + 1]; i++) {
+        if ((double)fragments[i].depth < depth) {
+            left *= 1.0L - (long double)fragments[i].alpha;
+        }
+    }
+    return left;
+}
+
+static long double brute(const double p[3], int taps)
+{
+    long double sum = 0.0L;
+    const double depth = 0.01 * (100.0 * p[2]);
+    if (!(depth > 0.0)) {
+        return 1.0L;
+    }
+    for (int64_t k = 0; k < taps * taps; k++) {
+        sum += brute_texel((int64_t)floor(p[0]) - taps / 2 + k % taps,
+                           (int64_t)floor(p[1]) - taps / 2 + k / taps, depth);
+    }
+    return sum / (taps * taps);
+}
+
+static void transmittance_equals_the_product_and_links_change_no_bit(void **state)
+{
+    (void)state;
+    const struct umb_map_fragments in = strands(2000, MOST, 0);
+    struct umb_map *plain = deep_of(&in, &(struct umb_map_deep_settings){0});
+    struct umb_map *linked = deep_of(&in, &(struct umb_map_deep_settings){.links = 1});
+    for (int taps = 1; taps <= 7; taps += 2) {
+        ask_deep(plain, taps, values);
+        ask_deep(linked, taps, others);
+        assert_memory_equal(values, others, sizeof values);
+        for (int i = 0; i < POINTS; i++) {
+            const long double error = fabsl((long double)values[i] - brute(at[i], taps));
+            /* A node is a float, 2^-25; the answer another; products of 40 factors 40 * 2^-53. */
+            assert_true(error < 1.3e-7L);
+        }
+    }
+    struct umb_map_info a, b;
+    umb_map_get_info(plain, &a);
+    umb_map_get_info(linked, &b);
+    assert_true(a.fragments == b.fragments && b.bytes == a.bytes + 8 * a.fragments);
+    umb_map_destroy(plain);
+    umb_map_destroy(linked);
+}
+
+static void opaque_fragments_give_exactly_the_binary_answer(void **state)
+{
+    (void)state;
+    const struct umb_map_fragments in = strands(1978, 6, 1);
+    static float nearest[W * H];
+    for (int i = 0; i < W * H; i++) {
+        nearest[i] = 1.0F;
+        for (uint64_t k = first[i]; k < first[i + 1]; k++) {
+            nearest[i] = fminf(nearest[i], fragments[k].depth);
+        }
+        if (nearest[i] == 1.0F && first[i] < first[i + 1]) {
+            nearest[i] = nextafterf(1.0F, 0.0F); /* a caster at the very end is no empty texel */
+        }
+    }
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    struct umb_map *binary = map_of(&frustum, nearest, &(struct umb_map_settings){0});
+    struct umb_map *deep =
+        deep_of(&in, &(struct umb_map_deep_settings){.links = 1, .epsilon = 0.001});
+    for (int taps = 1; taps <= 9; taps += 4) {
+        ask_deep(binary, taps, values);
+        ask_deep(deep, taps, others);
+        assert_memory_equal(values, others, sizeof values);
+    }
+    umb_map_destroy(binary);
+    umb_map_destroy(deep);
+}
+
+static void truncation_costs_less_than_epsilon_and_saves_nodes(void **state)
+{
+    (void)state;
+    const struct umb_map_fragments in = strands(2014, MOST, 0);
+    struct umb_map *full = deep_of(&in, &(struct umb_map_deep_settings){.links = 1});
+    ask_deep(full, 5, values);
+    struct umb_map_info info;
+    umb_map_get_info(full, &info);
+    uint64_t before = info.fragments;
+    for (double epsilon = 1e-4; epsilon < 0.2; epsilon *= 10.0) {
+        struct umb_map *map =
+            deep_of(&in, &(struct umb_map_deep_settings){.links = 1, .epsilon = epsilon});
+        ask_deep(map, 5, others);
+        umb_map_get_info(map, &info);
+        for (int i = 0; i < POINTS; i++) {
+            /* Never darker, and lighter by less than what was left. */
+            assert_true(others[i] >= values[i] && (double)(others[i] - values[i]) < info.slack);
+        }
+        print_message("epsilon %g keeps %llu nodes\n", epsilon, (unsigned long long)info.fragments);
+        assert_true(info.fragments < before);
+        before = info.fragments;
+        umb_map_destroy(map);
+    }
+    umb_map_destroy(full);
+}
+
+static void products_underflow_to_darkness_and_equal_depths_are_one_step(void **state)
+{
+    (void)state;
+    struct umb_map_fragment many[2000];
+    for (int i = 0; i < 2000; i++) {
+        many[i] = (struct umb_map_fragment){0.5F, 0.9F}; /* all at one depth: 10^-2000 */
+    }
+    const uint64_t ends[2] = {0, 2000};
+    const struct umb_map_fragments in = {ends, many};
+    const struct umb_map_frustum frustum = plain_frustum(1, 1);
+    struct umb_map *map;
+    const struct umb_map_deep_settings settings = {.links = 1};
+    assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, NULL), UMB_OK);
+    struct umb_map_info info;
+    umb_map_get_info(map, &info);
+    assert_true(info.fragments == 1);
+    const struct umb_map_query query = query_of(map, &(struct umb_map_filter){.width = 1});
+    assert_true(ask_one(&query, 0.5, 0.5, 0.5) == 1.0); /* at the depth itself: lit */
+    assert_true(ask_one(&query, 0.5, 0.5, 0.51) == 0.0);
+    umb_map_destroy(map);
+}
+
+static void an_exponent_fades_the_last_step_in(void **state)
+{
+    (void)state;
+    const struct umb_map_fragment two[2] = {{0.25F, 0.5F}, {0.5F, 0.5F}};
+    const uint64_t ends[2] = {0, 2};
+    const struct umb_map_fragments in = {ends, two};
+    const struct umb_map_frustum frustum = plain_frustum(1, 1);
+    const struct umb_map_deep_settings settings = {.links = 1, .exponent = 40};
+    struct umb_map *map;
+    assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, NULL), UMB_OK);
+    const struct umb_map_query query = query_of(map, &(struct umb_map_filter){.width = 1});
+    for (double t = 0.01; t < 1.0; t += 0.01) {
+        const double z = 0.01 * (100.0 * t);
+        const double expected = z <= 0.25  ? 1.0
+                                : z <= 0.5 ? 0.5 + 0.5 * exp(-40.0 * (z - 0.25))
+                                           : 0.25 + 0.25 * exp(-40.0 * (z - 0.5));
+        assert_true(fabs(ask_one(&query, 0.5, 0.5, t) - expected) < 1e-7);
+    }
+    umb_map_destroy(map);
+}
+
+static void walking_ends_where_searching_does_from_any_guess(void **state)
+{
+    (void)state;
+    uint64_t seed = 11;
+    struct umb__deep_node nodes[30];
+    for (int round = 0; round < 2000; round++) {
+        const uint32_t count = (uint32_t)(random_unit(&seed) * 31.0);
+        double depth = 0.0;
+        for (uint32_t i = 0; i < count; i++) {
+            depth += 0.01 + random_unit(&seed) * 0.02;
+            nodes[i].depth = (float)depth;
+        }
+        const double t = random_unit(&seed) < 0.3 && count > 0 ? (double)nodes[count / 2].depth
+                                                               : random_unit(&seed);
+        uint32_t expected = 0;
+        while (expected < count && (double)nodes[expected].depth < t) {
+            expected++;
+        }
+        assert_int_equal(umb__deep_search(nodes, count, t), expected);
+        for (uint32_t guess = 0; guess <= count; guess++) {
+            assert_int_equal(umb__deep_walk(nodes, count, guess, t), expected);
+        }
+    }
+}
+
+static void fragments_from_strangers_are_refused_by_name(void **state)
+{
+    (void)state;
+    const struct umb_map_frustum frustum = plain_frustum(2, 1);
+    struct umb_map_fragment list[3] = {{0.1F, 0.5F}, {0.2F, 0.5F}, {0.3F, 0.5F}};
+    uint64_t ends[3] = {0, 2, 3};
+    const struct umb_map_fragments in = {ends, list};
+    struct umb_map_deep_settings settings = {.links = 1};
+    struct umb_map *map;
+    struct umb_error error;
+    static const float bad[] = {NAN, INFINITY, -0.1F, 1.1F};
+    for (int i = 0; i < 8; i++) {
+        *(i % 2 ? &list[1].alpha : &list[1].depth) = bad[i / 2];
+        assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, &error),
+                         UMB_E_ARGUMENT);
+        assert_non_null(strstr(error.message, "fragments[1]"));
+        list[1] = (struct umb_map_fragment){0.2F, 0.5F};
+    }
+    ends[1] = 4;
+    assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, &error),
+                     UMB_E_ARGUMENT);
+    ends[1] = 2;
+    settings.epsilon = NAN;
+    assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, &error),
+                     UMB_E_ARGUMENT);
+    assert_null(map);
+}
+
+/* realloc that fails the n-th time and counts what is out. */
+struct failing {
+    int calls, fail_at, out;
+};
+
+static void *failing_resize(void *user, void *block, size_t bytes)
+{
+    struct failing *f = user;
+    if (bytes == 0) {
+        f->out -= block != NULL;
+        free(block);
+        return NULL;
+    }
+    if (f->calls++ == f->fail_at) {
+        return NULL;
+    }
+    f->out += block == NULL;
+    return realloc(block, bytes);
+}
+
+static void short_memory_is_a_status_and_leaks_nothing(void **state)
+{
+    (void)state;
+    const struct umb_map_fragments in = strands(5, 8, 0);
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    const struct umb_map_deep_settings settings = {.links = 1};
+    int ok = 0;
+    for (int n = 0; n < 9; n++) {
+        struct failing failing = {.fail_at = n};
+        const struct umb_alloc alloc = {failing_resize, &failing};
+        struct umb_map *map;
+        const enum umb_status status =
+            umb_map_build_deep(&frustum, &in, &settings, &alloc, &map, NULL);
+        assert_true(status == UMB_OK || status == UMB_E_NO_MEMORY);
+        ok += status == UMB_OK;
+        umb_map_destroy(map);
+        assert_int_equal(failing.out, 0);
+    }
+    assert_true(ok >= 2 && ok < 8); /* shrinking may fail without harm */
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(transmittance_equals_the_product_and_links_change_no_bit),
+        cmocka_unit_test(opaque_fragments_give_exactly_the_binary_answer),
+        cmocka_unit_test(truncation_costs_less_than_epsilon_and_saves_nodes),
+        cmocka_unit_test(products_underflow_to_darkness_and_equal_depths_are_one_step),
+        cmocka_unit_test(an_exponent_fades_the_last_step_in),
+        cmocka_unit_test(walking_ends_where_searching_does_from_any_guess),
+        cmocka_unit_test(fragments_from_strangers_are_refused_by_name),
+        cmocka_unit_test(short_memory_is_a_status_and_leaks_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
