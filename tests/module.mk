@@ -57,6 +57,10 @@ check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a
 system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) $(RUN) $(SYSTEM_TESTS)
 
+# The random cases of segments, columns and boxes in full.
+questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
+	@for t in $^; do UMBRAGE_CASES=1000000 timeout 600 $$t || exit 1; done
+
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:
 	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
@@ -83,7 +87,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check system sanitize sanitize-one test layers lint format
+.PHONY: unit check questions system sanitize sanitize-one test layers lint format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

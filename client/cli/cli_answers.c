@@ -26,37 +26,75 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
     return status;
 }
 
-static void put_text(FILE *file, const float *values, size_t count)
+static float float_at(const void *values, size_t i)
+{
+    return ((const float *)values)[i];
+}
+
+static void put_text(FILE *file, const void *const *values, size_t light_count, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        (void)fprintf(file, "%.9g\n", (double)values[i]);
+        for (size_t k = 0; k < light_count; k++) {
+            (void)fprintf(file, k == 0 ? "%.9g" : " %.9g", (double)float_at(values[k], i));
+        }
+        (void)fputc('\n', file);
     }
 }
 
-static void put_json(struct umbc_json *json, const float *values, size_t count)
+static void put_json_value(struct umbc_json *json, float value)
+{
+    if (json->needs_comma) {
+        (void)fputc(',', json->file);
+    }
+    if (isfinite(value)) {
+        (void)fprintf(json->file, "%.9g", (double)value);
+    } else {
+        (void)fputs("null", json->file); /* only a broken daemon says so; JSON has no NaN */
+    }
+    json->needs_comma = true;
+}
+
+static void put_json(struct umbc_json *json, const void *const *values, size_t light_count,
+                     size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        if (json->needs_comma) {
-            (void)fputc(',', json->file);
+        if (light_count > 1) {
+            umbc_json_begin(json, NULL, '[');
         }
-        if (isfinite(values[i])) {
-            (void)fprintf(json->file, "%.9g", (double)values[i]);
-        } else {
-            (void)fputs("null", json->file); /* only a broken daemon says so; JSON has no NaN */
+        for (size_t k = 0; k < light_count; k++) {
+            put_json_value(json, float_at(values[k], i));
         }
-        json->needs_comma = true;
+        if (light_count > 1) {
+            umbc_json_end(json, ']');
+        }
     }
 }
 
-bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count)
+static void put_raw(FILE *file, enum umb_answer_format format, const void *const *values,
+                    size_t light_count, size_t count)
+{
+    if (light_count == 1) {
+        (void)fwrite(values[0], 1, umb_answer_bytes(format, count), file);
+        return;
+    }
+    size_t bytes = umb_answer_bytes(format, 1);
+    for (size_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < light_count; k++) {
+            (void)fwrite((const uint8_t *)values[k] + i * bytes, 1, bytes, file);
+        }
+    }
+}
+
+bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, size_t light_count,
+                      size_t count)
 {
     FILE *file = answers->output.file;
     if (is_raw(answers)) {
-        (void)fwrite(values, 1, umb_answer_bytes(answers->options->settings.format, count), file);
+        put_raw(file, answers->options->settings.format, values, light_count, count);
     } else if (answers->options->json) {
-        put_json(&answers->json, values, count);
+        put_json(&answers->json, values, light_count, count);
     } else {
-        put_text(file, values, count);
+        put_text(file, values, light_count, count);
     }
     return !ferror(file);
 }
@@ -139,7 +177,15 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(total->asset_id, id);
     umbc_json_text(json, "asset", id);
-    umbc_json_integer(json, "light", answers->options->settings.light);
+    if (total->light_count == 1) {
+        umbc_json_integer(json, "light", total->lights[0]);
+    } else {
+        umbc_json_begin(json, "lights", '[');
+        for (size_t k = 0; k < total->light_count; k++) {
+            umbc_json_integer(json, NULL, total->lights[k]);
+        }
+        umbc_json_end(json, ']');
+    }
     umbc_json_integer(json, "taps", answers->options->settings.taps);
     umbc_json_integer(json, "points", total->points);
     umbc_json_begin(json, "stats", '{');

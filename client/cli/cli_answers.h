@@ -16,6 +16,8 @@ struct umbc_query_total {
     uint64_t server_ns; /* CPU time of the daemon, 0 for a file */
     double seconds;     /* from the first batch to the last */
     uint64_t points;
+    const uint32_t *lights; /* [light_count] */
+    size_t light_count;
 };
 
 struct umbc_answers {
@@ -28,8 +30,15 @@ UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *
                                                struct umbc_answers *answers,
                                                struct umb_error *error);
 
-/* Writes `count` answers; values in the encoding's format, float for text. False: cannot write. */
-bool umbc_answers_put(struct umbc_answers *answers, const void *values, size_t count);
+/*
+ * Writes the answers of `count` points.
+ *
+ * In: values: [light_count], for each light `count` values in the encoding's format, float for
+ * text. Several lights stand side by side: on a line, in an array of JSON, one after the other in
+ * raw bytes (not as bits). Returns false if it cannot write.
+ */
+bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, size_t light_count,
+                      size_t count);
 
 /* Writes how point `number` was answered. */
 void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float value,

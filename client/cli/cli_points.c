@@ -168,15 +168,16 @@ static enum umb_status parse_line(const struct umbc_points *points, char *line, 
         }
         ++*count;
     }
-    if (*count != 0 && *count != 3 && *count != 6) {
-        return bad_line(points, line, length, at, "must have 3 or 6 numbers", error);
+    if (*count != 0 && *count != 6 && (*count != 3 || points->pairs)) {
+        return bad_line(points, line, length, at,
+                        points->pairs ? "must have 6 numbers" : "must have 3 or 6 numbers", error);
     }
     return UMB_OK;
 }
 
 /* Adds a text point; a batch gets normals as soon as one point has one, and a zero normal means
  * none (query.h). */
-static void add_point(struct umbc_batch *batch, const double values[6], bool has_normal)
+static void add_point(struct umbc_batch *batch, const double *values, bool has_normal)
 {
     size_t at = 3 * batch->count++;
     for (size_t i = 0; i < 3; i++) {
@@ -189,7 +190,7 @@ static void add_point(struct umbc_batch *batch, const double values[6], bool has
 static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *batch,
                                  struct umb_error *error)
 {
-    while (batch->count < batch->capacity) {
+    while (batch->count + points->pairs < batch->capacity) {
         char *line;
         size_t length;
         double values[6];
@@ -203,13 +204,16 @@ static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *
             return status;
         }
         if (count > 0) {
-            add_point(batch, values, count == 6);
+            add_point(batch, values, count == 6 && !points->pairs);
+        }
+        if (count > 0 && points->pairs) {
+            add_point(batch, values + 3, false);
         }
     }
     return UMB_OK;
 }
 
-/* Takes one record of numbers; false if a coordinate is not finite. */
+/* Takes one point and its normal; false if a coordinate is not finite. */
 static bool add_record(const struct umbc_points *points, const uint8_t *bytes,
                        struct umbc_batch *batch)
 {
@@ -238,9 +242,9 @@ static bool add_record(const struct umbc_points *points, const uint8_t *bytes,
 static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *batch,
                                 struct umb_error *error)
 {
-    size_t record =
-        (points->with_normals ? 6U : 3U) * (points->format == UMBC_POINTS_F64 ? 8U : 4U);
-    while (batch->count < batch->capacity) {
+    size_t record = (points->with_normals || points->pairs ? 6U : 3U) *
+                    (points->format == UMBC_POINTS_F64 ? 8U : 4U);
+    while (batch->count + points->pairs < batch->capacity) {
         if (points->end - points->begin < record) {
             if (!points->ended) {
                 enum umb_status status = fill_buffer(points, error);
@@ -258,10 +262,15 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
         }
         const uint8_t *bytes = (const uint8_t *)points->buffer + points->begin;
         points->begin += record;
-        if (!add_record(points, bytes, batch)) {
-            return umb_fail(error, UMB_E_FORMAT,
-                            "%.120s: point %llu has a coordinate that is not finite", points->name,
-                            (unsigned long long)(batch->first + batch->count - 1));
+        bool finite = add_record(points, bytes, batch);
+        if (points->pairs) {
+            finite = add_record(points, bytes + record / 2, batch) && finite;
+        }
+        if (!finite) {
+            return umb_fail(
+                error, UMB_E_FORMAT, "%.120s: %s %llu has a coordinate that is not finite",
+                points->name, points->pairs ? "record" : "point",
+                (unsigned long long)((batch->first + batch->count - 1) >> points->pairs));
         }
     }
     return UMB_OK;

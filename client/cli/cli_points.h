@@ -30,6 +30,8 @@ struct umbc_points {
     const char *name; /* borrowed; "stdin" for "-" */
     enum umbc_points_format format;
     bool with_normals; /* raw: six numbers a point */
+    bool pairs;        /* six numbers are two points: ends of a segment, corners of a box; set it
+                          before the first read; batches then hold whole pairs */
     uint64_t line;     /* text: number of the last line read */
     uint64_t offset;   /* bytes read */
     uint64_t size;     /* of the file, 0 = not known */

@@ -15,6 +15,7 @@
 #include <string.h>
 #include "cli_answers.h"
 #include "cli_progress.h"
+#include "cli_query_volume.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
 
@@ -24,19 +25,21 @@ struct slot {
     struct job *job;
     struct umbc_batch batch;
     struct umb_points points; /* view of batch */
-    void *values;
-    bool done; /* under the job's lock */
+    void **values;            /* [light_count], answers for each light */
+    bool done;                /* under the job's lock */
     struct umb_error error;
-    struct umb_query_stats stats;
+    struct umb_query_stats *stats; /* [light_count] */
     uint8_t asset_id[UMB_ID_BYTES];
     uint64_t server_ns;
 };
 
 struct job {
     const struct umbc_query_options *options;
-    struct umb_asset *asset; /* a file ... */
-    bool bad_file;           /* ... that could not be opened */
-    struct umb_query query;
+    struct umb_asset *asset;   /* a file ... */
+    bool bad_file;             /* ... that could not be opened */
+    struct umb_query *queries; /* [light_count], of the file */
+    uint32_t *lights;          /* [light_count] */
+    size_t light_count;
     struct umb_client *client; /* ... or a daemon */
     struct umbc_points source;
     struct umbc_answers answers;
@@ -62,11 +65,11 @@ static void add_stats(struct umb_query_stats *sum, const struct umb_query_stats 
 /* Answers a slot from the file, here and now. */
 static void answer_here(struct job *job, struct slot *slot)
 {
-    struct umb_answers answers = {.values = slot->values};
+    struct umb_light_answers answers = {.values = slot->values, .stats = slot->stats};
     slot->error.status = umb_points_check(&slot->points, &slot->error);
     if (slot->error.status == UMB_OK) {
-        umb_query_run(&job->query, &slot->points, 0, slot->points.count, &answers);
-        slot->stats = answers.stats;
+        umb_query_run_lights(job->queries, job->light_count, &slot->points, 0, slot->points.count,
+                             &answers);
     } else {
         slot->error.status = UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
@@ -79,9 +82,9 @@ static void on_answered(void *user, enum umb_status status,
 {
     struct slot *slot = user;
     if (status == UMB_OK) {
-        memcpy(slot->values, reply->values, reply->value_bytes);
+        memcpy(slot->values[0], reply->values, reply->value_bytes);
         memcpy(slot->asset_id, reply->asset_id, sizeof slot->asset_id);
-        slot->stats = reply->stats;
+        slot->stats[0] = reply->stats;
         slot->server_ns = reply->nanoseconds;
     } else {
         slot->error = *error;
@@ -97,7 +100,7 @@ static enum umb_status start_slot(struct job *job, struct slot *slot, struct umb
 {
     slot->done = false;
     memset(&slot->error, 0, sizeof slot->error);
-    memset(&slot->stats, 0, sizeof slot->stats);
+    memset(slot->stats, 0, job->light_count * sizeof *slot->stats);
     slot->points = umbc_batch_view(&slot->batch, job->options->format, job->options->origin);
     if (job->client == NULL) {
         answer_here(job, slot);
@@ -114,11 +117,11 @@ static enum umb_status start_slot(struct job *job, struct slot *slot, struct umb
 
 static void explain_slot(struct job *job, struct slot *slot)
 {
-    const float *values = slot->values;
+    const float *values = slot->values[0];
     for (size_t i = 0; i < slot->batch.count; i++) {
         struct umb_explanation explanation;
         memset(&explanation, 0, sizeof explanation);
-        umb_query_explain(&job->query, &slot->points, i, &explanation);
+        umb_query_explain(&job->queries[0], &slot->points, i, &explanation);
         umbc_answers_explain(&job->answers, slot->batch.first + i, values[i], &explanation);
     }
 }
@@ -150,12 +153,15 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
         }
         memcpy(job->total.asset_id, slot->asset_id, UMB_ID_BYTES);
     }
-    add_stats(&job->total.stats, &slot->stats);
+    for (size_t k = 0; k < job->light_count; k++) {
+        add_stats(&job->total.stats, &slot->stats[k]);
+    }
     job->total.server_ns += slot->server_ns;
     job->total.points += slot->batch.count;
     if (job->options->explain) {
         explain_slot(job, slot);
-    } else if (!umbc_answers_put(&job->answers, slot->values, slot->batch.count)) {
+    } else if (!umbc_answers_put(&job->answers, (const void *const *)slot->values, job->light_count,
+                                 slot->batch.count)) {
         return umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
     umbc_progress_show(&job->progress, job->total.points, fraction_read(&job->source));
@@ -205,11 +211,45 @@ static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
     return status;
 }
 
+/* The lights that are asked, those of the options or all that the asset has. */
+static enum umb_status choose_lights(struct job *job, struct umb_error *error)
+{
+    const struct umbc_query_options *options = job->options;
+    struct umb_asset_info info = {.light_count = 0};
+    if (job->asset != NULL) {
+        umb_asset_get_info(job->asset, &info);
+    }
+    job->light_count = options->all_lights ? info.light_count : options->light_count;
+    job->lights = calloc(job->light_count + 1, sizeof *job->lights);
+    job->queries = calloc(job->light_count + 1, sizeof *job->queries);
+    if (job->lights == NULL || job->queries == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu lights", job->light_count);
+    }
+    for (size_t k = 0; k < job->light_count; k++) {
+        job->lights[k] = options->all_lights ? (uint32_t)k : options->lights[k];
+    }
+    job->total.lights = job->lights;
+    job->total.light_count = job->light_count;
+    return UMB_OK;
+}
+
+static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
+{
+    struct umb_query_settings settings = job->options->settings;
+    enum umb_status status = UMB_OK;
+    for (size_t k = 0; status == UMB_OK && k < job->light_count; k++) {
+        settings.light = job->lights[k];
+        status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
+    }
+    return status;
+}
+
 static enum umb_status open_target(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     if (!umbc_is_file(options->target)) {
-        return umbc_connect(options->address, &job->client, error);
+        enum umb_status status = choose_lights(job, error);
+        return status == UMB_OK ? umbc_connect(options->address, &job->client, error) : status;
     }
     struct umb_asset_info info;
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
@@ -219,26 +259,38 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
     }
     umb_asset_get_info(job->asset, &info);
     memcpy(job->total.asset_id, info.id, UMB_ID_BYTES);
-    return umb_query_prepare(job->asset, &options->settings, &job->query, error);
+    status = choose_lights(job, error);
+    return status == UMB_OK ? prepare_lights(job, error) : status;
+}
+
+static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_error *error)
+{
+    size_t batch = job->options->batch;
+    enum umb_status status = umbc_batch_init(&slot->batch, batch, job->options->format, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    slot->job = job;
+    slot->stats = calloc(job->light_count + 1, sizeof *slot->stats);
+    slot->values = calloc(job->light_count + 1, sizeof *slot->values);
+    bool good = slot->stats != NULL && slot->values != NULL;
+    for (size_t k = 0; good && k < job->light_count; k++) {
+        slot->values[k] = calloc(batch, sizeof(float)); /* the widest answer */
+        good = slot->values[k] != NULL;
+    }
+    return good ? UMB_OK
+                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers of %zu lights",
+                           batch, job->light_count);
 }
 
 static enum umb_status open_slots(struct job *job, struct umb_error *error)
 {
+    enum umb_status status = UMB_OK;
     job->slot_count = job->client != NULL ? SLOTS : 1;
-    size_t batch = job->options->batch;
-    for (size_t i = 0; i < job->slot_count; i++) {
-        struct slot *slot = &job->slots[i];
-        slot->job = job;
-        enum umb_status status = umbc_batch_init(&slot->batch, batch, job->options->format, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        slot->values = calloc(batch, sizeof(float)); /* the widest answer */
-        if (slot->values == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers", batch);
-        }
+    for (size_t i = 0; status == UMB_OK && i < job->slot_count; i++) {
+        status = open_slot(job, &job->slots[i], error);
     }
-    return UMB_OK;
+    return status;
 }
 
 static enum umb_status run_job(struct job *job, struct umb_error *error)
@@ -268,15 +320,26 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     return status == UMB_OK ? umbc_answers_end(&job->answers, &job->total, error) : status;
 }
 
+static void close_slot(struct job *job, struct slot *slot)
+{
+    umbc_batch_finish(&slot->batch);
+    for (size_t k = 0; slot->values != NULL && k < job->light_count; k++) {
+        free(slot->values[k]);
+    }
+    free(slot->values);
+    free(slot->stats);
+}
+
 static void close_job(struct job *job)
 {
     umb_client_close(job->client); /* first: its thread may still write into slots */
     umbc_answers_abandon(&job->answers);
     umbc_points_close(&job->source);
     for (size_t i = 0; i < SLOTS; i++) {
-        umbc_batch_finish(&job->slots[i].batch);
-        free(job->slots[i].values);
+        close_slot(job, &job->slots[i]);
     }
+    free(job->queries);
+    free(job->lights);
     umb_asset_close(job->asset);
     (void)pthread_cond_destroy(&job->changed);
     (void)pthread_mutex_destroy(&job->lock);
@@ -301,6 +364,9 @@ int umbc_query(int argc, char **argv)
     int code = umbc_query_options_parse(argc, argv, &options);
     if (code >= 0) {
         return code;
+    }
+    if (options.question != UMBC_QUESTION_POINTS) {
+        return umbc_query_volume(&options);
     }
     struct job *job = calloc(1, sizeof *job);
     if (job == NULL || pthread_mutex_init(&job->lock, NULL) != 0) {

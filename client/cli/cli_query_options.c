@@ -10,6 +10,9 @@
 
 enum query_option {
     OPTION_POINTS,
+    OPTION_SEGMENTS,
+    OPTION_COLUMNS,
+    OPTION_BOXES,
     OPTION_FORMAT,
     OPTION_NORMALS,
     OPTION_ORIGIN,
@@ -27,12 +30,20 @@ enum query_option {
 };
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_POINTS] = {"points", "FILE|-", "points to ask for; - is stdin; needed", 0},
+    [OPTION_POINTS] = {"points", "FILE|-", "points to ask for; - is stdin", 0},
+    [OPTION_SEGMENTS] = {"segments", "FILE|-",
+                         "segments x0 y0 z0 x1 y1 z1: lit share, then its lit stretches", 0},
+    [OPTION_COLUMNS] = {"columns", "FILE|-",
+                        "points: metres from each along the light to its column's first occluder",
+                        0},
+    [OPTION_BOXES] = {"boxes", "FILE|-",
+                      "boxes x0 y0 z0 x1 y1 z1: the lit share of the voxels inside", 0},
     [OPTION_FORMAT] = {"format", "FORMAT", "text (default), f32 or f64: raw little-endian x y z",
                        0},
     [OPTION_NORMALS] = {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", 0},
     [OPTION_ORIGIN] = {"origin", "X,Y,Z", "metres, added to every point", 0},
-    [OPTION_LIGHT] = {"light", "N", "index of the light, default 0", 0},
+    [OPTION_LIGHT] = {"light", "N,...|all",
+                      "index of the light, default 0; several: an answer each, side by side", 0},
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
@@ -47,12 +58,14 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
 };
 
 static const struct umbc_command COMMAND = {
-    .usage = "umbrage query FILE|ASSET --points FILE|- [options]",
+    .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
+             "       umbrage query FILE --segments|--columns|--boxes FILE|- [options]",
     .summary =
         "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to 1 (lit),\n"
         "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
         ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
-        "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.",
+        "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.\n"
+        "Segments, columns and boxes are answered from files, exactly, voxel by voxel.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .min_words = 1,
@@ -155,16 +168,45 @@ static int take_bias(const char *text, struct umb_query_settings *settings)
                             text);
 }
 
+/* "all", or indices between commas. */
+static int take_lights(const char *text, struct umbc_query_options *options)
+{
+    if (strcmp(text, "all") == 0) {
+        options->all_lights = true;
+        return -1;
+    }
+    for (const char *at = text;; at++) {
+        char number[16];
+        unsigned long long value;
+        size_t length = strcspn(at, ",");
+        if (length >= sizeof number) {
+            break;
+        }
+        memcpy(number, at, length);
+        number[length] = '\0';
+        if (!umbc_parse_count(number, UINT32_MAX, &value)) {
+            break;
+        }
+        if (options->light_count == UMBC_QUERY_LIGHTS_MAX) {
+            return umbc_usage_error("query: --light takes at most %d lights",
+                                    UMBC_QUERY_LIGHTS_MAX);
+        }
+        options->lights[options->light_count++] = (uint32_t)value;
+        at += length;
+        if (*at == '\0') {
+            options->settings.light = options->lights[0];
+            return -1;
+        }
+    }
+    return umbc_usage_error("query: --light '%s' is not the index of a light, a list of them, or "
+                            "all",
+                            text);
+}
+
 static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
     unsigned long long value;
-    const char *text = parsed->values[OPTION_LIGHT];
-    if (text != NULL) {
-        if (!umbc_parse_count(text, UINT32_MAX, &value)) {
-            return umbc_usage_error("query: --light '%s' is not the index of a light", text);
-        }
-        options->settings.light = (uint32_t)value;
-    }
+    const char *text;
     options->settings.taps = 1;
     text = parsed->values[OPTION_TAPS];
     if (text != NULL) {
@@ -182,6 +224,69 @@ static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_optio
         }
         /* Bits of two batches never share a byte. */
         options->batch = ((size_t)value + 7) / 8 * 8;
+    }
+    return -1;
+}
+
+/* Several lights: here and now, and as text or whole numbers of bytes. */
+static int check_lights(const struct umbc_query_options *options)
+{
+    if (!options->all_lights && options->light_count == 1) {
+        return -1;
+    }
+    if (options->question != UMBC_QUESTION_POINTS) {
+        return umbc_usage_error("query: segments, columns and boxes take one --light");
+    }
+    if (!umbc_is_file(options->target)) {
+        return umbc_usage_error("query: several lights work on files only, '%s' is an asset",
+                                options->target);
+    }
+    if (options->explain || options->encoding == UMBC_ENCODING_BIT) {
+        return umbc_usage_error("query: several lights go with neither --explain nor --encoding "
+                                "bit");
+    }
+    return -1;
+}
+
+/* Segments, columns and boxes have no filter, no bias, and answers of more than one number. */
+static int check_question(const struct umbc_parsed *parsed,
+                          const struct umbc_query_options *options)
+{
+    static const enum query_option refused[] = {OPTION_NORMALS, OPTION_TAPS,     OPTION_BIAS,
+                                                OPTION_ADDRESS, OPTION_ENCODING, OPTION_EXPLAIN};
+    static const char *const names[] = {"points", "segments", "columns", "boxes"};
+    if (options->question == UMBC_QUESTION_POINTS) {
+        return -1;
+    }
+    for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
+        if (parsed->values[refused[i]] != NULL) {
+            return umbc_usage_error("query: --%s does not go with --%s", OPTIONS[refused[i]].name,
+                                    names[options->question]);
+        }
+    }
+    if (!umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
+                                names[options->question], options->target);
+    }
+    return -1;
+}
+
+/* Exactly one of --points, --segments, --columns and --boxes. */
+static int take_question(const struct umbc_parsed *parsed, struct umbc_query_options *options)
+{
+    for (int i = OPTION_POINTS; i <= OPTION_BOXES; i++) {
+        const char *file = parsed->values[i];
+        if (file != NULL && options->points != NULL) {
+            return umbc_usage_error("query: one of --points, --segments, --columns and --boxes");
+        }
+        if (file != NULL) {
+            options->points = file;
+            options->question = (enum umbc_question)(i - OPTION_POINTS);
+        }
+    }
+    if (options->points == NULL) {
+        return umbc_usage_error("query: --points FILE or --points - is needed, or --segments, "
+                                "--columns or --boxes");
     }
     return -1;
 }
@@ -212,15 +317,14 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     options->target = parsed.words[0];
     options->address = parsed.values[OPTION_ADDRESS];
-    options->points = parsed.values[OPTION_POINTS];
     options->out = parsed.values[OPTION_OUT] != NULL ? parsed.values[OPTION_OUT] : "-";
     options->explain = parsed.values[OPTION_EXPLAIN] != NULL;
     options->json = parsed.values[OPTION_JSON] != NULL;
     options->quiet = parsed.values[OPTION_QUIET] != NULL;
-    if (options->points == NULL) {
-        return umbc_usage_error("query: --points FILE or --points - is needed");
+    code = take_question(&parsed, options);
+    if (code < 0) {
+        code = take_formats(&parsed, options);
     }
-    code = take_formats(&parsed, options);
     if (code < 0 && parsed.values[OPTION_ORIGIN] != NULL) {
         code = take_origin(parsed.values[OPTION_ORIGIN], options->origin);
     }
@@ -229,6 +333,16 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     if (code < 0) {
         code = take_counts(&parsed, options);
+    }
+    if (code < 0) {
+        const char *lights = parsed.values[OPTION_LIGHT];
+        code = take_lights(lights != NULL ? lights : "0", options);
+    }
+    if (code < 0) {
+        code = check_question(&parsed, options);
+    }
+    if (code < 0) {
+        code = check_lights(options);
     }
     return code < 0 ? check_together(options) : code;
 }

@@ -12,13 +12,27 @@ enum umbc_encoding {
     UMBC_ENCODING_BIT,
 };
 
+/* What the input's records are. */
+enum umbc_question {
+    UMBC_QUESTION_POINTS,
+    UMBC_QUESTION_SEGMENTS, /* two ends */
+    UMBC_QUESTION_COLUMNS,  /* a point of the column */
+    UMBC_QUESTION_BOXES,    /* two corners */
+};
+
+#define UMBC_QUERY_LIGHTS_MAX 256
+
 struct umbc_query_options {
     const char *target;  /* FILE or ASSET */
     const char *address; /* NULL = default */
-    const char *points;  /* file or "-" */
+    enum umbc_question question;
+    const char *points; /* file or "-": the records */
     enum umbc_points_format format;
     bool with_normals;
-    struct umb_query_settings settings;
+    struct umb_query_settings settings; /* of the first light */
+    uint32_t lights[UMBC_QUERY_LIGHTS_MAX];
+    size_t light_count;
+    bool all_lights; /* of the asset; then light_count is 0 */
     double origin[3];
     size_t batch; /* points, a multiple of 8 */
     const char *out;

@@ -209,6 +209,30 @@ check "no points, no answers" test ! -s out
 "$BUILD/umbrage" query city.umb --points bytes --format f32 --quiet >/dev/full 2>err
 same "a full stdout is 74" 74 $?
 
+# --- query: segments, columns, boxes, several lights ---
+printf '0 50 0 0 -5 0\n-20 10 -3 20 10 -3\n1 1 1 1 1 1\n' >pairs
+try 0 umbrage query city.umb --segments pairs
+same "three segments, three lines" 3 "$(wc -l <out | tr -d ' ')"
+try 0 umbrage query city.umb --segments pairs --json --quiet
+check "segments have stretches" json out "['segments'][1]['stretches'][0][0]"
+try 0 umbrage query city.umb --boxes pairs --json --quiet
+same "a box of no volume has no voxel" 0 "$(json out "['boxes'][2]['voxels']")"
+same "  and no share" None "$(json out "['boxes'][2]['share']")"
+try 0 umbrage query arch.umb --columns points --quiet
+same "three columns, three lines" 3 "$(wc -l <out | tr -d ' ')"
+seq 1 200000 | sed 's/.*/0 0 0/' >many
+try 0 umbrage query arch.umb --columns many --quiet
+same "as many columns as points" 200000 "$(wc -l <out | tr -d ' ')"
+try 69 umbrage query city.umb --columns points
+one_sentence "--closed off"
+try 65 umbrage query city.umb --segments points
+one_sentence "points:1"
+try 66 umbrage query city.umb --boxes pairs --light 1
+try 0 umbrage query city.umb --points points --light 0,0 --quiet
+same "two lights, two answers a line" 6 "$(wc -w <out | tr -d ' ')"
+try 0 umbrage query city.umb --points points --light all --json --quiet
+same "all lights of one" 0 "$(json out "['light']")"
+
 # --- a daemon that is not there ---
 for address in tcp:127.0.0.1:1 "unix:$folder/none.sock"; do
     for command in list "info city" "query city --points points"; do

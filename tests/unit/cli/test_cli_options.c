@@ -179,10 +179,48 @@ static void query_options_are_taken(void **state)
     assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_NONE);
 }
 
+static void questions_and_lists_of_lights_are_taken(void **state)
+{
+    struct umbc_query_options parsed;
+    (void)state;
+    assert_int_equal(query("query a.umb --segments s --format f64 --light 2", &parsed), -1);
+    assert_int_equal(parsed.question, UMBC_QUESTION_SEGMENTS);
+    assert_string_equal(parsed.points, "s");
+    assert_int_equal(parsed.settings.light, 2);
+    assert_int_equal(query("query a.umb --columns -", &parsed), -1);
+    assert_int_equal(parsed.question, UMBC_QUESTION_COLUMNS);
+    assert_int_equal(query("query a.umb --boxes b", &parsed), -1);
+    assert_int_equal(parsed.question, UMBC_QUESTION_BOXES);
+    assert_int_equal(query("query a.umb --points p --light 4,0,7", &parsed), -1);
+    assert_int_equal(parsed.light_count, 3);
+    assert_int_equal(parsed.settings.light, 4);
+    assert_true(parsed.lights[0] == 4 && parsed.lights[1] == 0 && parsed.lights[2] == 7);
+    assert_int_equal(query("query a.umb --points p --light all --encoding u8", &parsed), -1);
+    assert_true(parsed.all_lights);
+    assert_int_equal(query("query a --points p", &parsed), -1);
+    assert_int_equal(parsed.light_count, 1);
+}
+
 static void bad_query_options_are_usage_errors(void **state)
 {
     static const char *const bad[] = {
         "query --points p",
+        "query a.umb --points p --segments p",
+        "query a.umb --boxes p --columns p",
+        "query a --segments p",
+        "query a.umb --segments p --taps 3",
+        "query a.umb --segments p --encoding f32",
+        "query a.umb --boxes p --explain",
+        "query a.umb --columns p --bias none",
+        "query a.umb --columns p --light 1,2",
+        "query a.umb --points p --light ''",
+        "query a.umb --points p --light 1,",
+        "query a.umb --points p --light ,1",
+        "query a.umb --points p --light 1,x",
+        "query a.umb --points p --light all,1",
+        "query a.umb --points p --light 1,2 --explain",
+        "query a.umb --points p --light all --encoding bit",
+        "query a --points p --light 1,2",
         "query a",
         "query a b --points p",
         "query a --points p --taps 2",
@@ -229,6 +267,7 @@ int main(void)
         cmocka_unit_test(files_are_told_from_assets),
         cmocka_unit_test(query_options_have_their_defaults),
         cmocka_unit_test(query_options_are_taken),
+        cmocka_unit_test(questions_and_lists_of_lights_are_taken),
         cmocka_unit_test(bad_query_options_are_usage_errors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -103,6 +103,37 @@ static void text_is_read_as_it_is_meant(void **state)
     }
 }
 
+static void pairs_stay_together_and_have_six_numbers(void **state)
+{
+    static const char text[] = "1 2 3 4 5 6\n# apart\n7 8 9 10 11 12.5\n";
+    static const double raw[12] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12.5};
+    const double origin[3] = {0, 0, 0};
+    (void)state;
+    for (int wide = 0; wide < 2; wide++) {
+        static struct umbc_points points;
+        enum umbc_points_format format = wide ? UMBC_POINTS_F64 : UMBC_POINTS_TEXT;
+        struct umbc_batch batch;
+        struct umb_error error;
+        double found[12];
+        size_t count = 0;
+        write_file(wide ? (const char *)raw : text, wide ? sizeof raw : sizeof text - 1);
+        assert_int_equal(umbc_points_open(path, format, false, &points, &error), UMB_OK);
+        points.pairs = true;
+        assert_int_equal(umbc_batch_init(&batch, 3, format, &error), UMB_OK); /* room for one */
+        while (umbc_points_read(&points, &batch, &error) == UMB_OK && batch.count > 0) {
+            struct umb_points view = umbc_batch_view(&batch, format, origin);
+            assert_int_equal(batch.count, 2);
+            assert_null(view.normals);
+            memcpy(found + 3 * count, view.positions, 6 * sizeof(double));
+            count += batch.count;
+        }
+        assert_int_equal(count, 4);
+        assert_memory_equal(found, raw, sizeof raw);
+        umbc_batch_finish(&batch);
+        umbc_points_close(&points);
+    }
+}
+
 static void bad_text_is_named_by_line_and_column(void **state)
 {
     static const struct {
@@ -240,6 +271,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_is_read_as_it_is_meant),
+        cmocka_unit_test(pairs_stay_together_and_have_six_numbers),
         cmocka_unit_test(bad_text_is_named_by_line_and_column),
         cmocka_unit_test(lines_may_cross_the_buffer_but_have_a_limit),
         cmocka_unit_test(raw_points_are_little_endian_numbers),

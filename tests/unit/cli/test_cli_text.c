@@ -95,8 +95,8 @@ static void answers_that_are_no_numbers_are_null_in_json(void **state)
     (void)state;
     assert_true(mkstemp(path) >= 0);
     assert_int_equal(umbc_answers_begin(&options, &answers, &error), UMB_OK);
-    assert_true(umbc_answers_put(&answers, values, 2));
-    assert_true(umbc_answers_put(&answers, values + 2, 1));
+    assert_true(umbc_answers_put(&answers, &(const void *){values}, 1, 2));
+    assert_true(umbc_answers_put(&answers, &(const void *){values + 2}, 1, 1));
     assert_int_equal(umbc_answers_end(&answers, &total, &error), UMB_OK);
     FILE *file = fopen(path, "r");
     assert_non_null(file);
@@ -104,6 +104,40 @@ static void answers_that_are_no_numbers_are_null_in_json(void **state)
     assert_memory_equal(content, "{\"answers\":[0.5,null,1],\"asset\":\"", 33);
     (void)fclose(file);
     (void)unlink(path);
+}
+
+static void several_lights_stand_side_by_side(void **state)
+{
+    static const struct {
+        struct umbc_query_options options;
+        const char *start;
+    } kinds[] = {
+        {{.encoding = UMBC_ENCODING_TEXT}, "0.5 0 1\n0.25 1 0.75\n"},
+        {{.json = true}, "{\"answers\":[[0.5,0,1],[0.25,1,0.75]],\"asset\":\""},
+    };
+    const float values[3][2] = {{0.5F, 0.25F}, {0, 1}, {1, 0.75F}};
+    const void *const planes[3] = {values[0], values[1], values[2]};
+    const uint32_t lights[3] = {4, 0, 2};
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        char path[] = "umbrage-answers-XXXXXX", content[400] = "";
+        struct umbc_query_options options = kinds[i].options;
+        struct umbc_query_total total = {.points = 2, .lights = lights, .light_count = 3};
+        struct umbc_answers answers;
+        struct umb_error error;
+        options.out = path;
+        assert_true(mkstemp(path) >= 0);
+        assert_int_equal(umbc_answers_begin(&options, &answers, &error), UMB_OK);
+        assert_true(umbc_answers_put(&answers, planes, 3, 2));
+        assert_int_equal(umbc_answers_end(&answers, &total, &error), UMB_OK);
+        FILE *file = fopen(path, "r");
+        assert_non_null(file);
+        assert_true(fread(content, 1, sizeof content - 1, file) > 0);
+        assert_memory_equal(content, kinds[i].start, strlen(kinds[i].start));
+        assert_true(!options.json || strstr(content, "\"lights\":[4,0,2]") != NULL);
+        (void)fclose(file);
+        (void)unlink(path);
+    }
 }
 
 static void outputs_appear_whole_or_not_at_all(void **state)
@@ -149,6 +183,7 @@ int main(void)
         cmocka_unit_test(json_is_utf8_whatever_it_is_given),
         cmocka_unit_test(text_from_strangers_commands_no_terminal),
         cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
+        cmocka_unit_test(several_lights_stand_side_by_side),
         cmocka_unit_test(outputs_appear_whole_or_not_at_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

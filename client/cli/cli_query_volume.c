@@ -1,0 +1,365 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Segments, columns and boxes from a file; see cli_query_volume.h. */
+#include "cli_query_volume.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include "cli_json.h"
+#include "cli_output.h"
+#include "cli_progress.h"
+#include "umbrage/volume.h"
+
+#define KEPT                                                                                       \
+    16 /* stretches kept of each segment; one with more is asked again with room for all           \
+        */
+
+struct job {
+    const struct umbc_query_options *options;
+    struct umb_asset *asset;
+    bool bad_file; /* the asset could not be opened */
+    struct umb_volume volume;
+    struct umbc_points source;
+    struct umbc_batch batch;
+    struct umbc_output output;
+    struct umbc_json json;
+    struct umb_segment_answers segments;
+    struct umb_column_answers columns;
+    struct umb_box_answers boxes;
+    struct umb_box *corners;
+    struct umb_volume_stats stats;
+    uint64_t count;
+};
+
+/* Also for each record: a name in JSON. */
+static const char *const NAMES[] = {"points", "segments", "columns", "boxes"};
+
+static void add_stats(struct umb_volume_stats *sum, struct umb_volume_stats *part)
+{
+    sum->nodes += part->nodes;
+    sum->bricks += part->bricks;
+    memset(part, 0, sizeof *part);
+}
+
+static void put_segment(struct job *job, const struct umb_segment_answer *answer,
+                        const struct umb_stretch *stretches)
+{
+    if (!job->options->json) {
+        (void)fprintf(job->output.file, "%.9g", answer->lit);
+        for (uint64_t k = 0; k < answer->stretch_count; k++) {
+            (void)fprintf(job->output.file, " %.9g %.9g", stretches[k].begin, stretches[k].end);
+        }
+        (void)fputc('\n', job->output.file);
+        return;
+    }
+    umbc_json_begin(&job->json, NULL, '{');
+    umbc_json_number(&job->json, "lit", answer->lit);
+    umbc_json_number(&job->json, "lit_m", answer->lit_m);
+    umbc_json_begin(&job->json, "stretches", '[');
+    for (uint64_t k = 0; k < answer->stretch_count; k++) {
+        umbc_json_begin(&job->json, NULL, '[');
+        umbc_json_number(&job->json, NULL, stretches[k].begin);
+        umbc_json_number(&job->json, NULL, stretches[k].end);
+        umbc_json_end(&job->json, ']');
+    }
+    umbc_json_end(&job->json, ']');
+    umbc_json_end(&job->json, '}');
+}
+
+/* A segment of more stretches than fit: once more, with room for all. */
+static enum umb_status put_long_segment(struct job *job, const struct umb_segments *segments,
+                                        size_t i, struct umb_error *error)
+{
+    struct umb_segment_answer answer = job->segments.segments[i];
+    size_t scalar = segments->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
+    struct umb_segments one = *segments;
+    struct umb_segment_answers all = {.segments = &answer,
+                                      .stretch_max = (size_t)answer.stretch_count};
+    one.ends = (const uint8_t *)segments->ends + 6 * i * scalar;
+    one.count = 1;
+    all.stretches = calloc(all.stretch_max, sizeof *all.stretches);
+    if (all.stretches == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu stretches", all.stretch_max);
+    }
+    umb_segments_run(&job->volume, &one, 0, 1, &all);
+    put_segment(job, &answer, all.stretches);
+    free(all.stretches);
+    return UMB_OK;
+}
+
+static enum umb_status ask_segments(struct job *job, struct umb_error *error)
+{
+    struct umb_points ends =
+        umbc_batch_view(&job->batch, job->options->format, job->options->origin);
+    struct umb_segments segments = {
+        .ends = ends.positions, .format = ends.format, .count = ends.count / 2};
+    memcpy(segments.origin, ends.origin, sizeof segments.origin);
+    enum umb_status status = umb_segments_check(&segments, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_segments_run(&job->volume, &segments, 0, segments.count, &job->segments);
+    for (size_t i = 0; status == UMB_OK && i < segments.count; i++) {
+        if (job->segments.segments[i].stretch_count > KEPT) {
+            status = put_long_segment(job, &segments, i, error);
+        } else {
+            put_segment(job, &job->segments.segments[i], job->segments.stretches + i * KEPT);
+        }
+    }
+    job->count += segments.count;
+    add_stats(&job->stats, &job->segments.stats);
+    return status;
+}
+
+static enum umb_status ask_columns(struct job *job, struct umb_error *error)
+{
+    struct umb_points points =
+        umbc_batch_view(&job->batch, job->options->format, job->options->origin);
+    enum umb_status status = umb_points_check(&points, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_columns_run(&job->volume, &points, 0, points.count, &job->columns);
+    for (size_t i = 0; i < points.count; i++) {
+        const struct umb_column_answer *answer = &job->columns.columns[i];
+        if (!job->options->json) {
+            (void)fprintf(job->output.file, "%.9g\n", answer->distance_m);
+            continue;
+        }
+        umbc_json_begin(&job->json, NULL, '{');
+        umbc_json_number(&job->json, "distance_m", answer->distance_m);
+        umbc_json_integer(&job->json, "lit", answer->lit);
+        umbc_json_bool(&job->json, "outside", answer->outside != 0);
+        umbc_json_end(&job->json, '}');
+    }
+    job->count += points.count;
+    add_stats(&job->stats, &job->columns.stats);
+    return UMB_OK;
+}
+
+/* Corners of a pair of points, in either order of each coordinate. */
+static struct umb_box corners_of(const struct job *job, size_t i)
+{
+    struct umb_box box;
+    for (size_t k = 0; k < 3; k++) {
+        double corner[2];
+        for (size_t c = 0; c < 2; c++) {
+            size_t at = 6 * i + 3 * c + k;
+            corner[c] =
+                job->options->origin[k] +
+                (job->batch.wide != NULL ? job->batch.wide[at] : (double)job->batch.narrow[at]);
+        }
+        box.min[k] = corner[0] < corner[1] ? corner[0] : corner[1];
+        box.max[k] = corner[0] < corner[1] ? corner[1] : corner[0];
+    }
+    return box;
+}
+
+static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
+{
+    size_t count = job->batch.count / 2;
+    for (size_t i = 0; i < count; i++) {
+        job->corners[i] = corners_of(job, i);
+    }
+    enum umb_status status = umb_boxes_check(job->corners, count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_boxes_run(&job->volume, job->corners, 0, count, &job->boxes);
+    for (size_t i = 0; i < count; i++) {
+        const struct umb_box_answer *answer = &job->boxes.boxes[i];
+        /* Without a voxel there is no share: nan, null in JSON. */
+        double share = (double)answer->lit / (double)answer->voxels;
+        if (!job->options->json) {
+            (void)fprintf(job->output.file, answer->voxels ? "%.9g\n" : "nan\n", share);
+            continue;
+        }
+        umbc_json_begin(&job->json, NULL, '{');
+        umbc_json_number(&job->json, "share", share);
+        umbc_json_integer(&job->json, "lit", answer->lit);
+        umbc_json_integer(&job->json, "voxels", answer->voxels);
+        umbc_json_end(&job->json, '}');
+    }
+    job->count += count;
+    add_stats(&job->stats, &job->boxes.stats);
+    return UMB_OK;
+}
+
+static enum umb_status ask_batch(struct job *job, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    switch (job->options->question) {
+    case UMBC_QUESTION_SEGMENTS:
+        status = ask_segments(job, error);
+        break;
+    case UMBC_QUESTION_COLUMNS:
+        status = ask_columns(job, error);
+        break;
+    default:
+        status = ask_boxes(job, error);
+        break;
+    }
+    if (status == UMB_E_ARGUMENT) {
+        return UMB_E_FORMAT; /* the input's fault, not the command line's */
+    }
+    if (status == UMB_OK && ferror(job->output.file)) {
+        status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
+    }
+    return status;
+}
+
+static enum umb_status open_asset(struct job *job, struct umb_error *error)
+{
+    const struct umbc_query_options *options = job->options;
+    struct umb_asset_info info;
+    enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
+    if (status != UMB_OK) {
+        job->bad_file = true;
+        return status;
+    }
+    umb_asset_get_info(job->asset, &info);
+    uint32_t light = options->settings.light;
+    if (options->all_lights && info.light_count != 1) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "light: all, but segments, columns and boxes take "
+                        "one, and the asset has %u",
+                        info.light_count);
+    }
+    status = umb_volume_prepare(job->asset, light, &job->volume, error);
+    if (status == UMB_OK && options->question == UMBC_QUESTION_COLUMNS) {
+        status = umb_columns_check(&job->volume, error);
+    }
+    return status;
+}
+
+static enum umb_status open_answers(struct job *job, struct umb_error *error)
+{
+    size_t count = job->options->batch;
+    bool good = true;
+    switch (job->options->question) {
+    case UMBC_QUESTION_SEGMENTS:
+        job->segments.segments = calloc(count, sizeof *job->segments.segments);
+        job->segments.stretches = calloc(count, KEPT * sizeof *job->segments.stretches);
+        job->segments.stretch_max = KEPT;
+        good = job->segments.segments != NULL && job->segments.stretches != NULL;
+        break;
+    case UMBC_QUESTION_COLUMNS:
+        job->columns.columns = calloc(count, sizeof *job->columns.columns);
+        good = job->columns.columns != NULL;
+        break;
+    default:
+        job->corners = calloc(count, sizeof *job->corners);
+        job->boxes.boxes = calloc(count, sizeof *job->boxes.boxes);
+        good = job->corners != NULL && job->boxes.boxes != NULL;
+        break;
+    }
+    if (!good) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers", count);
+    }
+    return umbc_batch_init(&job->batch, job->source.pairs ? 2 * count : count, job->options->format,
+                           error);
+}
+
+static void end_json(struct job *job)
+{
+    struct umb_asset_info info;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_asset_get_info(job->asset, &info);
+    umb_id_to_text(info.id, id);
+    umbc_json_end(&job->json, ']');
+    umbc_json_text(&job->json, "asset", id);
+    umbc_json_integer(&job->json, "light", job->options->settings.light);
+    umbc_json_integer(&job->json, "count", job->count);
+    umbc_json_begin(&job->json, "stats", '{');
+    umbc_json_integer(&job->json, "nodes", job->stats.nodes);
+    umbc_json_integer(&job->json, "bricks", job->stats.bricks);
+    umbc_json_end(&job->json, '}');
+    umbc_json_end(&job->json, '}');
+    (void)fputc('\n', job->json.file);
+}
+
+static enum umb_status ask_all(struct job *job, struct umb_error *error)
+{
+    struct umbc_progress progress;
+    enum umb_status status = UMB_OK;
+    if (job->options->json) {
+        job->json.file = job->output.file;
+        umbc_json_begin(&job->json, NULL, '{');
+        umbc_json_begin(&job->json, NAMES[job->options->question], '[');
+    }
+    memset(&progress, 0, sizeof progress);
+    umbc_progress_begin(&progress, job->options->quiet);
+    do {
+        status = umbc_points_read(&job->source, &job->batch, error);
+        if (status == UMB_OK && job->batch.count > 0) {
+            status = ask_batch(job, error);
+        }
+        double size = (double)job->source.size;
+        umbc_progress_show(&progress, job->count,
+                           size > 0 ? (double)job->source.offset / size : -1);
+    } while (status == UMB_OK && job->batch.count > 0);
+    double seconds = umbc_clock_s() - progress.started_s;
+    umbc_progress_end(&progress);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (job->options->json) {
+        end_json(job);
+    }
+    if (!job->options->quiet) {
+        (void)fprintf(stderr,
+                      "%" PRIu64 " %s in %.3f s, %" PRIu64 " nodes and %" PRIu64 " bricks read\n",
+                      job->count, NAMES[job->options->question], seconds, job->stats.nodes,
+                      job->stats.bricks);
+    }
+    return umbc_output_commit(&job->output, error);
+}
+
+static enum umb_status run_job(struct job *job, struct umb_error *error)
+{
+    const struct umbc_query_options *options = job->options;
+    enum umb_status status = open_asset(job, error);
+    if (status == UMB_OK) {
+        status = umbc_points_open(options->points, options->format, false, &job->source, error);
+    }
+    job->source.pairs = options->question != UMBC_QUESTION_COLUMNS;
+    if (status == UMB_OK) {
+        status = open_answers(job, error);
+    }
+    if (status == UMB_OK) {
+        status = umbc_output_begin(options->out, &job->output, error);
+    }
+    return status == UMB_OK ? ask_all(job, error) : status;
+}
+
+static void close_job(struct job *job)
+{
+    umbc_output_abandon(&job->output);
+    umbc_points_close(&job->source);
+    umbc_batch_finish(&job->batch);
+    free(job->segments.segments);
+    free(job->segments.stretches);
+    free(job->columns.columns);
+    free(job->boxes.boxes);
+    free(job->corners);
+    umb_asset_close(job->asset);
+    free(job);
+}
+
+int umbc_query_volume(const struct umbc_query_options *options)
+{
+    struct umb_error error = {.status = UMB_OK};
+    struct job *job = calloc(1, sizeof *job);
+    if (job == NULL) {
+        return umbc_complain_as(UMB_E_NO_MEMORY, "query: out of memory");
+    }
+    job->options = options;
+    enum umb_status status = run_job(job, &error);
+    bool bad_file = job->bad_file;
+    close_job(job);
+    if (status != UMB_OK) {
+        error.status = status;
+        return bad_file ? umbc_complain_file(options->target, &error) : umbc_complain(&error);
+    }
+    return umbc_finish_stdout(0);
+}

@@ -1,0 +1,345 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Lit voxels of a box: a descent that takes whole cubes where they lie inside the box, and leaves
+ * out those that lie outside.
+ *
+ * A box in world space is three slabs min <= w < max, where w is linear in the voxel's index. Its
+ * value in doubles is ((o + ex x) + ey y) + ez z, and rounding keeps each of these operations
+ * monotone, so that over a cube of voxels the computed w is least and greatest at two of its
+ * corners, exactly. Whether a cube lies inside is therefore decided without a margin and agrees
+ * with testing each of its voxels.
+ */
+#include "query/volume_parts.h"
+
+/* Voxels low <= v < high, none outside the frustum. */
+struct range {
+    int32_t low[3], high[3];
+};
+
+struct count {
+    const struct umb__tree *tree;
+    struct range range;          /* voxels that may lie inside */
+    const struct umb_box *world; /* NULL: all of the range does */
+    double start[3];   /* world coordinates of voxel (0, 0, 0), minus the asset's origin */
+    double step[3][3]; /* row i: along voxel axis i */
+    double origin[3];  /* the asset's */
+    struct umb_box_answer *answer;
+    struct umb_volume_stats *stats;
+};
+
+/* An aligned cube of voxels. */
+struct cube {
+    uint32_t level;
+    int32_t low[3];
+};
+
+enum cover {
+    COVER_NONE,
+    COVER_SOME,
+    COVER_ALL
+};
+
+/* World coordinate of a voxel's centre, as volume.h defines it. */
+static inline double centre(const struct count *count, unsigned axis, const int32_t voxel[3])
+{
+    double w = count->start[axis];
+    for (unsigned k = 0; k < 3; k++) {
+        w += ((double)voxel[k] + 0.5) * count->step[k][axis];
+    }
+    return w + count->origin[axis];
+}
+
+/* How much of the voxels low..high (inclusive) lies inside a slab of the world box. */
+static enum cover slab_cover(const struct count *count, unsigned axis, const int32_t low[3],
+                             const int32_t high[3])
+{
+    const double min = count->world->min[axis], max = count->world->max[axis];
+    int32_t least[3], most[3];
+    for (unsigned k = 0; k < 3; k++) {
+        bool rising = count->step[k][axis] >= 0;
+        least[k] = rising ? low[k] : high[k];
+        most[k] = rising ? high[k] : low[k];
+    }
+    double least_w = centre(count, axis, least), most_w = centre(count, axis, most);
+    if (!(most_w >= min && least_w < max)) {
+        return COVER_NONE;
+    }
+    return least_w >= min && most_w < max ? COVER_ALL : COVER_SOME;
+}
+
+static enum cover cube_cover(const struct count *count, const struct cube *cube)
+{
+    int32_t side = (int32_t)1 << cube->level, high[3];
+    enum cover cover = COVER_ALL;
+    for (unsigned k = 0; k < 3; k++) {
+        high[k] = cube->low[k] + side - 1;
+        if (high[k] < count->range.low[k] || cube->low[k] >= count->range.high[k]) {
+            return COVER_NONE;
+        }
+        if (cube->low[k] < count->range.low[k] || high[k] >= count->range.high[k]) {
+            cover = COVER_SOME;
+        }
+    }
+    for (unsigned axis = 0; count->world && axis < 3; axis++) {
+        enum cover slab = slab_cover(count, axis, cube->low, high);
+        cover = slab < cover ? slab : cover;
+    }
+    return cover;
+}
+
+/* Bits low..high - 1 of a byte, clipped to it. */
+static uint64_t byte_bits(int32_t low, int32_t high)
+{
+    low = low < 0 ? 0 : low > 8 ? 8 : low;
+    high = high < 0 ? 0 : high > 8 ? 8 : high;
+    return high > low ? (0xffU >> (8 - high)) & (0xffU << low) & 0xffU : 0;
+}
+
+/* Voxels of a brick that lie inside the range, a mask a slice. */
+static void range_masks(const struct range *range, const struct cube *brick, uint64_t inside[8])
+{
+    int32_t low[3], high[3];
+    for (unsigned k = 0; k < 3; k++) {
+        low[k] = range->low[k] - brick->low[k];
+        high[k] = range->high[k] - brick->low[k];
+    }
+    uint64_t row = byte_bits(low[0], high[0]), slice = 0;
+    for (int32_t y = 0; y < 8; y++) {
+        slice |= y >= low[1] && y < high[1] ? row << (8 * y) : 0;
+    }
+    for (int32_t z = 0; z < 8; z++) {
+        inside[z] = z >= low[2] && z < high[2] ? slice : 0;
+    }
+}
+
+/* Takes out the voxels whose centre is outside a slab of the world box: centre(), a row of eight at
+ * a time, the same operations in the same order. */
+static void slab_masks(const struct count *count, unsigned axis, const struct cube *brick,
+                       uint64_t inside[8])
+{
+    const double min = count->world->min[axis], max = count->world->max[axis];
+    for (int32_t y = 0; y < 8; y++) {
+        double row[8];
+        for (int32_t x = 0; x < 8; x++) {
+            row[x] =
+                count->start[axis] + ((double)(brick->low[0] + x) + 0.5) * count->step[0][axis];
+            row[x] += ((double)(brick->low[1] + y) + 0.5) * count->step[1][axis];
+        }
+        for (int32_t z = 0; z < 8; z++) {
+            double depth = ((double)(brick->low[2] + z) + 0.5) * count->step[2][axis];
+            uint64_t bits = 0;
+            for (int32_t x = 0; x < 8; x++) {
+                double w = row[x] + depth + count->origin[axis];
+                bits |= (uint64_t)(w >= min && w < max) << x;
+            }
+            inside[z] &= ~((~bits & 0xffU) << (8 * y));
+        }
+    }
+}
+
+/* Counts a brick, or a uniform cube of its size (masks NULL), that the box's faces cut. */
+static void count_cut_brick(struct count *count, const struct cube *brick, const uint64_t *masks,
+                            bool lit)
+{
+    uint64_t inside[8];
+    range_masks(&count->range, brick, inside);
+    const int32_t last[3] = {brick->low[0] + 7, brick->low[1] + 7, brick->low[2] + 7};
+    for (unsigned axis = 0; count->world && axis < 3; axis++) {
+        if (slab_cover(count, axis, brick->low, last) == COVER_SOME) {
+            slab_masks(count, axis, brick, inside);
+        }
+    }
+    for (int32_t z = 0; z < 8; z++) {
+        uint64_t lit_mask = masks ? masks[z] : lit ? UINT64_MAX : 0;
+        count->answer->voxels += (uint64_t)__builtin_popcountll(inside[z]);
+        count->answer->lit += (uint64_t)__builtin_popcountll(inside[z] & lit_mask);
+    }
+}
+
+static void count_whole_brick(struct count *count, const uint64_t masks[8])
+{
+    for (int32_t z = 0; z < 8; z++) {
+        count->answer->lit += (uint64_t)__builtin_popcountll(masks[z]);
+    }
+    count->answer->voxels += 512;
+}
+
+/* A uniform cube: by halves, down to bricks, where faces of the box cut it. */
+static void count_uniform(struct count *count, const struct cube *cube, bool lit, enum cover cover)
+{
+    if (cover == COVER_ALL) {
+        uint64_t voxels = (uint64_t)1 << (3 * cube->level);
+        count->answer->voxels += voxels;
+        count->answer->lit += lit ? voxels : 0;
+        return;
+    }
+    if (cube->level == UMB_LEVEL_BRICK) {
+        count_cut_brick(count, cube, NULL, lit);
+        return;
+    }
+    int32_t half = (int32_t)1 << (cube->level - 1);
+    for (int32_t c = 0; c < 8; c++) {
+        struct cube child = {cube->level - 1,
+                             {cube->low[0] + (c & 1) * half, cube->low[1] + (c >> 1 & 1) * half,
+                              cube->low[2] + (c >> 2) * half}};
+        enum cover child_cover = cube_cover(count, &child);
+        if (child_cover != COVER_NONE) {
+            count_uniform(count, &child, lit, child_cover);
+        }
+    }
+}
+
+/* Counts what is below a link; `cover` says how much of the cube the box covers, not none. */
+static void count_link(struct count *count, const struct cube *cube, struct umb__link link,
+                       enum cover cover)
+{
+    if (!link.mixed) {
+        count_uniform(count, cube, link.lit, cover);
+        return;
+    }
+    if (cube->level == UMB_LEVEL_BRICK) {
+        const uint64_t *masks = count->tree->bricks[link.number];
+        count->stats->bricks++;
+        if (cover == COVER_ALL) {
+            count_whole_brick(count, masks);
+        } else {
+            count_cut_brick(count, cube, masks, false);
+        }
+        return;
+    }
+    uint32_t level = cube->level - 2;
+    count->stats->nodes++;
+    for (int32_t c = 0; c < 64; c++) {
+        struct cube child = {level,
+                             {cube->low[0] + (int32_t)((uint32_t)(c & 3) << level),
+                              cube->low[1] + (int32_t)((uint32_t)(c >> 2 & 3) << level),
+                              cube->low[2] + (int32_t)((uint32_t)(c >> 4) << level)}};
+        enum cover child_cover = cover == COVER_ALL ? COVER_ALL : cube_cover(count, &child);
+        if (child_cover != COVER_NONE) {
+            count_link(count, &child, umb__tree_child(count->tree, link.number, (unsigned)c),
+                       child_cover);
+        }
+    }
+}
+
+/* Cell by cell of the grid, those that the range touches. */
+static void count_range(struct count *count)
+{
+    uint32_t level = umb__tree_cell_level(count->tree);
+    const struct range *range = &count->range;
+    int32_t first[3], last[3];
+    for (unsigned k = 0; k < 3; k++) {
+        if (range->low[k] >= range->high[k]) {
+            return;
+        }
+        first[k] = range->low[k] >> level;
+        last[k] = (range->high[k] - 1) >> level;
+    }
+    for (int32_t z = first[2]; z <= last[2]; z++) {
+        for (int32_t y = first[1]; y <= last[1]; y++) {
+            for (int32_t x = first[0]; x <= last[0]; x++) {
+                struct cube cube = {level,
+                                    {(int32_t)((uint32_t)x << level),
+                                     (int32_t)((uint32_t)y << level),
+                                     (int32_t)((uint32_t)z << level)}};
+                enum cover cover = cube_cover(count, &cube);
+                count->stats->nodes++;
+                if (cover != COVER_NONE) {
+                    count_link(count, &cube,
+                               umb__tree_cell(count->tree, (uint32_t)x, (uint32_t)y, (uint32_t)z),
+                               cover);
+                }
+            }
+        }
+    }
+}
+
+static int32_t clamp(double value, int32_t size)
+{
+    return value >= size ? size : value > 0 ? (int32_t)value : 0;
+}
+
+/* Voxels that may have their centre in a world box: those around its corners, and one more on each
+ * side for the rounding of both transforms. */
+static struct range range_around(const struct umb__volume *v, const struct umb_box *box)
+{
+    struct range range;
+    int32_t size = (int32_t)1 << v->tree.log2_size;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (unsigned c = 0; c < 8; c++) {
+        double p[3], at[3];
+        for (unsigned k = 0; k < 3; k++) {
+            p[k] = (c >> k & 1 ? box->max[k] : box->min[k]) - v->origin[k];
+        }
+        umb__volume_to_voxel(v, p, at);
+        for (unsigned k = 0; k < 3; k++) {
+            /* A coordinate that overflowed says nothing. */
+            low[k] = isfinite(at[k]) ? fmin(low[k], at[k]) : -INFINITY;
+            high[k] = isfinite(at[k]) ? fmax(high[k], at[k]) : INFINITY;
+        }
+    }
+    for (unsigned k = 0; k < 3; k++) {
+        range.low[k] = clamp(floor(low[k]) - 1, size);
+        range.high[k] = clamp(floor(high[k]) + 2, size);
+    }
+    return range;
+}
+
+void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
+                   size_t count, struct umb_box_answers *answers)
+{
+    const struct umb__volume v = umb__volume_of(volume);
+    struct count job = {.tree = &v.tree, .stats = &answers->stats};
+    memcpy(job.step, v.voxel_step, sizeof job.step);
+    memcpy(job.origin, v.origin, sizeof job.origin);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        for (unsigned k = 0; k < 3; k++) {
+            job.start[axis] -= v.world_to_voxel[k][3] * v.voxel_step[k][axis];
+        }
+    }
+    for (size_t i = first; i < first + count; i++) {
+        job.range = range_around(&v, &boxes[i]);
+        job.world = &boxes[i];
+        job.answer = &answers->boxes[i];
+        *job.answer = (struct umb_box_answer){0};
+        count_range(&job);
+    }
+}
+
+void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                         size_t first, size_t count, struct umb_box_answers *answers)
+{
+    const struct umb__volume v = umb__volume_of(volume);
+    struct count job = {.tree = &v.tree, .stats = &answers->stats};
+    const int64_t size = (int64_t)1 << v.tree.log2_size;
+    for (size_t i = first; i < first + count; i++) {
+        for (unsigned k = 0; k < 3; k++) {
+            int64_t low = boxes[i].min[k], high = boxes[i].max[k];
+            job.range.low[k] = (int32_t)(low < 0 ? 0 : low > size ? size : low);
+            job.range.high[k] = (int32_t)(high < 0 ? 0 : high > size ? size : high);
+        }
+        job.answer = &answers->boxes[i];
+        *job.answer = (struct umb_box_answer){0};
+        count_range(&job);
+    }
+}
+
+enum umb_status umb_boxes_check(const struct umb_box *boxes, size_t count, struct umb_error *error)
+{
+    static const char axes[] = "xyz";
+    for (size_t i = 0; i < count; i++) {
+        for (unsigned k = 0; k < 3; k++) {
+            double low = boxes[i].min[k], high = boxes[i].max[k];
+            if (!isfinite(low) || !isfinite(high)) {
+                return umb_fail(error, UMB_E_ARGUMENT, "boxes[%zu].%s.%c: %g, must be finite", i,
+                                isfinite(low) ? "max" : "min", axes[k], isfinite(low) ? high : low);
+            }
+            if (low > high) {
+                return umb_fail(error, UMB_E_ARGUMENT,
+                                "boxes[%zu].min.%c: %g, must not be above its max, %g", i, axes[k],
+                                low, high);
+            }
+        }
+    }
+    return UMB_OK;
+}

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_VOXEL_TREE_H
+#define UMBRAGE_CORE_QUERY_VOXEL_TREE_H
+/*
+ * One frustum of the mapped layout, read voxel by voxel: where a voxel lies, and how far its state
+ * reaches. For questions that walk through space (segments, columns, boxes, explanations); the
+ * kernels for points have their own descent. The layout itself is in format/view.h.
+ */
+#include <stdbool.h>
+#include <stdint.h>
+#include "format/view.h"
+#include "umbrage/volume.h"
+
+struct umb__tree {
+    const uint32_t *grid; /* of the frustum */
+    const uint64_t *nodes;
+    const uint64_t (*bricks)[8];
+    uint32_t log2_size; /* voxels a side = 1 << log2_size */
+    uint32_t grid_log2;
+};
+
+/* The largest aligned cube around a voxel whose state is one, or the voxel's brick. */
+struct umb__place {
+    const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
+    uint32_t level;        /* the cube is 1 << level voxels wide; 3 for a brick */
+    bool lit;              /* if brick is NULL */
+};
+
+/* What lies below a cell or at a wide node's child: a uniform state, or a number to go on with. */
+struct umb__link {
+    bool mixed, lit;
+    uint32_t number; /* if mixed: word of a wide node, or brick */
+};
+
+/* Level of the grid's cells. */
+static inline uint32_t umb__tree_cell_level(const struct umb__tree *tree)
+{
+    return tree->log2_size - tree->grid_log2;
+}
+
+/* Cell (x, y, z) of the grid, in cells. */
+static inline struct umb__link umb__tree_cell(const struct umb__tree *tree, uint32_t x, uint32_t y,
+                                              uint32_t z)
+{
+    uint32_t g = tree->grid_log2;
+    uint32_t value = tree->grid[(size_t)x + ((size_t)y << g) + ((size_t)z << (2 * g))];
+    if (value < UMB__CELL_FIRST) {
+        return (struct umb__link){false, value == UMB__CELL_LIT, 0};
+    }
+    return (struct umb__link){true, false, value - UMB__CELL_FIRST};
+}
+
+/* Child 0..63 of the wide node at word `number`: x + 4 * y + 16 * z. */
+static inline struct umb__link umb__tree_child(const struct umb__tree *tree, uint32_t number,
+                                               unsigned child)
+{
+    const uint64_t *node = tree->nodes + number;
+    if (!(node[0] >> child & 1)) {
+        return (struct umb__link){false, node[1] >> child & 1, 0};
+    }
+    return (struct umb__link){true, false, umb__wide_child(node, child)};
+}
+
+/* Child of a node of level `level + 2` that holds voxel (x, y, z). */
+static inline unsigned umb__child_at(uint32_t level, uint32_t x, uint32_t y, uint32_t z)
+{
+    return (x >> level & 3) | (y >> level & 3) << 2 | (z >> level & 3) << 4;
+}
+
+/* Finds the place of a voxel inside the frustum. Ends since levels descend by two down to bricks.
+ */
+static inline struct umb__place umb__tree_locate(const struct umb__tree *tree, uint32_t x,
+                                                 uint32_t y, uint32_t z,
+                                                 struct umb_volume_stats *stats)
+{
+    uint32_t level = umb__tree_cell_level(tree);
+    struct umb__link link = umb__tree_cell(tree, x >> level, y >> level, z >> level);
+    stats->nodes++;
+    while (link.mixed && level > UMB_LEVEL_BRICK) {
+        level -= 2;
+        link = umb__tree_child(tree, link.number, umb__child_at(level, x, y, z));
+        stats->nodes++;
+    }
+    stats->bricks += link.mixed;
+    return (struct umb__place){link.mixed ? tree->bricks[link.number] : NULL, level, link.lit};
+}
+
+/* State of a voxel in its brick. */
+static inline bool umb__brick_voxel(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
+{
+    return brick[z & 7] >> ((x & 7) + 8 * (y & 7)) & 1;
+}
+
+#endif

@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_VOLUME_H
+#define UMBRAGE_VOLUME_H
+/*
+ * Questions about the space between surfaces: which stretches of a segment a light reaches (light
+ * shafts, fog integrals, lines of sight to a sun), how deep the first occluder of a column lies,
+ * and which share of a box is lit.
+ *
+ *     struct umb_volume volume;
+ *     umb_volume_prepare(asset, light, &volume, &error);     once
+ *     umb_segments_check(&segments, &error);                  checks the batch
+ *     umb_segments_run(&volume, &segments, 0, segments.count, &answers);   cannot fail
+ *
+ * All three answer for voxels as the asset holds them, exactly: they equal a march through every
+ * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
+ *
+ * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
+ * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
+ * inside they answer for what is stored. A column's first occluder needs the depth of front faces,
+ * which such an asset does not hold: umb_columns_check refuses it.
+ *
+ * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
+ * last voxel it continues the last voxel.
+ *
+ * Precision: ends become voxel coordinates in doubles; where a line crosses the boundary of a voxel
+ * is right to some 4 units in the last place of its parameter (2^-50). Answers are bit-equal for
+ * every batch size, split, thread count and machine.
+ * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
+ * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+#include "umbrage/query.h"
+#include "umbrage/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A light's voxels made ready for questions: caller's storage, no pointer into itself, may be
+ * copied. Filled by umb_volume_prepare. */
+struct umb_volume {
+    uint64_t opaque[48];
+};
+
+/* What runs add up; zero it before the first. */
+struct umb_volume_stats {
+    uint64_t nodes;  /* grid cells and nodes read */
+    uint64_t bricks; /* bricks read */
+};
+
+/*
+ * Makes a light of an asset ready.
+ *
+ * In:    asset: borrowed as long as the volume is used. light: index in the asset.
+ * Out:   volume: zeroed on failure, and then must not be run.
+ * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (the light is not directional).
+ * Threads: any.
+ * Cost:  O(1), no allocation.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_volume_prepare(const struct umb_asset *asset,
+                                                       uint32_t light, struct umb_volume *volume,
+                                                       struct umb_error *error);
+
+/* A batch of segments; borrowed while it runs. */
+struct umb_segments {
+    const void *ends; /* scalar[6*count], x0 y0 z0 x1 y1 z1 a segment, metres, world space minus
+                         origin, little-endian, any alignment, finite */
+    enum umb_point_format format;
+    double origin[3]; /* metres, world space, added to every end; finite */
+    size_t count;
+};
+
+/* A lit stretch: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
+struct umb_stretch {
+    double begin, end;
+};
+
+struct umb_segment_answer {
+    double lit;             /* share of the segment that is lit, 0..1: the sum of its stretches */
+    double lit_m;           /* the same in metres */
+    uint64_t stretch_count; /* lit stretches, also those that did not fit */
+};
+
+struct umb_segment_answers {
+    struct umb_segment_answer *segments; /* [count], indexed like the segments */
+    struct umb_stretch *stretches;       /* [count * stretch_max], those of segment i in order from
+                                            i * stretch_max on; NULL if stretch_max is 0 */
+    size_t stretch_max;                  /* stretches kept of each segment; later ones are counted
+                                            and added up, not kept */
+    struct umb_volume_stats stats;       /* added to */
+};
+
+/* Checks that segments may be run: every number finite. Fails: E_ARGUMENT, naming the first bad
+ * one. Cost: one pass, no allocation. */
+UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments *segments,
+                                                       struct umb_error *error);
+
+/*
+ * Finds the lit stretches of segments first .. first + count - 1.
+ *
+ * A stretch is half open, as long as possible, and begins and ends where the segment enters a
+ * voxel of the other state, or at 0 and 1. A segment of no length has the state of its point: 1 or
+ * 0 of it is lit. With d the segment's direction in voxels, it crosses the plane k of an axis at
+ * (k - start) * (1 / d), evaluated in doubles; at that parameter it is in the voxel behind the
+ * plane. On an axis with d = 0 (or so small that 1 / d is infinite) it stays in floor(start).
+ *
+ * Not guaranteed: a batch that umb_segments_check refuses is answered without harm, but those
+ * answers mean nothing. A segment whose voxel coordinates overflow a double is lit.
+ * Threads: disjoint ranges at once, each with its own struct umb_segment_answers and stats.
+ * Cost:  a few node reads for each uniform cube and brick that the segment passes; at most
+ *        3 << log2_size steps a segment.
+ * Source: Amanatides and Woo 1987 (voxel traversal), with the octree's empty-space skipping.
+ */
+UMB_API void umb_segments_run(const struct umb_volume *volume, const struct umb_segments *segments,
+                              size_t first, size_t count, struct umb_segment_answers *answers);
+
+struct umb_column_answer {
+    uint32_t lit;     /* voxels before the first shadowed one: the first occluder lies within half
+                         a voxel of this depth; 1 << log2_size if there is none */
+    uint32_t outside; /* 1: the column is beyond the frustum in x or y, and lit to its end */
+    double
+        distance_m; /* from the point along the light's direction to depth `lit`, metres; negative
+                       if the occluder lies between light and point; infinite without one */
+};
+
+struct umb_column_answers {
+    struct umb_column_answer *columns; /* [count], indexed like the points */
+    struct umb_volume_stats stats;     /* added to */
+};
+
+/* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
+ * a frustum baked under the closed rule. */
+UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *volume,
+                                                      struct umb_error *error);
+
+/*
+ * Finds the first occluder in the columns of voxels that points first .. first + count - 1 lie in.
+ *
+ * In:    points: checked by umb_points_check; their normals are not looked at.
+ * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
+ * Not guaranteed: in a volume that umb_columns_check refuses, `lit` is the first voxel stored as
+ *        shadowed: nowhere before the first occluder, possibly behind it.
+ * Threads: as umb_segments_run.
+ */
+UMB_API void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points,
+                             size_t first, size_t count, struct umb_column_answers *answers);
+
+/* Voxels min <= v < max on each axis. */
+struct umb_voxel_box {
+    int64_t min[3], max[3];
+};
+
+struct umb_box_answer {
+    uint64_t lit;    /* of these voxels */
+    uint64_t voxels; /* inside the box and the frustum; 0 if the box holds no voxel's centre */
+};
+
+struct umb_box_answers {
+    struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
+    struct umb_volume_stats stats; /* added to */
+};
+
+/* Checks boxes: finite, min <= max. Fails: E_ARGUMENT, naming the first bad number. */
+UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes, size_t count,
+                                                    struct umb_error *error);
+
+/*
+ * Counts the lit voxels of boxes in world space.
+ *
+ * In:    boxes: [first + count], metres, world space. A voxel is in the box if its centre is, min
+ * <= centre < max, so that boxes side by side share no voxel and leave none out. The centre of
+ *        voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in
+ *        doubles and in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey -
+ *        m2 ez with the last column m of world_to_voxel, origin is the asset's. Voxels outside the
+ *        frustum do not count.
+ * Not guaranteed: as umb_segments_run, for boxes that umb_boxes_check refuses.
+ * Threads: as umb_segments_run.
+ * Cost:  linear in the nodes and bricks inside the box, and in the voxels its faces cut.
+ */
+UMB_API void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
+                           size_t first, size_t count, struct umb_box_answers *answers);
+
+/* Counts the lit voxels of boxes of voxels, likewise. A box with min >= max on an axis is empty. */
+UMB_API void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                                 size_t first, size_t count, struct umb_box_answers *answers);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

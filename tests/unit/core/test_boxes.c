@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Boxes and columns against loops over every voxel. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "volume_fixture.h"
+
+/* The header's words for the centre of a voxel. */
+static double centre_at(const struct volume_fixture *f, unsigned axis, const int64_t voxel[3])
+{
+    double w = 0;
+    for (unsigned k = 0; k < 3; k++) {
+        w -= f->frustum.world_to_voxel[k][3] * f->frustum.voxel_step[k][axis];
+    }
+    for (unsigned k = 0; k < 3; k++) {
+        w += ((double)voxel[k] + 0.5) * f->frustum.voxel_step[k][axis];
+    }
+    return w + fixture_origin[axis];
+}
+
+/* Tests every voxel from low to high (inclusive), clipped to the frustum, for itself. */
+static struct umb_box_answer count_plainly(const struct volume_fixture *f,
+                                           const struct umb_box *box, const double low[3],
+                                           const double high[3])
+{
+    struct umb_box_answer answer = {0, 0};
+    int64_t first[3], last[3], v[3];
+    for (unsigned k = 0; k < 3; k++) {
+        first[k] = (int64_t)fmax(0, floor(low[k]));
+        last[k] = (int64_t)fmin(f->size - 1.0, floor(high[k]));
+    }
+    for (v[2] = first[2]; v[2] <= last[2]; v[2]++) {
+        for (v[1] = first[1]; v[1] <= last[1]; v[1]++) {
+            for (v[0] = first[0]; v[0] <= last[0]; v[0]++) {
+                int inside = 1;
+                for (unsigned axis = 0; inside && axis < 3; axis++) {
+                    double w = centre_at(f, axis, v);
+                    inside = w >= box->min[axis] && w < box->max[axis];
+                }
+                answer.voxels += (uint64_t)inside;
+                answer.lit += (uint64_t)(inside && fixture_voxel(f, v[0], v[1], v[2]));
+            }
+        }
+    }
+    return answer;
+}
+
+/* Around a box that begins anywhere in the frustum; its sides are mostly short. */
+static struct umb_box random_box(const struct volume_fixture *f, uint64_t *seed)
+{
+    double v[3], p[3];
+    struct umb_box box;
+    double longest = next_random(seed) % 50 == 0 ? 30 : 5;
+    for (unsigned k = 0; k < 3; k++) {
+        v[k] = (random_unit(seed) * 1.2 - 0.1) * f->size;
+        v[k] = next_random(seed) % 4 == 0 ? floor(v[k]) + 0.5 : v[k]; /* a voxel's centre */
+    }
+    fixture_world(f, v, p);
+    for (unsigned k = 0; k < 3; k++) {
+        box.min[k] = p[k] + fixture_origin[k];
+        box.max[k] = box.min[k] + random_unit(seed) * longest;
+    }
+    return box;
+}
+
+static void expect_plain_counts(voxel_fn lit, uint32_t log2_size, int turned, uint64_t seed)
+{
+    struct volume_fixture f;
+    volume_fixture_open(&f, lit, log2_size, turned, 0);
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (size_t i = 0; i < fixture_cases(300); i++) {
+        struct umb_box box = random_box(&f, &seed);
+        struct umb_box_answer got;
+        struct umb_box_answers answers = {.boxes = &got};
+        double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+        for (unsigned c = 0; c < 8; c++) {
+            double p[3], v[3];
+            for (unsigned k = 0; k < 3; k++) {
+                p[k] = (c >> k & 1 ? box.max[k] : box.min[k]) - fixture_origin[k];
+            }
+            fixture_voxel_of(&f, p, v);
+            for (unsigned k = 0; k < 3; k++) {
+                low[k] = fmin(low[k], v[k] - 3);
+                high[k] = fmax(high[k], v[k] + 3);
+            }
+        }
+        struct umb_box_answer want = count_plainly(&f, &box, low, high);
+        umb_boxes_run(&f.volume, &box, 0, 1, &answers);
+        if (got.lit != want.lit || got.voxels != want.voxels) {
+            fail_msg("box %zu: %llu of %llu lit, not %llu of %llu", i, (unsigned long long)got.lit,
+                     (unsigned long long)got.voxels, (unsigned long long)want.lit,
+                     (unsigned long long)want.voxels);
+        }
+    }
+    volume_fixture_close(&f);
+}
+
+static void world_boxes_count_the_voxels_whose_centres_lie_inside(void **state)
+{
+    (void)state;
+    expect_plain_counts(fixture_noise, 7, 0, 21);
+    expect_plain_counts(fixture_noise, 6, 1, 22);
+    expect_plain_counts(fixture_hills, 7, 1, 23);
+}
+
+static void boxes_side_by_side_share_no_voxel_and_leave_none_out(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    volume_fixture_open(&f, fixture_noise, 6, 1, 0);
+    enum {
+        CUTS = 5
+    };
+    struct umb_box boxes[CUTS * CUTS * CUTS], whole;
+    struct umb_box_answer parts[CUTS * CUTS * CUTS], all;
+    struct umb_box_answers a = {.boxes = parts}, b = {.boxes = &all};
+    for (unsigned k = 0; k < 3; k++) {
+        whole.min[k] = fixture_origin[k] - 40;
+        whole.max[k] = fixture_origin[k] + 41;
+    }
+    for (unsigned i = 0; i < CUTS * CUTS * CUTS; i++) {
+        const unsigned at[3] = {i % CUTS, i / CUTS % CUTS, i / CUTS / CUTS};
+        for (unsigned k = 0; k < 3; k++) {
+            double side = whole.max[k] - whole.min[k];
+            boxes[i].min[k] = whole.min[k] + side * at[k] / CUTS;
+            boxes[i].max[k] = whole.min[k] + side * (at[k] + 1) / CUTS;
+        }
+    }
+    umb_boxes_run(&f.volume, boxes, 0, CUTS * CUTS * CUTS, &a);
+    umb_boxes_run(&f.volume, &whole, 0, 1, &b);
+    struct umb_box_answer sum = {0, 0};
+    for (unsigned i = 0; i < CUTS * CUTS * CUTS; i++) {
+        sum.lit += parts[i].lit;
+        sum.voxels += parts[i].voxels;
+    }
+    assert_int_equal(all.voxels, 64 * 64 * 64);
+    assert_int_equal(sum.voxels, all.voxels);
+    assert_int_equal(sum.lit, all.lit);
+    volume_fixture_close(&f);
+}
+
+static void voxel_boxes_count_exactly_and_are_clipped_to_the_frustum(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    uint64_t seed = 24;
+    volume_fixture_open(&f, fixture_noise, 7, 0, 0);
+    for (size_t i = 0; i < fixture_cases(300); i++) {
+        struct umb_voxel_box box;
+        struct umb_box_answer got, want = {0, 0};
+        struct umb_box_answers answers = {.boxes = &got};
+        for (unsigned k = 0; k < 3; k++) {
+            box.min[k] = (int64_t)(next_random(&seed) % 140) - 6;
+            box.max[k] = box.min[k] + (int64_t)(next_random(&seed) % (i % 50 == 0 ? 130 : 20)) - 2;
+        }
+        if (i % 100 == 7) {
+            box.min[0] = INT64_MIN;
+            box.max[2] = INT64_MAX;
+        }
+        umb_voxel_boxes_run(&f.volume, &box, 0, 1, &answers);
+        int64_t low[3], high[3];
+        for (unsigned k = 0; k < 3; k++) {
+            low[k] = box.min[k] < 0 ? 0 : box.min[k];
+            high[k] = box.max[k] > f.size ? f.size : box.max[k];
+        }
+        for (int64_t z = low[2]; z < high[2]; z++) {
+            for (int64_t y = low[1]; y < high[1]; y++) {
+                for (int64_t x = low[0]; x < high[0]; x++) {
+                    want.voxels++;
+                    want.lit += (uint64_t)fixture_voxel(&f, x, y, z);
+                }
+            }
+        }
+        assert_int_equal(got.voxels, want.voxels);
+        assert_int_equal(got.lit, want.lit);
+    }
+    volume_fixture_close(&f);
+}
+
+static void boxes_that_are_no_boxes_are_named_and_do_no_harm(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    struct umb_error error;
+    struct umb_box boxes[2] = {{{0, 0, 0}, {1, 1, 1}}, {{0, 5, 0}, {1, 4, 1}}};
+    struct umb_box_answer got[2];
+    struct umb_box_answers answers = {.boxes = got};
+    volume_fixture_open(&f, fixture_noise, 6, 1, 0);
+    assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "boxes[1].min.y: 5"));
+    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(got[1].voxels, 0);
+    boxes[1].max[1] = NAN;
+    assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "boxes[1].max.y: nan"));
+    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    boxes[1] = (struct umb_box){{-1.7e308, -1.7e308, -INFINITY}, {1.7e308, 1.7e308, INFINITY}};
+    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(got[1].voxels, 64 * 64 * 64);
+    volume_fixture_close(&f);
+}
+
+static void columns_end_at_their_first_shadowed_voxel(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    uint64_t seed = 25;
+    volume_fixture_open(&f, fixture_hills, 7, 1, 0);
+    const double *step = f.frustum.voxel_step[2];
+    double step_m = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    for (size_t i = 0; i < fixture_cases(20000); i++) {
+        double v[3], p[3];
+        uint32_t want = 0;
+        for (unsigned k = 0; k < 3; k++) {
+            v[k] = floor((random_unit(&seed) * 1.2 - 0.1) * f.size) + 0.5;
+        }
+        int outside = v[0] < 0 || v[0] >= f.size || v[1] < 0 || v[1] >= f.size;
+        while (want < f.size &&
+               fixture_voxel(&f, (int64_t)floor(v[0]), (int64_t)floor(v[1]), want)) {
+            want++;
+        }
+        fixture_world(&f, v, p);
+        struct umb_column_answer got;
+        struct umb_column_answers answers = {.columns = &got};
+        struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
+        memcpy(points.origin, fixture_origin, sizeof fixture_origin);
+        umb_columns_run(&f.volume, &points, 0, 1, &answers);
+        assert_int_equal(got.outside, outside);
+        assert_int_equal(got.lit, want);
+        if (want == f.size) {
+            assert_true(isinf(got.distance_m));
+        } else {
+            assert_true(fabs(got.distance_m - (want - v[2]) * step_m) < 1e-6);
+        }
+    }
+    volume_fixture_close(&f);
+}
+
+static void closed_frusta_refuse_columns_and_open_ones_do_not(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    struct umb_error error;
+    volume_fixture_open(&f, fixture_hills, 6, 0, 0);
+    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_OK);
+    struct umb_volume none;
+    assert_int_equal(umb_volume_prepare(f.asset, 1, &none, &error), UMB_E_NOT_FOUND);
+    assert_non_null(strstr(error.message, "light: 1"));
+    volume_fixture_close(&f);
+    volume_fixture_open(&f, fixture_hills, 6, 0, 1);
+    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_E_UNSUPPORTED);
+    assert_non_null(strstr(error.message, "--closed off"));
+    volume_fixture_close(&f);
+}
+
+static void columns_of_points_that_are_not_finite_touch_nothing(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    const float bad[3][3] = {{NAN, 1, 1}, {1, INFINITY, 1}, {1e30F, -1e30F, 3}};
+    struct umb_column_answer got[3];
+    struct umb_column_answers answers = {.columns = got};
+    struct umb_points points = {.positions = bad, .count = 3};
+    volume_fixture_open(&f, fixture_hills, 6, 1, 0);
+    umb_columns_run(&f.volume, &points, 0, 3, &answers);
+    assert_int_equal(got[0].outside + got[1].outside + got[2].outside, 3);
+    volume_fixture_close(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(world_boxes_count_the_voxels_whose_centres_lie_inside),
+        cmocka_unit_test(boxes_side_by_side_share_no_voxel_and_leave_none_out),
+        cmocka_unit_test(voxel_boxes_count_exactly_and_are_clipped_to_the_frustum),
+        cmocka_unit_test(boxes_that_are_no_boxes_are_named_and_do_no_harm),
+        cmocka_unit_test(columns_end_at_their_first_shadowed_voxel),
+        cmocka_unit_test(closed_frusta_refuse_columns_and_open_ones_do_not),
+        cmocka_unit_test(columns_of_points_that_are_not_finite_touch_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
