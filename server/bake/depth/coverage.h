@@ -93,6 +93,14 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     return (one < two) != coverage->odd;
 }
 
+/* Number of voxels whose centre lies before depth z, which is within int32_t. */
+static inline int32_t umbb_coverage_round(double z)
+{
+    const double t = z - 0.5;
+    const int32_t lit = (int32_t)t;
+    return lit + ((double)lit < t);
+}
+
 /* Depth of the row at the anchor's x; the part of the depth that a whole row shares. */
 static inline double umbb_coverage_row_z(const struct umbb_coverage *coverage, int32_t row)
 {
@@ -106,10 +114,7 @@ static inline int32_t umbb_coverage_lit(const struct umbb_coverage *coverage, do
     double z = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
     z = z > coverage->z_min ? z : coverage->z_min; /* also what a NaN becomes */
     z = z < coverage->z_max ? z : coverage->z_max;
-    const double t = z - 0.5;
-    int32_t lit = (int32_t)t;
-    lit += (double)lit < t;
-    return lit;
+    return umbb_coverage_round(z);
 }
 
 #endif

@@ -2,8 +2,6 @@
 /* Drawing in plain C. */
 #include "bake/depth/depth_draw.h"
 
-#include <stddef.h>
-
 void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
 {
     const int32_t bottom = canvas->y0 + canvas->n - 1, right = canvas->x0 + canvas->n - 1;
@@ -14,13 +12,30 @@ void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_can
         const int front = umbb_coverage_row(coverage, row, &x_first, &x_last);
         const double row_z = umbb_coverage_row_z(coverage, row);
         int32_t *line = (front ? canvas->front : canvas->back) +
-                        (ptrdiff_t)(row - canvas->y0) * (ptrdiff_t)canvas->n;
+                        umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
         x_first = x_first > canvas->x0 ? x_first : canvas->x0;
         x_last = x_last < right ? x_last : right;
         for (int32_t x = x_first; x <= x_last; x++) {
             const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
-            int32_t *at = line + (x - canvas->x0);
+            const size_t column = (size_t)(x - canvas->x0);
+            int32_t *at = line + 64 * (column >> 3) + (column & 7);
             *at = lit < *at ? lit : *at;
         }
+    }
+}
+
+void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far)
+{
+    const size_t blocks = (size_t)(n >> 3) * (size_t)(n >> 3);
+    for (size_t block = 0; block < blocks; block++, layer += 64) {
+        int32_t most[4] = {layer[0], layer[1], layer[2], layer[3]};
+        for (size_t i = 4; i < 64; i += 4) {
+            for (size_t k = 0; k < 4; k++) {
+                most[k] = layer[i + k] > most[k] ? layer[i + k] : most[k];
+            }
+        }
+        most[0] = most[0] > most[1] ? most[0] : most[1];
+        most[2] = most[2] > most[3] ? most[2] : most[3];
+        far[block] = most[0] > most[2] ? most[0] : most[2];
     }
 }

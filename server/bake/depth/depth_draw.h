@@ -1,18 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_DRAW_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_DRAW_H
-/* The inner loops of the rasteriser: one triangle into the layers of a block of texels. */
+/*
+ * The inner loops of the rasteriser: one triangle into the layers of a block of texels.
+ *
+ * A layer is stored as a tile is: by 8x8 blocks, row by row in a block, blocks row by row. Eight
+ * texels of one row are 32 bytes, and those of the next row follow them: a small triangle touches
+ * few cache lines, none of them a power of two apart.
+ */
+#include <stddef.h>
 #include "bake/depth/coverage.h"
 
-/* Numbers behind a layer's last row that a kernel may read, and write back as they were. */
-#define UMBB_CANVAS_PAD 4
+/* Texels a side of the largest canvas. */
+#define UMBB_CANVAS_MAX 256
 
 /* A square of texels being drawn. */
 struct umbb_canvas {
-    int32_t x0, y0, n; /* first texel, texels a side */
-    int32_t *front;    /* int32[n * n + UMBB_CANVAS_PAD]: takes rows that face the light */
-    int32_t *back;     /* takes the others; may be the same as front */
+    int32_t x0, y0; /* first texel */
+    int32_t n;      /* texels a side: a multiple of 8, at most UMBB_CANVAS_MAX */
+    int32_t *front; /* int32[n * n], by 8x8 blocks: takes rows that face the light */
+    int32_t *back;  /* takes the others; may be the same as front */
+    /* For each 8x8 block of front and back a number that none of its texels exceeds, [n/8 * n/8];
+     * the same if the layers are. A kernel may leave out what lies behind, and lower them. */
+    int32_t *front_far, *back_far;
 };
+
+/* Sets each block's number to its greatest texel. */
+void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far);
+
+/* Where row y of a layer n texels wide starts, its texel x being 64 * (x >> 3) + (x & 7) on. */
+static inline size_t umbb_canvas_row(size_t n, size_t y)
+{
+    return (y >> 3) * 8 * n + (y & 7) * 8;
+}
 
 /*
  * Lowers each number of the canvas whose texel the triangle covers to the fragment's lit.
@@ -25,7 +45,7 @@ typedef void (*umbb_draw_fn)(const struct umbb_coverage *coverage,
 /* Plain C, straight from the predicate: the definition. */
 void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas);
 
-/* Four rows and four texels at a time, the same bits; NULL if this build or this processor lacks
+/* Four rows and eight texels at a time, the same bits; NULL if this build or this processor lacks
  * AVX2. */
 umbb_draw_fn umbb_draw_avx2(void);
 

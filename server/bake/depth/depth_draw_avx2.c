@@ -4,18 +4,25 @@
  * four rows or four texels at a time, without fused multiply-add, hence the same bits. max and min
  * give their second operand if the first is a NaN, as the comparisons of the plain form do.
  *
- * A span's last vector may reach up to three texels beyond its end: those lanes are set to
- * INT32_MAX, so that the minimum writes back what was there.
+ * A triangle is drawn in bands of eight rows and those in cells of 8x8 texels, which lie together
+ * in memory. Going along each row instead would end every row of a small triangle in a branch that
+ * nobody can predict. Lanes outside a row's span are set to INT32_MAX, so that the minimum writes
+ * back what was there.
  *
- * Triangles of a fine mesh cover a dozen rows of a few texels each: what is paid a row and a span
- * counts, not what is paid a texel.
+ * A cell is left out where nothing of the triangle can lie before what is already there. That is
+ * exact: every operation of the predicate, rounded or not, is monotone in x and in y, so the
+ * predicate's own value at the nearest corner of the cell bounds all others.
  */
 #include "bake/depth/depth_draw.h"
 
+#include <math.h>
 #include <stddef.h>
 
 #ifdef __AVX2__
 #include <immintrin.h>
+
+/* Below this a depth converts to int32_t without a clamp. */
+#define DEPTH_MAX 1e9
 
 /* What all rows of a triangle share. */
 struct edges {
@@ -24,19 +31,27 @@ struct edges {
     __m256d long_slope, long_min,
         long_max; /* the long edge starts where the lower short one does */
     __m256d gradient_y, anchor_z;
-    __m128i left, right; /* of the canvas */
+    __m128i row_first, row_last;
+    __m128i origin, right; /* the canvas's first texel; its last, counted from that */
 };
 
-/* Four rows. */
-struct rows {
-    int32_t first[4], last[4];
-    double z[4];
-    int before; /* bit a row: the short edge's crossing is the first */
+/* Eight rows of a canvas, from a multiple of eight on; x counts from the canvas's first texel. */
+struct band {
+    int32_t first[8], last[8]; /* texels covered; last is less than first if there are none */
+    double z[8];
+    int32_t least, most;      /* of first and last of rows that cover something */
+    int32_t most_first;       /* most of first, and */
+    int32_t least_last;       /* least of last over all eight rows */
+    unsigned covered, before; /* bit a row: covers something; meets its short edge first */
 };
 
 /* What all texels of a triangle share. */
 struct plane {
-    __m256d gradient, anchor_x, z_min, z_max, half;
+    const struct umbb_coverage *coverage;
+    __m256d gradient, anchor_x;
+    __m256i lit_min, lit_max;
+    double near_x; /* from a cell's first texel to the centre of its nearest column */
+    size_t near_y; /* the nearest row of a band */
 };
 
 static inline void edges_init(struct edges *e, const struct umbb_coverage *c,
@@ -56,15 +71,24 @@ static inline void edges_init(struct edges *e, const struct umbb_coverage *c,
     e->long_max = _mm256_max_pd(e->x[0], end);
     e->gradient_y = _mm256_set1_pd(c->gradient_y);
     e->anchor_z = _mm256_set1_pd(c->anchor_z);
-    e->left = _mm_set1_epi32(canvas->x0);
-    e->right = _mm_set1_epi32(canvas->x0 + canvas->n - 1);
+    e->row_first = _mm_set1_epi32(c->row_first);
+    e->row_last = _mm_set1_epi32(c->row_last);
+    e->origin = _mm_set1_epi32(canvas->x0);
+    e->right = _mm_set1_epi32(canvas->n - 1);
 }
 
-static inline void rows_find(const struct edges *e, int32_t row, struct rows *out)
+/* Spans of four rows, empty ones as INT32_MAX .. -1. */
+struct spans {
+    __m128i first, last;
+    int before;
+};
+
+/* Four rows from `row` on; their depths at the anchor's x go to z. */
+static inline struct spans four_rows(const struct edges *e, int32_t row, double z[4])
 {
     const __m256d half = _mm256_set1_pd(0.5);
-    const __m256d py =
-        _mm256_add_pd(_mm256_set1_pd((double)row), _mm256_set_pd(3.5, 2.5, 1.5, 0.5));
+    const __m128i number = _mm_add_epi32(_mm_set1_epi32(row), _mm_setr_epi32(0, 1, 2, 3));
+    const __m256d py = _mm256_add_pd(_mm256_cvtepi32_pd(number), half);
     const __m256d upper = _mm256_cmp_pd(py, e->y[1], _CMP_GE_OQ);
     const __m256d xa = _mm256_blendv_pd(e->x[0], e->x[1], upper);
     const __m256d ya = _mm256_blendv_pd(e->y[0], e->y[1], upper);
@@ -76,46 +100,186 @@ static inline void rows_find(const struct edges *e, int32_t row, struct rows *ou
     __m256d two = _mm256_add_pd(e->x[0], _mm256_mul_pd(below, e->long_slope));
     two = _mm256_max_pd(two, e->long_min);
     two = _mm256_min_pd(two, e->long_max);
+    _mm256_storeu_pd(z, _mm256_add_pd(e->anchor_z, _mm256_mul_pd(e->gradient_y, below)));
     const __m256d low = _mm256_sub_pd(_mm256_min_pd(one, two), half);
     const __m256d high = _mm256_sub_pd(_mm256_max_pd(one, two), half);
-    const __m128i first = _mm256_cvttpd_epi32(_mm256_ceil_pd(low));
-    const __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(high));
-    /* Rows of no width get an end before any start. */
-    const __m256 apart = _mm256_castpd_ps(_mm256_cmp_pd(low, high, _CMP_LT_OQ));
-    const __m128 wide =
-        _mm_shuffle_ps(_mm256_castps256_ps128(apart), _mm256_extractf128_ps(apart, 1), 0x88);
-    const __m128i end = _mm_blendv_epi8(_mm_set1_epi32(INT32_MIN), last, _mm_castps_si128(wide));
-    _mm_storeu_si128((__m128i *)(void *)out->first, _mm_max_epi32(first, e->left));
-    _mm_storeu_si128((__m128i *)(void *)out->last, _mm_min_epi32(end, e->right));
-    _mm256_storeu_pd(out->z, _mm256_add_pd(e->anchor_z, _mm256_mul_pd(e->gradient_y, below)));
-    out->before = _mm256_movemask_pd(_mm256_cmp_pd(one, two, _CMP_LT_OQ));
+    __m128i first = _mm256_cvttpd_epi32(_mm256_ceil_pd(low));
+    __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(high));
+    first = _mm_max_epi32(_mm_sub_epi32(first, e->origin), _mm_setzero_si128());
+    last = _mm_min_epi32(_mm_sub_epi32(last, e->origin), e->right);
+    /* Nothing: rows of no width, rows beside the triangle, spans beside the canvas. */
+    const __m256 narrow = _mm256_castpd_ps(_mm256_cmp_pd(low, high, _CMP_GE_OQ));
+    __m128i none = _mm_castps_si128(
+        _mm_shuffle_ps(_mm256_castps256_ps128(narrow), _mm256_extractf128_ps(narrow, 1), 0x88));
+    none = _mm_or_si128(none, _mm_cmpgt_epi32(e->row_first, number));
+    none = _mm_or_si128(none, _mm_cmpgt_epi32(number, e->row_last));
+    none = _mm_or_si128(none, _mm_cmpgt_epi32(first, last));
+    return (struct spans){
+        .first = _mm_or_si128(first, _mm_srli_epi32(none, 1)),
+        .last = _mm_or_si128(last, none),
+        .before = _mm256_movemask_pd(_mm256_cmp_pd(one, two, _CMP_LT_OQ)),
+    };
 }
 
-static inline __m128i four_lit(const struct plane *k, __m256d row_z, __m256d centre)
+static inline int32_t least_of(__m128i v)
 {
-    __m256d z = _mm256_mul_pd(k->gradient, _mm256_sub_pd(centre, k->anchor_x));
-    z = _mm256_add_pd(row_z, z);
-    z = _mm256_max_pd(z, k->z_min);
-    z = _mm256_min_pd(z, k->z_max);
-    return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(z, k->half)));
+    v = _mm_min_epi32(v, _mm_shuffle_epi32(v, 0x4e));
+    v = _mm_min_epi32(v, _mm_shuffle_epi32(v, 0xb1));
+    return _mm_cvtsi128_si32(v);
 }
 
-/* Texels x .. last of a row into `at`, which is x's number. */
-static inline void span(const struct plane *k, double z, int32_t x, int32_t last, int32_t *at)
+static inline int32_t most_of(__m128i v)
 {
-    const __m256d row_z = _mm256_set1_pd(z), step = _mm256_set1_pd(4.0);
+    v = _mm_max_epi32(v, _mm_shuffle_epi32(v, 0x4e));
+    v = _mm_max_epi32(v, _mm_shuffle_epi32(v, 0xb1));
+    return _mm_cvtsi128_si32(v);
+}
+
+/* The band of rows from `row` on. */
+static inline void band_find(const struct edges *edges, int32_t row, struct band *band)
+{
+    const struct spans a = four_rows(edges, row, band->z);
+    const struct spans b = four_rows(edges, row + 4, band->z + 4);
+    _mm_storeu_si128((__m128i *)(void *)band->first, a.first);
+    _mm_storeu_si128((__m128i *)(void *)(band->first + 4), b.first);
+    _mm_storeu_si128((__m128i *)(void *)band->last, a.last);
+    _mm_storeu_si128((__m128i *)(void *)(band->last + 4), b.last);
+    band->least = least_of(_mm_min_epi32(a.first, b.first));
+    band->most_first = most_of(_mm_max_epi32(a.first, b.first));
+    band->most = most_of(_mm_max_epi32(a.last, b.last));
+    band->least_last = least_of(_mm_min_epi32(a.last, b.last));
+    /* The last texel is negative where there is none. */
+    band->covered = 0xffU & ~((unsigned)_mm_movemask_ps(_mm_castsi128_ps(a.last)) |
+                              (unsigned)_mm_movemask_ps(_mm_castsi128_ps(b.last)) << 4);
+    band->before = (unsigned)a.before | (unsigned)b.before << 4;
+}
+
+/* lit of four depths that need no clamp to fit an integer. */
+static inline __m128i four_lit(__m256d z)
+{
+    return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(z, _mm256_set1_pd(0.5))));
+}
+
+/* The part of the depth that depends on x, for the eight columns of a cell. */
+struct slopes {
+    __m256d low, high;
+};
+
+static inline struct slopes slopes_at(const struct plane *k, int32_t x)
+{
+    const __m256d centre =
+        _mm256_add_pd(_mm256_set1_pd((double)x), _mm256_set_pd(3.5, 2.5, 1.5, 0.5));
     /* Centres are multiples of one half below 2^31: adding four to them is exact. */
-    __m256d centre = _mm256_add_pd(_mm256_set1_pd((double)x), _mm256_set_pd(3.5, 2.5, 1.5, 0.5));
-    int32_t left = last - x + 1;
-    for (; left > 0; left -= 4, at += 4) {
-        /* All ones, shifted to INT32_MAX, in lanes beyond the end. */
-        const __m128i beyond =
-            _mm_srli_epi32(_mm_cmpgt_epi32(_mm_set_epi32(4, 3, 2, 1), _mm_set1_epi32(left)), 1);
-        const __m128i lit = _mm_or_si128(four_lit(k, row_z, centre), beyond);
-        const __m128i old = _mm_loadu_si128((const __m128i *)(const void *)at);
-        _mm_storeu_si128((__m128i *)(void *)at, _mm_min_epi32(lit, old));
-        centre = _mm256_add_pd(centre, step);
+    const __m256d next = _mm256_add_pd(centre, _mm256_set1_pd(4.0));
+    return (struct slopes){
+        .low = _mm256_mul_pd(k->gradient, _mm256_sub_pd(centre, k->anchor_x)),
+        .high = _mm256_mul_pd(k->gradient, _mm256_sub_pd(next, k->anchor_x)),
+    };
+}
+
+/* lit of a row of a cell. Clamping after rounding is the same as before: rounding keeps the
+ * order. */
+static inline __m256i row_lit(const struct plane *k, const struct slopes *s, double z)
+{
+    const __m256d row_z = _mm256_set1_pd(z);
+    const __m128i low = four_lit(_mm256_add_pd(row_z, s->low));
+    const __m128i high = four_lit(_mm256_add_pd(row_z, s->high));
+    const __m256i lit = _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
+    return _mm256_min_epi32(_mm256_max_epi32(lit, k->lit_min), k->lit_max);
+}
+
+static inline __m256i load(const int32_t *from)
+{
+    return _mm256_loadu_si256((const __m256i *)(const void *)from);
+}
+
+static inline void save(int32_t *to, __m256i value)
+{
+    _mm256_storeu_si256((__m256i *)(void *)to, value);
+}
+
+/* A cell that the triangle covers altogether; returns its greatest number. */
+static inline int32_t draw_whole_cell(const struct plane *k, const struct slopes *s,
+                                      const double z[8], int32_t *cell)
+{
+    __m256i most = _mm256_setzero_si256();
+    for (size_t i = 0; i < 8; i++) {
+        const __m256i value = _mm256_min_epi32(row_lit(k, s, z[i]), load(cell + 8 * i));
+        save(cell + 8 * i, value);
+        most = _mm256_max_epi32(most, value);
     }
+    return most_of(_mm_max_epi32(_mm256_castsi256_si128(most), _mm256_extracti128_si256(most, 1)));
+}
+
+/* Rows of a cell that starts at texel x of the canvas: those of the bits of `rows`. */
+static inline void draw_part_cell(const struct plane *k, const struct slopes *s,
+                                  const struct band *band, unsigned rows, int32_t x, int32_t *cell)
+{
+    const __m256i lanes =
+        _mm256_add_epi32(_mm256_set1_epi32(x), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+    for (; rows != 0; rows &= rows - 1) {
+        const size_t i = (size_t)__builtin_ctz(rows);
+        const __m256i outside =
+            _mm256_or_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(band->first[i]), lanes),
+                            _mm256_cmpgt_epi32(lanes, _mm256_set1_epi32(band->last[i])));
+        /* All ones, shifted to INT32_MAX. */
+        const __m256i value =
+            _mm256_or_si256(row_lit(k, s, band->z[i]), _mm256_srli_epi32(outside, 1));
+        save(cell + 8 * i, _mm256_min_epi32(value, load(cell + 8 * i)));
+    }
+}
+
+/* Whether no texel of the cell can come to lie before `far`. */
+static inline int is_hidden(const struct plane *k, const struct band *band, int32_t x, int32_t far)
+{
+    const struct umbb_coverage *c = k->coverage;
+    double z = band->z[k->near_y] + c->gradient_x * (((double)x + k->near_x) - c->x[0]);
+    z = z > c->z_min ? z : c->z_min;
+    z = z < c->z_max ? z : c->z_max;
+    return z > (double)far - 0.5; /* ceil(z - 0.5) >= far */
+}
+
+/* Cells of a band whose rows are all of one layer. */
+static inline void draw_band(const struct plane *k, const struct band *band,
+                             const struct umbb_canvas *canvas, int32_t *layer, int32_t *far)
+{
+    for (int32_t x = band->least & ~7; x <= band->most; x += 8) {
+        int32_t *const cell_far = far + (x >> 3);
+        if (is_hidden(k, band, canvas->x0 + x, *cell_far)) {
+            continue;
+        }
+        const struct slopes slopes = slopes_at(k, canvas->x0 + x);
+        int32_t *const cell = layer + 8 * (size_t)x;
+        if (band->most_first <= x && band->least_last >= x + 7) {
+            *cell_far = draw_whole_cell(k, &slopes, band->z, cell);
+        } else {
+            draw_part_cell(k, &slopes, band, band->covered, x, cell);
+        }
+    }
+}
+
+/* The same where some rows face the light and others do not. */
+static void draw_mixed_band(const struct plane *k, const struct band *band,
+                            const struct umbb_canvas *canvas, size_t line, unsigned front)
+{
+    for (int32_t x = band->least & ~7; x <= band->most; x += 8) {
+        const struct slopes slopes = slopes_at(k, canvas->x0 + x);
+        const size_t cell = line + 8 * (size_t)x;
+        draw_part_cell(k, &slopes, band, band->covered & front, x, canvas->front + cell);
+        draw_part_cell(k, &slopes, band, band->covered & ~front, x, canvas->back + cell);
+    }
+}
+
+/* Whether every depth computed for the cells of a triangle fits an integer without a clamp:
+ * grazing triangles have slopes beyond all bounds. */
+static inline int is_tame(const struct umbb_coverage *c)
+{
+    const double left = c->x[0] < c->x[1] ? c->x[0] : c->x[1];
+    const double right = c->x[0] > c->x[1] ? c->x[0] : c->x[1];
+    const double width = (right > c->x[2] ? right : c->x[2]) - (left < c->x[2] ? left : c->x[2]);
+    return fabs(c->anchor_z) + fabs(c->gradient_y) * (c->y[2] - c->y[0] + 9.0) +
+               fabs(c->gradient_x) * (width + 9.0) <
+           DEPTH_MAX;
 }
 
 static void draw(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
@@ -126,29 +290,37 @@ static void draw(const struct umbb_coverage *coverage, const struct umbb_canvas 
     if (row > last) {
         return;
     }
+    if (!is_tame(coverage)) {
+        umbb_draw_plain(coverage, canvas);
+        return;
+    }
     struct edges edges;
     edges_init(&edges, coverage, canvas);
     const struct plane plane = {
+        .coverage = coverage,
         .gradient = _mm256_set1_pd(coverage->gradient_x),
-        .anchor_x = edges.x[0],
-        .z_min = _mm256_set1_pd(coverage->z_min),
-        .z_max = _mm256_set1_pd(coverage->z_max),
-        .half = _mm256_set1_pd(0.5),
+        .anchor_x = _mm256_set1_pd(coverage->x[0]),
+        .lit_min = _mm256_set1_epi32(umbb_coverage_round(coverage->z_min)),
+        .lit_max = _mm256_set1_epi32(umbb_coverage_round(coverage->z_max)),
+        .near_x = coverage->gradient_x < 0.0 ? 7.5 : 0.5,
+        .near_y = coverage->gradient_y < 0.0 ? 7 : 0,
     };
-    int32_t *const layers[2] = {canvas->back, canvas->front};
-    ptrdiff_t line = (ptrdiff_t)(row - canvas->y0) * (ptrdiff_t)canvas->n;
-    while (row <= last) {
-        struct rows rows;
-        rows_find(&edges, row, &rows);
-        const int front = coverage->odd ? ~rows.before : rows.before;
-        const int32_t count = last - row < 3 ? last - row + 1 : 4;
-        for (int32_t i = 0; i < count; i++, line += canvas->n) {
-            if (rows.first[i] <= rows.last[i]) {
-                span(&plane, rows.z[i], rows.first[i], rows.last[i],
-                     layers[front >> i & 1] + line + (rows.first[i] - canvas->x0));
-            }
+    const size_t width = (size_t)canvas->n;
+    /* Bands start at multiples of eight rows of the canvas. */
+    for (row -= (row - canvas->y0) & 7; row <= last; row += 8) {
+        struct band band;
+        band_find(&edges, row, &band);
+        const unsigned front = coverage->odd ? ~band.before : band.before;
+        const size_t line = (size_t)(row - canvas->y0);
+        if ((band.covered & ~front) == 0) {
+            draw_band(&plane, &band, canvas, canvas->front + line * width,
+                      canvas->front_far + line / 8 * (width / 8));
+        } else if ((band.covered & front) == 0 || canvas->front == canvas->back) {
+            draw_band(&plane, &band, canvas, canvas->back + line * width,
+                      canvas->back_far + line / 8 * (width / 8));
+        } else {
+            draw_mixed_band(&plane, &band, canvas, line * width, front);
         }
-        row += 4;
     }
 }
 

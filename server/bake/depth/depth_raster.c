@@ -17,8 +17,12 @@
 #include "bake/depth/depth_store.h"
 #include "bake/depth/triangle_bins.h"
 
-/* Numbers of a thread's layers. */
-#define LAYERS_STRIDE ((size_t)UMBB_LAYER_COUNT * UMBB_BLOCK * UMBB_BLOCK + UMBB_CANVAS_PAD)
+/* Numbers of a layer and of its 8x8 blocks, and of a thread's layers. */
+#define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
+#define LAYER_FAR     (LAYER_TEXELS / 64)
+#define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
+
+_Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
 
 struct raster {
     const struct umbb_casters *casters;
@@ -67,9 +71,16 @@ static enum umb_status raster_begin(void *state, int slot, const struct umbb_til
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
+/* Layers of a block under way. */
+struct layers {
+    int32_t *texels; /* [UMBB_LAYER_COUNT][count] */
+    int32_t *far;    /* [UMBB_LAYER_COUNT][LAYER_FAR] */
+    size_t count;
+};
+
 /* Points a canvas at the layers that a triangle belongs to. */
-static void choose_layers(const struct umbb_casters *casters, uint32_t triangle, int32_t *layers,
-                          size_t texels, struct umbb_canvas *canvas)
+static void choose_layers(const struct umbb_casters *casters, uint32_t triangle,
+                          const struct layers *layers, struct umbb_canvas *canvas)
 {
     enum umbb_layer front = UMBB_LAYER_OPEN, back = UMBB_LAYER_OPEN;
     if (casters->closed_rule && casters->kinds[triangle] != UMBB_CASTER_OPEN) {
@@ -77,8 +88,34 @@ static void choose_layers(const struct umbb_casters *casters, uint32_t triangle,
         front = flipped ? UMBB_LAYER_BACK : UMBB_LAYER_FRONT;
         back = flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
     }
-    canvas->front = layers + (size_t)front * texels;
-    canvas->back = layers + (size_t)back * texels;
+    canvas->front = layers->texels + (size_t)front * layers->count;
+    canvas->back = layers->texels + (size_t)back * layers->count;
+    canvas->front_far = layers->far + (size_t)front * LAYER_FAR;
+    canvas->back_far = layers->far + (size_t)back * LAYER_FAR;
+}
+
+/* Whether a triangle seems to be the near side of something; only the time depends on it. */
+static int is_near_side(const struct umbb_casters *casters, uint32_t triangle)
+{
+    const double(*v)[3] = casters->corners[triangle];
+    const double area =
+        (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[1][1] - v[0][1]) * (v[2][0] - v[0][0]);
+    return (area < 0.0) != (casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED);
+}
+
+/* Draws the triangles of a list: those of the near side or the others. */
+static void draw_list(const struct raster *raster, const uint32_t *list, size_t count, int near,
+                      const struct layers *layers, struct umbb_canvas *canvas)
+{
+    const struct umbb_casters *casters = raster->casters;
+    struct umbb_coverage coverage;
+    for (size_t i = 0; i < count; i++) {
+        if (is_near_side(casters, list[i]) == near &&
+            umbb_coverage_prepare(casters->corners[list[i]], casters->size, &coverage)) {
+            choose_layers(casters, list[i], layers, canvas);
+            raster->draw(&coverage, canvas);
+        }
+    }
 }
 
 static void fill(int32_t *layer, size_t count, int32_t value)
@@ -105,19 +142,20 @@ static void raster_block(void *state, int slot, unsigned thread, struct umbb_til
         umbb_tile_clear(tile, bx * (n >> 3), by * (n >> 3), n >> 3, casters->size);
         return;
     }
-    const size_t texels = (size_t)n * (size_t)n;
-    int32_t *layers = raster->layers + (size_t)thread * LAYERS_STRIDE;
-    fill(layers, casters->closed_rule ? UMBB_LAYER_COUNT * texels : texels, casters->size);
+    struct layers layers = {.texels = raster->layers + (size_t)thread * LAYERS_STRIDE,
+                            .count = (size_t)n * (size_t)n};
+    layers.far = layers.texels + UMBB_LAYER_COUNT * LAYER_TEXELS;
+    fill(layers.texels, (casters->closed_rule ? UMBB_LAYER_COUNT : 1) * layers.count,
+         casters->size);
+    fill(layers.far, UMBB_LAYER_COUNT * LAYER_FAR, casters->size);
     struct umbb_canvas canvas = {.x0 = tile->x0 + bx * n, .y0 = tile->y0 + by * n, .n = n};
-    struct umbb_coverage coverage;
-    for (uint64_t i = first; i < last; i++) {
-        const uint32_t triangle = bins->entries[i];
-        if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
-            choose_layers(casters, triangle, layers, texels, &canvas);
-            raster->draw(&coverage, &canvas);
-        }
-    }
-    raster->store(layers, n, tile, bx * n, by * n);
+    const uint32_t *list = bins->entries + first;
+    /* Far sides lie behind near sides: most of them need not be drawn once those are there. */
+    draw_list(raster, list, (size_t)(last - first), 1, &layers, &canvas);
+    umbb_canvas_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
+                    layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
+    draw_list(raster, list, (size_t)(last - first), 0, &layers, &canvas);
+    raster->store(layers.texels, n, tile, bx * n, by * n);
 }
 
 static void raster_destroy(void *state)

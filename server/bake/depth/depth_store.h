@@ -14,7 +14,7 @@ enum umbb_layer {
 /*
  * Decides lit and end of n x n texels from (x0, y0) of the tile on, and reduces them.
  *
- * In: layers: int32[UMBB_LAYER_COUNT][n * n] row by row; without the closed rule only the open
+ * In: layers: int32[UMBB_LAYER_COUNT][n * n] by 8x8 blocks; without the closed rule only the open
  *     one is read. n, x0, y0: multiples of 8.
  */
 typedef void (*umbb_store_fn)(const int32_t *layers, int32_t n, struct umbb_tile *tile, int32_t x0,

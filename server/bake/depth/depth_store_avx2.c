@@ -32,12 +32,12 @@ static inline int32_t least(__m256i v)
 }
 
 /* One 8x8 block: decides, stores, reduces. */
-static inline void store_square(const int32_t *layers, size_t texels, size_t n,
-                                struct umbb_tile *tile, size_t square)
+static inline void store_square(const int32_t *layers, size_t texels, struct umbb_tile *tile,
+                                size_t square)
 {
     int32_t *lit_to = tile->lit + square * 64, *end_to = tile->end + square * 64;
     __m256i most = _mm256_setzero_si256(), fewest = _mm256_set1_epi32(INT32_MAX);
-    for (size_t y = 0; y < 8; y++, layers += n) {
+    for (size_t y = 0; y < 8; y++, layers += 8) {
         __m256i lit = load(layers + UMBB_LAYER_OPEN * texels), end = lit;
         if (end_to != lit_to) {
             const __m256i front = load(layers + UMBB_LAYER_FRONT * texels);
@@ -60,7 +60,7 @@ static void store(const int32_t *layers, int32_t n, struct umbb_tile *tile, int3
     for (int32_t y = 0; y < n; y += 8) {
         for (int32_t x = 0; x < n; x += 8) {
             const size_t square = umbb_tile_index(tile, x0 + x, y0 + y) / 64;
-            store_square(layers + (size_t)y * width + (size_t)x, texels, width, tile, square);
+            store_square(layers + (size_t)y * width + 8 * (size_t)x, texels, tile, square);
         }
     }
 }

@@ -16,20 +16,29 @@ struct cell_range {
     int32_t x0, x1, y0, y1;
 };
 
-/* First and last cell along one axis for the centres in [low, high]; 0 if there are none. */
+/*
+ * First and last cell along one axis for the centres in [low, high]; 0 if there are none. Ceiling
+ * and floor by truncation: coordinates are far below 2^31.
+ */
 static int axis_range(const struct umbb_bins_input *input, int32_t origin, double low, double high,
                       int32_t *first, int32_t *last)
 {
-    const double limit = (double)((int64_t)input->cells_x << input->cell_log2);
-    const double a = ceil(low - 0.5) - (double)origin, b = floor(high - 0.5) - (double)origin;
-    if (!(a <= b) || b < 0.0 || a >= limit) {
+    const int64_t limit = (int64_t)input->cells_x << input->cell_log2;
+    const double l = low - 0.5, h = high - 0.5;
+    int64_t a = (int64_t)l, b = (int64_t)h;
+    a += (double)a < l;
+    b -= (double)b > h;
+    a -= origin;
+    b -= origin;
+    if (a > b || b < 0 || a >= limit) {
         return 0;
     }
-    *first = (int32_t)(a > 0.0 ? a : 0.0) >> input->cell_log2;
-    *last = (int32_t)(b < limit ? b : limit - 1.0) >> input->cell_log2;
+    *first = (int32_t)(a > 0 ? a : 0) >> input->cell_log2;
+    *last = (int32_t)(b < limit ? b : limit - 1) >> input->cell_log2;
     return 1;
 }
 
+/* Branches on which corner is the outermost could not be predicted: min and max have none. */
 static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
                           struct cell_range *range)
 {
@@ -37,8 +46,9 @@ static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle
     double low[2], high[2];
     for (int axis = 0; axis < 2; axis++) {
         const double a = v[0][axis], b = v[1][axis], c = v[2][axis];
-        low[axis] = a < b ? (a < c ? a : c) : (b < c ? b : c);
-        high[axis] = a > b ? (a > c ? a : c) : (b > c ? b : c);
+        const double ab_low = a < b ? a : b, ab_high = a < b ? b : a;
+        low[axis] = ab_low < c ? ab_low : c;
+        high[axis] = ab_high > c ? ab_high : c;
     }
     return axis_range(input, input->x0, low[0], high[0], &range->x0, &range->x1) &&
            axis_range(input, input->y0, low[1], high[1], &range->y0, &range->y1);
