@@ -4,11 +4,11 @@
  */
 #include "bake/bake_options.h"
 
-#include <errno.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+
+#include "bake/option_text.h"
 
 const char umbb_options_help[] =
     "umbrage-bake SCENE -o OUT.umb [options]     bake the shadows of a scene\n"
@@ -22,8 +22,14 @@ const char umbb_options_help[] =
     "  --sun AZ,EL            sun from azimuth AZ (degrees clockwise from north: +y in z-up "
     "scenes,\n"
     "                         -z in y-up ones) and elevation EL (degrees above the horizon)\n"
+    "  --sun-path LAT,LON,YYYY-MM-DD,MINUTES\n"
+    "                         the suns of that day, one every so many minutes of mean solar time\n"
+    "                         from midnight on, while above the horizon (degrees north and east)\n"
     "  --light NAME           the file's directional light of that name\n"
-    "                         (neither: the file's first directional light, else --sun 135,45)\n"
+    "                         The three may be repeated and mixed: all lights share one asset.\n"
+    "                         Without them: the file's directional lights, else --sun 135,45.\n"
+    "  --light-size SIZE      how large the lights are: 0.53deg (what suns have without it) for\n"
+    "                         directional ones; recorded in the asset\n"
     "  --up y|z               the up axis (y for glTF, z for OBJ, PLY and STL)\n"
     "  --closed auto|on|off   leave the inside of closed solids undefined: of those that are "
     "closed\n"
@@ -48,48 +54,12 @@ const char umbb_options_help[] =
     "over\n"
     "--memory, out of memory, or interrupted.\n";
 
-/* What went wrong with the value being read. */
-static enum umb_status refuse(struct umb_error *error, const char *option, const char *value,
-                              const char *limit)
-{
-    return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is not %s", option, value, limit);
-}
-
-/* Decimal digits only, no sign, no blanks; 1 if they fit. */
-static int read_count(const char *text, const char **rest, uint64_t *value)
-{
-    uint64_t number = 0;
-    const char *at = text;
-    for (; *at >= '0' && *at <= '9'; at++) {
-        if (__builtin_mul_overflow(number, (uint64_t)10, &number) ||
-            __builtin_add_overflow(number, (uint64_t)(*at - '0'), &number)) {
-            return 0;
-        }
-    }
-    *rest = at;
-    *value = number;
-    return at != text;
-}
-
-/* A finite decimal number; 1 if text starts with one. */
-static int read_number(const char *text, const char **rest, double *value)
-{
-    char *end;
-    if (strchr("+-.0123456789", text[0]) == NULL || text[0] == '\0') {
-        return 0;
-    }
-    errno = 0;
-    *value = strtod(text, &end);
-    *rest = end;
-    return end != text && isfinite(*value);
-}
-
 /* log2 of a power of two between 2^low and 2^high; -1 for anything else. */
 static int read_power(const char *text, uint32_t low, uint32_t high)
 {
     uint64_t value;
     const char *rest;
-    if (!read_count(text, &rest, &value) || *rest != '\0' || value == 0 ||
+    if (!umbb_option_count(text, &rest, &value) || *rest != '\0' || value == 0 ||
         (value & (value - 1)) != 0) {
         return -1;
     }
@@ -112,8 +82,9 @@ static enum umb_status set_output(struct umbb_options *o, const char *option, co
                                   struct umb_error *error)
 {
     if (value[0] == '\0' || strcmp(value, "-") == 0) {
-        return refuse(error, option, value, "a file name (an asset is replaced as a whole: it "
-                                            "cannot go to standard output)");
+        return umbb_option_refuse(error, option, value,
+                                  "a file name (an asset is replaced as a whole: it "
+                                  "cannot go to standard output)");
     }
     o->output = value;
     return UMB_OK;
@@ -124,7 +95,7 @@ static enum umb_status set_resolution(struct umbb_options *o, const char *option
 {
     const int log2 = read_power(value, UMBB_RESOLUTION_LOG2_MIN, UMBB_RESOLUTION_LOG2_MAX);
     if (log2 < 0) {
-        return refuse(error, option, value, "a power of two from 64 to 262144");
+        return umbb_option_refuse(error, option, value, "a power of two from 64 to 262144");
     }
     o->resolution_log2 = (uint32_t)log2;
     return UMB_OK;
@@ -133,34 +104,25 @@ static enum umb_status set_resolution(struct umbb_options *o, const char *option
 static enum umb_status set_sun(struct umbb_options *o, const char *option, const char *value,
                                struct umb_error *error)
 {
-    const char *rest;
-    if (o->has_sun) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is a second one; one light is baked",
-                        option, value);
-    }
-    if (!read_number(value, &rest, &o->sun_azimuth_deg) || *rest != ',' ||
-        !read_number(rest + 1, &rest, &o->sun_elevation_deg) || *rest != '\0' ||
-        fabs(o->sun_azimuth_deg) > 360.0 || o->sun_elevation_deg < 0.0 ||
-        o->sun_elevation_deg > 90.0) {
-        return refuse(error, option, value,
-                      "AZIMUTH,ELEVATION in degrees, -360 to 360 and 0 to 90");
-    }
-    o->has_sun = 1;
-    return UMB_OK;
+    return umbb_light_option_sun(&o->lights, option, value, error);
+}
+
+static enum umb_status set_sun_path(struct umbb_options *o, const char *option, const char *value,
+                                    struct umb_error *error)
+{
+    return umbb_light_option_path(&o->lights, option, value, error);
 }
 
 static enum umb_status set_light(struct umbb_options *o, const char *option, const char *value,
                                  struct umb_error *error)
 {
-    if (value[0] == '\0') {
-        return refuse(error, option, value, "the name of a light");
-    }
-    if (o->light != NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s' is a second one; one light is baked",
-                        option, value);
-    }
-    o->light = value;
-    return UMB_OK;
+    return umbb_light_option_name(&o->lights, option, value, error);
+}
+
+static enum umb_status set_light_size(struct umbb_options *o, const char *option, const char *value,
+                                      struct umb_error *error)
+{
+    return umbb_light_option_size(&o->lights, option, value, error);
 }
 
 static enum umb_status set_up(struct umbb_options *o, const char *option, const char *value,
@@ -169,7 +131,7 @@ static enum umb_status set_up(struct umbb_options *o, const char *option, const 
     static const char *const names[] = {"y", "z"};
     const int choice = read_choice(value, names, 2);
     if (choice < 0) {
-        return refuse(error, option, value, "y or z");
+        return umbb_option_refuse(error, option, value, "y or z");
     }
     o->up = choice == 0 ? UMBB_UP_Y : UMBB_UP_Z;
     return UMB_OK;
@@ -181,7 +143,7 @@ static enum umb_status set_closed(struct umbb_options *o, const char *option, co
     static const char *const names[] = {"auto", "on", "off"};
     const int choice = read_choice(value, names, 3);
     if (choice < 0) {
-        return refuse(error, option, value, "auto, on or off");
+        return umbb_option_refuse(error, option, value, "auto, on or off");
     }
     o->closed = (enum umbb_closed_mode)choice;
     return UMB_OK;
@@ -192,9 +154,9 @@ static enum umb_status set_threads(struct umbb_options *o, const char *option, c
 {
     uint64_t count;
     const char *rest;
-    if (!read_count(value, &rest, &count) || *rest != '\0' || count < 1 ||
+    if (!umbb_option_count(value, &rest, &count) || *rest != '\0' || count < 1 ||
         count > UMBB_THREADS_MAX) {
-        return refuse(error, option, value, "a number from 1 to 256");
+        return umbb_option_refuse(error, option, value, "a number from 1 to 256");
     }
     o->threads = (unsigned)count;
     return UMB_OK;
@@ -209,7 +171,7 @@ static enum umb_status set_memory(struct umbb_options *o, const char *option, co
     } units[] = {{"", 0}, {"KiB", 10}, {"MiB", 20}, {"GiB", 30}, {"TiB", 40}};
     uint64_t count;
     const char *rest;
-    if (read_count(value, &rest, &count)) {
+    if (umbb_option_count(value, &rest, &count)) {
         for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
             if (strcmp(rest, units[i].suffix) == 0 && count <= UINT64_MAX >> units[i].shift) {
                 count <<= units[i].shift;
@@ -220,8 +182,8 @@ static enum umb_status set_memory(struct umbb_options *o, const char *option, co
             }
         }
     }
-    return refuse(error, option, value,
-                  "a size in bytes, KiB, MiB, GiB or TiB from 16MiB to 1024TiB");
+    return umbb_option_refuse(error, option, value,
+                              "a size in bytes, KiB, MiB, GiB or TiB from 16MiB to 1024TiB");
 }
 
 static enum umb_status set_tile(struct umbb_options *o, const char *option, const char *value,
@@ -229,8 +191,9 @@ static enum umb_status set_tile(struct umbb_options *o, const char *option, cons
 {
     const int log2 = read_power(value, UMBB_TILE_LOG2_MIN, UMBB_TILE_LOG2_MAX);
     if (log2 < 0) {
-        return refuse(error, option, value,
-                      "a power of two from 64 to 65536 and no larger than --resolution");
+        return umbb_option_refuse(
+            error, option, value,
+            "a power of two from 64 to 65536 and no larger than --resolution");
     }
     o->tile_log2 = (uint32_t)log2;
     o->tile_given = 1;
@@ -243,7 +206,7 @@ static enum umb_status set_depth(struct umbb_options *o, const char *option, con
     static const char *const names[] = {"auto", "embree", "raster"};
     const int choice = read_choice(value, names, 3);
     if (choice < 0) {
-        return refuse(error, option, value, "auto, embree or raster");
+        return umbb_option_refuse(error, option, value, "auto, embree or raster");
     }
     o->depth = (enum umbb_depth_path)choice;
     return UMB_OK;
@@ -254,8 +217,9 @@ static enum umb_status set_verify(struct umbb_options *o, const char *option, co
 {
     uint64_t count;
     const char *rest;
-    if (!read_count(value, &rest, &count) || *rest != '\0' || count > UMBB_VERIFY_POINTS_MAX) {
-        return refuse(error, option, value, "a number of points from 0 to 1000000000");
+    if (!umbb_option_count(value, &rest, &count) || *rest != '\0' ||
+        count > UMBB_VERIFY_POINTS_MAX) {
+        return umbb_option_refuse(error, option, value, "a number of points from 0 to 1000000000");
     }
     o->verify_points = count;
     return UMB_OK;
@@ -267,10 +231,20 @@ static const struct {
     enum umb_status (*set)(struct umbb_options *, const char *option, const char *value,
                            struct umb_error *);
 } valued[] = {
-    {"-o", set_output},       {"--output", set_output},   {"--resolution", set_resolution},
-    {"--sun", set_sun},       {"--light", set_light},     {"--up", set_up},
-    {"--closed", set_closed}, {"--threads", set_threads}, {"--memory", set_memory},
-    {"--tile", set_tile},     {"--depth", set_depth},     {"--verify", set_verify},
+    {"-o", set_output},
+    {"--output", set_output},
+    {"--resolution", set_resolution},
+    {"--sun", set_sun},
+    {"--light", set_light},
+    {"--up", set_up},
+    {"--sun-path", set_sun_path},
+    {"--light-size", set_light_size},
+    {"--closed", set_closed},
+    {"--threads", set_threads},
+    {"--memory", set_memory},
+    {"--tile", set_tile},
+    {"--depth", set_depth},
+    {"--verify", set_verify},
 };
 
 /* Options without one. */
@@ -327,10 +301,6 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
     }
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
-    }
-    if (o->has_sun && o->light != NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--sun and --light '%.64s': give one of them",
-                        o->light);
     }
     if (o->tile_log2 > o->resolution_log2) {
         if (o->tile_given) {

@@ -9,7 +9,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "umbrage/status.h"
+#include "bake/light_options.h"
 
 enum umbb_closed_mode {
     UMBB_CLOSED_AUTO = 0, /* parts that are closed */
@@ -40,10 +40,7 @@ struct umbb_options {
     const char *scene;  /* borrowed from argv */
     const char *output; /* NULL with plan */
     uint32_t resolution_log2;
-    int has_sun;
-    double sun_azimuth_deg;   /* clockwise from north */
-    double sun_elevation_deg; /* above the horizon */
-    const char *light;        /* name, or NULL */
+    struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
     unsigned threads; /* 1.. */

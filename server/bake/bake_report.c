@@ -2,12 +2,14 @@
 /* Key figures of a bake. */
 #include "bake/bake_report.h"
 
+#include "bake/analysis/plan.h"
 #include "common/json_text.h"
 
-/* Bytes of a 16-bit shadow map of the same resolution. */
+/* Bytes of 16-bit shadow maps of the same resolution, one a frustum. */
 static double shadow_map_bytes(const struct umbb_report *r)
 {
-    return 2.0 * (double)((uint64_t)1 << (2 * r->options->resolution_log2));
+    return 2.0 *
+           (double)((uint64_t)r->analysis->frustum_count << (2 * r->options->resolution_log2));
 }
 
 void umbb_report_print(FILE *to, const struct umbb_report *r)
@@ -17,13 +19,14 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(r->publish->id, id);
     fprintf(to, "asset       %s\n", id);
-    fprintf(to, "file        %s: %llu bytes, %.3g %% of a 16-bit shadow map\n", r->options->output,
+    fprintf(to, "file        %s: %llu bytes, %.3g %% of 16-bit shadow maps\n", r->options->output,
             (unsigned long long)r->publish->bytes,
             100.0 * (double)r->publish->bytes / shadow_map_bytes(r));
     fprintf(to, "scene       %zu triangles, %zu degenerate dropped, %zu of %zu parts closed\n",
             a->count, a->degenerate_count, a->closed_part_count, a->part_count);
     fprintf(to, "resolution  %u, closed rule %s\n", 1U << r->options->resolution_log2,
             a->closed_rule ? "on" : "off");
+    fprintf(to, "lights      %u in %u frusta\n", a->choice.count, a->frustum_count);
     fprintf(to, "nodes       %llu bricks",
             (unsigned long long)r->publish->info.level_nodes[UMB_LEVEL_BRICK]);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= r->options->resolution_log2; level++) {
@@ -51,13 +54,12 @@ static void print_scene_json(FILE *to, const struct umbb_report *r)
     const struct umbb_analysis *a = r->analysis;
     fprintf(to,
             "\"triangles\":%zu,\"degenerate\":%zu,\"duplicate\":%zu,\"parts\":%zu,"
-            "\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",\"resolution\":%u,\"light\":",
+            "\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",\"resolution\":%u,\"frusta\":%u,",
             a->count, a->degenerate_count, a->duplicate_count, a->part_count, a->closed_part_count,
             a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y',
-            1U << r->options->resolution_log2);
-    umbs_json_text(to, a->light.name);
-    fprintf(to, ",\"direction\":[%.17g,%.17g,%.17g],", a->light.direction[0], a->light.direction[1],
-            a->light.direction[2]);
+            1U << r->options->resolution_log2, a->frustum_count);
+    umbb_lights_print_json(to, a->choice.lights, a->choice.count);
+    fputc(',', to);
 }
 
 void umbb_report_print_json(FILE *to, const struct umbb_report *r)

@@ -12,10 +12,8 @@
 
 #include "bake/analysis/analysis.h"
 #include "bake/analysis/plan.h"
+#include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
-#include "bake/build/tile_loop.h"
-#include "bake/depth/depth_embree.h"
-#include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
@@ -77,7 +75,7 @@ static enum umb_status import_and_analyse(struct run *run, struct umb_error *err
     }
     if (!o->quiet) {
         print_notices(view->warnings);
-        print_notices(run->analysis.notices);
+        print_notices(run->analysis.choice.notices);
     }
     status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
     if (status == UMB_OK) {
@@ -85,21 +83,6 @@ static enum umb_status import_and_analyse(struct run *run, struct umb_error *err
     }
     run->report.seconds_analysis = umbb_clock_s() - start;
     return status;
-}
-
-static enum umb_status open_depth(struct run *run, const struct umbb_casters *casters,
-                                  const struct umbb_memory_plan *memory, struct umbb_depth *depth,
-                                  struct umb_error *error)
-{
-    const struct umbb_depth_options options = {.tile_log2 = memory->tile_log2,
-                                               .threads = run->options->threads,
-                                               .max_bytes = memory->shared_max_bytes};
-    if (run->options->depth == UMBB_DEPTH_EMBREE) {
-        run->report.depth_path = "embree";
-        return umbb_depth_embree_create(casters, &options, depth, error);
-    }
-    run->report.depth_path = "raster";
-    return umbb_depth_raster_create(casters, &options, depth, error);
 }
 
 static enum umb_status bake(struct run *run, struct umb_error *error)
@@ -123,35 +106,9 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbb_clock_s();
-    umbb_analysis_to_voxels(&run->analysis);
-    const struct umbb_casters casters = {
-        .corners = (const double(*)[3][3])run->analysis.corners,
-        .kinds = run->analysis.kinds,
-        .count = run->analysis.count,
-        .size = (int32_t)1 << o->resolution_log2,
-        .closed_rule = run->analysis.closed_rule,
-    };
-    struct umbb_depth depth;
-    status = open_depth(run, &casters, &memory, &depth, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    struct umbb_progress progress;
-    umbb_progress_start(&progress, stderr, o->quiet, (uint64_t)1 << (2 * o->resolution_log2));
-    const struct umbb_bake_options options = {
-        .log2_size = o->resolution_log2,
-        .tile_log2 = memory.tile_log2,
-        .threads = o->threads,
-        .closed_rule = run->analysis.closed_rule,
-        .octree_max_bytes = memory.octree_max_bytes,
-        .shared_max_bytes = memory.shared_max_bytes,
-        .cancelled = umbb_interrupted,
-        .progress = umbb_progress_update,
-        .progress_user = &progress,
-    };
-    status = umbb_bake_frustum(&depth, &options, &run->octree, &run->report.figures, error);
-    umbb_progress_end(&progress);
-    depth.destroy(depth.state);
+    run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE ? "embree" : "raster";
+    status = umbb_bake_frusta(&run->analysis, &run->scene->view, o, &memory, &run->octree,
+                              &run->report.figures, error);
     run->report.seconds_bake = umbb_clock_s() - start;
     return status;
 }
@@ -175,10 +132,10 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     const double start = umbb_clock_s();
     write_notes(run, notes, sizeof notes);
     struct umb_content content = {
-        .light_count = 1,
-        .frustum_count = 1,
-        .lights = &run->analysis.light,
-        .frusta = &run->analysis.frustum,
+        .light_count = run->analysis.choice.count,
+        .frustum_count = run->analysis.frustum_count,
+        .lights = run->analysis.choice.lights,
+        .frusta = run->analysis.frusta,
         .bounds = run->analysis.bounds,
         .plan = run->plan,
         .settings = run->settings,
@@ -201,9 +158,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         if (status != UMB_OK) {
             return status;
         }
-    }
-    for (size_t i = 0; i < run->analysis.count; i++) { /* from here on: closed or not */
-        run->analysis.kinds[i] = run->analysis.kinds[i] != UMBB_CASTER_OPEN;
+        umbb_analysis_orient(&run->analysis); /* from here on kinds are 1 for closed or 0 */
     }
     const struct umbb_check check = {
         .corners = (const double(*)[3][3])run->analysis.corners,

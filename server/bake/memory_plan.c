@@ -5,9 +5,9 @@
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
 
-#define PROGRAM_BYTES ((uint64_t)16 << 20)/* code, stacks, buffers of the libraries */
-#define CORNER_BYTES  74U                 /* of a triangle while baking */
-#define EMBREE_BYTES  200U                /* user primitive in a hierarchy, while building */
+#define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
+#define CORNER_BYTES  74U                  /* of a triangle while baking */
+#define EMBREE_BYTES  200U                 /* user primitive in a hierarchy, while building */
 #define LAYER_BYTES   ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
 #define GRID_CELL     80U                 /* of a tile: column, runs, bounds, bins */
 #define OCTREE_MIN    ((uint64_t)1 << 20) /* the least worth starting with */

@@ -178,7 +178,7 @@ with test.check("Describe tells lights, bounds, plan, sizes and settings"):
     assert light.kind == M.LIGHT_DIRECTIONAL and light.resolution == 512
     assert abs(sum(d * d for d in light.direction) - 1) < 1e-12  # unit length, doubles
     assert len(light.voxel_m) == 3 and all(v > 0 for v in light.voxel_m)
-    assert light.closed == baked["closed"] and light.name == baked["light"]
+    assert light.closed == baked["closed"] and light.name == baked["lights"][0]["name"]
     assert len(about.origin) == len(about.bounds_min) == len(about.bounds_max) == 3
     assert all(low < high for low, high in zip(about.bounds_min, about.bounds_max))
     assert "effect=closed" in about.plan and "resolution=512" in about.settings

@@ -10,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/analysis/light_choice.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/tile.h"
 #include "common/parts.h"
@@ -20,7 +19,8 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
     free(analysis->corners);
     free(analysis->kinds);
     free(analysis->degenerate);
-    free(analysis->notices);
+    free(analysis->frusta);
+    umbb_light_choice_finish(&analysis->choice);
     memset(analysis, 0, sizeof *analysis);
 }
 
@@ -171,8 +171,8 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
         status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
     if (status == UMB_OK) { /* before areas, which may overflow, drop a triangle quietly */
-        status = umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count,
-                                  error);
+        status =
+            umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error);
     }
     if (status == UMB_OK && analysis->flat_count >= UINT32_MAX) {
         status = umb_fail(error, UMB_E_LIMIT, "scene: %zu triangles are more than %u",
@@ -194,12 +194,37 @@ static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: %llu triangles need about %.0f MiB, %llu MiB are allowed",
                         (unsigned long long)view->world_triangle_count,
-                        ceil(((double)scene_bytes + (double)view->world_triangle_count *
-                                                        (double)UMBB_TRIANGLE_BYTES) /
+                        ceil(((double)scene_bytes +
+                              (double)view->world_triangle_count * (double)UMBB_TRIANGLE_BYTES) /
                              1048576.0),
                         (unsigned long long)(allowed_bytes >> 20));
     }
     return UMB_OK;
+}
+
+/* Gives each light its frustum. */
+static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_size,
+                                  struct umb_error *error)
+{
+    const uint32_t count = analysis->choice.count;
+    analysis->frusta = calloc(count, sizeof *analysis->frusta);
+    if (analysis->frusta == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %u frusta refused", count);
+    }
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        struct umb_light_info *light = &analysis->choice.lights[i];
+        struct umb_frustum_info *frustum = &analysis->frusta[i];
+        status =
+            umbb_light_frame_fit((const double(*)[3][3])analysis->corners, analysis->count,
+                                 light->direction, analysis->origin, log2_size, frustum, error);
+        frustum->light = i;
+        frustum->closed = analysis->closed_rule;
+        light->first_frustum = i;
+        light->frustum_count = 1;
+    }
+    analysis->frustum_count = count;
+    return status;
 }
 
 enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
@@ -226,16 +251,12 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
     }
     compact(analysis);
     measure(analysis);
+    analysis->in_world = 1;
     analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
-    status = umbb_light_choose(view, options, analysis->z_up, &analysis->light, &analysis->notices,
-                               &analysis->notice_bytes, error);
-    if (status != UMB_OK) {
-        goto done;
+    status = umbb_lights_choose(view, options, analysis->z_up, &analysis->choice, error);
+    if (status == UMB_OK) {
+        status = fit_frusta(analysis, options->resolution_log2, error);
     }
-    status = umbb_light_frame_fit((const double(*)[3][3])analysis->corners, analysis->count,
-                                  analysis->light.direction, analysis->origin,
-                                  options->resolution_log2, &analysis->frustum, error);
-    analysis->frustum.closed = analysis->closed_rule;
 done:
     free(materials);
     if (status != UMB_OK) {
@@ -244,16 +265,20 @@ done:
     return status;
 }
 
-void umbb_analysis_to_voxels(struct umbb_analysis *analysis)
+void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum)
 {
-    umbb_light_frame_apply(&analysis->frustum, analysis->origin, analysis->corners,
+    umbb_light_frame_apply(&analysis->frusta[frustum], analysis->origin, analysis->corners,
                            analysis->count);
+    analysis->in_world = 0;
 }
 
 enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
                                        const struct umbs_scene_view *view, struct umb_error *error)
 {
     size_t count = 0;
+    if (analysis->in_world) {
+        return UMB_OK;
+    }
     free(analysis->corners);
     analysis->corners = NULL;
     const enum umb_status status =
@@ -266,10 +291,16 @@ enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
                         analysis->flat_count, count);
     }
     compact(analysis);
-    for (size_t i = 0; i < analysis->count; i++) { /* rays tell inside by the winding */
+    analysis->in_world = 1;
+    return UMB_OK;
+}
+
+void umbb_analysis_orient(struct umbb_analysis *analysis)
+{
+    for (size_t i = 0; i < analysis->count; i++) {
         if (analysis->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED) {
             umbs_triangle_turn(analysis->corners[i]);
+            analysis->kinds[i] = UMBB_CASTER_CLOSED;
         }
     }
-    return UMB_OK;
 }

@@ -2,16 +2,19 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_ANALYSIS_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_ANALYSIS_H
 /*
- * What a scene holds, as far as its shadows go: world triangles, closed parts, bounds, the light.
+ * What a scene holds, as far as its shadows go: world triangles, closed parts, bounds, the lights.
  *
  *     umbb_analysis_run(&scene->view, &options, &analysis, &error);
- *     ... plan, bake: umbb_analysis_to_voxels ... umbb_analysis_to_world, verify ...
+ *     for each frustum: umbb_analysis_to_world, umbb_analysis_to_voxels, bake
+ *     umbb_analysis_to_world, umbb_analysis_orient, verify
  *     umbb_analysis_finish(&analysis);
+ *
+ * World triangles become voxel triangles in place and are taken from the scene again for the next
+ * frustum: two copies would double what a bake needs.
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "bake/bake_options.h"
-#include "common/scene.h"
+#include "bake/analysis/light_choice.h"
 
 /* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
@@ -41,18 +44,17 @@ struct umbb_analysis {
     struct umb_box bounds; /* of the casters */
     double origin[3];      /* centre of the bounds in whole metres */
     struct umbb_material_use mask, blend;
-    struct umb_light_info light;
-    struct umb_frustum_info frustum;
-    char *notices; /* lines for people */
-    size_t notice_bytes;
+    int in_world; /* what space the corners are in */
+    struct umbb_light_choice choice;
+    struct umb_frustum_info *frusta; /* [frustum_count], in the order of lights */
+    uint32_t frustum_count;
 };
 
 /*
  * Looks at a scene.
  *
- * Fails: E_BAD_SCENE (no triangle with an area, coordinates out of reach), E_ARGUMENT (--light
- *        names none), E_UNSUPPORTED (--light names one of another kind), E_LIMIT (--memory),
- *        E_NO_MEMORY. analysis is zeroed then.
+ * Fails: E_BAD_SCENE (no triangle with an area, coordinates out of reach), E_LIMIT (--memory),
+ *        E_NO_MEMORY, what umbb_lights_choose fails with. analysis is zeroed then.
  */
 UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                               const struct umbb_options *options,
@@ -60,12 +62,17 @@ UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view
                                               struct umb_error *error);
 void umbb_analysis_finish(struct umbb_analysis *analysis);
 
-/* Moves the corners to voxel space. Once. */
-void umbb_analysis_to_voxels(struct umbb_analysis *analysis);
+/* Moves the corners, which are in world space, to the voxel space of a frustum. */
+void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum);
 
-/* Gets the corners in world space again, from the scene. Fails: E_NO_MEMORY, E_INTERNAL. */
+/* Gets the corners in world space, from the scene unless they are. Fails: E_NO_MEMORY, E_INTERNAL.
+ */
 UMB_CHECKED enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
                                                    const struct umbs_scene_view *view,
                                                    struct umb_error *error);
+
+/* Turns the closed parts that wind inward around, since rays tell inside by the winding. The
+ * corners must be in world space. */
+void umbb_analysis_orient(struct umbb_analysis *analysis);
 
 #endif

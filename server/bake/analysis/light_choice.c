@@ -1,41 +1,150 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Choosing one light; the words for what is left out. */
+/* Choosing lights; the words for what is left out. */
 #include "bake/analysis/light_choice.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bake/analysis/light_frame.h"
+#include "bake/analysis/sun_position.h"
 #include "bake/print_text.h"
 
-/* The sun's angular diameter, 0.53 degrees, in radians. */
-#define SUN_DIAMETER_RAD 0.00925024503556995
+#define RAD_A_DEG 0.017453292519943295
+
+/* The sun's angular diameter. */
+#define SUN_DIAMETER_DEG 0.53
 
 #define DEFAULT_AZIMUTH_DEG   135.0
 #define DEFAULT_ELEVATION_DEG 45.0
 
-static void choose_sun(double azimuth_deg, double elevation_deg, int z_up,
-                       struct umb_light_info *light)
-{
-    snprintf(light->name, sizeof light->name, "sun");
-    light->kind = UMB_LIGHT_DIRECTIONAL;
-    light->extent = SUN_DIAMETER_RAD;
-    umbb_sun_direction(azimuth_deg, elevation_deg, z_up, light->direction);
-}
+#define MINUTES_A_DAY 1440.0
 
-static const char *kind_text(uint32_t kind)
+/* What choosing goes by. */
+struct chooser {
+    const struct umbs_scene_view *view;
+    const struct umbb_options *options;
+    int z_up;
+    struct umbb_light_choice *choice;
+    FILE *notices;
+};
+
+const char *umbb_light_kind_text(enum umb_light_kind kind)
 {
     return kind == UMB_LIGHT_DIRECTIONAL ? "directional"
            : kind == UMB_LIGHT_SPOT      ? "spot"
                                          : "point";
 }
 
-static enum umb_status choose_of_file(const struct umbs_light *from, struct umb_light_info *light,
+void umbb_light_choice_finish(struct umbb_light_choice *choice)
+{
+    free(choice->lights);
+    free(choice->notices);
+    memset(choice, 0, sizeof *choice);
+}
+
+/* Room for one more light, zeroed but for its extent. */
+static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
+                                 struct umb_light_info **light, struct umb_error *error)
+{
+    struct umbb_light_choice *choice = c->choice;
+    const struct umbb_light_requests *wanted = &c->options->lights;
+    if (choice->count == UMB_LIGHTS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "lights: more than %d, the most that an asset holds",
+                        UMB_LIGHTS_MAX);
+    }
+    if (choice->count == choice->capacity) {
+        const uint32_t capacity = choice->capacity == 0 ? 8 : 2 * choice->capacity;
+        struct umb_light_info *lights = realloc(choice->lights, capacity * sizeof *lights);
+        if (lights == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %u refused", capacity);
+        }
+        choice->lights = lights;
+        choice->capacity = capacity;
+    }
+    *light = &choice->lights[choice->count++];
+    memset(*light, 0, sizeof **light);
+    (*light)->kind = kind;
+    if (kind == UMB_LIGHT_DIRECTIONAL) {
+        (*light)->extent = wanted->has_size_deg ? wanted->size_deg * RAD_A_DEG : 0.0;
+    } else {
+        (*light)->extent = wanted->has_size_m ? wanted->size_m : 0.0;
+    }
+    return UMB_OK;
+}
+
+/* A sun has its own angular diameter unless another was given. */
+static enum umb_status add_sun(struct chooser *c, struct umb_light_info **light,
+                               struct umb_error *error)
+{
+    const enum umb_status status = add_light(c, UMB_LIGHT_DIRECTIONAL, light, error);
+    if (status == UMB_OK && !c->options->lights.has_size_deg) {
+        (*light)->extent = SUN_DIAMETER_DEG * RAD_A_DEG;
+    }
+    return status;
+}
+
+static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double elevation_deg,
+                                  struct umb_error *error)
+{
+    struct umb_light_info *light;
+    const enum umb_status status = add_sun(c, &light, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (c->options->lights.count > 1) {
+        snprintf(light->name, sizeof light->name, "sun %g,%g", azimuth_deg, elevation_deg);
+    } else {
+        snprintf(light->name, sizeof light->name, "sun");
+    }
+    umbb_sun_direction(azimuth_deg, elevation_deg, c->z_up, light->direction);
+    return UMB_OK;
+}
+
+/* The suns of a path that stand above the horizon, named by the place's mean solar time. */
+static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path *path,
+                                   struct umb_error *error)
+{
+    const double midnight =
+        umbb_days_from_2000(path->year, path->month, path->day) - path->longitude_deg / 360.0;
+    const uint32_t before = c->choice->count;
+    for (int step = 0; step * path->step_minutes < MINUTES_A_DAY; step++) {
+        const double minutes = step * path->step_minutes;
+        double towards[3];
+        umbb_sun_towards(midnight + minutes / MINUTES_A_DAY, path->latitude_deg,
+                         path->longitude_deg, towards);
+        if (towards[2] <= 0.0) {
+            continue;
+        }
+        struct umb_light_info *light;
+        const enum umb_status status = add_sun(c, &light, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        const int whole = (int)minutes, seconds = (int)((minutes - whole) * 60.0);
+        snprintf(light->name, sizeof light->name, "sun %04d-%02d-%02d %02d:%02d:%02d", path->year,
+                 path->month, path->day, whole / 60, whole % 60, seconds);
+        umbb_compass_direction(towards, c->z_up, light->direction);
+    }
+    if (c->choice->count == before) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--sun-path: at latitude %g on %04d-%02d-%02d no sun of every %g minutes "
+                        "stands above the horizon",
+                        path->latitude_deg, path->year, path->month, path->day, path->step_minutes);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light *from,
                                       struct umb_error *error)
 {
+    struct umb_light_info *light;
+    const enum umb_status status = add_light(c, UMB_LIGHT_DIRECTIONAL, &light, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     snprintf(light->name, sizeof light->name, "%.*s", (int)(sizeof light->name - 1), from->name);
-    light->kind = UMB_LIGHT_DIRECTIONAL;
     memcpy(light->direction, from->direction, sizeof light->direction);
     if (!umbb_direction_normalise(light->direction)) {
         char name[UMBB_ESCAPED_NAME_SIZE];
@@ -47,87 +156,91 @@ static enum umb_status choose_of_file(const struct umbs_light *from, struct umb_
 }
 
 /* The light that --light names; the first of that name. */
-static enum umb_status choose_named(const struct umbs_scene_view *view, const char *wanted,
-                                    struct umb_light_info *light, struct umb_error *error)
+static enum umb_status choose_named(struct chooser *c, const char *wanted, struct umb_error *error)
 {
-    for (uint32_t i = 0; i < view->light_count; i++) {
-        const struct umbs_light *from = &view->lights[i];
+    for (uint32_t i = 0; i < c->view->light_count; i++) {
+        const struct umbs_light *from = &c->view->lights[i];
         if (strcmp(from->name, wanted) != 0) {
             continue;
         }
         if (from->kind != UMB_LIGHT_DIRECTIONAL) {
             return umb_fail(error, UMB_E_UNSUPPORTED,
                             "--light: '%.64s' is a %s light; this version bakes directional ones",
-                            wanted, kind_text(from->kind));
+                            wanted, umbb_light_kind_text((enum umb_light_kind)from->kind));
         }
-        return choose_of_file(from, light, error);
+        return choose_of_file(c, from, error);
     }
     return umb_fail(error, UMB_E_ARGUMENT, "--light: '%.64s' is none of the scene's %u lights",
-                    wanted, view->light_count);
+                    wanted, c->view->light_count);
 }
 
-/* The file's first directional light or the default sun; notices say what was passed over. */
-static enum umb_status choose_default(const struct umbs_scene_view *view, int z_up,
-                                      struct umb_light_info *light, FILE *notices,
-                                      struct umb_error *error)
+/* The file's directional lights or the default sun; notices say what was passed over. */
+static enum umb_status choose_default(struct chooser *c, struct umb_error *error)
 {
-    int found = 0;
-    for (uint32_t i = 0; i < view->light_count; i++) {
-        const struct umbs_light *from = &view->lights[i];
-        char name[UMBB_ESCAPED_NAME_SIZE];
-        umbb_escape(from->name, name, sizeof name);
-        if (from->kind != UMB_LIGHT_DIRECTIONAL) {
-            fprintf(notices, "light '%s' is a %s light: left out, not supported yet\n", name,
-                    kind_text(from->kind));
-        } else if (found) {
-            fprintf(notices, "light '%s' is left out: one light is baked; choose with --light\n",
-                    name);
-        } else {
-            found = 1;
-            const enum umb_status status = choose_of_file(from, light, error);
+    for (uint32_t i = 0; i < c->view->light_count; i++) {
+        const struct umbs_light *from = &c->view->lights[i];
+        if (from->kind == UMB_LIGHT_DIRECTIONAL) {
+            const enum umb_status status = choose_of_file(c, from, error);
             if (status != UMB_OK) {
                 return status;
             }
+        } else {
+            char name[UMBB_ESCAPED_NAME_SIZE];
+            umbb_escape(from->name, name, sizeof name);
+            c->choice->left_out++;
+            fprintf(c->notices, "light '%s' is a %s light: left out, not supported yet\n", name,
+                    umbb_light_kind_text((enum umb_light_kind)from->kind));
         }
     }
-    if (!found) {
-        fprintf(notices, "the scene has no directional light: sun from azimuth %g, elevation %g\n",
-                DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG);
-        choose_sun(DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG, z_up, light);
-    }
-    return UMB_OK;
-}
-
-enum umb_status umbb_light_choose(const struct umbs_scene_view *view,
-                                  const struct umbb_options *options, int z_up,
-                                  struct umb_light_info *light, char **notices,
-                                  size_t *notice_bytes, struct umb_error *error)
-{
-    memset(light, 0, sizeof *light);
-    *notices = NULL;
-    *notice_bytes = 0;
-    light->frustum_count = 1;
-    if (options->has_sun) {
-        choose_sun(options->sun_azimuth_deg, options->sun_elevation_deg, z_up, light);
+    if (c->choice->count > 0) {
         return UMB_OK;
     }
-    if (options->light != NULL) {
-        return choose_named(view, options->light, light, error);
+    fprintf(c->notices, "the scene has no directional light: sun from azimuth %g, elevation %g\n",
+            DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG);
+    return choose_sun(c, DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG, error);
+}
+
+static enum umb_status choose_requested(struct chooser *c, struct umb_error *error)
+{
+    const struct umbb_light_requests *wanted = &c->options->lights;
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < wanted->count && status == UMB_OK; i++) {
+        const struct umbb_light_request *request = &wanted->items[i];
+        switch (request->kind) {
+        case UMBB_REQUEST_SUN:
+            status = choose_sun(c, request->azimuth_deg, request->elevation_deg, error);
+            break;
+        case UMBB_REQUEST_PATH:
+            status = choose_path(c, &request->path, error);
+            break;
+        case UMBB_REQUEST_NAME:
+            status = choose_named(c, request->name, error);
+            break;
+        }
     }
-    FILE *text = open_memstream(notices, notice_bytes);
-    if (text == NULL) {
+    return status;
+}
+
+enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
+                                   const struct umbb_options *options, int z_up,
+                                   struct umbb_light_choice *choice, struct umb_error *error)
+{
+    memset(choice, 0, sizeof *choice);
+    struct chooser c = {.view = view, .options = options, .z_up = z_up, .choice = choice};
+    c.notices = open_memstream(&choice->notices, &choice->notice_bytes);
+    if (c.notices == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "light: memory for notices refused");
     }
-    enum umb_status status = choose_default(view, z_up, light, text, error);
-    const int short_of_memory = ferror(text);
+    enum umb_status status =
+        options->lights.count > 0 ? choose_requested(&c, error) : choose_default(&c, error);
+    const int short_of_memory = ferror(c.notices);
     /* glibc closes well even if the last realloc fails, and then there is no text. */
-    if ((fclose(text) != 0 || short_of_memory || *notices == NULL) && status == UMB_OK) {
+    if ((fclose(c.notices) != 0 || short_of_memory || choice->notices == NULL) &&
+        status == UMB_OK) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "light: memory for notices refused");
     }
     if (status != UMB_OK) {
-        free(*notices);
-        *notices = NULL;
-        *notice_bytes = 0;
+        umbb_light_choice_finish(choice);
     }
     return status;
 }

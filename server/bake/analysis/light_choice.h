@@ -2,24 +2,38 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 /*
- * Which light is baked: --sun; else the file's light that --light names; else the file's first
- * directional light; else a sun at azimuth 135, elevation 45. What was left out or assumed becomes
- * a notice.
+ * Which lights are baked: those that --sun, --sun-path and --light ask for, in that order as given;
+ * else all of the file's directional lights; else a sun at azimuth 135, elevation 45. What was left
+ * out or assumed becomes a notice.
  */
 #include "bake/bake_options.h"
 #include "common/scene.h"
 
+/* The lights chosen, and what there is to say about the choice. */
+struct umbb_light_choice {
+    struct umb_light_info *lights; /* [count] name, kind, unit direction, position, extent; their
+                                      frusta are not set */
+    uint32_t count, capacity;
+    uint32_t left_out; /* lights of the file that this version cannot bake */
+    char *notices;     /* lines, or NULL */
+    size_t notice_bytes;
+};
+
 /*
- * Chooses the light.
+ * Chooses the lights.
  *
- * Out:   light: name, kind, unit direction, extent; frustum 0.
- *        notices: lines, malloced, or NULL; their length in notice_bytes.
- * Fails: E_ARGUMENT (--light names none), E_UNSUPPORTED (--light names a spot or point light),
- *        E_BAD_SCENE (its direction has no length), E_NO_MEMORY.
+ * Out:   choice: finish it; zeroed on failure.
+ * Fails: E_ARGUMENT (--light names none, --sun-path has no sun above the horizon, more than
+ *        UMB_LIGHTS_MAX), E_UNSUPPORTED (--light names a spot or point light), E_BAD_SCENE (a
+ *        direction has no length), E_NO_MEMORY.
  */
-UMB_CHECKED enum umb_status umbb_light_choose(const struct umbs_scene_view *view,
-                                              const struct umbb_options *options, int z_up,
-                                              struct umb_light_info *light, char **notices,
-                                              size_t *notice_bytes, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
+                                               const struct umbb_options *options, int z_up,
+                                               struct umbb_light_choice *choice,
+                                               struct umb_error *error);
+void umbb_light_choice_finish(struct umbb_light_choice *choice);
+
+/* "directional", "spot" or "point". */
+const char *umbb_light_kind_text(enum umb_light_kind kind);
 
 #endif

@@ -47,10 +47,16 @@ void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, doub
     double sin_a, cos_a, sin_e, cos_e;
     umbb_sin_cos_degrees(azimuth_deg, &sin_a, &cos_a);
     umbb_sin_cos_degrees(elevation_deg, &sin_e, &cos_e);
-    const double east = sin_a * cos_e, north = cos_a * cos_e;
+    const double towards[3] = {sin_a * cos_e, cos_a * cos_e, sin_e};
+    umbb_compass_direction(towards, z_up, direction);
+}
+
+void umbb_compass_direction(const double east_north_up[3], int z_up, double direction[3])
+{
+    const double east = east_north_up[0], north = east_north_up[1], up = east_north_up[2];
     direction[0] = -east + 0.0;
-    direction[1] = (z_up ? -north : -sin_e) + 0.0;
-    direction[2] = (z_up ? -sin_e : north) + 0.0;
+    direction[1] = (z_up ? -north : -up) + 0.0;
+    direction[2] = (z_up ? -up : north) + 0.0;
     umbb_direction_normalise(direction);
 }
 

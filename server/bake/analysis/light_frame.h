@@ -27,6 +27,10 @@ void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine);
 /* The direction in which light from the sun travels: unit length. */
 void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, double direction[3]);
 
+/* From a vector to the sun, east, north and up, to the direction in which its light travels in the
+ * scene: unit length. */
+void umbb_compass_direction(const double east_north_up[3], int z_up, double direction[3]);
+
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
 

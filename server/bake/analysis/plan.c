@@ -22,9 +22,9 @@ static const char *closed_name(enum umbb_closed_mode mode)
     return names[mode];
 }
 
-static double edge_length(const struct umbb_analysis *a, int axis)
+static double edge_length(const struct umb_frustum_info *frustum, int axis)
 {
-    const double *step = a->frustum.voxel_step[axis];
+    const double *step = frustum->voxel_step[axis];
     return sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
 }
 
@@ -58,7 +58,9 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
     double most = 0.0, voxel = INFINITY;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, fmax(fabs(a->bounds.min[axis]), fabs(a->bounds.max[axis])));
-        voxel = fmin(voxel, edge_length(a, axis));
+        for (uint32_t i = 0; i < a->frustum_count; i++) {
+            voxel = fmin(voxel, edge_length(&a->frusta[i], axis));
+        }
     }
     const double off = most * FLOAT_HALF_STEP;
     const int on = off > 0.01 * voxel;
@@ -68,45 +70,52 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
             on ? "on" : "off", most, off, off / voxel, voxel);
 }
 
-/* The sun is no point: what its half shadows would be. */
+/* How wide half shadows can become behind casters, and the voxel's edge across the light. */
+static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
+                             double *voxel)
+{
+    const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
+    const double depth = (double)((uint64_t)1 << frustum->log2_size) * edge_length(frustum, 2);
+    *voxel = fmin(edge_length(frustum, 0), edge_length(frustum, 1));
+    return depth * light->extent;
+}
+
+/* The sun is no point: what its half shadows would be, of the light that has the widest. */
 static void write_penumbra(FILE *to, const struct umbb_analysis *a)
 {
-    const double size = (double)((uint64_t)1 << a->frustum.log2_size);
-    const double depth = size * edge_length(a, 2);
-    const double voxel = fmin(edge_length(a, 0), edge_length(a, 1));
-    const double width = depth * a->light.extent;
-    if (width > voxel) {
+    const struct umb_light_info *worst = &a->choice.lights[0];
+    double most = 0.0, voxel;
+    for (uint32_t i = 0; i < a->choice.count; i++) {
+        const double width = penumbra_width(a, &a->choice.lights[i], &voxel);
+        if (width / voxel > most) {
+            most = width / voxel;
+            worst = &a->choice.lights[i];
+        }
+    }
+    if (most > 1.0) {
+        const double width = penumbra_width(a, worst, &voxel);
         fprintf(to,
                 "effect=penumbra state=off reason=\"not in this version: a light %.3g degrees "
                 "across over %.6g m makes half shadows up to %.3g m or %.3g voxels wide; edges are "
                 "baked sharp\" cost=\"none\"\n",
-                a->light.extent * 57.29577951308232, depth, width, width / voxel);
+                worst->extent * 57.29577951308232, width / worst->extent, width, most);
     }
 }
 
-/* Lights of the file that nobody asked to leave out. */
-static void write_other_lights(FILE *to, const struct umbs_scene_view *view,
-                               const struct umbb_options *options)
+/* Several lights, and those of the file that this version does not know. */
+static void write_lights(FILE *to, const struct umbb_analysis *a)
 {
-    uint32_t directional = 0, others = 0;
-    if (options->has_sun || options->light != NULL) {
-        return;
-    }
-    for (uint32_t i = 0; i < view->light_count; i++) {
-        directional += view->lights[i].kind == UMB_LIGHT_DIRECTIONAL;
-        others += view->lights[i].kind != UMB_LIGHT_DIRECTIONAL;
-    }
-    if (directional > 1) {
+    if (a->choice.count > 1) {
         fprintf(to,
-                "effect=suns state=off reason=\"not in this version: %u more directional lights "
-                "of the file are left out\" cost=\"none\"\n",
-                directional - 1);
+                "effect=suns state=on reason=\"%u directional lights\" cost=\"a frustum of depth, "
+                "build and nodes each; equal nodes are stored once\"\n",
+                a->choice.count);
     }
-    if (others > 0) {
+    if (a->choice.left_out > 0) {
         fprintf(to,
                 "effect=faces state=off reason=\"not in this version: %u spot or point lights of "
                 "the file are left out\" cost=\"none\"\n",
-                others);
+                a->choice.left_out);
     }
 }
 
@@ -152,7 +161,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     write_closed(to, analysis, options->closed);
     write_origin(to, analysis);
     write_penumbra(to, analysis);
-    write_other_lights(to, view, options);
+    write_lights(to, analysis);
     write_missing(to, "cut-out", "MASK", &analysis->mask, view);
     write_missing(to, "transmittance", "BLEND", &analysis->blend, view);
     return close_text(to, text, error);
@@ -168,21 +177,34 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     if (to == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "settings: memory refused");
     }
-    const double *d = analysis->light.direction;
     fprintf(to, "bake=%d\n", BAKE_VERSION);
     fprintf(to, "closed=%s\n", closed_name(options->closed));
-    fprintf(to, "light.0.direction=%.17g,%.17g,%.17g\n", d[0], d[1], d[2]);
+    for (uint32_t i = 0; i < analysis->choice.count; i++) {
+        const double *d = analysis->choice.lights[i].direction;
+        fprintf(to, "light.%u.direction=%.17g,%.17g,%.17g\n", i, d[0], d[1], d[2]);
+    }
     fprintf(to, "resolution=%u\n", 1U << options->resolution_log2);
     fprintf(to, "up=%c\n", analysis->z_up ? 'z' : 'y');
     return close_text(to, text, error);
+}
+
+/* A light and the voxels of its first frustum. */
+static void print_light(FILE *to, const struct umbb_analysis *a, const struct umb_light_info *light)
+{
+    const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
+    char name[UMBB_ESCAPED_NAME_SIZE];
+    umbb_escape(light->name, name, sizeof name);
+    fprintf(to, "light=\"%s\" kind=%s direction=%.9g,%.9g,%.9g extent=%.6g\n", name,
+            umbb_light_kind_text(light->kind), light->direction[0], light->direction[1],
+            light->direction[2], light->extent);
+    fprintf(to, "resolution=%u voxel_m=%.6g,%.6g,%.6g\n", 1U << frustum->log2_size,
+            edge_length(frustum, 0), edge_length(frustum, 1), edge_length(frustum, 2));
 }
 
 void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_scene_view *view,
                      const char *plan)
 {
     const struct umb_box *b = &a->bounds;
-    char name[UMBB_ESCAPED_NAME_SIZE];
-    umbb_escape(a->light.name, name, sizeof name);
     fprintf(to, "triangles=%zu degenerate=%zu duplicate=%zu unusable_faces=%u\n", a->count,
             a->degenerate_count, a->duplicate_count, view->dropped_faces);
     fprintf(to, "parts=%zu closed=%zu\n", a->part_count, a->closed_part_count);
@@ -190,18 +212,29 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_
     fprintf(to, "bounds=%.9g,%.9g,%.9g..%.9g,%.9g,%.9g\n", b->min[0], b->min[1], b->min[2],
             b->max[0], b->max[1], b->max[2]);
     fprintf(to, "origin=%.17g,%.17g,%.17g\n", a->origin[0], a->origin[1], a->origin[2]);
-    fprintf(to, "light=\"%s\" kind=directional direction=%.9g,%.9g,%.9g\n", name,
-            a->light.direction[0], a->light.direction[1], a->light.direction[2]);
-    fprintf(to, "resolution=%u voxel_m=%.6g,%.6g,%.6g\n", 1U << a->frustum.log2_size,
-            edge_length(a, 0), edge_length(a, 1), edge_length(a, 2));
+    for (uint32_t i = 0; i < a->choice.count; i++) {
+        print_light(to, a, &a->choice.lights[i]);
+    }
     fputs(plan, to);
+}
+
+void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint32_t count)
+{
+    fputs("\"lights\":[", to);
+    for (uint32_t i = 0; i < count; i++) {
+        const double *d = lights[i].direction;
+        fputs(i == 0 ? "{\"name\":" : ",{\"name\":", to);
+        umbs_json_text(to, lights[i].name);
+        fprintf(to, ",\"kind\":\"%s\",\"direction\":[%.17g,%.17g,%.17g],\"extent\":%.17g}",
+                umbb_light_kind_text(lights[i].kind), d[0], d[1], d[2], lights[i].extent);
+    }
+    fputs("]", to);
 }
 
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const char *plan)
 {
     const struct umb_box *b = &a->bounds;
-    const double *d = a->light.direction;
     fprintf(to,
             "{\"triangles\":%zu,\"degenerate\":%zu,\"duplicate\":%zu,\"unusable_faces\":%u,"
             "\"parts\":%zu,\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",",
@@ -209,12 +242,12 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
             a->closed_part_count, a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y');
     fprintf(to, "\"bounds\":{\"min\":[%.17g,%.17g,%.17g],\"max\":[%.17g,%.17g,%.17g]},", b->min[0],
             b->min[1], b->min[2], b->max[0], b->max[1], b->max[2]);
-    fprintf(to, "\"origin\":[%.17g,%.17g,%.17g],\"light\":{\"name\":", a->origin[0], a->origin[1],
-            a->origin[2]);
-    umbs_json_text(to, a->light.name);
-    fprintf(to, ",\"kind\":\"directional\",\"direction\":[%.17g,%.17g,%.17g]},", d[0], d[1], d[2]);
-    fprintf(to, "\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
-            1U << a->frustum.log2_size, edge_length(a, 0), edge_length(a, 1), edge_length(a, 2));
+    const struct umb_frustum_info *frustum = &a->frusta[0];
+    fprintf(to, "\"origin\":[%.17g,%.17g,%.17g],", a->origin[0], a->origin[1], a->origin[2]);
+    umbb_lights_print_json(to, a->choice.lights, a->choice.count);
+    fprintf(to, ",\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
+            1U << frustum->log2_size, edge_length(frustum, 0), edge_length(frustum, 1),
+            edge_length(frustum, 2));
     for (const char *line = plan; *line != '\0';) {
         const size_t length = strcspn(line, "\n");
         fputs(line == plan ? "" : ",", to);

@@ -30,7 +30,11 @@ UMB_CHECKED enum umb_status umbb_settings_text(const struct umbb_analysis *analy
 void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
                      const struct umbs_scene_view *view, const char *plan);
 
-/* The same as one JSON object. */
+/* Prints "lights":[...], an object a light: name, kind, direction, and for spot and point lights
+ * position; extent in radians or metres. */
+void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint32_t count);
+
+/* The same as umbb_plan_print as one JSON object. */
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *analysis,
                           const struct umbs_scene_view *view, const char *plan);
 

@@ -23,7 +23,7 @@ struct grid_level {
 struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
-    struct umb_pool pool;
+    struct umb_pool *pool;                     /* shared by all frusta */
     struct umbb_jobs *jobs;
     struct umbb_tile tiles[2];
     struct umbb_runs runs;                     /* working stack */
@@ -62,7 +62,7 @@ static uint32_t grid_width(const struct umbb_bake_options *options)
 static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
-    umb_pool_init(&loop->pool, NULL, o->octree_max_bytes);
+    loop->pool->max_bytes = o->octree_max_bytes;
     enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
     for (int i = 0; i < slots && status == UMB_OK; i++) {
@@ -88,7 +88,6 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 static void loop_finish(struct loop *loop)
 {
     umbb_jobs_destroy(loop->jobs);
-    umb_pool_finish(&loop->pool);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
     umbb_runs_finish(&loop->runs);
@@ -134,14 +133,14 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
     const struct umbb_bake_options *o = loop->options;
     const size_t limit = o->shared_max_bytes > 0 ? o->shared_max_bytes : SIZE_MAX;
     const size_t runs = (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items;
-    if (runs > limit || loop->pool.bytes > limit - runs) {
+    if (runs > limit || loop->pool->bytes > limit - runs) {
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: the shadow octree's %zu MiB and its columns' %zu MiB are more "
                         "than the %zu MiB left; give more or lower the resolution",
-                        loop->pool.bytes >> 20, runs >> 20, limit >> 20);
+                        loop->pool->bytes >> 20, runs >> 20, limit >> 20);
     }
-    const size_t lists = loop->depth->allow(loop->depth->state, limit - runs - loop->pool.bytes);
-    loop->pool.max_bytes =
+    const size_t lists = loop->depth->allow(loop->depth->state, limit - runs - loop->pool->bytes);
+    loop->pool->max_bytes =
         at_most(o->octree_max_bytes, limit - runs - at_most(lists, limit - runs));
     return UMB_OK;
 }
@@ -180,7 +179,7 @@ static enum umb_status tile_build(struct loop *loop, uint32_t number, struct umb
     struct umbb_column *column = &loop->columns[number];
     loop->runs.count = 0;
     const enum umb_status status =
-        umbb_column_of_tile(&loop->pool, tile, &loop->runs, column, error);
+        umbb_column_of_tile(loop->pool, tile, &loop->runs, column, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -248,12 +247,11 @@ static enum umb_status upper_column(struct loop *loop, uint32_t level, size_t x,
             return status;
         }
     }
-    return umbb_column_join(&loop->pool, level, four, mark, &loop->runs, column, error);
+    return umbb_column_join(loop->pool, level, four, mark, &loop->runs, column, error);
 }
 
 /* The levels above the tiles, and the root. */
-static enum umb_status build_root(struct loop *loop, struct umb_octree *octree,
-                                  struct umb_error *error)
+static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_error *error)
 {
     const uint32_t level = loop->options->log2_size;
     grid_reduce(loop);
@@ -264,21 +262,20 @@ static enum umb_status build_root(struct loop *loop, struct umb_octree *octree,
         return status;
     }
     /* One node along z: mixed, or lit if nothing is ever shadowed, or shadowed. */
-    uint32_t root = column.mixed_end == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+    *root = column.mixed_end == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
     if (column.mixed_first < column.mixed_end) {
-        root = loop->runs.items[column.run_first].ref;
+        *root = loop->runs.items[column.run_first].ref;
     }
-    loop->figures.octree_bytes = loop->pool.bytes;
-    return umb_pool_take(&loop->pool, &root, &level, 1, octree, error);
+    loop->figures.octree_bytes = loop->pool->bytes;
+    return UMB_OK;
 }
 
-enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
-                                  const struct umbb_bake_options *options,
-                                  struct umb_octree *octree, struct umbb_bake_figures *figures,
-                                  struct umb_error *error)
+enum umb_status umbb_bake_into(const struct umbb_depth *depth,
+                               const struct umbb_bake_options *options, struct umb_pool *pool,
+                               uint32_t *root, struct umbb_bake_figures *figures,
+                               struct umb_error *error)
 {
-    memset(octree, 0, sizeof *octree);
-    struct loop loop = {.depth = depth, .options = options};
+    struct loop loop = {.depth = depth, .options = options, .pool = pool};
     atomic_init(&loop.texels_done, 0);
     atomic_init(&loop.failed, 0);
     enum umb_status status = loop_init(&loop, error);
@@ -287,7 +284,7 @@ enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
     }
     if (status == UMB_OK) {
         const double start = now_s();
-        status = build_root(&loop, octree, error);
+        status = build_root(&loop, root, error);
         loop.figures.seconds_build += now_s() - start;
     }
     loop.figures.texels = atomic_load(&loop.texels_done);
@@ -296,5 +293,22 @@ enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
         *figures = loop.figures;
     }
     loop_finish(&loop);
+    return status;
+}
+
+enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
+                                  const struct umbb_bake_options *options,
+                                  struct umb_octree *octree, struct umbb_bake_figures *figures,
+                                  struct umb_error *error)
+{
+    struct umb_pool pool;
+    uint32_t root = UMB_REF_LIT;
+    memset(octree, 0, sizeof *octree);
+    umb_pool_init(&pool, NULL, options->octree_max_bytes);
+    enum umb_status status = umbb_bake_into(depth, options, &pool, &root, figures, error);
+    if (status == UMB_OK) {
+        status = umb_pool_take(&pool, &root, &options->log2_size, 1, octree, error);
+    }
+    umb_pool_finish(&pool);
     return status;
 }

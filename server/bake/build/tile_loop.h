@@ -36,11 +36,25 @@ struct umbb_bake_options {
 };
 
 /*
- * Bakes one frustum.
+ * Bakes one frustum into a pool that others may share: what is equal exists once.
  *
- * In:    depth: created for the same casters, tile size and threads.
- * Out:   octree: canonical, one root; the caller finishes it. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED.
+ * In:    depth: created for the same casters, tile size and threads. pool: holds what frusta baked
+ *        before have left; its limit is replaced by the options'.
+ * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
+ * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED. The pool then holds more than its
+ *        roots reach: give it up.
+ */
+UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
+                                           const struct umbb_bake_options *options,
+                                           struct umb_pool *pool, uint32_t *root,
+                                           struct umbb_bake_figures *figures,
+                                           struct umb_error *error);
+
+/*
+ * Bakes one frustum alone.
+ *
+ * Out:   octree: canonical, one root; the caller finishes it.
+ * Else as umbb_bake_into.
  */
 UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
                                               const struct umbb_bake_options *options,

@@ -10,6 +10,8 @@
 /* Seed of the points compared: fixed, so that a failure can be repeated. */
 #define VERIFY_SEED 1
 
+#define LIGHT_POINTS_MIN 20000U
+
 enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *path,
                                    struct umb_error *error)
 {
@@ -58,6 +60,37 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     return status;
 }
 
+static void add_result(struct umbr_verify_result *sum, const struct umbr_verify_result *one)
+{
+    sum->points += one->points;
+    sum->near_boundary += one->near_boundary;
+    sum->skipped_inside += one->skipped_inside;
+    sum->inside_band += one->inside_band;
+    sum->outside_band += one->outside_band;
+}
+
+static enum umb_status judge(uint32_t light, const struct umbr_verify_result *result,
+                             struct umb_error *error)
+{
+    const double *p = result->worst_point;
+    if (result->outside_band == 0) {
+        return UMB_OK;
+    }
+    return umb_fail(error, UMB_E_INTERNAL,
+                    "self-check: light %u: %llu of %llu points disagree with traced rays by more "
+                    "than a voxel, one at %.9g %.9g %.9g; nothing was published",
+                    light, (unsigned long long)result->outside_band,
+                    (unsigned long long)result->points, p[0], p[1], p[2]);
+}
+
+/* Points for each light: its share of what was asked for, but enough to see a wrong matrix. */
+static uint64_t points_a_light(const struct umbb_check *check, uint32_t lights)
+{
+    const uint64_t share = check->points / lights;
+    const uint64_t least = check->points < LIGHT_POINTS_MIN ? check->points : LIGHT_POINTS_MIN;
+    return share > least ? share : least;
+}
+
 static enum umb_status compare_with_rays(struct umbb_publish *publish,
                                          const struct umb_asset *asset,
                                          const struct umbb_check *check, struct umb_error *error)
@@ -69,25 +102,23 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
         return status;
     }
     const struct umbr_verify_options options = {
-        .points = check->points,
+        .points = points_a_light(check, publish->info.light_count),
         .seed = VERIFY_SEED,
         .closed = check->closed,
         .threads = check->threads,
         .cancelled = umbb_interrupted,
     };
-    struct umbr_verify_result *result = &publish->verified;
-    status = umbr_verify(asset, 0, rays, &options, result, error);
+    for (uint32_t light = 0; light < publish->info.light_count && status == UMB_OK; light++) {
+        struct umbr_verify_result result;
+        status = umbr_verify(asset, light, rays, &options, &result, error);
+        if (status == UMB_OK) {
+            add_result(&publish->verified, &result);
+            status = judge(light, &result, error);
+        }
+    }
     umbr_rays_destroy(rays);
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");
-    }
-    if (status == UMB_OK && result->outside_band > 0) {
-        const double *p = result->worst_point;
-        return umb_fail(error, UMB_E_INTERNAL,
-                        "self-check: %llu of %llu points disagree with traced rays by more than a "
-                        "voxel, one at %.9g %.9g %.9g; nothing was published",
-                        (unsigned long long)result->outside_band,
-                        (unsigned long long)result->points, p[0], p[1], p[2]);
     }
     return status;
 }

@@ -19,7 +19,7 @@ struct umbb_publish {
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;                     /* of the file */
     struct umb_asset_info info;         /* after check; its strings are gone */
-    struct umbr_verify_result verified; /* after check; zero if not asked for */
+    struct umbr_verify_result verified; /* after check, sums; zero if not asked for */
 };
 
 /* What the written asset is compared with. */
@@ -27,7 +27,7 @@ struct umbb_check {
     const double (*corners)[3][3]; /* world */
     const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
     size_t count;
-    uint64_t points; /* 0 = open and validate only */
+    uint64_t points; /* of all lights together; 0 = open and validate only */
     unsigned threads;
     uint64_t max_memory_bytes;
 };
@@ -45,6 +45,7 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
 /*
  * Opens the temporary with full validation, compares its identity, and traces rays.
  *
+ * Many lights get fewer points each, but not below 20000 of those that were asked for.
  * Fails: E_INTERNAL if the file is not what was written or disagrees with rays outside the band
  *        of one voxel (how many, and where); what opening and tracing fail with.
  */

@@ -106,7 +106,7 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_int_equal(a.part_count, 2);
     assert_int_equal(a.closed_part_count, 1);
     assert_int_equal(a.closed_triangles, 12);
-    assert_true(a.closed_rule && a.frustum.closed);
+    assert_true(a.closed_rule && a.frusta[0].closed);
     for (int i = 0; i < 12; i++) {
         assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED);
     }
@@ -115,18 +115,24 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_true(a.bounds.min[2] == -3.0 && a.bounds.max[2] == 1.0);
     assert_true(a.origin[0] == 96.0 && a.origin[1] == 0.0 && a.origin[2] == -1.0);
     assert_int_equal(a.mask.triangles, 1);
-    /* The first directional light, made unit; the others are mentioned. */
-    assert_string_equal(a.light.name, "key");
-    assert_true(a.light.direction[1] == 0.6 && a.light.direction[2] == -0.8);
-    assert_non_null(strstr(a.notices, "'lamp' is a spot light"));
-    assert_non_null(strstr(a.notices, "'fill' is left out"));
+    /* The directional lights, made unit, a frustum each; the other is mentioned. */
+    assert_int_equal(a.choice.count, 2);
+    assert_int_equal(a.frustum_count, 2);
+    assert_string_equal(a.choice.lights[0].name, "key");
+    assert_true(a.choice.lights[0].direction[1] == 0.6 && a.choice.lights[0].direction[2] == -0.8);
+    assert_string_equal(a.choice.lights[1].name, "fill");
+    assert_int_equal(a.choice.lights[1].first_frustum, 1);
+    assert_int_equal(a.frusta[1].light, 1);
+    assert_non_null(strstr(a.choice.notices, "'lamp' is a spot light"));
 
     double before[13][3][3];
     memcpy(before, a.corners, sizeof before);
-    umbb_analysis_to_voxels(&a);
-    assert_memory_not_equal(before, a.corners, sizeof before);
-    assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
-    assert_memory_equal(before, a.corners, sizeof before);
+    for (uint32_t i = 0; i < 2; i++) {
+        umbb_analysis_to_voxels(&a, i);
+        assert_memory_not_equal(before, a.corners, sizeof before);
+        assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+        assert_memory_equal(before, a.corners, sizeof before);
+    }
     umbb_analysis_finish(&a);
     umbb_analysis_finish(&a); /* harmless */
 }
@@ -150,8 +156,9 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     for (int i = 0; i < 12; i++) {
         assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED_FLIPPED);
     }
-    umbb_analysis_to_voxels(&a);
+    umbb_analysis_to_voxels(&a, 0);
     assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+    umbb_analysis_orient(&a);
     double volume = 0; /* six times, relative to the first corner: positive if outward */
     const double *o = a.corners[0][0];
     for (int i = 0; i < 12; i++) {
@@ -176,7 +183,7 @@ static void closed_option_overrules_the_parts(void **state)
     struct umb_error error;
     struct umbb_options options = options_of(UMBB_CLOSED_OFF);
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
-    assert_false(a.closed_rule || a.frustum.closed);
+    assert_false(a.closed_rule || a.frusta[0].closed);
     assert_int_equal(a.kinds[0], UMBB_CASTER_OPEN);
     umbb_analysis_finish(&a);
     options = options_of(UMBB_CLOSED_ON);
@@ -193,30 +200,64 @@ static void lights_are_chosen_by_option(void **state)
     struct umbb_analysis a;
     struct umb_error error;
     struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
-    options.light = "fill";
+    struct umbb_light_requests *wanted = &options.lights;
+    wanted->count = 1;
+    wanted->items[0] = (struct umbb_light_request){.kind = UMBB_REQUEST_NAME, .name = "fill"};
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
-    assert_true(a.light.direction[0] == 1.0);
+    assert_int_equal(a.choice.count, 1);
+    assert_true(a.choice.lights[0].direction[0] == 1.0);
     umbb_analysis_finish(&a);
-    options.light = "lamp";
+    wanted->items[0].name = "lamp";
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_UNSUPPORTED);
-    options.light = "moon";
+    wanted->items[0].name = "moon";
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "moon"));
-    options.light = NULL;
-    options.has_sun = 1;
-    options.sun_elevation_deg = 90.0;
+    wanted->items[0] = (struct umbb_light_request){.kind = UMBB_REQUEST_SUN, .elevation_deg = 90.0};
     options.up = UMBB_UP_Y;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
-    assert_true(a.light.direction[1] == -1.0);
-    assert_null(a.notices);
+    assert_true(a.choice.lights[0].direction[1] == -1.0);
+    assert_string_equal(a.choice.notices, "");
     umbb_analysis_finish(&a);
-    options.has_sun = 0;
+    wanted->count = 0;
     s.view.light_count = 0;
     options.up = UMBB_UP_OF_FORMAT;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
-    assert_non_null(strstr(a.notices, "azimuth 135, elevation 45"));
-    assert_true(a.light.direction[2] < 0.0); /* z up: the sun stands above */
+    assert_non_null(strstr(a.choice.notices, "azimuth 135, elevation 45"));
+    assert_true(a.choice.lights[0].direction[2] < 0.0); /* z up: the sun stands above */
     umbb_analysis_finish(&a);
+}
+
+/* An equinox at the equator: up from six to six, from east to west. */
+static void sun_paths_and_sizes_become_lights(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    struct umbb_analysis a;
+    struct umb_error error;
+    struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_light_requests *wanted = &options.lights;
+    wanted->count = 2;
+    wanted->items[0] = (struct umbb_light_request){.kind = UMBB_REQUEST_PATH,
+                                                   .path = {0.0, 30.0, 2024, 3, 20, 60.0}};
+    wanted->items[1] = (struct umbb_light_request){.kind = UMBB_REQUEST_NAME, .name = "key"};
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(a.choice.count, 13); /* 7:00 .. 18:00, the sun is 7.5 minutes late; and key */
+    assert_string_equal(a.choice.lights[0].name, "sun 2024-03-20 07:00:00");
+    assert_true(a.choice.lights[5].direction[2] < -0.999); /* noon: from above */
+    assert_true(a.choice.lights[0].direction[0] < -0.9);   /* morning: towards the west */
+    assert_true(fabs(a.choice.lights[0].extent - 0.00925) < 1e-5);
+    assert_true(a.choice.lights[12].extent == 0.0);
+    umbb_analysis_finish(&a);
+    wanted->has_size_deg = 1;
+    wanted->size_deg = 2.0;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_true(fabs(a.choice.lights[12].extent - 0.0349066) < 1e-6);
+    assert_true(a.choice.lights[0].extent == a.choice.lights[12].extent);
+    umbb_analysis_finish(&a);
+    wanted->items[0].path = (struct umbb_sun_path){80.0, 0.0, 2024, 12, 21, 10.0};
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "--sun-path: at latitude 80 on 2024-12-21"));
 }
 
 static void scenes_without_area_or_over_memory_are_refused(void **state)
@@ -260,6 +301,7 @@ static void plan_and_settings_say_what_and_why(void **state)
     assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
     assert_string_equal(settings, "bake=1\nclosed=auto\n"
                                   "light.0.direction=0,0.59999999999999998,-0.80000000000000004\n"
+                                  "light.1.direction=1,0,0\n"
                                   "resolution=1024\nup=z\n");
     free(plan);
     free(settings);
@@ -277,13 +319,13 @@ static void plan_says_what_this_version_leaves_out(void **state)
     char *plan;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
     assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
-    assert_non_null(strstr(plan, "effect=suns state=off reason=\"not in this version: 1 more"));
+    assert_non_null(strstr(plan, "effect=suns state=on reason=\"2 directional lights"));
     assert_non_null(strstr(plan, "effect=faces state=off reason=\"not in this version: 1 spot"));
     assert_null(strstr(plan, "effect=penumbra")); /* the file's light has no extent */
     free(plan);
     umbb_analysis_finish(&a);
-    options.has_sun = 1;
-    options.sun_elevation_deg = 45.0;
+    options.lights.count = 1;
+    options.lights.items[0].elevation_deg = 45.0;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
     assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
     assert_null(strstr(plan, "effect=suns")); /* --sun replaces the file's lights */
@@ -372,6 +414,7 @@ int main(void)
         cmocka_unit_test(inside_out_solid_winds_outward_for_the_self_check),
         cmocka_unit_test(closed_option_overrules_the_parts),
         cmocka_unit_test(lights_are_chosen_by_option),
+        cmocka_unit_test(sun_paths_and_sizes_become_lights),
         cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),
         cmocka_unit_test(plan_and_settings_say_what_and_why),
         cmocka_unit_test(plan_says_what_this_version_leaves_out),

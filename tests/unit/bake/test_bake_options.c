@@ -50,8 +50,8 @@ static void defaults_are_those_of_the_manual(void **state)
     assert_int_equal(o.depth, UMBB_DEPTH_AUTO);
     assert_int_equal(o.up, UMBB_UP_OF_FORMAT);
     assert_true(o.threads >= 1 && o.threads <= UMBB_THREADS_MAX);
-    assert_false(o.has_sun || o.plan || o.json || o.quiet);
-    assert_null(o.light);
+    assert_false(o.lights.count > 0 || o.plan || o.json || o.quiet);
+    assert_false(o.lights.has_size_m || o.lights.has_size_deg);
 }
 
 static void every_option_is_read_with_blank_or_equals_sign(void **state)
@@ -70,8 +70,10 @@ static void every_option_is_read_with_blank_or_equals_sign(void **state)
         assert_string_equal(o.output, "o.umb");
         assert_int_equal(o.resolution_log2, 6);
         assert_int_equal(o.tile_log2, 6); /* never larger than the resolution */
-        assert_true(o.has_sun);
-        assert_true(o.sun_azimuth_deg == -90.0 && o.sun_elevation_deg == 12.5);
+        assert_int_equal(o.lights.count, 1);
+        assert_int_equal(o.lights.items[0].kind, UMBB_REQUEST_SUN);
+        assert_true(o.lights.items[0].azimuth_deg == -90.0);
+        assert_true(o.lights.items[0].elevation_deg == 12.5);
         assert_int_equal(o.up, UMBB_UP_Y);
         assert_int_equal(o.closed, UMBB_CLOSED_ON);
         assert_int_equal(o.threads, 256);
@@ -87,8 +89,48 @@ static void every_option_is_read_with_blank_or_equals_sign(void **state)
     assert_int_equal(o.tile_log2, 7);
     assert_int_equal(o.depth, UMBB_DEPTH_EMBREE);
     assert_int_equal(o.verify_points, 0);
-    assert_string_equal(o.light, "Key");
+    assert_int_equal(o.lights.items[0].kind, UMBB_REQUEST_NAME);
+    assert_string_equal(o.lights.items[0].name, "Key");
     assert_string_equal(o.scene, "-odd-name");
+}
+
+static void lights_are_kept_in_the_order_given(void **state)
+{
+    (void)state;
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("s -o o --sun 1,2 --light A --sun-path -33.5,151.25,2024-02-29,7.5 "
+                           "--sun 3,4 --light-size 0.25m --light-size 2deg",
+                           &o, &e),
+                     UMB_OK);
+    assert_int_equal(o.lights.count, 4);
+    assert_true(o.lights.items[0].azimuth_deg == 1.0 && o.lights.items[3].azimuth_deg == 3.0);
+    assert_string_equal(o.lights.items[1].name, "A");
+    const struct umbb_sun_path *path = &o.lights.items[2].path;
+    assert_int_equal(o.lights.items[2].kind, UMBB_REQUEST_PATH);
+    assert_true(path->latitude_deg == -33.5 && path->longitude_deg == 151.25);
+    assert_true(path->year == 2024 && path->month == 2 && path->day == 29);
+    assert_true(path->step_minutes == 7.5);
+    assert_true(o.lights.has_size_m && o.lights.size_m == 0.25);
+    assert_true(o.lights.has_size_deg && o.lights.size_deg == 2.0);
+}
+
+static void more_lights_than_there_is_room_for_are_refused(void **state)
+{
+    (void)state;
+    static char *words[2 * UMBB_LIGHT_REQUESTS_MAX + 8];
+    int count = 0;
+    struct umbb_options o;
+    struct umb_error e;
+    static char program[] = "umbrage-bake", scene[] = "s", option[] = "--sun", value[] = "1,2";
+    words[count++] = program;
+    words[count++] = scene;
+    for (unsigned i = 0; i <= UMBB_LIGHT_REQUESTS_MAX; i++) {
+        words[count++] = option;
+        words[count++] = value;
+    }
+    assert_int_equal(umbb_options_parse(count, words, &o, &e), UMB_E_ARGUMENT);
+    assert_non_null(strstr(e.message, "at most 512 lights"));
 }
 
 static void help_version_and_plan_need_no_output(void **state)
@@ -143,9 +185,18 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o -x", "option", "-x"},
         {"s -o o -o=y", "option", "-o=y"},
         {"s -o o second", "SCENE", "second"},
-        {"s -o o --light A --sun 1,1", "--light", "A"},
-        {"s -o o --sun 1,1 --sun 2,2", "--sun", "'2,2' is a second one"},
-        {"s -o o --light A --light B", "--light", "'B' is a second one"},
+        {"s -o o --sun-path 52,5,2024-06-21", "--sun-path", "52,5,2024-06-21"},
+        {"s -o o --sun-path 52,5,2024-6-21,10", "--sun-path", "2024-6-21"},
+        {"s -o o --sun-path 52,5,2023-02-29,10", "--sun-path", "2023-02-29"},
+        {"s -o o --sun-path 52,5,1900-02-29,10", "--sun-path", "1900-02-29"},
+        {"s -o o --sun-path 52,5,1899-01-01,10", "--sun-path", "1899-01-01"},
+        {"s -o o --sun-path 91,5,2024-06-21,10", "--sun-path", "91,5"},
+        {"s -o o --sun-path 52,181,2024-06-21,10", "--sun-path", "52,181"},
+        {"s -o o --sun-path 52,5,2024-06-21,0", "--sun-path", ",0"},
+        {"s -o o --sun-path 52,5,2024-06-21,10min", "--sun-path", "10min"},
+        {"s -o o --light-size 3", "--light-size", "'3'"},
+        {"s -o o --light-size -3m", "--light-size", "'-3m'"},
+        {"s -o o --light-size 91deg", "--light-size", "'91deg'"},
         {"- -o o", "SCENE", "'-' (standard input)"},
         {"s -o -", "-o", "'-'"},
         {"s --output=-", "--output", "'-'"},
@@ -171,6 +222,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(defaults_are_those_of_the_manual),
         cmocka_unit_test(every_option_is_read_with_blank_or_equals_sign),
+        cmocka_unit_test(lights_are_kept_in_the_order_given),
+        cmocka_unit_test(more_lights_than_there_is_room_for_are_refused),
         cmocka_unit_test(help_version_and_plan_need_no_output),
         cmocka_unit_test(refusals_name_the_option_and_the_value),
     };

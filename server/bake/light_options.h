@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
+/* The lights that the command line asks for: --sun, --sun-path, --light, --light-size. */
+#include <stddef.h>
+#include "umbrage/status.h"
+
+#define UMBB_LIGHT_REQUESTS_MAX 512U
+#define UMBB_PATH_YEAR_MIN      1900 /* what the position of the sun is computed for */
+#define UMBB_PATH_YEAR_MAX      2100
+#define UMBB_PATH_STEP_MAX      720.0 /* minutes */
+#define UMBB_LIGHT_SIZE_M_MAX   1e6
+#define UMBB_LIGHT_SIZE_DEG_MAX 90.0
+
+/* The suns of one day at one place. */
+struct umbb_sun_path {
+    double latitude_deg, longitude_deg; /* north and east are positive */
+    int year, month, day;               /* of the place's mean solar time, Gregorian */
+    double step_minutes;
+};
+
+enum umbb_light_request_kind {
+    UMBB_REQUEST_SUN = 0,
+    UMBB_REQUEST_PATH = 1,
+    UMBB_REQUEST_NAME = 2,
+};
+
+/* One option; only the fields of its kind mean something. */
+struct umbb_light_request {
+    enum umbb_light_request_kind kind;
+    double azimuth_deg, elevation_deg;
+    struct umbb_sun_path path;
+    const char *name; /* borrowed from argv */
+};
+
+/* All of them, in the order they were given. */
+struct umbb_light_requests {
+    size_t count;
+    struct umbb_light_request items[UMBB_LIGHT_REQUESTS_MAX];
+    int has_size_m, has_size_deg;
+    double size_m;   /* across, of spot and point lights */
+    double size_deg; /* angular diameter of directional lights */
+};
+
+/* Each reads one option's value. Fails: E_ARGUMENT, naming option, value and limit. */
+UMB_CHECKED enum umb_status umbb_light_option_sun(struct umbb_light_requests *requests,
+                                                  const char *option, const char *value,
+                                                  struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_light_option_path(struct umbb_light_requests *requests,
+                                                   const char *option, const char *value,
+                                                   struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_light_option_name(struct umbb_light_requests *requests,
+                                                   const char *option, const char *value,
+                                                   struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_light_option_size(struct umbb_light_requests *requests,
+                                                   const char *option, const char *value,
+                                                   struct umb_error *error);
+
+#endif
