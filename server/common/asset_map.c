@@ -22,8 +22,9 @@
 #include "base/open_status.h"
 #include "common/fault_guard.h"
 
-#define REACH_BYTES (((uint64_t)1 << 38) + ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end   \
-                                                                 */
+#define REACH_BYTES                                                                                \
+    (((uint64_t)1 << 38) + ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end                   \
+                                                 */
 
 /* A block that an asset allocated while it was opened. */
 struct block {
@@ -298,7 +299,8 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
         (void)posix_madvise(map->base, map->bytes, POSIX_MADV_WILLNEED);
     }
     if (status == UMB_OK) {
-        int known = options->known != NULL && umbs_stamp_equal(options->known, &map->stamp);
+        int known = options->known != NULL && !options->copy &&
+                    umbs_stamp_equal(options->known, &map->stamp);
         status = open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING, &map->alloc,
                               &map->asset, error);
     }
@@ -329,6 +331,11 @@ void umbs_asset_map_close(struct umbs_asset_map *map)
 const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map)
 {
     return map->asset;
+}
+
+int umbs_asset_map_is_copy(const struct umbs_asset_map *map)
+{
+    return map->fd < 0;
 }
 
 const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map)

@@ -46,9 +46,9 @@ struct umbs_asset_map_options {
     uint8_t id[UMB_ID_BYTES]; /* the asset that it must be */
     /* NULL, or how the file looked when it passed a full check: if it still looks so, only its head
      * is checked now. */
-    const struct umbs_stamp *known;
-    int copy; /* 1 = hold a copy in memory */
-    int warm; /* 1 = have the kernel read the file ahead */
+    const struct umbs_stamp *known; /* not for copies: those are always checked whole */
+    int copy;                       /* 1 = hold a copy in memory */
+    int warm;                       /* 1 = have the kernel read the file ahead */
 };
 
 /*
@@ -70,6 +70,9 @@ void umbs_asset_map_close(struct umbs_asset_map *map);
 /* Borrowed until close. Its description may be read at any time; its voxels, that is what
  * umb_query_run reads, only in umbs_asset_map_read. */
 const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map);
+
+/* 1 if the bytes are a copy: nothing done to the file matters. */
+int umbs_asset_map_is_copy(const struct umbs_asset_map *map);
 
 /* How the file looked when it was opened. */
 const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map);

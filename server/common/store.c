@@ -71,8 +71,12 @@ static void store_free(struct umbs_store *store)
 {
     pthread_mutex_destroy(&store->mutex);
     pthread_mutex_destroy(&store->scan);
-    free(store->folder);
-    free(store->cache);
+    for (size_t i = 0; i < store->folder_count; i++) {
+        free(store->folders[i].path);
+        free(store->folders[i].cache);
+        free(store->folders[i].proven);
+        umbs__records_finish(&store->folders[i].records);
+    }
     free(store);
 }
 
@@ -97,27 +101,41 @@ static void bury(struct umbs_store *store, struct umbs_entry *list)
     }
 }
 
+/* Looks whether a folder is there, and reads what was proven in it before. */
+static enum umb_status open_folder(struct umbs_store *store, const char *path,
+                                   struct umb_error *error)
+{
+    struct umbs_folder *folder = &store->folders[store->folder_count];
+    struct umb_error cause;
+    DIR *opened = opendir(path);
+    if (opened == NULL) {
+        int code = errno;
+        return umb_fail_errno(error, umb__open_status(code), code,
+                              "cannot open the store folder '%.200s'", path);
+    }
+    closedir(opened);
+    store->folder_count++;
+    folder->path = strdup(path);
+    folder->cache = umbs__path_join(path, UMBS_CACHE_FOLDER);
+    folder->proven = umbs__path_join(path, UMBS_CACHE_FOLDER "/proven");
+    if (folder->path == NULL || folder->cache == NULL || folder->proven == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
+    }
+    if (!store->no_cache &&
+        umbs__records_read(folder->proven, &folder->records, &cause) != UMB_OK) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(store->log, UMB_LOG_WARN, "proven_forgotten", "reason=%s",
+                       umbs_log_quote(cause.message, quoted));
+    }
+    return UMB_OK;
+}
+
 enum umb_status umbs_store_open(const struct umbs_store_options *options, struct umbs_store **out,
                                 struct umb_error *error)
 {
     *out = NULL;
-    DIR *folder = opendir(options->folder);
-    if (folder == NULL) {
-        int code = errno;
-        return umb_fail_errno(error, umb__open_status(code), code,
-                              "cannot open the store folder '%.200s'", options->folder);
-    }
-    closedir(folder);
     struct umbs_store *store = calloc(1, sizeof *store);
     if (store == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
-    }
-    store->folder = strdup(options->folder);
-    store->cache = umbs__path_join(options->folder, UMBS_CACHE_FOLDER);
-    if (store->folder == NULL || store->cache == NULL) {
-        free(store->folder);
-        free(store->cache);
-        free(store);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
     }
     store->max_memory_bytes =
@@ -131,6 +149,14 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     store->owner = options->owner;
     pthread_mutex_init(&store->scan, NULL);
     pthread_mutex_init(&store->mutex, NULL);
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < UMBS_STORE_FOLDERS_MAX && options->folders[i]; i++) {
+        status = open_folder(store, options->folders[i], error);
+    }
+    if (status != UMB_OK) {
+        store_free(store);
+        return status;
+    }
     *out = store;
     return UMB_OK;
 }
@@ -263,9 +289,9 @@ void umbs_entry_release(struct umbs_entry *entry)
     }
 }
 
-/* Sets an entry aside: no further call gets it, and the owner is asked for a scan that replaces
- * it. Only the first of several batches that find the same damage does so. */
-static void quarantine(struct umbs_entry *entry, const struct umb_error *error)
+/* No further call gets the entry, and the owner is asked for a scan that replaces it. Only the
+ * first of several batches that find the same damage does so. */
+void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error)
 {
     struct umbs_store *store = entry->store;
     void (*faulted)(void *user) = NULL;
@@ -300,7 +326,7 @@ enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *use
     }
     enum umb_status status = umbs_asset_map_read(entry->map, read, user, &cause);
     if (status != UMB_OK) {
-        quarantine(entry, &cause);
+        umbs__entry_quarantine(entry, &cause);
         return umb_fail(error, status, "asset: '%.64s' is damaged: %s", entry->item.name,
                         cause.message);
     }
@@ -353,5 +379,7 @@ void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts
         }
     }
     counts->faults = store->faults;
+    counts->scrubbed = store->scrubbed;
+    counts->scrubbed_at = store->scrubbed_at;
     pthread_mutex_unlock(&store->mutex);
 }

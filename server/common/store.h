@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_COMMON_STORE_H
 #define UMBRAGE_SERVER_COMMON_STORE_H
 /*
- * The store: a folder of packed assets (NAME.umb), kept open and ready to answer.
+ * The store: folders of packed assets (NAME.umb), kept open and ready to answer.
  *
  *     struct umbs_store *store;
  *     umbs_store_open(&options, &store, &error);
@@ -14,10 +14,15 @@
  *     umbs_entry_release(entry);
  *     umbs_store_close(store);
  *
+ * Names: a file's name less `.umb`, or FOLDER/NAME for one a folder further down. A symbolic link
+ * is a further name of what it points to ("city/latest"). If two of the store's folders have a
+ * name, the earlier one's is served.
+ *
  * Every packed file is proven (SHA-256 of head and pages against the id it carries) before its
  * first answer, then mapped from a cache file `.umbrage-cache/ID.umbm` that the store makes itself.
  * The cache is only a faster form: it is rebuilt when missing, damaged or of another id, and where
- * it cannot be written the packed file is expanded in memory, with a notice.
+ * it cannot be written the packed file is expanded in memory, with a notice. What was proven is
+ * remembered beside the cache (store_record.h): a known asset opens in milliseconds.
  *
  * A damaged file stays in the list with its reason: asking for it gives E_CORRUPT, and nothing else
  * is affected. A changed file (inode, size, time of change) is loaded and proven first, then takes
@@ -40,20 +45,21 @@
 #include "common/log.h"
 #include "umbrage/asset.h"
 
-#define UMBS_STORE_NAME_MAX        251  /* bytes of an asset's name: a file name less ".umb" */
+#define UMBS_STORE_NAME_MAX        251  /* bytes of an asset's name */
 #define UMBS_STORE_TEMPORARY_AGE_S 3600 /* older `.tmp.*` files belong to nobody */
-#define UMBS_STORE_SETTLE_MS       500  /* a file changed less long ago may still be being copied */
+#define UMBS_STORE_FOLDERS_MAX     16
+#define UMBS_STORE_SETTLE_MS       500 /* a file changed less long ago may still be being copied */
 
 struct umbs_store; /* opaque */
 struct umbs_entry; /* opaque: one version of one asset */
 
 struct umbs_store_options {
-    const char *folder;
-    uint64_t max_memory_bytes;  /* of one asset expanded in memory; 0 = 64 GiB */
-    const struct umbs_log *log; /* NULL = silent; must outlive the store */
-    int no_cache;               /* 1 = never write cache files, expand in memory */
-    int copy;                   /* 1 = hold copies in memory, so that files may be changed */
-    int warm;                   /* 1 = read mapped files ahead when they are opened */
+    const char *folders[UMBS_STORE_FOLDERS_MAX]; /* at least one; the first NULL ends the list */
+    uint64_t max_memory_bytes;                   /* of one asset expanded in memory; 0 = 64 GiB */
+    const struct umbs_log *log;                  /* NULL = silent; must outlive the store */
+    int no_cache;                                /* 1 = never write cache files, expand in memory */
+    int copy; /* 1 = hold copies in memory, so that files may be changed */
+    int warm; /* 1 = read mapped files ahead when they are opened */
     /* Called when a retired version waits to be freed, from whatever thread released it; the owner
      * then calls umbs_store_reap where blocking is allowed. NULL: it is freed at once. */
     void (*retired)(void *user);
@@ -67,6 +73,7 @@ struct umbs_store_options {
 struct umbs_store_report {
     size_t loaded, failed, removed, unchanged; /* files */
     size_t skipped;                            /* names that cannot be asset names */
+    size_t shadowed;                           /* names that an earlier folder has too */
     size_t swept;                              /* stray temporaries removed */
     int unsettled; /* 1 if a file that failed is so young that it should be tried again soon */
 };
@@ -79,7 +86,7 @@ struct umbs_store_item {
     enum umb_status status; /* UMB_OK, or why it cannot answer */
 };
 
-/* Opens a store's folder. Does not scan yet. Fails: E_NO_INPUT, E_NO_MEMORY. */
+/* Opens a store's folders. Does not scan yet. Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *options,
                                             struct umbs_store **out, struct umb_error *error);
 
@@ -87,7 +94,8 @@ UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *opt
 void umbs_store_close(struct umbs_store *store);
 
 /*
- * Looks at the folder, loads what is new or changed, drops what is gone, sweeps old temporaries.
+ * Looks at the folders, loads what is new or changed, drops what is gone, sweeps old temporaries.
+ * What opens at once is published at once; what takes long is published one by one.
  *
  * Out:   report: filled also on failure; may be NULL.
  * Fails: E_IO or E_NO_INPUT if the folder cannot be read (the old table stays), E_NO_MEMORY. A bad
@@ -97,6 +105,15 @@ void umbs_store_close(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
                                               struct umbs_store_report *report,
                                               struct umb_error *error);
+
+/*
+ * Checks again the one asset whose mapped file was last checked longest ago, if that is interval_ms
+ * or more, or it was opened by what is known of it: damage sets it aside as a failed read does.
+ * Copies need no check. Returns 1 if there was one to check, and how many bytes were read.
+ *
+ * Cost: blocks on the disk; one pass over the file.
+ */
+int umbs_store_scrub(struct umbs_store *store, uint64_t interval_ms, uint64_t *bytes);
 
 /* Frees retired versions that nobody holds any more. Blocks on unmapping. */
 void umbs_store_reap(struct umbs_store *store);
@@ -137,6 +154,8 @@ struct umbs_store_counts {
     size_t healthy, damaged; /* files that answer, and that do not */
     uint64_t memory_bytes;   /* that queries of all healthy ones read */
     uint64_t faults;         /* maps found cut or changed since the start */
+    uint64_t scrubbed;       /* checks by umbs_store_scrub that found an asset whole */
+    int64_t scrubbed_at;     /* time of the last one, Unix seconds; 0 = none */
 };
 
 void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts);

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include "common/asset_map.h"
 #include "common/store.h"
+#include "common/store_record.h"
 
 #define UMBS_CACHE_FOLDER ".umbrage-cache"
 
@@ -18,9 +19,12 @@ struct umbs_entry {
     struct umbs_store_item item;
     struct umb_error error; /* why it cannot answer */
     struct umbs_stamp stamp;
-    int has_id;  /* item.id was read from its head */
-    int faulted; /* under store->mutex: its map was cut or changed, error says so */
-    int retry;   /* the failure was not the file's: try at each scan */
+    size_t folder;       /* index in the store's */
+    uint64_t tried;      /* serial of the scan that last loaded it, or tried to replace it */
+    uint64_t checked_ms; /* under store->mutex: of the last full check, umbs__now_ms; 0 = before */
+    int has_id;          /* item.id was read from its head */
+    int faulted;         /* under store->mutex: its map was cut or changed, error says so */
+    int retry;           /* the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };
 
@@ -32,8 +36,18 @@ struct umbs_table {
     size_t healthy;
 };
 
+struct umbs_folder {
+    char *path, *cache;
+    char *proven;                /* path of the list */
+    /* Under the store's scan mutex: */
+    struct umbs_records records; /* of the last scan, and what this one found */
+    int unwritten;               /* there is something in them that the file has not */
+    size_t skipped_before, shadowed_before;
+};
+
 struct umbs_store {
-    char *folder, *cache;
+    struct umbs_folder folders[UMBS_STORE_FOLDERS_MAX];
+    size_t folder_count;
     uint64_t max_memory_bytes;
     int no_cache, copy, warm;
     const struct umbs_log *log;
@@ -41,20 +55,53 @@ struct umbs_store {
     void (*faulted)(void *user);
     void *owner;
 
-    pthread_mutex_t scan;  /* one rescan at a time; taken before mutex */
-    size_t skipped_before; /* under scan */
+    pthread_mutex_t scan; /* one rescan at a time; taken before mutex */
+    uint64_t serial;      /* of the scan; under scan */
 
     pthread_mutex_t mutex; /* the rest */
     struct umbs_table table;
     struct umbs_entry *graveyard; /* no references left, not freed yet */
     size_t entries;               /* that exist; the store outlives them */
-    uint64_t faults;
+    uint64_t faults, scrubbed;
+    int64_t scrubbed_at;
     int closed;
 };
 
+/* One asset's name, and the folder that has it. */
+struct umbs_name {
+    size_t folder;
+    char text[UMBS_STORE_NAME_MAX + 1];
+};
+
+struct umbs_name_list {
+    size_t count, capacity;
+    struct umbs_name *names;
+};
+
+/* Collects the names of all folders, sorted, each once. Fails: E_NO_INPUT, E_IO, E_NO_MEMORY; the
+ * list is the caller's to free either way. */
+UMB_CHECKED enum umb_status umbs__names_read(struct umbs_store *store, struct umbs_name_list *list,
+                                             struct umbs_store_report *report,
+                                             struct umb_error *error);
+
 /* Makes an entry for a file; a damaged file gives an entry without asset. rebuild: make its cache
  * anew, whatever is there. NULL: out of memory. Blocks; called by the scan without the mutex. */
-struct umbs_entry *umbs__entry_load(struct umbs_store *store, const char *name, int rebuild);
+struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
+                                    int rebuild);
+
+/* The same for a file that is known by its stamp and whose mapped file still is as it was; NULL if
+ * not so. Quick. */
+struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
+                                      const struct umbs_stamp *packed);
+
+/* Path of an asset's packed file, malloc; NULL: out of memory. */
+char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name);
+
+/* Sets an entry aside and tells the owner, once. */
+void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error);
+
+/* CLOCK_MONOTONIC in milliseconds, never 0. */
+uint64_t umbs__now_ms(void);
 
 /* Takes a further reference to an entry of the current table (scan only). */
 void umbs__entry_retain(struct umbs_entry *entry);

@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "common/file.h"
@@ -96,21 +95,24 @@ static enum umb_status expand(struct umbs_store *store, const struct packed *pac
 
 /* Opens a cache file and checks that it is the mapped form of that id. */
 static enum umb_status cache_try(struct umbs_store *store, const char *path,
-                                 struct umbs_entry *entry, struct umb_error *error)
+                                 const struct umbs_stamp *known, struct umbs_entry *entry,
+                                 struct umb_error *error)
 {
-    struct umbs_asset_map_options options = {.copy = store->copy, .warm = store->warm};
+    struct umbs_asset_map_options options = {
+        .known = known, .copy = store->copy, .warm = store->warm};
     memcpy(options.id, entry->item.id, UMB_ID_BYTES);
     return umbs_asset_map_open(path, &options, &entry->map, error);
 }
 
-static enum umb_status cache_build(struct umbs_store *store, const char *path,
-                                   const struct packed *packed, struct umb_error *error)
+static enum umb_status cache_build(struct umbs_store *store, const struct umbs_folder *folder,
+                                   const char *path, const struct packed *packed,
+                                   struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
     struct umbs_file file = {.fd = -1};
-    if (mkdir(store->cache, 0755) != 0 && errno != EEXIST) {
+    if (mkdir(folder->cache, 0755) != 0 && errno != EEXIST) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
-                              store->cache);
+                              folder->cache);
     }
     enum umb_status status = umbs_file_begin(path, &file, error);
     if (status != UMB_OK) {
@@ -132,30 +134,36 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path,
     return status;
 }
 
+/* Path of an entry's cache file, malloc; NULL: out of memory. */
+static char *cache_path(const struct umbs_store *store, const struct umbs_entry *entry)
+{
+    char name[UMB_ID_TEXT_SIZE + 8];
+    umb_id_to_text(entry->item.id, name);
+    memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
+    return umbs__path_join(store->folders[entry->folder].cache, name);
+}
+
 /* Opens the mapped cache of a proven packed image, making it if need be. Fails: any status; the
  * caller then expands the packed form. */
 static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *entry,
                                   const struct packed *packed, int rebuild, struct umb_error *error)
 {
-    char name[UMB_ID_TEXT_SIZE + 8];
-    umb_id_to_text(entry->item.id, name);
-    memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
-    char *path = umbs__path_join(store->cache, name);
+    char *path = cache_path(store, entry);
     if (path == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
     }
     enum umb_status status =
         rebuild ? umb_fail(error, UMB_E_CORRUPT, "it was changed while it was in use")
-                : cache_try(store, path, entry, error);
+                : cache_try(store, path, NULL, entry, error);
     if (status != UMB_OK) {
         if (status != UMB_E_NO_INPUT) {
             char quoted[UMBS_LOG_QUOTE_SIZE];
-            umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "file=%s reason=%s", name,
-                           umbs_log_quote(error->message, quoted));
+            umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "asset=%s reason=%s",
+                           entry->item.name, umbs_log_quote(error->message, quoted));
         }
-        status = cache_build(store, path, packed, error);
+        status = cache_build(store, &store->folders[entry->folder], path, packed, error);
         if (status == UMB_OK) {
-            status = cache_try(store, path, entry, error);
+            status = cache_try(store, path, NULL, entry, error);
         }
     }
     free(path);
@@ -213,14 +221,17 @@ static enum umb_status load(struct umbs_store *store, struct umbs_entry *entry, 
         status = open_proven(store, entry, &packed, rebuild, error);
     }
     free(packed.bytes);
-    if (status == UMB_OK) {
-        struct umb_asset_info info;
-        umb_asset_get_info(entry->asset, &info);
-        entry->item.packed_bytes = packed.size;
-        entry->item.memory_bytes = info.memory_bytes;
-        entry->item.light_count = info.light_count;
-    }
     return status;
+}
+
+/* Fills the description of an entry that has its asset. */
+static void describe(struct umbs_entry *entry)
+{
+    struct umb_asset_info info;
+    umb_asset_get_info(entry->asset, &info);
+    entry->item.packed_bytes = entry->stamp.size;
+    entry->item.memory_bytes = info.memory_bytes;
+    entry->item.light_count = info.light_count;
 }
 
 static int is_the_files_fault(enum umb_status status)
@@ -229,46 +240,92 @@ static int is_the_files_fault(enum umb_status status)
            status == UMB_E_CORRUPT || status == UMB_E_UNSUPPORTED || status == UMB_E_TOO_LARGE;
 }
 
-struct umbs_entry *umbs__entry_load(struct umbs_store *store, const char *name, int rebuild)
+char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name)
 {
     char file[UMBS_STORE_NAME_MAX + 8];
-    char quoted[UMBS_LOG_QUOTE_SIZE];
-    struct timespec from;
-    struct timespec to;
+    snprintf(file, sizeof file, "%s.umb", name->text);
+    return umbs__path_join(store->folders[name->folder].path, file);
+}
+
+static struct umbs_entry *entry_create(struct umbs_store *store, const struct umbs_name *name)
+{
     struct umbs_entry *entry = calloc(1, sizeof *entry);
+    if (entry != NULL) {
+        snprintf(entry->item.name, sizeof entry->item.name, "%s", name->text);
+        entry->store = store;
+        entry->folder = name->folder;
+        entry->references = 1;
+        pthread_mutex_lock(&store->mutex);
+        store->entries++;
+        pthread_mutex_unlock(&store->mutex);
+    }
+    return entry;
+}
+
+static void log_loaded(struct umbs_entry *entry, const char *how, uint64_t from_ms)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(entry->item.id, id);
+    umbs_log_event(entry->store->log, UMB_LOG_INFO, "asset_loaded",
+                   "asset=%s id=%s bytes=%llu memory=%llu how=%s dur_ms=%llu", entry->item.name, id,
+                   (unsigned long long)entry->item.packed_bytes,
+                   (unsigned long long)entry->item.memory_bytes, how,
+                   (unsigned long long)(umbs__now_ms() - from_ms));
+}
+
+struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
+                                    int rebuild)
+{
+    uint64_t from_ms = umbs__now_ms();
+    char *path = umbs__packed_path(store, name);
+    struct umbs_entry *entry = path != NULL ? entry_create(store, name) : NULL;
+    if (entry == NULL) {
+        free(path);
+        return NULL;
+    }
+    entry->item.status = load(store, entry, path, rebuild, &entry->error);
+    entry->checked_ms = umbs__now_ms();
+    free(path);
+    if (entry->item.status != UMB_OK) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        entry->retry = !is_the_files_fault(entry->item.status);
+        umbs_log_event(store->log, UMB_LOG_ERROR, "asset_damaged", "asset=%s status=%s reason=%s",
+                       name->text, umb_status_name(entry->item.status),
+                       umbs_log_quote(entry->error.message, quoted));
+    } else {
+        describe(entry);
+        log_loaded(entry, "proven", from_ms);
+    }
+    return entry;
+}
+
+struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
+                                      const struct umbs_stamp *packed)
+{
+    uint64_t from_ms = umbs__now_ms();
+    const struct umbs_record *known =
+        umbs__records_find(&store->folders[name->folder].records, packed);
+    struct umbs_entry *entry = known != NULL ? entry_create(store, name) : NULL;
     if (entry == NULL) {
         return NULL;
     }
-    snprintf(entry->item.name, sizeof entry->item.name, "%s", name);
-    snprintf(file, sizeof file, "%s.umb", name);
-    entry->store = store;
-    entry->references = 1;
-    char *path = umbs__path_join(store->folder, file);
-    if (path == NULL) {
-        free(entry);
+    memcpy(entry->item.id, known->id, UMB_ID_BYTES);
+    entry->has_id = 1;
+    entry->stamp = *packed;
+    char *path = cache_path(store, entry);
+    struct umb_error error;
+    int good = path != NULL && cache_try(store, path, &known->mapped, entry, &error) == UMB_OK;
+    free(path);
+    if (!good) {
+        umbs_entry_release(entry);
         return NULL;
     }
-    clock_gettime(CLOCK_MONOTONIC, &from);
-    entry->item.status = load(store, entry, path, rebuild, &entry->error);
-    clock_gettime(CLOCK_MONOTONIC, &to);
-    free(path);
-    if (entry->item.status != UMB_OK) {
-        entry->retry = !is_the_files_fault(entry->item.status);
-        umbs_log_event(store->log, UMB_LOG_ERROR, "asset_damaged", "asset=%s status=%s reason=%s",
-                       name, umb_status_name(entry->item.status),
-                       umbs_log_quote(entry->error.message, quoted));
-    } else {
-        char id[UMB_ID_TEXT_SIZE];
-        umb_id_to_text(entry->item.id, id);
-        umbs_log_event(store->log, UMB_LOG_INFO, "asset_loaded",
-                       "asset=%s id=%s bytes=%llu memory=%llu dur_ms=%lld", name, id,
-                       (unsigned long long)entry->item.packed_bytes,
-                       (unsigned long long)entry->item.memory_bytes,
-                       (long long)(to.tv_sec - from.tv_sec) * 1000 +
-                           (to.tv_nsec - from.tv_nsec) / 1000000);
+    entry->asset = umbs_asset_map_asset(entry->map);
+    /* A mapped file that changed since was checked whole by the opening, as a copy is. */
+    if (store->copy || !umbs_stamp_equal(&known->mapped, umbs_asset_map_stamp(entry->map))) {
+        entry->checked_ms = umbs__now_ms();
     }
-    pthread_mutex_lock(&store->mutex);
-    store->entries++;
-    pthread_mutex_unlock(&store->mutex);
+    describe(entry);
+    log_loaded(entry, "known", from_ms);
     return entry;
 }

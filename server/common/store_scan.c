@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Scanning the store's folder and swapping the table.
+ * Scanning the store's folders and swapping the table.
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
- * and swaps it in under the mutex, so a look-up sees the folder before or after, never in between.
+ * and swaps it in under the mutex, so a look-up sees the folders before or after, never in between.
+ * It does so several times: first with all that opens at once, then once more for each file that
+ * must be read whole, so that a large new asset keeps nobody waiting but those who ask for it.
  */
 #include "common/store_internal.h"
 
@@ -16,103 +18,19 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "base/open_status.h"
-
-struct name_list {
-    size_t count, capacity;
-    char (*names)[UMBS_STORE_NAME_MAX + 1];
+/* One pass over the names. */
+struct pass {
+    struct umbs_store *store;
+    struct umbs_store_report *report;
+    int may_load; /* one file may still be read whole */
+    int pending;  /* there are more */
 };
-
-static int compare_names(const void *a, const void *b)
-{
-    return strcmp(a, b);
-}
 
 static int compare_ids(const void *a, const void *b)
 {
     const struct umbs_entry *const *left = a;
     const struct umbs_entry *const *right = b;
     return memcmp((*left)->item.id, (*right)->item.id, UMB_ID_BYTES);
-}
-
-/* Copies the stem of NAME.umb. Returns 1, 0 (not an asset's name) or -1 (an asset's, but refused).
- */
-static int stem_of(const char *file, char stem[UMBS_STORE_NAME_MAX + 1])
-{
-    static const char allowed[] =
-        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
-    size_t length = strlen(file);
-    if (length < 5 || file[0] == '.' || strcmp(file + length - 4, ".umb") != 0) {
-        return 0;
-    }
-    length -= 4;
-    if (length > UMBS_STORE_NAME_MAX || strspn(file, allowed) < length) {
-        return -1;
-    }
-    memcpy(stem, file, length);
-    stem[length] = '\0';
-    return 1;
-}
-
-static enum umb_status add_name(struct name_list *list, const char *stem, struct umb_error *error)
-{
-    if (list->count == list->capacity) {
-        size_t capacity = list->capacity == 0 ? 16 : list->capacity * 2;
-        if (capacity > SIZE_MAX / sizeof *list->names) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu names", capacity);
-        }
-        void *names = realloc(list->names, capacity * sizeof *list->names);
-        if (names == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu names", capacity);
-        }
-        list->names = names;
-        list->capacity = capacity;
-    }
-    memcpy(list->names[list->count++], stem, strlen(stem) + 1);
-    return UMB_OK;
-}
-
-/* Collects the asset names of the folder, sorted. */
-static enum umb_status read_names(struct umbs_store *store, struct name_list *list,
-                                  struct umbs_store_report *report, struct umb_error *error)
-{
-    enum umb_status status = UMB_OK;
-    char stem[UMBS_STORE_NAME_MAX + 1];
-    char last_skipped[UMBS_LOG_QUOTE_SIZE] = "";
-    DIR *folder = opendir(store->folder);
-    if (folder == NULL) {
-        int code = errno;
-        return umb_fail_errno(error, umb__open_status(code), code,
-                              "cannot open the store folder '%.200s'", store->folder);
-    }
-    while (status == UMB_OK) {
-        errno = 0;
-        struct dirent *item = readdir(folder);
-        if (item == NULL) {
-            if (errno != 0) {
-                status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read the folder '%.200s'",
-                                        store->folder);
-            }
-            break;
-        }
-        int kind = stem_of(item->d_name, stem);
-        if (kind > 0) {
-            status = add_name(list, stem, error);
-        } else if (kind < 0) {
-            report->skipped++;
-            umbs_log_quote(item->d_name, last_skipped);
-        }
-    }
-    closedir(folder);
-    if (report->skipped != store->skipped_before && report->skipped > 0) {
-        umbs_log_event(store->log, UMB_LOG_WARN, "names_skipped",
-                       "count=%zu last=%s allowed=[A-Za-z0-9._-]", report->skipped, last_skipped);
-    }
-    store->skipped_before = report->skipped;
-    if (status == UMB_OK && list->count > 0) {
-        qsort(list->names, list->count, sizeof *list->names, compare_names);
-    }
-    return status;
 }
 
 static int is_fresh(const struct stat *file)
@@ -132,58 +50,102 @@ static int is_faulted(struct umbs_store *store, const struct umbs_entry *entry)
     return faulted;
 }
 
-/*
- * Decides what stands for one file in the new table: the old entry, a new one, or none (NULL and
- * UMB_OK: the file vanished). The result holds a reference for the table.
- */
-static enum umb_status place(struct umbs_store *store, const char *name,
-                             struct umbs_store_report *report, struct umbs_entry **out,
-                             struct umb_error *error)
+/* Remembers what was proven, so that another name of the same file opens at once. */
+static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
-    char file[UMBS_STORE_NAME_MAX + 8];
-    struct stat now;
-    *out = NULL;
-    snprintf(file, sizeof file, "%s.umb", name);
-    char *path = umbs__path_join(store->folder, file);
+    struct umbs_folder *folder = &store->folders[entry->folder];
+    if (entry->map != NULL && umbs__records_find(&folder->records, &entry->stamp) == NULL) {
+        struct umbs_record record = {.packed = entry->stamp,
+                                     .mapped = *umbs_asset_map_stamp(entry->map)};
+        memcpy(record.id, entry->item.id, UMB_ID_BYTES);
+        /* Without memory it is proven once more another time. */
+        (void)!umbs__records_add(&folder->records, &record);
+        folder->unwritten = 1;
+    }
+}
+
+/* Takes a fresh entry, or keeps the old one where the fresh one's failure may pass. */
+static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
+                                 struct umbs_entry *fresh, const struct stat *file)
+{
+    fresh->tried = pass->store->serial;
+    if (fresh->asset != NULL) {
+        pass->report->loaded++;
+        remember(pass->store, fresh);
+        return fresh;
+    }
+    pass->report->failed++;
+    if (is_fresh(file)) {
+        pass->report->unsettled = 1;
+        fresh->retry = 1;
+    }
+    if (fresh->retry && old != NULL && old->asset != NULL && !old_faulted) {
+        /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
+         * version goes on answering until one can tell. */
+        umbs__entry_retain(old);
+        umbs_entry_release(fresh);
+        old->tried = pass->store->serial;
+        return old;
+    }
+    return fresh;
+}
+
+static enum umb_status look_at(const struct umbs_store *store, const struct umbs_name *name,
+                               struct stat *facts, int *missing, struct umb_error *error)
+{
+    char *path = umbs__packed_path(store, name);
     if (path == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
     }
-    int missing = stat(path, &now) != 0;
+    *missing = stat(path, facts) != 0 || !S_ISREG(facts->st_mode);
     free(path);
-    if (missing || !S_ISREG(now.st_mode)) {
-        return UMB_OK;
+    return UMB_OK;
+}
+
+/*
+ * Decides what stands for one file in the new table: the old entry, a new one, or none (NULL and
+ * UMB_OK: the file vanished, or it waits for its turn). The result holds a reference for the table.
+ */
+static enum umb_status place(struct pass *pass, const struct umbs_name *name,
+                             struct umbs_entry **out, struct umb_error *error)
+{
+    struct umbs_store *store = pass->store;
+    struct stat now;
+    int missing = 0;
+    *out = NULL;
+    enum umb_status status = look_at(store, name, &now, &missing, error);
+    if (status != UMB_OK || missing) {
+        return status;
     }
     /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
-    struct umbs_entry *old = umbs__table_find_name(&store->table, name);
+    struct umbs_entry *old = umbs__table_find_name(&store->table, name->text);
     struct umbs_stamp stamp = umbs_stamp_of(&now);
     int faulted = old != NULL && is_faulted(store, old);
-    if (old != NULL && !old->retry && !faulted && umbs_stamp_equal(&old->stamp, &stamp)) {
+    int tried = old != NULL && old->tried == store->serial;
+    if (old != NULL && (tried || (!old->retry && !faulted && old->folder == name->folder &&
+                                  umbs_stamp_equal(&old->stamp, &stamp)))) {
         umbs__entry_retain(old);
-        report->unchanged++;
+        pass->report->unchanged += !tried;
         *out = old;
         return UMB_OK;
     }
-    struct umbs_entry *fresh = umbs__entry_load(store, name, faulted);
-    if (fresh == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name);
-    }
-    if (fresh->asset != NULL) {
-        report->loaded++;
-    } else {
-        report->failed++;
-        if (is_fresh(&now)) {
-            report->unsettled = 1;
-            fresh->retry = 1;
-        }
-        if (fresh->retry && old != NULL && old->asset != NULL && !faulted) {
-            /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the
-             * old version goes on answering until one can tell. */
+    struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
+    if (fresh == NULL && !pass->may_load) {
+        pass->pending = 1;
+        if (old != NULL) {
             umbs__entry_retain(old);
-            umbs_entry_release(fresh);
-            fresh = old;
         }
+        *out = old;
+        return UMB_OK;
     }
-    *out = fresh;
+    if (fresh == NULL) {
+        pass->may_load = 0;
+        fresh = umbs__entry_load(store, name, faulted);
+    }
+    if (fresh == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
+    }
+    *out = choose(pass, old, faulted, fresh, &now);
     return UMB_OK;
 }
 
@@ -197,9 +159,8 @@ static void table_release(struct umbs_table *table)
     memset(table, 0, sizeof *table);
 }
 
-static enum umb_status build_table(struct umbs_store *store, const struct name_list *list,
-                                   struct umbs_table *table, struct umbs_store_report *report,
-                                   struct umb_error *error)
+static enum umb_status build_table(struct pass *pass, const struct umbs_name_list *list,
+                                   struct umbs_table *table, struct umb_error *error)
 {
     memset(table, 0, sizeof *table);
     table->by_name = calloc(list->count + 1, sizeof(struct umbs_entry *));
@@ -211,7 +172,7 @@ static enum umb_status build_table(struct umbs_store *store, const struct name_l
     }
     for (size_t i = 0; i < list->count; i++) {
         struct umbs_entry *entry = NULL;
-        enum umb_status status = place(store, list->names[i], report, &entry, error);
+        enum umb_status status = place(pass, &list->names[i], &entry, error);
         if (status != UMB_OK) {
             table_release(table);
             return status;
@@ -229,34 +190,88 @@ static enum umb_status build_table(struct umbs_store *store, const struct name_l
     return UMB_OK;
 }
 
+/* Puts a new table in place of the old one. */
+static void publish(struct pass *pass, const struct umbs_table *table)
+{
+    struct umbs_store *store = pass->store;
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_table old = store->table;
+    store->table = *table;
+    pthread_mutex_unlock(&store->mutex);
+    for (size_t i = 0; i < old.count; i++) {
+        if (umbs__table_find_name(table, old.by_name[i]->item.name) == NULL) {
+            pass->report->removed++;
+            umbs_log_event(store->log, UMB_LOG_INFO, "asset_removed", "asset=%s",
+                           old.by_name[i]->item.name);
+        }
+    }
+    table_release(&old);
+}
+
+/* Writes down what is proven now, if it is not what was. */
+static void write_records(struct umbs_store *store, size_t index)
+{
+    struct umbs_folder *folder = &store->folders[index];
+    struct umbs_records now = {0};
+    struct umb_error error;
+    for (size_t i = 0; i < store->table.count; i++) {
+        const struct umbs_entry *entry = store->table.by_name[i];
+        if (entry->folder == index && entry->map != NULL && !is_faulted(store, entry)) {
+            struct umbs_record record = {.packed = entry->stamp,
+                                         .mapped = *umbs_asset_map_stamp(entry->map)};
+            memcpy(record.id, entry->item.id, UMB_ID_BYTES);
+            if (umbs__records_add(&now, &record) != UMB_OK) {
+                break;
+            }
+        }
+    }
+    if (!folder->unwritten && umbs__records_equal(&now, &folder->records)) {
+        umbs__records_finish(&now);
+        return;
+    }
+    umbs__records_finish(&folder->records);
+    folder->records = now;
+    folder->unwritten = 0;
+    if (umbs__records_write(folder->proven, &now, &error) != UMB_OK) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(store->log, UMB_LOG_WARN, "proven_not_kept", "reason=%s",
+                       umbs_log_quote(error.message, quoted));
+    }
+}
+
 enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_report *report,
                                   struct umb_error *error)
 {
     struct umbs_store_report own;
-    struct name_list list = {0};
+    struct umbs_name_list list = {0};
     struct umbs_table table = {0};
     report = report != NULL ? report : &own;
     memset(report, 0, sizeof *report);
     pthread_mutex_lock(&store->scan);
-    enum umb_status status = read_names(store, &list, report, error);
-    if (status == UMB_OK) {
-        status = build_table(store, &list, &table, report, error);
-    }
-    free(list.names);
-    if (status == UMB_OK) {
-        pthread_mutex_lock(&store->mutex);
-        struct umbs_table old = store->table;
-        store->table = table;
-        pthread_mutex_unlock(&store->mutex);
-        for (size_t i = 0; i < old.count; i++) {
-            if (umbs__table_find_name(&table, old.by_name[i]->item.name) == NULL) {
-                report->removed++;
-                umbs_log_event(store->log, UMB_LOG_INFO, "asset_removed", "asset=%s",
-                               old.by_name[i]->item.name);
-            }
+    store->serial++;
+    struct pass pass = {.store = store, .report = report};
+    enum umb_status status = umbs__names_read(store, &list, report, error);
+    do {
+        /* The first pass takes what is quick; each further one at least one more file, so this
+         * ends. */
+        report->unchanged = 0;
+        pass.pending = 0;
+        if (status == UMB_OK) {
+            status = build_table(&pass, &list, &table, error);
         }
-        table_release(&old);
-        report->swept = umbs__store_sweep(store, &table);
+        if (status == UMB_OK) {
+            publish(&pass, &table);
+        }
+        pass.may_load = 1;
+    } while (status == UMB_OK && pass.pending);
+    free(list.names);
+    for (size_t i = 0; status == UMB_OK && i < store->folder_count; i++) {
+        if (!store->no_cache) {
+            write_records(store, i);
+        }
+    }
+    if (status == UMB_OK) {
+        report->swept = umbs__store_sweep(store, &store->table);
     }
     pthread_mutex_unlock(&store->scan);
     umbs_store_reap(store);
@@ -306,5 +321,10 @@ static size_t sweep_folder(struct umbs_store *store, const char *path,
 
 size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *table)
 {
-    return sweep_folder(store, store->folder, NULL) + sweep_folder(store, store->cache, table);
+    size_t swept = 0;
+    for (size_t i = 0; i < store->folder_count; i++) {
+        swept += sweep_folder(store, store->folders[i].path, NULL);
+        swept += sweep_folder(store, store->folders[i].cache, table);
+    }
+    return swept;
 }

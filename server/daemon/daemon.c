@@ -17,13 +17,13 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     enum umb_status status =
         umbd_store_watch_create(&daemon->metrics, &daemon->log, &daemon->watch, error);
     if (status == UMB_OK) {
-        struct umbs_store_options store = {.folder = options->store,
-                                           .copy = options->copy,
+        struct umbs_store_options store = {.copy = options->copy,
                                            .warm = options->warm_up,
                                            .log = &daemon->log,
                                            .retired = umbd_store_watch_retired,
                                            .faulted = umbd_store_watch_faulted,
                                            .owner = daemon->watch};
+        memcpy(store.folders, options->stores, sizeof store.folders);
         status = umbs_store_open(&store, &daemon->store, error);
     }
     if (status == UMB_OK) {
@@ -42,7 +42,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
                                   error);
     }
     if (status == UMB_OK) {
-        status = umbd_store_watch_start(daemon->watch, daemon->store, error);
+        status = umbd_store_watch_start(daemon->watch, daemon->store, daemon->options.stores,
+                                        options->scrub_interval_ms, error);
     }
     if (status != UMB_OK) {
         (void)umbd_daemon_finish(daemon); /* its thread is not running yet */

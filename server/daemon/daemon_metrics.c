@@ -155,6 +155,11 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
            gauges->assets.faults);
     single(out, "umbrage_asset_errors_total", "counter", "Loads that failed.",
            get(&metrics->asset_errors));
+    single(out, "umbrage_scrubs_total", "counter", "Checks again that found an asset whole.",
+           gauges->assets.scrubbed);
+    single(out, "umbrage_scrub_last_success_timestamp_seconds", "gauge",
+           "Unix time of the last such check, 0 before the first.",
+           (unsigned long long)gauges->assets.scrubbed_at);
     single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",
            gauges->ready ? 1 : 0);
     head(out, "umbrage_build_info", "gauge", "Version of this program.");

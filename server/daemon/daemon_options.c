@@ -15,6 +15,7 @@
 enum kind {
     KIND_TEXT,
     KIND_LISTEN,
+    KIND_STORE,
     KIND_COUNT, /* uint32 */
     KIND_TOTAL, /* uint64 */
     KIND_BYTES, /* uint64 */
@@ -35,13 +36,16 @@ struct option {
 #define HOUR_MS   ((uint64_t)3600 * 1000)
 
 static const struct option table[] = {
-    {"--store", KIND_TEXT, AT(store), 0, 0, "DIR", "folder of packed assets (required)"},
+    {"--store", KIND_STORE, 0, 0, 0, "DIR",
+     "folder of packed assets (required); may be repeated, the first that has a name serves it"},
     {"--listen", KIND_LISTEN, 0, 0, 0, "ADDRESS",
      "tcp:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; port 0 picks one"},
     {"--copy", KIND_FLAG, AT(copy), 0, 0, NULL,
      "hold assets in memory, so that nothing done to their files matters"},
     {"--warm-up", KIND_FLAG, AT(warm_up), 0, 0, NULL,
      "read an asset's file ahead when it is opened"},
+    {"--scrub-interval", KIND_TIME, AT(scrub_interval_ms), 0, 31 * 24 * HOUR_MS, "TIME",
+     "longest time between two checks of a mapped asset, 0 = no checks; default 60m"},
     {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
      "threads that answer; default: one a core"},
     {"--admin", KIND_TEXT, AT(admin), 0, 0, "HOST:PORT",
@@ -159,6 +163,21 @@ static enum umb_status set_listen(const char *text, struct umbd_options *options
     return status;
 }
 
+static enum umb_status set_store(const char *text, struct umbd_options *options,
+                                 struct umb_error *error)
+{
+    size_t count = 0;
+    while (count < UMBS_STORE_FOLDERS_MAX && options->stores[count] != NULL) {
+        count++;
+    }
+    if (count == UMBS_STORE_FOLDERS_MAX || text[0] == '\0') {
+        return umb_fail(error, UMB_E_ARGUMENT, "--store: empty, or more than %d folders",
+                        UMBS_STORE_FOLDERS_MAX);
+    }
+    options->stores[count] = text;
+    return UMB_OK;
+}
+
 static enum umb_status set_option(const struct option *option, const char *text,
                                   struct umbd_options *options, struct umb_error *error)
 {
@@ -172,6 +191,8 @@ static enum umb_status set_option(const struct option *option, const char *text,
         return UMB_OK;
     case KIND_LISTEN:
         return set_listen(text, options, error);
+    case KIND_STORE:
+        return set_store(text, options, error);
     case KIND_LEVEL:
         if (umbs_log_level_parse(text, &options->log_level) != UMB_OK) {
             return umb_fail(error, UMB_E_ARGUMENT,
@@ -211,6 +232,7 @@ static void set_defaults(struct umbd_options *options)
         .idle_timeout_ms = 300000,
         .body_timeout_ms = 30000,
         .stall_timeout_ms = 30000,
+        .scrub_interval_ms = HOUR_MS,
         .log_level = UMB_LOG_INFO,
     };
 }
@@ -219,7 +241,7 @@ static void set_defaults(struct umbd_options *options)
 static enum umb_status check_whole(struct umbd_options *options, struct umb_error *error)
 {
     struct umbd_address address;
-    if (options->store == NULL) {
+    if (options->stores[0] == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--store DIR is required");
     }
     if (options->max_message > options->connection_buffer ||

@@ -8,13 +8,14 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include "common/store.h"
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
 #define UMBD_LISTEN_MAX 16
 
 struct umbd_options {
-    const char *store;
+    const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL behind the last */
     const char *listen[UMBD_LISTEN_MAX];
     size_t listen_count;
     const char *admin;        /* HOST:PORT or NULL */
@@ -28,6 +29,7 @@ struct umbd_options {
     uint64_t max_buffer;        /* bytes of requests and replies held, process */
     uint64_t connection_buffer; /* the same, one connection */
     uint64_t drain_delay_ms, drain_timeout_ms;
+    uint64_t scrub_interval_ms; /* 0 = never */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
     enum umb_log_level log_level;
     int check, help, version; /* asked for instead of serving */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The event loop: timers, finished batches, signals, the store folder's events.
+ * The event loop: timers, finished batches, signals.
  *
  * A batch ends on a worker's thread, is put on done_list and the loop is woken; here its
  * connection is found by serial and its stream by number, so a batch whose call has gone meets
@@ -137,16 +137,6 @@ static void on_signal(uv_signal_t *signal, int number)
     }
 }
 
-static void on_folder_event(uv_fs_event_t *handle, const char *name, int events, int status)
-{
-    struct umbd_loop *loop = handle->data;
-    (void)name;
-    (void)events;
-    if (status == 0) {
-        umbd_store_watch_kick(loop->daemon->watch);
-    }
-}
-
 static void start_handles(struct umbd_loop *loop)
 {
     uv_async_init(&loop->uv, &loop->wake, on_wake);
@@ -154,18 +144,12 @@ static void start_handles(struct umbd_loop *loop)
     uv_signal_init(&loop->uv, &loop->terminate);
     uv_signal_init(&loop->uv, &loop->interrupt);
     uv_signal_init(&loop->uv, &loop->hangup);
-    uv_fs_event_init(&loop->uv, &loop->folder);
-    loop->wake.data = loop->tick.data = loop->folder.data = loop;
+    loop->wake.data = loop->tick.data = loop;
     loop->terminate.data = loop->interrupt.data = loop->hangup.data = loop;
     uv_timer_start(&loop->tick, on_tick, UMBD_TICK_MS, UMBD_TICK_MS);
     uv_signal_start(&loop->terminate, on_signal, SIGTERM);
     uv_signal_start(&loop->interrupt, on_signal, SIGINT);
     uv_signal_start(&loop->hangup, on_signal, SIGHUP);
-    int code = uv_fs_event_start(&loop->folder, on_folder_event, loop->daemon->options.store, 0);
-    if (code != 0) {
-        umbs_log_event(&loop->daemon->log, UMB_LOG_WARN, "watch_unavailable",
-                       "reason=\"%s\" rescan_s=%d", uv_strerror(code), UMBD_RESCAN_S);
-    }
 }
 
 enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,

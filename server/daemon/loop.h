@@ -40,7 +40,6 @@ struct umbd_loop {
     uv_async_t wake;
     uv_timer_t tick;
     uv_signal_t terminate, interrupt, hangup;
-    uv_fs_event_t folder;
 
     struct umbd_conn *first_conn;
     struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];

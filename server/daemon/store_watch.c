@@ -1,39 +1,90 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The store's own thread: rescans and frees, off the loops. */
+/*
+ * The store's own thread: rescans, checks and frees, off the loops.
+ *
+ * It sleeps in one poll, on the folders' events and on a counter that others raise to wake it.
+ */
+#define _GNU_SOURCE /* eventfd and inotify are Linux's */
 #include "daemon/store_watch.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/inotify.h>
+#include <sys/stat.h>
 #include <time.h>
+#include <unistd.h>
+
+#define FOLDER_EVENTS                                                                              \
+    (IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE | IN_CREATE | IN_ATTRIB |            \
+     IN_DELETE_SELF | IN_MOVE_SELF | IN_ONLYDIR)
 
 struct umbd_store_watch {
     pthread_mutex_t mutex;
-    pthread_cond_t wake;
+    pthread_cond_t ended;
     int kicked, retired, stopping; /* under mutex */
     int finished;                  /* the thread touches nothing any more; under mutex */
     int running;
     pthread_t thread;
+    int wake;    /* eventfd */
+    int folders; /* inotify, or -1 */
     struct umbs_store *store;
+    const char *const *paths; /* the store's folders, up to a NULL */
+    uint64_t scrub_interval_ms;
+    uint64_t rescan_at_ms, scrub_at_ms; /* the thread's */
     struct umbd_metrics *metrics;
     const struct umbs_log *log;
 };
 
-static struct timespec after_ms(uint64_t ms)
+static uint64_t now_ms(void)
 {
-    struct timespec at;
-    clock_gettime(CLOCK_MONOTONIC, &at);
-    at.tv_sec += (time_t)(ms / 1000);
-    at.tv_nsec += (long)(ms % 1000) * 1000000;
-    if (at.tv_nsec >= 1000000000) {
-        at.tv_nsec -= 1000000000;
-        at.tv_sec++;
-    }
-    return at;
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000;
 }
 
-/* Returns 1 if a file should be looked at again soon. */
-static int scan(struct umbd_store_watch *watch)
+/* Watches a folder of the store and the folders in it; those that are watched already stay so. */
+static void watch_folder(struct umbd_store_watch *watch, const char *path)
+{
+    int bad = inotify_add_watch(watch->folders, path, FOLDER_EVENTS) < 0;
+    int code = errno;
+    DIR *folder = opendir(path);
+    struct dirent *item;
+    while (folder != NULL && (item = readdir(folder)) != NULL) {
+        char below[4096];
+        int length = snprintf(below, sizeof below, "%s/%s", path, item->d_name);
+        if (item->d_name[0] != '.' &&
+            (item->d_type == DT_DIR || item->d_type == DT_LNK || item->d_type == DT_UNKNOWN) &&
+            length < (int)sizeof below &&
+            inotify_add_watch(watch->folders, below, FOLDER_EVENTS) < 0 && errno != ENOTDIR &&
+            errno != ENOENT) {
+            bad = 1;
+            code = errno;
+        }
+    }
+    if (folder != NULL) {
+        closedir(folder);
+    }
+    if (bad) {
+        umbs_log_event(watch->log, UMB_LOG_WARN, "watch_unavailable", "reason=\"%s\" rescan_s=%d",
+                       strerror(code), UMBD_RESCAN_S);
+    }
+}
+
+static void watch_folders(struct umbd_store_watch *watch)
+{
+    for (size_t i = 0; watch->folders >= 0 && i < UMBS_STORE_FOLDERS_MAX && watch->paths[i]; i++) {
+        watch_folder(watch, watch->paths[i]);
+    }
+}
+
+static void scan(struct umbd_store_watch *watch)
 {
     struct umbs_store_report report;
     struct umb_error error;
@@ -48,50 +99,77 @@ static int scan(struct umbd_store_watch *watch)
                        "loaded=%zu failed=%zu removed=%zu unchanged=%zu", report.loaded,
                        report.failed, report.removed, report.unchanged);
     }
-    return report.unsettled;
+    watch->rescan_at_ms =
+        now_ms() + (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
 }
 
-/* Waits, under the mutex, until there is something to do. Returns 1 if the time was up. */
-static int wait_for_work(struct umbd_store_watch *watch, uint64_t wait_ms)
+/* Checks one asset if one is due; the next one comes when the disk has had its rest. */
+static void scrub(struct umbd_store_watch *watch)
 {
-    struct timespec until = after_ms(wait_ms);
-    while (!watch->kicked && !watch->retired && !watch->stopping) {
-        if (pthread_cond_timedwait(&watch->wake, &watch->mutex, &until) == ETIMEDOUT) {
-            return 1;
-        }
+    uint64_t bytes = 0;
+    uint64_t pause_ms = UMBD_SCRUB_PAUSE_MS;
+    if (watch->scrub_interval_ms > 0 &&
+        umbs_store_scrub(watch->store, watch->scrub_interval_ms, &bytes)) {
+        pause_ms = 1 + bytes / UMBD_SCRUB_BYTES_PER_MS;
     }
-    return 0;
+    watch->scrub_at_ms = now_ms() + pause_ms;
+}
+
+/* Sleeps until woken, until a folder changes or until something is due. Returns 1 if a folder
+ * changed. */
+static int wait_for_work(struct umbd_store_watch *watch)
+{
+    char events[4096];
+    struct pollfd sources[2] = {{.fd = watch->wake, .events = POLLIN},
+                                {.fd = watch->folders, .events = POLLIN}};
+    uint64_t next_ms =
+        watch->rescan_at_ms < watch->scrub_at_ms ? watch->rescan_at_ms : watch->scrub_at_ms;
+    uint64_t at_ms = now_ms();
+    int changed = 0;
+    if (poll(sources, 2, next_ms > at_ms ? (int)(next_ms - at_ms) : 0) <= 0) {
+        return 0;
+    }
+    (void)!read(watch->wake, events, sizeof events);
+    while (watch->folders >= 0 && read(watch->folders, events, sizeof events) > 0) {
+        changed = 1;
+    }
+    return changed;
 }
 
 static void *watch_thread(void *argument)
 {
     struct umbd_store_watch *watch = argument;
-    uint64_t wait_ms = UMBD_RESCAN_S * 1000;
-    pthread_mutex_lock(&watch->mutex);
-    while (!watch->stopping) {
-        int due = wait_for_work(watch, wait_ms);
-        int kicked = watch->kicked;
+    int stopping = 0;
+    while (!stopping) {
+        int changed = wait_for_work(watch);
+        pthread_mutex_lock(&watch->mutex);
         int retired = watch->retired;
-        if (watch->stopping) {
+        int rescan = changed || watch->kicked || now_ms() >= watch->rescan_at_ms;
+        watch->retired = 0;
+        stopping = watch->stopping;
+        pthread_mutex_unlock(&watch->mutex);
+        if (stopping) {
             break;
         }
-        watch->retired = 0;
-        pthread_mutex_unlock(&watch->mutex);
         if (retired) {
             umbs_store_reap(watch->store);
         }
-        if (kicked || due) {
+        if (rescan) {
             struct timespec pause = {.tv_nsec = UMBD_RESCAN_PAUSE_MS * 1000000L};
             nanosleep(&pause, NULL);
             pthread_mutex_lock(&watch->mutex);
             watch->kicked = 0; /* kicks from here on may be about what the scan has passed */
             pthread_mutex_unlock(&watch->mutex);
-            wait_ms = scan(watch) ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000;
+            watch_folders(
+                watch); /* before the scan: what comes into a new folder after it is seen */
+            scan(watch);
+        } else if (now_ms() >= watch->scrub_at_ms) {
+            scrub(watch);
         }
-        pthread_mutex_lock(&watch->mutex);
     }
+    pthread_mutex_lock(&watch->mutex);
     watch->finished = 1;
-    pthread_cond_broadcast(&watch->wake);
+    pthread_cond_broadcast(&watch->ended);
     pthread_mutex_unlock(&watch->mutex);
     return NULL;
 }
@@ -104,12 +182,18 @@ enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics, const stru
     if (watch == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store's thread");
     }
+    watch->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (watch->wake < 0) {
+        free(watch);
+        return umb_fail_errno(error, UMB_E_LIMIT, errno, "no descriptor for the store's thread");
+    }
     pthread_condattr_t attributes;
     pthread_condattr_init(&attributes);
     pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    pthread_cond_init(&watch->wake, &attributes);
+    pthread_cond_init(&watch->ended, &attributes);
     pthread_condattr_destroy(&attributes);
     pthread_mutex_init(&watch->mutex, NULL);
+    watch->folders = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
     watch->metrics = metrics;
     watch->log = log;
     *out = watch;
@@ -117,9 +201,14 @@ enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics, const stru
 }
 
 enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct umbs_store *store,
+                                       const char *const *folders, uint64_t scrub_interval_ms,
                                        struct umb_error *error)
 {
     watch->store = store;
+    watch->paths = folders;
+    watch->scrub_interval_ms = scrub_interval_ms;
+    watch->rescan_at_ms = now_ms(); /* at once: for what came between the first scan and now */
+    watch->scrub_at_ms = now_ms() + UMBD_SCRUB_PAUSE_MS;
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);
     if (code != 0) {
         return umb_fail_errno(error, UMB_E_LIMIT, code, "cannot start the store's thread");
@@ -128,21 +217,25 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     return UMB_OK;
 }
 
+/* Sets a flag and wakes the thread. */
+static void tell(struct umbd_store_watch *watch, int *flag)
+{
+    const uint64_t one = 1;
+    pthread_mutex_lock(&watch->mutex);
+    *flag = 1;
+    pthread_mutex_unlock(&watch->mutex);
+    (void)!write(watch->wake, &one, sizeof one); /* full: it is awake anyway */
+}
+
 void umbd_store_watch_kick(struct umbd_store_watch *watch)
 {
-    pthread_mutex_lock(&watch->mutex);
-    watch->kicked = 1;
-    pthread_cond_signal(&watch->wake);
-    pthread_mutex_unlock(&watch->mutex);
+    tell(watch, &watch->kicked);
 }
 
 void umbd_store_watch_retired(void *user)
 {
     struct umbd_store_watch *watch = user;
-    pthread_mutex_lock(&watch->mutex);
-    watch->retired = 1;
-    pthread_cond_signal(&watch->wake);
-    pthread_mutex_unlock(&watch->mutex);
+    tell(watch, &watch->retired);
 }
 
 void umbd_store_watch_faulted(void *user)
@@ -153,12 +246,13 @@ void umbd_store_watch_faulted(void *user)
 /* Tells the thread to end and waits for it, but not for long. */
 static int end_thread(struct umbd_store_watch *watch)
 {
-    struct timespec until = after_ms(UMBD_WATCH_END_MS);
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += UMBD_WATCH_END_MS / 1000;
+    tell(watch, &watch->stopping);
     pthread_mutex_lock(&watch->mutex);
-    watch->stopping = 1;
-    pthread_cond_broadcast(&watch->wake);
     while (!watch->finished &&
-           pthread_cond_timedwait(&watch->wake, &watch->mutex, &until) != ETIMEDOUT) {
+           pthread_cond_timedwait(&watch->ended, &watch->mutex, &until) != ETIMEDOUT) {
     }
     int finished = watch->finished;
     pthread_mutex_unlock(&watch->mutex);
@@ -173,7 +267,11 @@ int umbd_store_watch_destroy(struct umbd_store_watch *watch)
     if (watch->running && !end_thread(watch)) {
         return 0;
     }
-    pthread_cond_destroy(&watch->wake);
+    if (watch->folders >= 0) {
+        close(watch->folders);
+    }
+    close(watch->wake);
+    pthread_cond_destroy(&watch->ended);
     pthread_mutex_destroy(&watch->mutex);
     free(watch);
     return 1;

@@ -2,16 +2,19 @@
 #ifndef UMBRAGE_SERVER_DAEMON_STORE_WATCH_H
 #define UMBRAGE_SERVER_DAEMON_STORE_WATCH_H
 /*
- * The thread that rescans the store and frees retired assets, so that no loop ever blocks on the
- * disk. It scans when kicked (a folder event, SIGHUP), every 30 s in any case, and soon again while
- * a young file looks half copied.
+ * The thread that rescans the store, checks assets again and frees retired ones, so that no loop
+ * ever blocks on the disk. It scans when a folder of the store changes (inotify), when kicked
+ * (SIGHUP, an asset set aside), every 30 s in any case, and soon again while a young file looks
+ * half copied. Between scans it checks the mapped files again, one by one.
  */
 #include "common/store.h"
 #include "daemon/daemon_metrics.h"
 
-#define UMBD_RESCAN_S        30 /* events can be lost; this is the safety */
-#define UMBD_WATCH_END_MS    1000
-#define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
+#define UMBD_RESCAN_S           30 /* events can be lost; this is the safety */
+#define UMBD_WATCH_END_MS       1000
+#define UMBD_RESCAN_PAUSE_MS    50     /* a burst of events becomes one scan */
+#define UMBD_SCRUB_PAUSE_MS     1000   /* between looks for something to check */
+#define UMBD_SCRUB_BYTES_PER_MS 262144 /* rate of checking: leaves the disk to the calls */
 
 struct umbd_store_watch; /* opaque */
 
@@ -21,9 +24,17 @@ UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics
                                                     struct umbd_store_watch **out,
                                                     struct umb_error *error);
 
-/* Starts the thread on a store. Fails: E_LIMIT. */
+/*
+ * Starts the thread on a store.
+ *
+ * In:    folders: the store's, NULL behind the last or UMBS_STORE_FOLDERS_MAX; borrowed.
+ *        scrub_interval_ms: longest time between two checks of an asset, 0 = no checks.
+ * Fails: E_LIMIT.
+ */
 UMB_CHECKED enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch,
                                                    struct umbs_store *store,
+                                                   const char *const *folders,
+                                                   uint64_t scrub_interval_ms,
                                                    struct umb_error *error);
 
 /* Asks for a scan soon. Any thread, at once. */

@@ -43,7 +43,8 @@ def ask(daemon):
 
 
 def cached():
-    return sorted(os.listdir(cache)) if os.path.isdir(cache) else []
+    """Files of the cache beside the list of what is proven, which may be there or not."""
+    return sorted(set(os.listdir(cache)) - {"proven"}) if os.path.isdir(cache) else []
 
 
 def read_cache():

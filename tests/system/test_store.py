@@ -39,7 +39,7 @@ client = test.client(daemon.grpc_tcp)
 
 def publish(source, name):
     """As bake and people should do it: written beside, then renamed."""
-    part = os.path.join(store, ".part." + name)
+    part = os.path.join(store, ".part." + name.replace("/", "."))
     shutil.copyfile(test.path(source + ".umb"), part)
     os.rename(part, os.path.join(store, name))
 
@@ -65,7 +65,7 @@ def becomes(name, wanted):
 
 def cached():
     folder = os.path.join(store, ".umbrage-cache")
-    return sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+    return sorted(n for n in os.listdir(folder) if n.endswith(".umbm")) if os.path.isdir(folder) else []
 
 
 with test.check("an empty store serves, and knows nothing"):
@@ -152,6 +152,17 @@ with test.check("a damaged file in place of a good one is DATA_LOSS, under its o
     os.rename(os.path.join(store, ".part"), os.path.join(store, "flip.umb"))
     becomes("flip", Code.DATA_LOSS)
     assert state("three") == ids["c"]
+with test.check("a link in a folder further down is an alias that moves in one step"):
+    os.mkdir(os.path.join(store, "city"))
+    publish("a", "city/v1.umb")
+    publish("c", "city/v2.umb")
+    os.symlink("v1.umb", os.path.join(store, "city", "latest.umb"))
+    becomes("city/latest", ids["a"])
+    os.symlink("v2.umb", os.path.join(store, "city", ".next"))
+    os.rename(os.path.join(store, "city", ".next"), os.path.join(store, "city", "latest.umb"))
+    becomes("city/latest", ids["c"])
+    shutil.rmtree(os.path.join(store, "city"))
+    becomes("city/latest", Code.NOT_FOUND)
 with test.check("a removed file is NOT_FOUND"):
     os.remove(os.path.join(store, "slow.umb"))
     becomes("slow", Code.NOT_FOUND)

@@ -30,7 +30,7 @@ static int setup(void **state)
     struct fixture *f = calloc(1, sizeof *f);
     assert_non_null(f);
     folder_make(&f->folder);
-    struct umbs_store_options options = {.folder = f->folder.path};
+    struct umbs_store_options options = {.folders = {f->folder.path}};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     *state = f;
     return 0;
@@ -215,7 +215,7 @@ static void store_sets_a_cut_cache_aside_and_makes_it_anew(void **state)
     int faults = 0;
     umbs_store_close(f->store);
     struct umbs_store_options options = {
-        .folder = f->folder.path, .faulted = count_fault, .owner = &faults};
+        .folders = {f->folder.path}, .faulted = count_fault, .owner = &faults};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     folder_asset(&f->folder, "city.umb", 20, id);
     folder_asset(&f->folder, "other.umb", 30, other);
@@ -343,7 +343,7 @@ static void store_rebuilds_a_damaged_or_foreign_cache(void **state)
             snprintf(from, sizeof from, "%s/%s", f->folder.path, other_name);
             assert_int_equal(rename(from, folder_file(&f->folder, name)), 0);
         }
-        struct umbs_store_options options = {.folder = f->folder.path};
+        struct umbs_store_options options = {.folders = {f->folder.path}};
         assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
         rescan(f);
         assert_int_equal(f->report.loaded, 2);
@@ -455,7 +455,7 @@ static void store_retired_version_waits_for_the_reaper(void **state)
     uint8_t id[UMB_ID_BYTES];
     umbs_store_close(f->store);
     struct umbs_store_options options = {
-        .folder = f->folder.path, .retired = count_call, .owner = &calls};
+        .folders = {f->folder.path}, .retired = count_call, .owner = &calls};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     folder_asset(&f->folder, "city.umb", 20, id);
     rescan(f);
@@ -525,7 +525,7 @@ static void store_open_fails_without_a_folder(void **state)
 {
     struct umbs_store *store;
     struct umb_error error;
-    struct umbs_store_options options = {.folder = "/tmp/umbrage-no-such-folder"};
+    struct umbs_store_options options = {.folders = {"/tmp/umbrage-no-such-folder"}};
     (void)state;
     assert_int_equal(umbs_store_open(&options, &store, &error), UMB_E_NO_INPUT);
     assert_null(store);

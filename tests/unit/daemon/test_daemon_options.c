@@ -28,7 +28,7 @@ static void options_have_the_stated_defaults(void **state)
     struct umb_error error;
     (void)state;
     assert_int_equal(PARSE(&options, &error, "--store", "x"), UMB_OK);
-    assert_string_equal(options.store, "x");
+    assert_string_equal(options.stores[0], "x");
     assert_int_equal(options.listen_count, 1);
     assert_string_equal(options.listen[0], "tcp:127.0.0.1:7420");
     assert_int_equal(options.max_points, 4194304);

@@ -33,7 +33,7 @@ static int setup(void **state)
     assert_non_null(f);
     folder_make(&f->folder);
     folder_asset(&f->folder, "slab.umb", 30, id);
-    struct umbs_store_options options = {.folder = f->folder.path};
+    struct umbs_store_options options = {.folders = {f->folder.path}};
     assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
     assert_int_equal(umbs_store_rescan(f->store, NULL, NULL), UMB_OK);
     pthread_mutex_init(&f->mutex, NULL);
