@@ -12,17 +12,17 @@
 #include <string.h>
 
 enum {
-    BAND_STEPS = 5,    /* samples along each axis of the band's grid */
+    BAND_STEPS = 5, /* samples along each axis of the band's grid */
     BAND_SAMPLES = BAND_STEPS * BAND_STEPS * BAND_STEPS,
-    BAND_STRIDE = 62,  /* prime to their number: corners that lie opposite come one after another */
+    BAND_STRIDE = 62, /* prime to their number: corners that lie opposite come one after another */
+    VOTES = 6,
     VOTES_NEEDED = 5,
 };
 
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
                      uint8_t *lit)
 {
-    const struct umb_points points = {
-        .positions = world, .format = UMB_POINT_F64, .count = count};
+    const struct umb_points points = {.positions = world, .format = UMB_POINT_F64, .count = count};
     struct umb_answers out = {.values = lit};
     umb_query_run(&job->query, &points, 0, count, &out);
     for (size_t i = 0; i < count; i++) {
@@ -44,11 +44,31 @@ static int has_undefined(const struct umbr_verify_block *block)
     return block->job->options->closed != NULL && block->frame->closed;
 }
 
-/* 1 if, seen along a direction, more closed solids are left than entered. */
+/* 1 if a ray meets the inner side of a surface. */
+static int is_leaving(const struct umbr_hit *hit, const double direction[3])
+{
+    return hit->normal[0] * direction[0] + hit->normal[1] * direction[1] +
+               hit->normal[2] * direction[2] >
+           0;
+}
+
+/*
+ * 1 if, seen along a direction, more closed solids are left than entered. Who meets the inner side
+ * of one first is in it; only who enters another first needs all crossings counted, which costs
+ * more than twice as much.
+ */
 static int is_inside_along(const struct umbr_verify_job *job, const double world[3],
                            const double direction[3])
 {
     int winding, crossings;
+    struct umbr_hit hit;
+    umbr_nearest(job->rays, world, direction, 0, INFINITY, &hit);
+    if (hit.distance < 0) {
+        return 0;
+    }
+    if (job->options->closed[hit.triangle] && is_leaving(&hit, direction)) {
+        return 1;
+    }
     umbr_crossings(job->rays, world, direction, job->options->closed, &winding, &crossings);
     return winding > 0;
 }
@@ -72,9 +92,7 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double world[
     umbr_nearest(block->job->rays, world, towards, 0, distance, &hit);
     *buried = 0;
     if (hit.distance >= 0 && has_undefined(block) && block->job->options->closed[hit.triangle]) {
-        *buried = hit.normal[0] * towards[0] + hit.normal[1] * towards[1] +
-                      hit.normal[2] * towards[2] >
-                  0;
+        *buried = is_leaving(&hit, towards);
     }
     return hit.distance < 0;
 }
@@ -94,10 +112,10 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     if (!has_undefined(block)) {
         return 0;
     }
-    for (int i = 0; i < 3; i++) {
-        const double opposite[3] = {-directions[i][0], -directions[i][1], -directions[i][2]};
-        votes += is_inside_along(block->job, world, directions[i]);
-        votes += is_inside_along(block->job, world, opposite);
+    for (int i = 0; i < VOTES && votes < VOTES_NEEDED && votes + VOTES - i >= VOTES_NEEDED; i++) {
+        const double *d = directions[i / 2], sign = i % 2 == 0 ? 1 : -1;
+        const double direction[3] = {sign * d[0], sign * d[1], sign * d[2]};
+        votes += is_inside_along(block->job, world, direction);
     }
     return votes >= VOTES_NEEDED;
 }
