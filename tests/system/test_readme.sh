@@ -1,0 +1,56 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# The five minutes of README.md, word for word, but smaller and on ports of their own.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+
+# section LANGUAGE: the lines of the tour's code blocks in one language.
+section() {
+    awk -v fence="\`\`\`$1" '/^## /{ tour = /^## Five minutes/ }
+        /^```/{ inside = tour && $0 == fence; next } inside' "$root/README.md"
+}
+
+# Two ports that are free now.
+ports=$(/usr/bin/python3 -c '
+import socket
+held = [socket.socket() for _ in range(2)]
+for s in held:
+    s.bind(("127.0.0.1", 0))
+print(*(s.getsockname()[1] for s in held))')
+port=${ports% *} admin=${ports#* }
+smaller() {
+    sed -e "s|\$PWD/build/release|$BUILD|; s|/tmp/umbrage.sock|$folder/socket|; s/7420/$port/; s/9464/$admin/" \
+        -e 's/--size 50/--size 5/; s/16384/1024 --verify 20000/; s/^umbrage render/& --size 160x90/' \
+        -e 's/^umbrage points/& --count 1000/; s/^umbrage verify/& --points 10000/'
+}
+
+mkdir "$folder/tree"
+ln -s "$root/proto" "$folder/tree/proto"
+cd "$folder/tree" || exit 1
+{
+    echo "set -eu"
+    section sh | smaller
+} >"$folder/tour.sh"
+check "the tour has commands" test "$(wc -l <"$folder/tour.sh")" -gt 15
+command -v curl >/dev/null || sed -i '/^curl/d' "$folder/tour.sh"
+echo 'echo $! >daemon.pid' >"$folder/pid"
+sed -i "/^umbraged/r $folder/pid" "$folder/tour.sh"
+UMBRAGE_ADDRESS=tcp:127.0.0.1:$port PATH=$BUILD:$PATH timeout 100 sh "$folder/tour.sh" >"$folder/out" 2>"$folder/err"
+same "every command of the tour succeeds" 0 $?
+cd demo-out || exit 1
+[ -s daemon.pid ] && children=$(cat daemon.pid)
+for file in city.png street.png answers.u8 store/city.umb; do
+    check "the tour makes $file" test -s $file
+done
+
+section python | smaller >tour.py
+if ! command -v protoc >/dev/null || ! /usr/bin/python3 -c 'import grpc' 2>/dev/null; then
+    echo "skipped: the tour in Python: protoc or python3-grpcio is not installed"
+else
+    protoc -I../proto --python_out=. umbrage/v1/shadows.proto
+    PYTHONPATH=. timeout 30 /usr/bin/python3 tour.py >"$folder/python" 2>"$folder/err"
+    printf '10 2 10\n-40 0.5 12\n' | "$BUILD/umbrage" query store/city.umb --points - --taps 9 \
+        --encoding u8 --quiet | od -An -tu1 | xargs >"$folder/wanted"
+    same "Python gets the answers of the command line" "$(cat "$folder/wanted")" \
+        "$(tr -d '[],' <"$folder/python" | awk '{ for (i = 1; i <= NF; i++) print int(255 * $i + 0.5) }' | xargs)"
+fi
+finish
