@@ -1,9 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* See memory.h. */
+#define _GNU_SOURCE /* madvise and MADV_HUGEPAGE: no POSIX names for these */
 #include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+
+#define LARGE_PAGE ((uintptr_t)2 << 20) /* x86-64; a system of other sizes rounds or refuses */
 
 void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes)
 {
@@ -24,6 +28,22 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
         return NULL;
     }
     return umb__resize(alloc, NULL, bytes ? bytes : 1);
+}
+
+void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
+{
+    void *block = umb__alloc(alloc, count, size);
+#ifdef MADV_HUGEPAGE
+    if (block) {
+        /* Whole large pages inside the block only: nothing of anybody else is touched. */
+        uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
+        uintptr_t end = ((uintptr_t)block + count * size) & ~(LARGE_PAGE - 1);
+        if (first < end) {
+            (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
+        }
+    }
+#endif
+    return block;
 }
 
 void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size)

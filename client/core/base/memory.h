@@ -16,7 +16,13 @@ void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes);
 /* Returns count * size bytes, not zeroed, or NULL (also if the product overflows). */
 void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
 
-/* The same, zeroed. */
+/*
+ * The same for an array that queries will read all over: asks the system for large pages, which it
+ * may ignore. Looking up a point in 200 MB of small pages misses the TLB at every node.
+ */
+void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size);
+
+/* The same as umb__alloc, zeroed. */
 void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /* Frees a block of umb__alloc; NULL is allowed. */

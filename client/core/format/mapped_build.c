@@ -262,9 +262,9 @@ enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_co
     }
     if (status == UMB_OK) {
         mapped->grid =
-            umb__alloc(mapped->alloc, (size_t)mapped->view.grid_count, sizeof *mapped->grid);
+            umb__alloc_large(mapped->alloc, (size_t)mapped->view.grid_count, sizeof *mapped->grid);
         mapped->nodes =
-            umb__alloc(mapped->alloc, (size_t)mapped->view.node_words, sizeof *mapped->nodes);
+            umb__alloc_large(mapped->alloc, (size_t)mapped->view.node_words, sizeof *mapped->nodes);
         status = mapped->grid && mapped->nodes ? UMB_OK : no_memory(&b);
     }
     if (status == UMB_OK) {

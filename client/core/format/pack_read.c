@@ -206,7 +206,7 @@ static enum umb_status allocate_octree(const struct reader *r, const uint64_t *t
 {
     octree->alloc = r->alloc;
     octree->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
-    octree->bricks = umb__alloc(r->alloc, octree->brick_count, sizeof *octree->bricks);
+    octree->bricks = umb__alloc_large(r->alloc, octree->brick_count, sizeof *octree->bricks);
     octree->root_count = root_count;
     octree->roots = umb__alloc_zeroed(r->alloc, root_count, sizeof *octree->roots);
     bool ok = octree->bricks && octree->roots;

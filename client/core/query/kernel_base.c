@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The query kernel for the baseline instruction set of the target. */
+/* The query kernel compiled for the baseline instruction set of the target. */
 #define UMB__KERNEL umb__kernel_base
+#define UMB__PLACE  umb__place_block
 #include "query/kernel_body.h"

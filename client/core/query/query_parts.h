@@ -46,6 +46,8 @@ _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque qu
  */
 #define UMB__BIAS_SLACK (65.0 / 64.0)
 
+#define UMB__LENGTH2_MAX 1e300 /* a squared normal above is not finite */
+
 /* Window of one point, clipped to the frustum. */
 struct umb__window {
     int32_t x0, x1, y0, y1; /* inclusive, inside the frustum; empty if x0 > x1 or y0 > y1 */
@@ -88,7 +90,7 @@ static inline bool umb__move(const struct umb__query *q, const struct umb_points
         }
         length2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
     }
-    if (!(length2 > 0) || !(length2 <= 1e300)) {
+    if (!(length2 > 0) || !(length2 <= UMB__LENGTH2_MAX)) {
         for (unsigned axis = 0; axis < 3; axis++) {
             p[axis] -= q->direction[axis] * q->no_normal_m;
         }
@@ -183,6 +185,10 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
     }
     }
 }
+
+/* Lit texels of a window, clipped to the frustum. */
+uint32_t umb__count_window(const struct umb__query *q, const struct umb__window *window,
+                           struct umb_query_stats *stats);
 
 /* The kernels: one source (kernel_body.h), compiled for each instruction set. */
 void umb__kernel_base(const struct umb__query *query, const struct umb_points *points, size_t first,

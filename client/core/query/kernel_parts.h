@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_PARTS_H
+#define UMBRAGE_CORE_QUERY_KERNEL_PARTS_H
+/* What the stages of a kernel hand one another, and the steps that several of them take. */
+#include "query/query_parts.h"
+
+#define UMB__BLOCK       64 /* points in flight: more would not fit the first-level cache */
+#define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
+#define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
+
+/* A block of points on its way through the stages. */
+struct umb__block {
+    uint32_t size;                 /* points, at most UMB__BLOCK */
+    uint32_t count;                /* of them still to be looked up: list[0 .. count - 1] */
+    uint16_t list[UMB__BLOCK + 1]; /* room for a write that does not count */
+    int32_t x[UMB__BLOCK];         /* first texel of the window: the window lies in the frustum */
+    int32_t y[UMB__BLOCK];
+    int32_t z[UMB__BLOCK];
+    uint32_t lit[UMB__BLOCK]; /* lit texels of the window; final for points not in the list */
+};
+
+/* The level-5 cells of a block's windows: slot 4 * point + right + 2 * down. */
+struct umb__cells {
+    uint16_t slot[4 * UMB__BLOCK];        /* cells on their way */
+    const uint64_t *node[4 * UMB__BLOCK]; /* by slot: the node reached, or a uniform one */
+};
+
+#define UMB__PREFETCH(address) __builtin_prefetch(address)
+
+struct umb__voxel {
+    int32_t x, y, z;
+};
+
+/* Nodes without mixed children, all shadowed and all lit; slices likewise. */
+static const uint64_t umb__uniform_nodes[4] = {0, 0, 0, UINT64_MAX};
+static const uint64_t umb__uniform_slices[2] = {0, UINT64_MAX};
+
+static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t level, uint32_t g)
+{
+    return ((size_t)x >> level) + (((size_t)y >> level) << g) + (((size_t)z >> level) << (2 * g));
+}
+
+/* Bit of a wide node's child of `level` around a voxel. */
+static inline unsigned umb__child_bit(int32_t x, int32_t y, int32_t z, uint32_t level)
+{
+    return ((uint32_t)x >> level & 3) | ((uint32_t)y >> level & 3) << 2 |
+           ((uint32_t)z >> level & 3) << 4;
+}
+
+/* a if `which` is 1, b if 0; arithmetic, because compilers make branches of conditions, and data
+ * that decides them is unpredictable. */
+static inline uint64_t umb__select(uint64_t which, uint64_t a, uint64_t b)
+{
+    return b ^ ((a ^ b) & (0 - which));
+}
+
+/* Where the number of the child at `bit` stands if it is mixed; else a place within the node. */
+static inline const uint32_t *umb__child_place(const uint64_t *node, unsigned bit)
+{
+    uint64_t below = ((uint64_t)1 << bit) - 1;
+    uint64_t rank = (uint64_t)__builtin_popcountll(node[0] & below);
+    return (const uint32_t *)(const void *)node + ((4 + rank) & (0 - (node[0] >> bit & 1)));
+}
+
+static inline uint32_t umb__least(uint32_t a, uint32_t b)
+{
+    return a < b ? a : b;
+}
+
+static inline struct umb__voxel umb__cell_corner(const struct umb__block *block, uint32_t slot)
+{
+    uint32_t i = slot / 4;
+    int32_t right = (int32_t)(slot & 1), down = (int32_t)(slot >> 1 & 1);
+    return (struct umb__voxel){
+        ((block->x[i] >> UMB__SHARE_LEVEL) + right) << UMB__SHARE_LEVEL,
+        ((block->y[i] >> UMB__SHARE_LEVEL) + down) << UMB__SHARE_LEVEL,
+        block->z[i],
+    };
+}
+
+/* Byte k of the result is 0xff where bit k of eight is 1. */
+static inline uint64_t umb__spread(uint32_t bits)
+{
+    uint64_t each = (bits * UMB__EVERY_BYTE) & UINT64_C(0x8040201008040201);
+    uint64_t high = (each + UINT64_C(0x7f7f7f7f7f7f7f7f)) | each;
+    return (high >> 7 & UMB__EVERY_BYTE) * 0xff;
+}
+
+/* Whether the stages may answer whole windows of this query: see kernel_body.h. */
+static inline bool umb__stages_fit(const struct umb__query *q)
+{
+    return q->taps == 1 || q->log2_size - q->grid_log2 >= UMB__SHARE_LEVEL;
+}
+
+/* Places one point: what needs no look-up, or one that no stage is made for, is settled at once. */
+static inline void umb__place_point(const struct umb__query *q, const struct umb_points *points,
+                                    size_t index, struct umb__block *block, uint32_t i,
+                                    struct umb_query_stats *stats)
+{
+    double p[3], v[3];
+    block->lit[i] = 0;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, index, axis);
+    }
+    if (!umb__move(q, points, index, p)) {
+        stats->facing_away++;
+        return;
+    }
+    umb__to_voxel(q, p, v);
+    struct umb__window window = umb__window_at(q, v, stats);
+    if (window.all_lit) {
+        block->lit[i] = (uint32_t)(q->taps * q->taps);
+    } else if (window.outside == 0 && umb__stages_fit(q)) {
+        block->x[i] = window.x0;
+        block->y[i] = window.y0;
+        block->z[i] = window.z;
+        block->list[block->count++] = (uint16_t)i;
+    } else {
+        block->lit[i] = window.outside + umb__count_window(q, &window, stats);
+    }
+}
+
+/* Places the points first .. first + block->size - 1. */
+static inline void umb__place_block(const struct umb__query *q, const struct umb_points *points,
+                                    size_t first, struct umb__block *block,
+                                    struct umb_query_stats *stats)
+{
+    block->count = 0;
+    for (uint32_t i = 0; i < block->size; i++) {
+        umb__place_point(q, points, first + i, block, i, stats);
+    }
+}
+
+static inline void umb__store_block(const struct umb__query *q, const struct umb__block *block,
+                                    size_t first, void *values)
+{
+    uint32_t total = (uint32_t)(q->taps * q->taps);
+    if (q->format == UMB_ANSWER_F32) {
+        uint8_t *to = (uint8_t *)values + first * sizeof(float);
+        for (uint32_t i = 0; i < block->size; i++) {
+            float value = (float)(int32_t)block->lit[i] / (float)(int32_t)total;
+            memcpy(to + i * sizeof value, &value, sizeof value);
+        }
+        return;
+    }
+    for (uint32_t i = 0; i < block->size; i++) {
+        umb__store_answer(values, q->format, first + i, block->lit[i], total);
+    }
+}
+
+static inline void umb__add_stats(const struct umb_query_stats *from, struct umb_query_stats *to)
+{
+    to->points += from->points;
+    to->outside += from->outside;
+    to->before += from->before;
+    to->behind += from->behind;
+    to->facing_away += from->facing_away;
+    to->nodes += from->nodes;
+    to->bricks += from->bricks;
+}
+
+#endif

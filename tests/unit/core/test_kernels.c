@@ -1,0 +1,180 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Every kernel against the walk window by window, over frusta whose grids lead to bricks, to cells
+ * of level 5 and to wide nodes above, whole blocks and rests of blocks, points inside and outside.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+
+#include "make_asset.h"
+#include "query/query_parts.h"
+
+enum {
+    POINTS = 2003
+}; /* no multiple of a block or of four */
+
+static const double voxel_m = 0.25;
+static const double origin[3] = {1000.5, -5, 12};
+
+struct ground {
+    uint32_t size;   /* voxels a side */
+    uint32_t period; /* texels after which it repeats: short ones make small assets, small grids */
+    uint32_t rough;  /* a texel differs from the next by less than this */
+};
+
+/* Steps of all sizes, so that windows are mixed at every level. */
+static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    const struct ground *ground = user;
+    (void)frustum;
+    x %= ground->period;
+    y %= ground->period;
+    uint32_t noise = (x * 2654435761U ^ y * 40503U) >> 7;
+    uint32_t height = ground->size / 2 + noise % ground->rough + (x / 32 * 3 + y / 16 * 5) % 24;
+    return z < height;
+}
+
+struct kernel {
+    const char *name;
+    umb__kernel_fn run;
+};
+
+static size_t list_kernels(struct kernel kernels[2])
+{
+    kernels[0] = (struct kernel){"base", umb__kernel_base};
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
+        kernels[1] = (struct kernel){"avx2", umb__kernel_avx2};
+        return 2;
+    }
+#endif
+    return 1;
+}
+
+static double doubles[POINTS][3];
+static float floats[POINTS][3], normals[POINTS][3];
+
+/* `spread`: 1 keeps nearly all points inside, more puts some beyond every side. */
+static void make_points(uint32_t size, double spread, uint64_t *seed)
+{
+    for (size_t i = 0; i < POINTS; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            doubles[i][k] = ((random_unit(seed) - 0.5) * spread + 0.5) * size * voxel_m;
+            floats[i][k] = (float)doubles[i][k];
+            normals[i][k] = (float)(random_unit(seed) * 2 - 1.5 * (k == 2));
+        }
+        if (i % 17 == 0) {
+            memset(normals[i], 0, sizeof normals[i]);
+        }
+    }
+}
+
+/* What the kernels must say of point i, told point by point. */
+static uint32_t lit_alone(const struct umb__query *q, const struct umb_points *points, size_t i)
+{
+    struct umb_query_stats stats = {0};
+    double p[3], v[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
+    }
+    if (!umb__move(q, points, i, p)) {
+        return 0;
+    }
+    umb__to_voxel(q, p, v);
+    struct umb__window window = umb__window_at(q, v, &stats);
+    return window.all_lit ? (uint32_t)(q->taps * q->taps)
+                          : window.outside + umb__count_window(q, &window, &stats);
+}
+
+static void check_batch(const struct umb_query *query, const struct umb_points *points)
+{
+    static float values[2][POINTS];
+    struct umb_query_stats stats[2];
+    struct kernel kernels[2];
+    size_t count = list_kernels(kernels);
+    const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
+    for (size_t k = 0; k < count; k++) {
+        struct umb_answers answers = {.values = values[k]};
+        kernels[k].run(q, points, 0, POINTS, &answers);
+        stats[k] = answers.stats;
+        assert_memory_equal(values[k], values[0], sizeof values[0]);
+        assert_memory_equal(&stats[k], &stats[0], sizeof stats[0]);
+    }
+    float total = (float)(q->taps * q->taps);
+    for (size_t i = 0; i < POINTS; i++) {
+        assert_true(values[0][i] == (float)lit_alone(q, points, i) / total);
+    }
+}
+
+/* All filters, biases and forms of points against one asset's last light. */
+static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t taps)
+{
+    for (int mode = UMB_BIAS_AUTO; mode <= UMB_BIAS_NONE; mode++) {
+        struct umb_query_settings settings = {
+            .light = light, .taps = taps, .bias_mode = (enum umb_bias_mode)mode, .bias = 1.5};
+        struct umb_query query;
+        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+        for (int form = 0; form < 4; form++) {
+            struct umb_points points = {.positions =
+                                            form & 1 ? (const void *)floats : (const void *)doubles,
+                                        .format = form & 1 ? UMB_POINT_F32 : UMB_POINT_F64,
+                                        .normals = form & 2 ? normals : NULL,
+                                        .count = POINTS};
+            memcpy(points.origin, origin, sizeof origin);
+            check_batch(&query, &points);
+        }
+    }
+}
+
+/* Builds, checks that the grid leads to nodes of `cell_level`, and compares. */
+static void check_frusta(const struct ground *ground, uint32_t frusta, uint32_t cell_level)
+{
+    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), frusta};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_asset *asset;
+    struct umb_query query;
+    struct umb_query_settings settings = {.light = 0};
+    uint64_t seed = 20261121;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    assert_int_equal(q->log2_size - q->grid_log2, cell_level);
+    for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
+        make_points(ground->size, taps % 4 == 1 ? 0.9 : 1.2, &seed);
+        check_asset(asset, frusta - 1, taps);
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
+static void kernels_agree_where_the_grid_leads_to_bricks(void **state)
+{
+    (void)state;
+    check_frusta(&(struct ground){64, 64, 21}, 1, 3);
+}
+
+static void kernels_agree_where_the_grid_leads_to_level_five(void **state)
+{
+    (void)state;
+    check_frusta(&(struct ground){256, 256, 3}, 1, 5);
+}
+
+static void kernels_agree_where_wide_nodes_stand_above_level_five(void **state)
+{
+    (void)state;
+    check_frusta(&(struct ground){128, 32, 2}, 8, 7);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(kernels_agree_where_the_grid_leads_to_bricks),
+        cmocka_unit_test(kernels_agree_where_the_grid_leads_to_level_five),
+        cmocka_unit_test(kernels_agree_where_wide_nodes_stand_above_level_five),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
