@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "bake/depth/depth_embree.h"
+#include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
@@ -32,25 +33,21 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
     const struct umbb_depth_options options = {.tile_log2 = series->memory->tile_log2,
                                                .threads = series->options->threads,
                                                .max_bytes = series->memory->shared_max_bytes};
-    return series->options->depth == UMBB_DEPTH_EMBREE
-               ? umbb_depth_embree_create(casters, &options, depth, error)
+    if (series->options->depth == UMBB_DEPTH_EMBREE) {
+        return umbb_depth_embree_create(casters, &options, depth, error);
+    }
+    return casters->depth_scale > 0.0
+               ? umbb_depth_perspective_create(casters, &options, depth, error)
                : umbb_depth_raster_create(casters, &options, depth, error);
 }
 
-/* Bakes the frustum whose voxel space the analysis is in. */
-static enum umb_status bake_one(struct series *series, const struct umbb_analysis *analysis,
+/* Bakes a frustum from casters in its voxel space. */
+static enum umb_status bake_one(struct series *series, const struct umbb_casters *casters,
                                 const struct umb_frustum_info *frustum, uint32_t *root,
                                 struct umb_error *error)
 {
-    const struct umbb_casters casters = {
-        .corners = (const double(*)[3][3])analysis->corners,
-        .kinds = analysis->kinds,
-        .count = analysis->count,
-        .size = (int32_t)1 << frustum->log2_size,
-        .closed_rule = frustum->closed,
-    };
     struct umbb_depth depth;
-    enum umb_status status = open_depth(series, &casters, &depth, error);
+    enum umb_status status = open_depth(series, casters, &depth, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -77,6 +74,38 @@ static enum umb_status bake_one(struct series *series, const struct umbb_analysi
     return status;
 }
 
+/* Brings the casters, which are in world space, before the frustum and bakes it. */
+static enum umb_status bake_frustum(struct series *series, struct umbb_analysis *analysis,
+                                    uint32_t number, uint32_t *root, struct umb_error *error)
+{
+    const struct umb_frustum_info *frustum = &analysis->frusta[number];
+    const struct umb_light_info *light = &analysis->choice.lights[frustum->light];
+    struct umbb_casters casters = {
+        .corners = (const double(*)[3][3])analysis->corners,
+        .kinds = analysis->kinds,
+        .count = analysis->count,
+        .size = (int32_t)1 << frustum->log2_size,
+        .closed_rule = frustum->closed,
+    };
+    if (light->kind == UMB_LIGHT_DIRECTIONAL) {
+        umbb_analysis_to_voxels(analysis, number);
+        return bake_one(series, &casters, frustum, root, error);
+    }
+    struct umbb_projected projected;
+    enum umb_status status = umbb_analysis_project(
+        analysis, number, series->memory->projected_max_bytes, &projected, error);
+    if (status == UMB_OK) {
+        casters.corners = (const double(*)[3][3])projected.corners;
+        casters.kinds = projected.kinds;
+        casters.count = projected.count;
+        casters.depth_scale = projected.depth_scale;
+        casters.depth_offset = projected.depth_offset;
+        status = bake_one(series, &casters, frustum, root, error);
+    }
+    umbb_projected_finish(&projected);
+    return status;
+}
+
 enum umb_status umbb_bake_frusta(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options,
                                  const struct umbb_memory_plan *memory, struct umb_octree *octree,
@@ -96,9 +125,8 @@ enum umb_status umbb_bake_frusta(struct umbb_analysis *analysis, const struct um
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         status = umbb_analysis_to_world(analysis, view, error);
         if (status == UMB_OK) {
-            umbb_analysis_to_voxels(analysis, i);
             levels[i] = analysis->frusta[i].log2_size;
-            status = bake_one(&series, analysis, &analysis->frusta[i], &roots[i], error);
+            status = bake_frustum(&series, analysis, i, &roots[i], error);
         }
     }
     umbb_progress_end(&series.progress);

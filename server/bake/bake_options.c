@@ -25,11 +25,15 @@ const char umbb_options_help[] =
     "  --sun-path LAT,LON,YYYY-MM-DD,MINUTES\n"
     "                         the suns of that day, one every so many minutes of mean solar time\n"
     "                         from midnight on, while above the horizon (degrees north and east)\n"
-    "  --light NAME           the file's directional light of that name\n"
-    "                         The three may be repeated and mixed: all lights share one asset.\n"
-    "                         Without them: the file's directional lights, else --sun 135,45.\n"
-    "  --light-size SIZE      how large the lights are: 0.53deg (what suns have without it) for\n"
-    "                         directional ones; recorded in the asset\n"
+    "  --point X,Y,Z          a light that shines all around from there\n"
+    "  --spot X,Y,Z,DX,DY,DZ,DEGREES\n"
+    "                         a light at X,Y,Z that shines along DX,DY,DZ within so many degrees\n"
+    "                         of it, at most 90\n"
+    "  --light NAME           the file's light of that name\n"
+    "                         The five may be repeated and mixed: all lights share one asset.\n"
+    "                         Without them: the file's lights, else --sun 135,45.\n"
+    "  --light-size SIZE      how large the lights are, recorded in the asset: as 0.53deg (what\n"
+    "                         suns have without it) for directional ones, as 0.25m for others\n"
     "  --up y|z               the up axis (y for glTF, z for OBJ, PLY and STL)\n"
     "  --closed auto|on|off   leave the inside of closed solids undefined: of those that are "
     "closed\n"
@@ -117,6 +121,18 @@ static enum umb_status set_light(struct umbb_options *o, const char *option, con
                                  struct umb_error *error)
 {
     return umbb_light_option_name(&o->lights, option, value, error);
+}
+
+static enum umb_status set_spot(struct umbb_options *o, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    return umbb_light_option_spot(&o->lights, option, value, error);
+}
+
+static enum umb_status set_point(struct umbb_options *o, const char *option, const char *value,
+                                 struct umb_error *error)
+{
+    return umbb_light_option_point(&o->lights, option, value, error);
 }
 
 static enum umb_status set_light_size(struct umbb_options *o, const char *option, const char *value,
@@ -237,6 +253,8 @@ static const struct {
     {"--sun", set_sun},
     {"--light", set_light},
     {"--up", set_up},
+    {"--spot", set_spot},
+    {"--point", set_point},
     {"--sun-path", set_sun_path},
     {"--light-size", set_light_size},
     {"--closed", set_closed},

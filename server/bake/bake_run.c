@@ -85,6 +85,16 @@ static enum umb_status import_and_analyse(struct run *run, struct umb_error *err
     return status;
 }
 
+/* 1 if any light is a spot or point light. */
+static int sees_from_a_point(const struct umbb_analysis *analysis)
+{
+    int found = 0;
+    for (uint32_t i = 0; i < analysis->choice.count; i++) {
+        found |= analysis->choice.lights[i].kind != UMB_LIGHT_DIRECTIONAL;
+    }
+    return found;
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -97,6 +107,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
+        .projected = sees_from_a_point(&run->analysis),
     };
     struct umbb_memory_plan memory;
     enum umb_status status = umbb_memory_divide(&input, &memory, error);

@@ -107,6 +107,57 @@ enum umb_status umbb_light_option_name(struct umbb_light_requests *requests, con
     return UMB_OK;
 }
 
+/* Exactly `count` numbers with commas between them, each at most `limit` in magnitude. */
+static int read_numbers(const char *text, size_t count, double limit, double *numbers)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!umbb_option_number(text, &text, &numbers[i]) || fabs(numbers[i]) > limit ||
+            *text != (i + 1 < count ? ',' : '\0')) {
+            return 0;
+        }
+        text++;
+    }
+    return 1;
+}
+
+enum umb_status umbb_light_option_spot(struct umbb_light_requests *requests, const char *option,
+                                       const char *value, struct umb_error *error)
+{
+    double n[7];
+    if (!read_numbers(value, 7, UMBB_LIGHT_AT_MAX, n) ||
+        !(fabs(n[3]) + fabs(n[4]) + fabs(n[5]) > 0.0) || n[6] <= 0.0 || n[6] > 90.0) {
+        return umbb_option_refuse(error, option, value,
+                                  "X,Y,Z,DX,DY,DZ,DEGREES: a place, a direction that is not zero, "
+                                  "and half of the cone's angle, above 0 and at most 90");
+    }
+    struct umbb_light_request *request = add_request(requests, option, value, error);
+    if (request == NULL) {
+        return UMB_E_ARGUMENT;
+    }
+    *request = (struct umbb_light_request){.kind = UMBB_REQUEST_SPOT,
+                                           .position = {n[0], n[1], n[2]},
+                                           .direction = {n[3], n[4], n[5]},
+                                           .half_deg = n[6]};
+    return UMB_OK;
+}
+
+enum umb_status umbb_light_option_point(struct umbb_light_requests *requests, const char *option,
+                                        const char *value, struct umb_error *error)
+{
+    double n[3];
+    if (!read_numbers(value, 3, UMBB_LIGHT_AT_MAX, n)) {
+        return umbb_option_refuse(error, option, value,
+                                  "X,Y,Z in metres, at most 1e12 in magnitude");
+    }
+    struct umbb_light_request *request = add_request(requests, option, value, error);
+    if (request == NULL) {
+        return UMB_E_ARGUMENT;
+    }
+    *request =
+        (struct umbb_light_request){.kind = UMBB_REQUEST_POINT, .position = {n[0], n[1], n[2]}};
+    return UMB_OK;
+}
+
 enum umb_status umbb_light_option_size(struct umbb_light_requests *requests, const char *option,
                                        const char *value, struct umb_error *error)
 {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
 #define UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
-/* The lights that the command line asks for: --sun, --sun-path, --light, --light-size. */
+/* The lights that the command line asks for: --sun, --sun-path, --spot, --point, --light, and how
+ * large they are: --light-size. */
 #include <stddef.h>
 #include "umbrage/status.h"
 
@@ -9,6 +10,7 @@
 #define UMBB_PATH_YEAR_MIN      1900 /* what the position of the sun is computed for */
 #define UMBB_PATH_YEAR_MAX      2100
 #define UMBB_PATH_STEP_MAX      720.0 /* minutes */
+#define UMBB_LIGHT_AT_MAX       1e12  /* metres, of a coordinate */
 #define UMBB_LIGHT_SIZE_M_MAX   1e6
 #define UMBB_LIGHT_SIZE_DEG_MAX 90.0
 
@@ -23,6 +25,8 @@ enum umbb_light_request_kind {
     UMBB_REQUEST_SUN = 0,
     UMBB_REQUEST_PATH = 1,
     UMBB_REQUEST_NAME = 2,
+    UMBB_REQUEST_SPOT = 3,
+    UMBB_REQUEST_POINT = 4,
 };
 
 /* One option; only the fields of its kind mean something. */
@@ -30,7 +34,10 @@ struct umbb_light_request {
     enum umbb_light_request_kind kind;
     double azimuth_deg, elevation_deg;
     struct umbb_sun_path path;
-    const char *name; /* borrowed from argv */
+    const char *name;    /* borrowed from argv */
+    double position[3];  /* metres, world: SPOT, POINT */
+    double direction[3]; /* not zero: SPOT */
+    double half_deg;     /* half of the cone's angle: SPOT */
 };
 
 /* All of them, in the order they were given. */
@@ -52,6 +59,12 @@ UMB_CHECKED enum umb_status umbb_light_option_path(struct umbb_light_requests *r
 UMB_CHECKED enum umb_status umbb_light_option_name(struct umbb_light_requests *requests,
                                                    const char *option, const char *value,
                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_light_option_spot(struct umbb_light_requests *requests,
+                                                   const char *option, const char *value,
+                                                   struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_light_option_point(struct umbb_light_requests *requests,
+                                                    const char *option, const char *value,
+                                                    struct umb_error *error);
 UMB_CHECKED enum umb_status umbb_light_option_size(struct umbb_light_requests *requests,
                                                    const char *option, const char *value,
                                                    struct umb_error *error);

@@ -7,10 +7,13 @@
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
 #define CORNER_BYTES  74U                  /* of a triangle while baking */
-#define EMBREE_BYTES  200U                 /* user primitive in a hierarchy, while building */
-#define LAYER_BYTES   ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
-#define GRID_CELL     80U                 /* of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN    ((uint64_t)1 << 20) /* the least worth starting with */
+/* Of a triangle's projections: few are cut, and room grows by half at a time. */
+#define PROJECTED_BYTES 160U
+#define PROJECTED_MIN   ((uint64_t)1 << 20)
+#define EMBREE_BYTES    200U /* user primitive in a hierarchy, while building */
+#define LAYER_BYTES     ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
+#define GRID_CELL       80U                 /* of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN      ((uint64_t)1 << 20) /* the least worth starting with */
 
 /* Everything but the octree and what does not depend on the tile. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
@@ -23,7 +26,8 @@ static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_
 /* Of a triangle while baking. */
 static uint64_t baked_triangle(const struct umbb_memory_input *input)
 {
-    return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0);
+    return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0) +
+           (input->projected ? PROJECTED_BYTES : 0);
 }
 
 /* What does not depend on the tile. */
@@ -32,7 +36,7 @@ static uint64_t base_bytes(const struct umbb_memory_input *input)
     uint64_t triangle = baked_triangle(input);
     triangle = triangle > UMBB_TRIANGLE_BYTES ? triangle : UMBB_TRIANGLE_BYTES;
     return PROGRAM_BYTES + input->scene_bytes + triangle * input->triangles +
-           input->threads * LAYER_BYTES;
+           input->threads * LAYER_BYTES + (input->projected ? PROJECTED_MIN : 0);
 }
 
 /* What triangles take at other moments and not while baking. */
@@ -59,6 +63,8 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
             const uint64_t shared = rest + spare_bytes(input);
             plan->octree_max_bytes = rest > SIZE_MAX ? SIZE_MAX : (size_t)rest;
             plan->shared_max_bytes = shared > SIZE_MAX ? SIZE_MAX : (size_t)shared;
+            plan->projected_max_bytes =
+                (size_t)(PROJECTED_BYTES * (uint64_t)input->triangles + PROJECTED_MIN);
             plan->check_max_bytes = input->memory_bytes - base;
             return UMB_OK;
         }

@@ -20,15 +20,17 @@ struct umbb_memory_input {
     uint32_t tile_log2; /* the largest wanted */
     unsigned threads;
     int closed_rule;
-    int traced; /* depth by rays: a bounding volume hierarchy */
+    int traced;    /* depth by rays: a bounding volume hierarchy */
+    int projected; /* spot or point lights: triangles stand beside their projections */
 };
 
 struct umbb_memory_plan {
     uint32_t tile_log2;
     size_t octree_max_bytes;
-    size_t shared_max_bytes; /* see umbb_bake_options */
-    uint64_t check_max_bytes; /* for the finished asset while it is compared with rays */
-    uint64_t fixed_bytes; /* everything but the octree */
+    size_t shared_max_bytes;    /* see umbb_bake_options */
+    size_t projected_max_bytes; /* for projected triangles */
+    uint64_t check_max_bytes;   /* for the finished asset while it is compared with rays */
+    uint64_t fixed_bytes;       /* everything but the octree */
 };
 
 /* Divides. Fails: E_LIMIT, naming what the smallest bake would need. */

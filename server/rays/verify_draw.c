@@ -30,7 +30,20 @@ static double next_unit(struct umbr_verify_block *block)
     return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
 }
 
-/* Fills world and centre from voxel; 0 if the point is outside the frustum. */
+/* 1 if a point is answered by the block's frustum and no other face of its light. */
+static int is_own(const struct umbr_verify_block *block, const double world[3])
+{
+    const double w = umbr_frame_w(block->frame, world);
+    for (uint32_t i = 0; i < block->job->light.frustum_count; i++) {
+        const struct umbr_frame *other = &block->job->frames[i];
+        if (other != block->frame && umbr_frame_w(other, world) >= w) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Fills world and centre from voxel; 0 if the point is outside the frustum, or another face's. */
 static int place(const struct umbr_verify_block *block, struct umbr_sample *sample)
 {
     const double size = block->frame->size;
@@ -42,7 +55,8 @@ static int place(const struct umbr_verify_block *block, struct umbr_sample *samp
         centre[i] = floor(sample->voxel[i]) + 0.5;
     }
     return umbr_frame_world(block->frame, sample->voxel, sample->world) &&
-           umbr_frame_world(block->frame, centre, sample->centre);
+           umbr_frame_world(block->frame, centre, sample->centre) &&
+           is_own(block, sample->world);
 }
 
 void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)

@@ -1,44 +1,53 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Inverse frustum transforms, by Gauss-Jordan elimination with partial pivoting. */
+/* Inverse frustum transforms: three equations in three unknowns, by minors. */
 #include "rays/verify_frame.h"
 
 #include <math.h>
 #include <string.h>
 
-static int invert(const double matrix[4][4], double inverse[4][4])
+static void cross(const double a[3], const double b[3], double out[3])
 {
-    double work[4][8];
-    for (int i = 0; i < 4; i++) {
-        for (int k = 0; k < 4; k++) {
-            work[i][k] = matrix[i][k];
-            work[i][k + 4] = i == k;
-        }
+    for (int i = 0; i < 3; i++) {
+        const int k = (i + 1) % 3, l = (i + 2) % 3;
+        out[i] = a[k] * b[l] - a[l] * b[k];
     }
-    for (int column = 0; column < 4; column++) {
-        int best = column;
-        for (int i = column + 1; i < 4; i++) {
-            best = fabs(work[i][column]) > fabs(work[best][column]) ? i : best;
+}
+
+/*
+ * Solves for the point of voxel (x, y, z): X = x W, Y = y W and Z = z are three linear equations.
+ * Returns 0 if they have no one solution.
+ */
+static int solve(const struct umbr_frame *frame, const double voxel[3], double at[3])
+{
+    const double(*m)[4] = frame->world_to_voxel;
+    double row[3][3], value[3], minors[3][3];
+    for (int i = 0; i < 3; i++) {
+        const double share = i < 2 ? voxel[i] : 0; /* of W */
+        for (int k = 0; k < 3; k++) {
+            row[i][k] = m[i][k] - share * m[3][k];
         }
-        double pivot = work[best][column];
-        if (!(fabs(pivot) > 0) || !isfinite(pivot)) {
-            return 0;
-        }
-        for (int k = 0; k < 8; k++) {
-            double keep = work[best][k];
-            work[best][k] = work[column][k];
-            work[column][k] = keep / pivot;
-        }
-        for (int i = 0; i < 4; i++) {
-            double factor = work[i][column];
-            for (int k = 0; k < 8 && i != column; k++) {
-                work[i][k] -= factor * work[column][k];
-            }
-        }
+        value[i] = (i < 2 ? share * m[3][3] : voxel[2]) - m[i][3];
     }
-    for (int i = 0; i < 4; i++) {
-        memcpy(inverse[i], &work[i][4], 4 * sizeof(double));
+    for (int i = 0; i < 3; i++) {
+        cross(row[(i + 1) % 3], row[(i + 2) % 3], minors[i]);
     }
-    return 1;
+    const double determinant =
+        row[0][0] * minors[0][0] + row[0][1] * minors[0][1] + row[0][2] * minors[0][2];
+    for (int k = 0; k < 3; k++) {
+        at[k] = (value[0] * minors[0][k] + value[1] * minors[1][k] + value[2] * minors[2][k]) /
+                determinant;
+    }
+    return isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]);
+}
+
+double umbr_frame_w(const struct umbr_frame *frame, const double world[3])
+{
+    const double *w = frame->world_to_voxel[3];
+    double sum = w[3];
+    for (int i = 0; i < 3; i++) {
+        sum += w[i] * (world[i] - frame->origin[i]);
+    }
+    return sum;
 }
 
 enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset *asset,
@@ -53,7 +62,10 @@ enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset
     memcpy(frame->origin, about.origin, sizeof frame->origin);
     frame->size = (double)(UINT64_C(1) << info.log2_size);
     frame->closed = info.closed;
-    if (!invert((const double(*)[4])info.world_to_voxel, frame->voxel_to_world)) {
+    memcpy(frame->world_to_voxel, info.world_to_voxel, sizeof frame->world_to_voxel);
+    const double middle[3] = {0.5 * frame->size, 0.5 * frame->size, 0.5 * frame->size};
+    double at[3];
+    if (!solve(frame, middle, at)) {
         return umb_fail(error, UMB_E_ARGUMENT, "the matrix of frustum %u has no inverse", frustum);
     }
     return UMB_OK;
@@ -61,18 +73,14 @@ enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset
 
 int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3])
 {
-    double out[4];
-    for (int i = 0; i < 4; i++) {
-        const double *row = frame->voxel_to_world[i];
-        out[i] = row[0] * voxel[0] + row[1] * voxel[1] + row[2] * voxel[2] + row[3];
+    double at[3];
+    if (!solve(frame, voxel, at)) {
+        return 0;
     }
     for (int i = 0; i < 3; i++) {
-        world[i] = frame->origin[i] + out[i] / out[3];
-        if (!isfinite(world[i])) {
-            return 0;
-        }
+        world[i] = frame->origin[i] + at[i];
     }
-    return out[3] > 0;
+    return umbr_frame_w(frame, world) > 0;
 }
 
 void umbr_towards_light(const struct umb_light_info *light, const double world[3],

@@ -5,7 +5,7 @@
 #include "umbrage/asset.h"
 
 struct umbr_frame {
-    double voxel_to_world[4][4]; /* row major; world - origin = M * (voxel, 1), then divide by w */
+    double world_to_voxel[4][4]; /* row major, as the asset's frustum has it */
     double origin[3];            /* metres, world */
     double size;                 /* voxels a side */
     int closed;                  /* baked under the closed rule */
@@ -20,6 +20,9 @@ UMB_CHECKED enum umb_status umbr_frame_init(struct umbr_frame *frame, const stru
 
 /* World position of a point in voxel space; 0 if it lies at or behind a perspective's eye. */
 int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3]);
+
+/* W of a world point: 1 for directional lights, the distance along the axis for others. */
+double umbr_frame_w(const struct umbr_frame *frame, const double world[3]);
 
 /* Unit direction from a point to the light, and how far it is (infinite for directional lights). */
 void umbr_towards_light(const struct umb_light_info *light, const double world[3],

@@ -6,9 +6,11 @@
 #include <stdlib.h>
 
 struct oracle_caster {
-    long double at[3][3];                      /* corner, axis: voxels */
-    long double length[3];                     /* of edge k, from corner k to k + 1, projected */
-    long double area;                          /* twice, signed */
+    long double at[3][3]; /* corner: X, Y, W */
+    long double z[3];     /* of the corners, in voxels */
+    long double line[3]
+                    [3]; /* edge k, from corner k to k + 1: a x + b y + c, times W of both ends */
+    int ends[3];         /* 1 if both corners of edge k lie before the light: a segment */
     uint32_t row_low, row_high, x_low, x_high; /* texels its box may touch; low > high: none */
     uint8_t closed, front;
 };
@@ -26,14 +28,21 @@ static long double determinant(const double *m)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
 }
 
-static void to_voxels(const struct oracle_view *view, const double world[3], long double out[3])
+static void to_voxels(const struct oracle_view *view, const double world[3], long double out[4])
 {
-    for (int r = 0; r < 3; r++) {
+    for (int r = 0; r < 4; r++) {
         out[r] = view->m[4 * r + 3];
         for (int k = 0; k < 3; k++) {
             out[r] += (long double)view->m[4 * r + k] *
                       ((long double)world[k] - (long double)view->origin[k]);
         }
+    }
+}
+
+static void cross(const long double a[3], const long double b[3], long double out[3])
+{
+    for (int k = 0; k < 3; k++) {
+        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
     }
 }
 
@@ -64,32 +73,65 @@ static long double greatest(long double a, long double b, long double c)
     return fmaxl(a, fmaxl(b, c));
 }
 
-static void project(const struct oracle_view *view, const struct oracle_scene *scene, size_t number,
-                    struct oracle_caster *caster)
+/* Fills the texels that the projected corners' box holds: all of them if a corner lies behind the
+ * light, none if all three do. */
+static void find_box(const struct oracle_view *view, struct oracle_caster *caster)
 {
-    long double(*p)[3] = caster->at;
+    uint32_t x[2] = {0, view->side - 1}, y[2] = {0, view->side - 1};
+    long double px[3], py[3];
+    int before = 0;
     for (int v = 0; v < 3; v++) {
-        to_voxels(view, scene->vertices[scene->triangles[number][v]], p[v]);
+        before += caster->at[v][2] > 0.0L;
+        px[v] = caster->at[v][0] / caster->at[v][2];
+        py[v] = caster->at[v][1] / caster->at[v][2];
     }
-    for (int k = 0; k < 3; k++) {
-        const long double *from = p[k], *to = p[(k + 1) % 3];
-        caster->length[k] = hypotl(to[0] - from[0], to[1] - from[1]);
+    int touches = before > 0;
+    if (before == 3) {
+        touches =
+            texel_range(least(px[0], px[1], px[2]), greatest(px[0], px[1], px[2]), view->side, x) &
+            texel_range(least(py[0], py[1], py[2]), greatest(py[0], py[1], py[2]), view->side, y);
     }
-    caster->area =
-        (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]);
-    caster->closed = scene->closed[number];
-    /* The normal's z in voxels over the determinant has the sign of normal times light direction.
-     */
-    caster->front = (caster->area < 0.0L) == (determinant(view->m) > 0.0L);
-    uint32_t x[2], y[2];
-    int touches = texel_range(least(p[0][0], p[1][0], p[2][0]), greatest(p[0][0], p[1][0], p[2][0]),
-                              view->side, x) &
-                  texel_range(least(p[0][1], p[1][1], p[2][1]), greatest(p[0][1], p[1][1], p[2][1]),
-                              view->side, y);
     caster->x_low = x[0];
     caster->x_high = x[1];
     caster->row_low = touches ? y[0] : 1;
     caster->row_high = touches ? y[1] : 0;
+}
+
+/* 1 if the light meets the triangle's front: its corners then run the other way round in light
+ * space if that is right handed. */
+static int is_front(const struct oracle_view *view, const struct oracle_caster *caster)
+{
+    const double rows[12] = {view->m[0], view->m[1], view->m[2],  0,
+                             view->m[4], view->m[5], view->m[6],  0,
+                             view->m[8], view->m[9], view->m[10], 0};
+    long double normal[3];
+    cross(caster->at[0], caster->at[1], normal);
+    long double volume = 0.0L;
+    for (int k = 0; k < 3; k++) {
+        volume += normal[k] * caster->at[2][k];
+    }
+    return (volume < 0.0L) == (determinant(rows) > 0.0L);
+}
+
+static void project(const struct oracle_view *view, const struct oracle_scene *scene, size_t number,
+                    struct oracle_caster *caster)
+{
+    for (int v = 0; v < 3; v++) {
+        long double out[4];
+        to_voxels(view, scene->vertices[scene->triangles[number][v]], out);
+        caster->at[v][0] = out[0];
+        caster->at[v][1] = out[1];
+        caster->at[v][2] = out[3];
+        caster->z[v] = out[2];
+    }
+    for (int k = 0; k < 3; k++) {
+        const long double *from = caster->at[k], *to = caster->at[(k + 1) % 3];
+        cross(from, to, caster->line[k]);
+        caster->ends[k] = from[2] > 0.0L && to[2] > 0.0L;
+    }
+    caster->closed = scene->closed[number];
+    caster->front = (uint8_t)is_front(view, caster);
+    find_box(view, caster);
 }
 
 /* Lists each row's casters; counting first, then filling. */
@@ -135,27 +177,38 @@ int oracle_depth_init(struct oracle_depth *depth, const struct oracle_scene *sce
     return fill_rows(depth, scene->triangle_count);
 }
 
+/* 1 if the centre lies within the tie distance of edge k, whose line it is that near to. */
+static int is_beside(const struct oracle_caster *caster, int k, long double x, long double y)
+{
+    const long double *from = caster->at[k], *to = caster->at[(k + 1) % 3];
+    if (!caster->ends[k]) {
+        return from[2] > 0.0L ||
+               to[2] > 0.0L; /* a half line: anywhere on its line is near enough */
+    }
+    long double x0 = from[0] / from[2], y0 = from[1] / from[2];
+    long double dx = to[0] / to[2] - x0, dy = to[1] / to[2] - y0;
+    long double length = hypotl(dx, dy);
+    if (length <= ORACLE_TIE) {
+        return hypotl(x - x0, y - y0) <= 2.0L * ORACLE_TIE;
+    }
+    long double along = dx * (x - x0) + dy * (y - y0); /* times length */
+    return along >= -ORACLE_TIE * length && along <= (length + ORACLE_TIE) * length;
+}
+
 /*
- * Twice the signed areas of the triangles that the centre forms with the edges. Returns 1 if the
- * centre lies within the tie distance of an edge.
+ * The determinants of each edge and the texel's ray (x, y, 1): with (X, Y, W) = d (x, y, 1) inside
+ * the triangle they have the sign of the triangle's own determinant, and are the weights of the
+ * opposite corners. Returns 1 if the centre lies within the tie distance of an edge.
  */
-static int edge_areas(const struct oracle_caster *caster, long double x, long double y,
-                      long double areas[3])
+static int edge_weights(const struct oracle_caster *caster, long double x, long double y,
+                        long double weights[3])
 {
     int tie = 0;
     for (int k = 0; k < 3; k++) {
-        const long double *from = caster->at[k], *to = caster->at[(k + 1) % 3];
-        long double dx = to[0] - from[0], dy = to[1] - from[1];
-        areas[k] = dx * (y - from[1]) - dy * (x - from[0]);
-        long double length = caster->length[k];
-        if (fabsl(areas[k]) > ORACLE_TIE * length) {
-            continue;
-        }
-        long double along = dx * (x - from[0]) + dy * (y - from[1]); /* times length */
-        if (length <= ORACLE_TIE) {
-            tie |= hypotl(x - from[0], y - from[1]) <= 2.0L * ORACLE_TIE;
-        } else {
-            tie |= along >= -ORACLE_TIE * length && along <= (length + ORACLE_TIE) * length;
+        const long double *line = caster->line[k];
+        weights[k] = line[0] * x + line[1] * y + line[2];
+        if (fabsl(weights[k]) <= ORACLE_TIE * hypotl(line[0], line[1])) {
+            tie |= is_beside(caster, k, x, y);
         }
     }
     return tie;
@@ -164,20 +217,26 @@ static int edge_areas(const struct oracle_caster *caster, long double x, long do
 static void hit_texel(const struct oracle_caster *caster, uint32_t x, uint32_t y,
                       struct oracle_hits *hits)
 {
-    long double areas[3];
-    if (edge_areas(caster, (long double)x + 0.5L, (long double)y + 0.5L, areas)) {
+    long double weights[3];
+    if (edge_weights(caster, (long double)x + 0.5L, (long double)y + 0.5L, weights)) {
         hits->tie = 1;
         return;
     }
-    int positive = areas[0] > 0.0L && areas[1] > 0.0L && areas[2] > 0.0L;
-    int negative = areas[0] < 0.0L && areas[1] < 0.0L && areas[2] < 0.0L;
+    int positive = weights[0] > 0.0L && weights[1] > 0.0L && weights[2] > 0.0L;
+    int negative = weights[0] < 0.0L && weights[1] < 0.0L && weights[2] < 0.0L;
     if (!positive && !negative) {
         return;
     }
     /* Edge k faces corner k + 2. */
-    long double z =
-        (areas[0] * caster->at[2][2] + areas[1] * caster->at[0][2] + areas[2] * caster->at[1][2]) /
-        (areas[0] + areas[1] + areas[2]);
+    const long double sum = weights[0] + weights[1] + weights[2];
+    long double z = 0.0L, w = 0.0L;
+    for (int k = 0; k < 3; k++) {
+        z += weights[k] / sum * caster->z[(k + 2) % 3];
+        w += weights[k] / sum * caster->at[(k + 2) % 3][2];
+    }
+    if (!(w > 0.0L)) {
+        return; /* behind the light */
+    }
     hits->first = fminl(hits->first, z);
     if (caster->closed && caster->front) {
         hits->front = fminl(hits->front, z);

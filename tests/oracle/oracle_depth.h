@@ -8,6 +8,9 @@
  *   end  lit; but where closed solids count, and their nearest front face is the first occluder or
  *        falls on the same voxel index, the voxels whose centre lies before their nearest back face
  *
+ * Each texel's ray is intersected with the planes of the triangles in space, by determinants of the
+ * homogeneous corners (X, Y, W): nothing is cut, and W may have any sign.
+ *
  * A texel is a tie, and has no answer, if its centre lies within ORACLE_TIE voxels of a projected
  * edge, or if a depth that decides lies within ORACLE_TIE of a voxel centre: there rounding may
  * rightly fall either way. 1e-7 is far above the error of doubles at 2^20 voxels (about 1e-9) and
@@ -25,7 +28,7 @@ struct oracle_texel {
 };
 
 struct oracle_view {
-    const double *m;      /* 16, row major: world minus origin to voxels */
+    const double *m;      /* 16, row major: world minus origin to (X, Y, Z, W) */
     const double *origin; /* 3 */
     uint32_t side;        /* voxels */
     int closed;           /* the closed rule holds */

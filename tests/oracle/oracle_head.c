@@ -141,9 +141,10 @@ static int read_scene(struct oracle *oracle, const uint8_t *data, char error[ORA
 static int read_light(struct oracle_light *light, const uint8_t *data,
                       char error[ORACLE_ERROR_SIZE])
 {
-    if (oracle_number(data, 4) != 0 || oracle_number(data + 12, 4) != 0) {
-        return oracle_refuse(error, "LGHT: kind %" PRIu64 " is not 0, or a zero field is set",
-                             oracle_number(data, 4));
+    light->kind = (uint32_t)oracle_number(data, 4);
+    if (light->kind > 2 || oracle_number(data + 12, 4) != 0) {
+        return oracle_refuse(error, "LGHT: kind %" PRIu32 " is not 0 to 2, or a zero field is set",
+                             light->kind);
     }
     light->first_frustum = (uint32_t)oracle_number(data + 4, 4);
     light->frustum_count = (uint32_t)oracle_number(data + 8, 4);
@@ -151,10 +152,14 @@ static int read_light(struct oracle_light *light, const uint8_t *data,
     for (uint32_t k = 0; k < 3; k++) {
         light->direction[k] = oracle_double(data + 16 + 8 * k);
         square += light->direction[k] * light->direction[k];
+        light->position[k] = oracle_double(data + 40 + 8 * k);
+        if (!isfinite(light->position[k])) {
+            return oracle_refuse(error, "LGHT: position %g", light->position[k]);
+        }
     }
     /* A unit vector of rounded doubles is off by a few units of 2^-53; 1e-9 is far beyond that. */
-    if (!(fabs(square - 1.0) < 1e-9)) {
-        return oracle_refuse(error, "LGHT: the direction's square is %.17g, not 1", square);
+    if (!(fabs(square - (light->kind == 2 ? 0.0 : 1.0)) < 1e-9)) {
+        return oracle_refuse(error, "LGHT: the direction's square is %.17g", square);
     }
     double extent = oracle_double(data + 64);
     if (!(extent >= 0.0) || !isfinite(extent)) {
@@ -204,8 +209,7 @@ static int read_frustum(struct oracle_frustum *frustum, const uint8_t *data,
     }
     for (uint32_t k = 0; k < 16; k++) {
         double value = oracle_double(data + 16 + 8 * k);
-        double last_row = k == 15 ? 1.0 : 0.0;
-        if (!isfinite(value) || (k >= 12 && value != last_row)) {
+        if (!isfinite(value)) {
             return oracle_refuse(error, "FRUS: M[%" PRIu32 "] is %g", k, value);
         }
         frustum->m[k] = value;
@@ -271,10 +275,22 @@ static int check_ranges(const struct oracle *oracle, char error[ORACLE_ERROR_SIZ
     }
     for (uint32_t k = 0; k < oracle->light_count; k++) {
         const struct oracle_light *light = &oracle->lights[k];
-        if (light->frustum_count != 1 || light->first_frustum >= oracle->frustum_count) {
-            return oracle_refuse(
-                error, "light %" PRIu32 ": directional with %" PRIu32 " frusta from %" PRIu32, k,
-                light->frustum_count, light->first_frustum);
+        uint32_t most = light->kind == 0 ? 1 : 6;
+        if (light->frustum_count < 1 || light->frustum_count > most ||
+            light->first_frustum >= oracle->frustum_count) {
+            return oracle_refuse(error,
+                                 "light %" PRIu32 ": of kind %" PRIu32 " with %" PRIu32
+                                 " frusta from %" PRIu32,
+                                 k, light->kind, light->frustum_count, light->first_frustum);
+        }
+    }
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        const double *w = oracle->frusta[i].m + 12;
+        int affine = w[0] == 0.0 && w[1] == 0.0 && w[2] == 0.0;
+        if (affine != (oracle->lights[oracle->frusta[i].light].kind == 0) ||
+            (affine && w[3] != 1.0)) {
+            return oracle_refuse(error, "frustum %" PRIu32 ": M's last row does not fit its light",
+                                 i);
         }
     }
     return 1;

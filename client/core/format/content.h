@@ -22,6 +22,13 @@ struct umb_content {
     char *notes;         /* outside the identity */
 };
 
+/* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */
+static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
+{
+    const double *w = frustum->world_to_voxel[3];
+    return w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
+}
+
 /* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
 struct umb_sink {
     enum umb_status (*write)(void *user, const void *bytes, size_t count);

@@ -21,21 +21,21 @@ static bool all_finite(const double *values, size_t count)
 }
 
 /*
- * Inverts the linear part of world_to_voxel into world vectors of one voxel. The cofactor form
- * keeps about 15 digits for the well-conditioned (orthogonal rows) matrices of light frames.
+ * Inverts three rows' linear parts: step[i] is the world vector that changes row i by one and the
+ * other two not at all. The cofactor form keeps about 15 digits for the well-conditioned
+ * (orthogonal rows) matrices of light frames.
  */
-static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
+static bool invert_rows(const double *const rows[3], double step[3][3])
 {
-    const double(*m)[4] = frustum->world_to_voxel;
     double cofactor[3][3];
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
             int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
-            cofactor[i][j] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
+            cofactor[i][j] = rows[a][c] * rows[b][d] - rows[a][d] * rows[b][c];
         }
     }
     double determinant =
-        m[0][0] * cofactor[0][0] + m[0][1] * cofactor[0][1] + m[0][2] * cofactor[0][2];
+        rows[0][0] * cofactor[0][0] + rows[0][1] * cofactor[0][1] + rows[0][2] * cofactor[0][2];
     if (!isfinite(determinant) || determinant == 0.0) {
         return false;
     }
@@ -47,21 +47,46 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
     return all_finite(&step[0][0], 9);
 }
 
+/* World vectors of one voxel; those of a perspective frustum where W = 1, and along its axis. */
+static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
+{
+    const double(*m)[4] = frustum->world_to_voxel;
+    const double *w = m[3];
+    if (!umb__is_perspective(frustum)) {
+        const double *const rows[3] = {m[0], m[1], m[2]};
+        return invert_rows(rows, step);
+    }
+    const double *const rows[3] = {m[0], m[1], w};
+    if (!invert_rows(rows, step)) {
+        return false;
+    }
+    const double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    const double rate = (m[2][0] * w[0] + m[2][1] * w[1] + m[2][2] * w[2]) / square;
+    for (int k = 0; k < 3; k++) {
+        step[2][k] = w[k] / square / rate;
+        /* Depth must follow W alone; doubles leave about 1e-16. */
+        if (!(fabs(m[2][k] - rate * w[k]) <= 1e-9 * fabs(rate) * sqrt(square))) {
+            return false;
+        }
+    }
+    return rate > 0 && all_finite(step[2], 3);
+}
+
 static enum umb_status check_light(const struct umb_content *content, uint32_t i,
                                    struct umb_error *error)
 {
     const struct umb_light_info *light = &content->lights[i];
     const char *name_end = memchr(light->name, '\0', UMB_NAME_SIZE);
-    uint32_t max_frusta = light->kind == UMB_LIGHT_POINT ? 6 : 1;
+    uint32_t max_frusta = light->kind == UMB_LIGHT_DIRECTIONAL ? 1 : 6;
     if (name_end == NULL ||
         !umb__utf8_valid((const uint8_t *)light->name, (size_t)(name_end - light->name))) {
         return umb_fail(error, UMB_E_CORRUPT,
                         "lights[%u].name: must be UTF-8 text of at most %d bytes", i,
                         UMB_NAME_SIZE - 1);
     }
-    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_VERSION, "lights[%u].kind: %d, this reader knows directional",
-                        i, (int)light->kind);
+    if ((unsigned)light->kind > UMB_LIGHT_POINT) {
+        return umb_fail(error, UMB_E_VERSION, "lights[%u].kind: %d, this reader knows 0 to %d", i,
+                        (int)light->kind, (int)UMB_LIGHT_POINT);
     }
     if (light->frustum_count < 1 || light->frustum_count > max_frusta ||
         light->first_frustum > content->frustum_count ||
@@ -78,10 +103,11 @@ static enum umb_status check_light(const struct umb_content *content, uint32_t i
     }
     const double *d = light->direction;
     double length = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    if (!(fabs(length - 1.0) < 1e-6)) {
+    double wanted = light->kind == UMB_LIGHT_POINT ? 0.0 : 1.0;
+    if (!(fabs(length - wanted) < 1e-6)) {
         return umb_fail(error, UMB_E_CORRUPT,
-                        "lights[%u].direction: (%g, %g, %g), must be a unit vector", i, d[0], d[1],
-                        d[2]);
+                        "lights[%u].direction: (%g, %g, %g), must have length %g", i, d[0], d[1],
+                        d[2], wanted);
     }
     if (!all_finite(light->position, 3) || !isfinite(light->extent) || light->extent < 0) {
         return umb_fail(error, UMB_E_CORRUPT,
@@ -112,13 +138,17 @@ static enum umb_status check_frustum(const struct umb_content *content, uint32_t
                         frustum->light);
     }
     const double *last = frustum->world_to_voxel[3];
-    if (!all_finite(&frustum->world_to_voxel[0][0], 16) || last[0] != 0 || last[1] != 0 ||
-        last[2] != 0 || last[3] != 1) {
-        return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not finite and affine",
-                        i);
+    const bool affine = !umb__is_perspective(frustum) && last[3] == 1;
+    if (!all_finite(&frustum->world_to_voxel[0][0], 16) ||
+        affine != (light->kind == UMB_LIGHT_DIRECTIONAL)) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "frusta[%u].world_to_voxel: not finite, or its last row (%g, %g, %g, %g) "
+                        "does not fit its light's kind",
+                        i, last[0], last[1], last[2], last[3]);
     }
     if (!derive_voxel_step(frustum, step)) {
-        return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not invertible", i);
+        return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not invertible, or "
+                        "depth does not follow the axis", i);
     }
     return UMB_OK;
 }
@@ -151,5 +181,24 @@ void umb__content_derive(struct umb_content *content)
 {
     for (uint32_t i = 0; i < content->frustum_count; i++) {
         (void)derive_voxel_step(&content->frusta[i], content->frusta[i].voxel_step);
+    }
+}
+
+void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3])
+{
+    const double(*m)[4] = frustum->world_to_voxel;
+    double reach = 1.0; /* W where Z is the number of voxels */
+    for (int axis = 2; axis >= 0; axis--) {
+        const double *step = frustum->voxel_step[axis];
+        const double length = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        if (axis == 2 && umb__is_perspective(frustum)) {
+            /* W = (Z - Z0) / rate along the axis, where one voxel is 1 / rate of W. */
+            const double *w = m[3];
+            const double rate = m[2][0] * step[0] + m[2][1] * step[1] + m[2][2] * step[2];
+            const double turn = w[0] * step[0] + w[1] * step[1] + w[2] * step[2];
+            const double size = (double)((uint32_t)1 << frustum->log2_size);
+            reach = w[3] + (size - m[2][3]) * turn / rate;
+        }
+        edges[axis] = axis == 2 ? length : length * reach;
     }
 }

@@ -2,6 +2,7 @@
 /* The answer of one point, told step by step; the same arithmetic as the kernels. */
 #include <string.h>
 
+#include "query/perspective.h"
 #include "query/query_parts.h"
 
 static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, uint64_t index)
@@ -50,6 +51,10 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
     struct umb__query q;
     double p[3], start[3], size[3];
     memcpy(&q, query->opaque, sizeof q);
+    if (q.face_count > 0) {
+        umb__perspective_explain(&q, points, index, explanation);
+        return;
+    }
     float value = 0;
     struct umb_points one = *points;
     size_t scalar = points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "format/asset_parts.h"
+#include "query/perspective.h"
 #include "query/query_parts.h"
 
 static umb__kernel_fn choose_kernel(void)
@@ -47,10 +48,25 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
                         UMB_BIAS_MAX);
     }
-    if (asset->canonical.content.lights[settings->light].kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", settings->light);
-    }
     return UMB_OK;
+}
+
+/* Spot and point lights: everything else depends on the point. */
+static void set_faces(struct umb__query *q, const struct umb_asset *asset,
+                      const struct umb_query_settings *settings)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    const struct umb_light_info *light = &content->lights[settings->light];
+    q->grid = asset->view.grid;
+    q->faces = &content->frusta[light->first_frustum];
+    q->tops = &asset->view.tops[light->first_frustum];
+    q->face_count = light->frustum_count;
+    q->first_face = light->first_frustum;
+    q->bias_m = settings->bias;
+    q->bias_mode = settings->bias_mode;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        q->position[axis] = light->position[axis] - content->origin[axis];
+    }
 }
 
 static void set_bias(struct umb__query *q, const struct umb_query_settings *settings)
@@ -106,7 +122,11 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     memcpy(q.voxel_step, frustum->voxel_step, sizeof q.voxel_step);
     memcpy(q.direction, light->direction, sizeof q.direction);
     memcpy(q.origin, content->origin, sizeof q.origin);
-    set_bias(&q, settings);
+    if (light->kind == UMB_LIGHT_DIRECTIONAL) {
+        set_bias(&q, settings);
+    } else {
+        set_faces(&q, asset, settings);
+    }
     memcpy(query->opaque, &q, sizeof q);
     return UMB_OK;
 }
@@ -140,7 +160,11 @@ void umb_query_run(const struct umb_query *query, const struct umb_points *point
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    q.kernel(&q, points, first, count, answers);
+    if (q.face_count > 0) {
+        umb__perspective_run(&q, points, first, count, answers);
+    } else {
+        q.kernel(&q, points, first, count, answers);
+    }
 }
 
 size_t umb_answer_bytes(enum umb_answer_format format, size_t count)

@@ -35,6 +35,12 @@ struct umb__query {
     double voxel_step[3][3];
     double direction[3];         /* the light's */
     double origin[3];            /* the asset's */
+    /* Spot and point lights (perspective.h); the fields about one frustum are not set then. */
+    const struct umb_frustum_info *faces; /* [face_count] */
+    const struct umb__top *tops;          /* [face_count] */
+    uint32_t face_count;                  /* 0: a directional light */
+    uint32_t first_face;                  /* its number in the asset */
+    double position[3];                   /* of the light, relative to the asset's origin */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");

@@ -79,11 +79,11 @@ enum umb_light_kind {
 struct umb_light_info {
     char name[UMB_NAME_SIZE]; /* UTF-8, may be empty, NUL-terminated */
     enum umb_light_kind kind;
-    double direction[3]; /* unit vector in which the light travels (directional, spot) */
+    double direction[3]; /* unit vector in which the light travels (directional, spot; point: 0) */
     double position[3];  /* metres (spot, point), scene origin included */
     double extent;       /* angular diameter in radians (directional) or size in metres; 0 = none */
     uint32_t first_frustum; /* its frusta are first_frustum .. first_frustum + frustum_count - 1 */
-    uint32_t frustum_count; /* 1 for directional and spot, up to 6 for point */
+    uint32_t frustum_count; /* 1 for directional, up to 6 for spot and point */
 };
 
 /* One light-space frustum. */
@@ -91,9 +91,12 @@ struct umb_frustum_info {
     uint32_t log2_size; /* voxels a side = 1 << log2_size */
     uint32_t light;     /* index of the light it belongs to */
     int closed;         /* baked under the closed rule: undefined inside closed solids */
-    /* Row major; voxel = M * (world - origin, 1), affine for directional lights. */
+    /* Row major; (X, Y, Z, W) = M * (world - origin, 1); voxel = (X / W, Y / W, Z): z is linear
+     * along the axis. Directional lights: W = 1. Spot and point: W is the distance from the light
+     * along the frustum's axis in metres; what has W <= 0 is not in the frustum. */
     double world_to_voxel[4][4];
-    /* Row i: world vector of one voxel along voxel axis i (affine), metres. */
+    /* Row i: world vector of one voxel along voxel axis i, metres; of a perspective frustum x and y
+     * where W = 1 (they grow with W), z along the frustum's axis. */
     double voxel_step[3][3];
 };
 
@@ -165,6 +168,10 @@ umb_asset_get_light(const struct umb_asset *asset, uint32_t index, struct umb_li
 /* Fills info of frustum `index`, likewise. */
 UMB_API UMB_CHECKED enum umb_status
 umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index, struct umb_frustum_info *info);
+
+/* Fills in the edges of a voxel, metres; of a perspective frustum those of its last voxels along z,
+ * which are its largest. */
+UMB_API void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3]);
 
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */
 UMB_API void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE]);

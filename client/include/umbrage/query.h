@@ -15,6 +15,10 @@
  * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
  * closed rule an answer is unspecified ("defined space", docs/accuracy.md).
  *
+ * Spot and point lights: the answer is whether anything stands between point and light; how the
+ * light fades with distance and towards its cone is the caller's. What a spot light's frusta do not
+ * cover is lit and counted as outside.
+ *
  * Outside: a texel beyond the frustum in x or y is lit, a point before z = 0 is lit, one behind
  * the last voxel takes the last voxel's answer. All are counted.
  *
@@ -42,7 +46,8 @@ enum umb_bias_mode {
      * normal n, where ex, ey, ez are the world vectors of one voxel: the window at the moved
      * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
      * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
-     * (1,1,1)/sqrt(3) in voxels, towards the light. */
+     * (1,1,1)/sqrt(3) in voxels, towards the light. Spot and point lights: with the voxels at the
+     * point, which grow with the distance from the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
     UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */
@@ -111,8 +116,7 @@ struct umb_query {
  * In:    asset: borrowed as long as the query is used. settings: copied.
  * Out:   query: zeroed on failure, and then must not be run.
  * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range
- *        whatever the mode, unknown mode or format), E_UNSUPPORTED (a kind of light this version
- *        cannot answer).
+ *        whatever the mode, unknown mode or format).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */

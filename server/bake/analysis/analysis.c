@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/tile.h"
 #include "common/parts.h"
@@ -202,29 +203,20 @@ static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t
     return UMB_OK;
 }
 
-/* Gives each light its frustum. */
+/* Gives each light its frusta. */
 static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_size,
                                   struct umb_error *error)
 {
-    const uint32_t count = analysis->choice.count;
-    analysis->frusta = calloc(count, sizeof *analysis->frusta);
-    if (analysis->frusta == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %u frusta refused", count);
-    }
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        struct umb_light_info *light = &analysis->choice.lights[i];
-        struct umb_frustum_info *frustum = &analysis->frusta[i];
-        status =
-            umbb_light_frame_fit((const double(*)[3][3])analysis->corners, analysis->count,
-                                 light->direction, analysis->origin, log2_size, frustum, error);
-        frustum->light = i;
-        frustum->closed = analysis->closed_rule;
-        light->first_frustum = i;
-        light->frustum_count = 1;
-    }
-    analysis->frustum_count = count;
-    return status;
+    const struct umbb_frusta_input input = {
+        .corners = (const double(*)[3][3])analysis->corners,
+        .count = analysis->count,
+        .bounds = analysis->bounds,
+        .origin = analysis->origin,
+        .log2_size = log2_size,
+        .closed = analysis->closed_rule,
+    };
+    return umbb_frusta_fit(&input, &analysis->choice, &analysis->frusta, &analysis->frustum_count,
+                           error);
 }
 
 enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
@@ -270,6 +262,20 @@ void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum)
     umbb_light_frame_apply(&analysis->frusta[frustum], analysis->origin, analysis->corners,
                            analysis->count);
     analysis->in_world = 0;
+}
+
+enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis, uint32_t number,
+                                      size_t max_bytes, struct umbb_projected *projected,
+                                      struct umb_error *error)
+{
+    const struct umb_frustum_info *frustum = &analysis->frusta[number];
+    const double *position = analysis->choice.lights[frustum->light].position;
+    const struct umbb_casters world = {.corners = (const double(*)[3][3])analysis->corners,
+                                       .kinds = analysis->kinds,
+                                       .count = analysis->count};
+    return umbb_perspective_project(&world, frustum, analysis->origin,
+                                    umbb_light_reach(&analysis->bounds, position), max_bytes,
+                                    projected, error);
 }
 
 enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,

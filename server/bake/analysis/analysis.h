@@ -5,7 +5,7 @@
  * What a scene holds, as far as its shadows go: world triangles, closed parts, bounds, the lights.
  *
  *     umbb_analysis_run(&scene->view, &options, &analysis, &error);
- *     for each frustum: umbb_analysis_to_world, umbb_analysis_to_voxels, bake
+ *     for each frustum: umbb_analysis_to_world, then umbb_analysis_to_voxels or _project, bake
  *     umbb_analysis_to_world, umbb_analysis_orient, verify
  *     umbb_analysis_finish(&analysis);
  *
@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "bake/analysis/light_choice.h"
+#include "bake/analysis/perspective_frame.h"
 
 /* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
@@ -62,8 +63,16 @@ UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view
                                               struct umb_error *error);
 void umbb_analysis_finish(struct umbb_analysis *analysis);
 
-/* Moves the corners, which are in world space, to the voxel space of a frustum. */
+/* Moves the corners, which are in world space, to the voxel space of a directional light's
+ * frustum. */
 void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum);
+
+/* Projects what a spot or point light's frustum sees of the corners, which stay in world space.
+ * Out, Fails: as umbb_perspective_project. */
+UMB_CHECKED enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis,
+                                                  uint32_t frustum, size_t max_bytes,
+                                                  struct umbb_projected *projected,
+                                                  struct umb_error *error);
 
 /* Gets the corners in world space, from the scene unless they are. Fails: E_NO_MEMORY, E_INTERNAL.
  */

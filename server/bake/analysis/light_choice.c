@@ -40,6 +40,7 @@ const char *umbb_light_kind_text(enum umb_light_kind kind)
 void umbb_light_choice_finish(struct umbb_light_choice *choice)
 {
     free(choice->lights);
+    free(choice->cones);
     free(choice->notices);
     memset(choice, 0, sizeof *choice);
 }
@@ -57,12 +58,15 @@ static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
     if (choice->count == choice->capacity) {
         const uint32_t capacity = choice->capacity == 0 ? 8 : 2 * choice->capacity;
         struct umb_light_info *lights = realloc(choice->lights, capacity * sizeof *lights);
-        if (lights == NULL) {
+        choice->lights = lights != NULL ? lights : choice->lights;
+        double *cones = realloc(choice->cones, capacity * sizeof *cones);
+        choice->cones = cones != NULL ? cones : choice->cones;
+        if (lights == NULL || cones == NULL) {
             return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %u refused", capacity);
         }
-        choice->lights = lights;
         choice->capacity = capacity;
     }
+    choice->cones[choice->count] = 0.0;
     *light = &choice->lights[choice->count++];
     memset(*light, 0, sizeof **light);
     (*light)->kind = kind;
@@ -136,15 +140,48 @@ static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path
     return UMB_OK;
 }
 
+/* A spot or point light of the command line. */
+static enum umb_status choose_at(struct chooser *c, const struct umbb_light_request *request,
+                                 struct umb_error *error)
+{
+    const int is_spot = request->kind == UMBB_REQUEST_SPOT;
+    const double *p = request->position;
+    struct umb_light_info *light;
+    const enum umb_status status =
+        add_light(c, is_spot ? UMB_LIGHT_SPOT : UMB_LIGHT_POINT, &light, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    snprintf(light->name, sizeof light->name, "%s %g,%g,%g", is_spot ? "spot" : "point", p[0], p[1],
+             p[2]);
+    memcpy(light->position, p, sizeof light->position);
+    if (is_spot) {
+        c->choice->cones[c->choice->count - 1] = request->half_deg * RAD_A_DEG;
+        memcpy(light->direction, request->direction, sizeof light->direction);
+        if (!umbb_direction_normalise(light->direction)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "--spot: direction (%g, %g, %g) has no length",
+                            request->direction[0], request->direction[1], request->direction[2]);
+        }
+    }
+    return UMB_OK;
+}
+
 static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light *from,
                                       struct umb_error *error)
 {
     struct umb_light_info *light;
-    const enum umb_status status = add_light(c, UMB_LIGHT_DIRECTIONAL, &light, error);
+    const enum umb_status status = add_light(c, (enum umb_light_kind)from->kind, &light, error);
     if (status != UMB_OK) {
         return status;
     }
     snprintf(light->name, sizeof light->name, "%.*s", (int)(sizeof light->name - 1), from->name);
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        memcpy(light->position, from->position, sizeof light->position);
+        c->choice->cones[c->choice->count - 1] = from->outer_cone;
+    }
+    if (light->kind == UMB_LIGHT_POINT) {
+        return UMB_OK;
+    }
     memcpy(light->direction, from->direction, sizeof light->direction);
     if (!umbb_direction_normalise(light->direction)) {
         char name[UMBB_ESCAPED_NAME_SIZE];
@@ -160,42 +197,27 @@ static enum umb_status choose_named(struct chooser *c, const char *wanted, struc
 {
     for (uint32_t i = 0; i < c->view->light_count; i++) {
         const struct umbs_light *from = &c->view->lights[i];
-        if (strcmp(from->name, wanted) != 0) {
-            continue;
+        if (strcmp(from->name, wanted) == 0) {
+            return choose_of_file(c, from, error);
         }
-        if (from->kind != UMB_LIGHT_DIRECTIONAL) {
-            return umb_fail(error, UMB_E_UNSUPPORTED,
-                            "--light: '%.64s' is a %s light; this version bakes directional ones",
-                            wanted, umbb_light_kind_text((enum umb_light_kind)from->kind));
-        }
-        return choose_of_file(c, from, error);
     }
     return umb_fail(error, UMB_E_ARGUMENT, "--light: '%.64s' is none of the scene's %u lights",
                     wanted, c->view->light_count);
 }
 
-/* The file's directional lights or the default sun; notices say what was passed over. */
+/* The file's lights or the default sun. */
 static enum umb_status choose_default(struct chooser *c, struct umb_error *error)
 {
     for (uint32_t i = 0; i < c->view->light_count; i++) {
-        const struct umbs_light *from = &c->view->lights[i];
-        if (from->kind == UMB_LIGHT_DIRECTIONAL) {
-            const enum umb_status status = choose_of_file(c, from, error);
-            if (status != UMB_OK) {
-                return status;
-            }
-        } else {
-            char name[UMBB_ESCAPED_NAME_SIZE];
-            umbb_escape(from->name, name, sizeof name);
-            c->choice->left_out++;
-            fprintf(c->notices, "light '%s' is a %s light: left out, not supported yet\n", name,
-                    umbb_light_kind_text((enum umb_light_kind)from->kind));
+        const enum umb_status status = choose_of_file(c, &c->view->lights[i], error);
+        if (status != UMB_OK) {
+            return status;
         }
     }
     if (c->choice->count > 0) {
         return UMB_OK;
     }
-    fprintf(c->notices, "the scene has no directional light: sun from azimuth %g, elevation %g\n",
+    fprintf(c->notices, "the scene has no light: sun from azimuth %g, elevation %g\n",
             DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG);
     return choose_sun(c, DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG, error);
 }
@@ -212,6 +234,10 @@ static enum umb_status choose_requested(struct chooser *c, struct umb_error *err
             break;
         case UMBB_REQUEST_PATH:
             status = choose_path(c, &request->path, error);
+            break;
+        case UMBB_REQUEST_SPOT:
+        case UMBB_REQUEST_POINT:
+            status = choose_at(c, request, error);
             break;
         case UMBB_REQUEST_NAME:
             status = choose_named(c, request->name, error);

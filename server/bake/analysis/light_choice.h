@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 /*
- * Which lights are baked: those that --sun, --sun-path and --light ask for, in that order as given;
- * else all of the file's directional lights; else a sun at azimuth 135, elevation 45. What was left
- * out or assumed becomes a notice.
+ * Which lights are baked: those that the options of light_options.h ask for, in the order given;
+ * else all of the file's lights; else a sun at azimuth 135, elevation 45. What was assumed becomes
+ * a notice.
  */
 #include "bake/bake_options.h"
 #include "common/scene.h"
@@ -13,9 +13,9 @@
 struct umbb_light_choice {
     struct umb_light_info *lights; /* [count] name, kind, unit direction, position, extent; their
                                       frusta are not set */
+    double *cones;                 /* [count] half the angle of a spot light's cone, radians */
     uint32_t count, capacity;
-    uint32_t left_out; /* lights of the file that this version cannot bake */
-    char *notices;     /* lines, or NULL */
+    char *notices; /* lines, or NULL */
     size_t notice_bytes;
 };
 
@@ -24,8 +24,7 @@ struct umbb_light_choice {
  *
  * Out:   choice: finish it; zeroed on failure.
  * Fails: E_ARGUMENT (--light names none, --sun-path has no sun above the horizon, more than
- *        UMB_LIGHTS_MAX), E_UNSUPPORTED (--light names a spot or point light), E_BAD_SCENE (a
- *        direction has no length), E_NO_MEMORY.
+ *        UMB_LIGHTS_MAX), E_BAD_SCENE (a direction has no length), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
                                                const struct umbb_options *options, int z_up,

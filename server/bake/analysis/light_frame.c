@@ -90,8 +90,7 @@ int umbb_direction_normalise(double direction[3])
     return 1;
 }
 
-/* u and v from w: u is across w and the world axis that w leans on least. */
-static void axes_of_light(const double w[3], double axes[3][3])
+void umbb_light_axes(const double w[3], double axes[3][3])
 {
     int least = 0;
     for (int i = 1; i < 3; i++) {
@@ -155,7 +154,7 @@ enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count
     memset(frustum, 0, sizeof *frustum);
     double axes[3][3];
     struct extent extents[3];
-    axes_of_light(direction, axes);
+    umbb_light_axes(direction, axes);
     measure(corners, count, axes, origin, extents);
     double most = 0.0;
     for (int axis = 0; axis < 3; axis++) {

@@ -34,6 +34,10 @@ void umbb_compass_direction(const double east_north_up[3], int z_up, double dire
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
 
+/* Makes unit axes u, v, w from w, right handed: u is across w and the world axis that w leans on
+ * least. */
+void umbb_light_axes(const double w[3], double axes[3][3]);
+
 /* Checks that all corners are finite and within UMBB_WORLD_MAX. Fails: E_BAD_SCENE. */
 UMB_CHECKED enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
                                              struct umb_error *error);

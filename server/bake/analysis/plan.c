@@ -22,12 +22,6 @@ static const char *closed_name(enum umbb_closed_mode mode)
     return names[mode];
 }
 
-static double edge_length(const struct umb_frustum_info *frustum, int axis)
-{
-    const double *step = frustum->voxel_step[axis];
-    return sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-}
-
 static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_closed_mode mode)
 {
     char why[4 * sizeof a->open_reason];
@@ -58,9 +52,11 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
     double most = 0.0, voxel = INFINITY;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, fmax(fabs(a->bounds.min[axis]), fabs(a->bounds.max[axis])));
-        for (uint32_t i = 0; i < a->frustum_count; i++) {
-            voxel = fmin(voxel, edge_length(&a->frusta[i], axis));
-        }
+    }
+    for (uint32_t i = 0; i < a->frustum_count; i++) {
+        double edges[3];
+        umb_frustum_voxel_edges(&a->frusta[i], edges);
+        voxel = fmin(voxel, fmin(fmin(edges[0], edges[1]), edges[2]));
     }
     const double off = most * FLOAT_HALF_STEP;
     const int on = off > 0.01 * voxel;
@@ -70,52 +66,70 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
             on ? "on" : "off", most, off, off / voxel, voxel);
 }
 
-/* How wide half shadows can become behind casters, and the voxel's edge across the light. */
+/* How wide half shadows become, in metres and in voxels: behind the whole depth of a directional
+ * light's frustum; for other lights behind a caster halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
-                             double *voxel)
+                             double *voxels)
 {
     const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
-    const double depth = (double)((uint64_t)1 << frustum->log2_size) * edge_length(frustum, 2);
-    *voxel = fmin(edge_length(frustum, 0), edge_length(frustum, 1));
-    return depth * light->extent;
+    double edges[3], width = light->extent;
+    umb_frustum_voxel_edges(frustum, edges);
+    if (light->kind == UMB_LIGHT_DIRECTIONAL) {
+        width *= (double)((uint64_t)1 << frustum->log2_size) * edges[2];
+    }
+    *voxels = width / fmin(edges[0], edges[1]);
+    return width;
 }
 
-/* The sun is no point: what its half shadows would be, of the light that has the widest. */
+/* A light that is no point: what its half shadows would be, of the light that has the widest. */
 static void write_penumbra(FILE *to, const struct umbb_analysis *a)
 {
     const struct umb_light_info *worst = &a->choice.lights[0];
-    double most = 0.0, voxel;
+    double most = 0.0, voxels;
     for (uint32_t i = 0; i < a->choice.count; i++) {
-        const double width = penumbra_width(a, &a->choice.lights[i], &voxel);
-        if (width / voxel > most) {
-            most = width / voxel;
+        (void)penumbra_width(a, &a->choice.lights[i], &voxels);
+        if (voxels > most) {
+            most = voxels;
             worst = &a->choice.lights[i];
         }
     }
-    if (most > 1.0) {
-        const double width = penumbra_width(a, worst, &voxel);
-        fprintf(to,
-                "effect=penumbra state=off reason=\"not in this version: a light %.3g degrees "
-                "across over %.6g m makes half shadows up to %.3g m or %.3g voxels wide; edges are "
-                "baked sharp\" cost=\"none\"\n",
-                worst->extent * 57.29577951308232, width / worst->extent, width, most);
+    if (!(most > 1.0)) {
+        return;
     }
+    const double width = penumbra_width(a, worst, &voxels);
+    fprintf(to, "effect=penumbra state=off reason=\"not in this version: ");
+    if (worst->kind == UMB_LIGHT_DIRECTIONAL) {
+        fprintf(to, "a light %.3g degrees across over %.6g m makes half shadows up to %.3g m",
+                worst->extent * 57.29577951308232, width / worst->extent, width);
+    } else {
+        fprintf(to,
+                "a light %.3g m across makes half shadows %.3g m wide behind a caster halfway to "
+                "the receiver",
+                worst->extent, width);
+    }
+    fprintf(to, " or %.3g voxels wide; edges are baked sharp\" cost=\"none\"\n", voxels);
 }
 
-/* Several lights, and those of the file that this version does not know. */
+/* Several directional lights, and the frusta of spot and point lights. */
 static void write_lights(FILE *to, const struct umbb_analysis *a)
 {
-    if (a->choice.count > 1) {
+    uint32_t directional = 0;
+    for (uint32_t i = 0; i < a->choice.count; i++) {
+        directional += a->choice.lights[i].kind == UMB_LIGHT_DIRECTIONAL;
+    }
+    if (directional > 1) {
         fprintf(to,
                 "effect=suns state=on reason=\"%u directional lights\" cost=\"a frustum of depth, "
                 "build and nodes each; equal nodes are stored once\"\n",
-                a->choice.count);
+                directional);
     }
-    if (a->choice.left_out > 0) {
+    if (directional < a->choice.count) {
+        const uint32_t others = a->choice.count - directional;
         fprintf(to,
-                "effect=faces state=off reason=\"not in this version: %u spot or point lights of "
-                "the file are left out\" cost=\"none\"\n",
-                a->choice.left_out);
+                "effect=faces state=on reason=\"%u spot or point lights see casters in %u frusta; "
+                "the other cube faces are left out\" cost=\"a frustum of depth, build and nodes "
+                "each; %d texels of guard band at each face's edge; each query picks a face\"\n",
+                others, a->frustum_count - directional, UMBB_GUARD_TEXELS);
     }
 }
 
@@ -180,8 +194,17 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     fprintf(to, "bake=%d\n", BAKE_VERSION);
     fprintf(to, "closed=%s\n", closed_name(options->closed));
     for (uint32_t i = 0; i < analysis->choice.count; i++) {
-        const double *d = analysis->choice.lights[i].direction;
-        fprintf(to, "light.%u.direction=%.17g,%.17g,%.17g\n", i, d[0], d[1], d[2]);
+        const struct umb_light_info *light = &analysis->choice.lights[i];
+        const double *d = light->direction, *p = light->position;
+        if (light->kind != UMB_LIGHT_POINT) {
+            fprintf(to, "light.%u.direction=%.17g,%.17g,%.17g\n", i, d[0], d[1], d[2]);
+        }
+        if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+            fprintf(to, "light.%u.position=%.17g,%.17g,%.17g\n", i, p[0], p[1], p[2]);
+        }
+        if (light->kind == UMB_LIGHT_SPOT) {
+            fprintf(to, "light.%u.cone=%.17g\n", i, analysis->choice.cones[i]);
+        }
     }
     fprintf(to, "resolution=%u\n", 1U << options->resolution_log2);
     fprintf(to, "up=%c\n", analysis->z_up ? 'z' : 'y');
@@ -191,14 +214,20 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
 /* A light and the voxels of its first frustum. */
 static void print_light(FILE *to, const struct umbb_analysis *a, const struct umb_light_info *light)
 {
-    const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
     char name[UMBB_ESCAPED_NAME_SIZE];
+    double edges[3];
+    const double *d = light->direction, *p = light->position;
     umbb_escape(light->name, name, sizeof name);
-    fprintf(to, "light=\"%s\" kind=%s direction=%.9g,%.9g,%.9g extent=%.6g\n", name,
-            umbb_light_kind_text(light->kind), light->direction[0], light->direction[1],
-            light->direction[2], light->extent);
-    fprintf(to, "resolution=%u voxel_m=%.6g,%.6g,%.6g\n", 1U << frustum->log2_size,
-            edge_length(frustum, 0), edge_length(frustum, 1), edge_length(frustum, 2));
+    umb_frustum_voxel_edges(&a->frusta[light->first_frustum], edges);
+    fprintf(to, "light=\"%s\" kind=%s", name, umbb_light_kind_text(light->kind));
+    if (light->kind != UMB_LIGHT_POINT) {
+        fprintf(to, " direction=%.9g,%.9g,%.9g", d[0], d[1], d[2]);
+    }
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        fprintf(to, " position=%.9g,%.9g,%.9g frusta=%u", p[0], p[1], p[2], light->frustum_count);
+    }
+    fprintf(to, " extent=%.6g voxel_m=%.6g,%.6g,%.6g\n", light->extent, edges[0], edges[1],
+            edges[2]);
 }
 
 void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_scene_view *view,
@@ -212,6 +241,7 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_
     fprintf(to, "bounds=%.9g,%.9g,%.9g..%.9g,%.9g,%.9g\n", b->min[0], b->min[1], b->min[2],
             b->max[0], b->max[1], b->max[2]);
     fprintf(to, "origin=%.17g,%.17g,%.17g\n", a->origin[0], a->origin[1], a->origin[2]);
+    fprintf(to, "resolution=%u\n", 1U << a->frusta[0].log2_size);
     for (uint32_t i = 0; i < a->choice.count; i++) {
         print_light(to, a, &a->choice.lights[i]);
     }
@@ -222,11 +252,14 @@ void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint3
 {
     fputs("\"lights\":[", to);
     for (uint32_t i = 0; i < count; i++) {
-        const double *d = lights[i].direction;
+        const double *d = lights[i].direction, *p = lights[i].position;
         fputs(i == 0 ? "{\"name\":" : ",{\"name\":", to);
         umbs_json_text(to, lights[i].name);
-        fprintf(to, ",\"kind\":\"%s\",\"direction\":[%.17g,%.17g,%.17g],\"extent\":%.17g}",
-                umbb_light_kind_text(lights[i].kind), d[0], d[1], d[2], lights[i].extent);
+        fprintf(to,
+                ",\"kind\":\"%s\",\"direction\":[%.17g,%.17g,%.17g],\"position\":[%.17g,%.17g,"
+                "%.17g],\"extent\":%.17g,\"frusta\":%u}",
+                umbb_light_kind_text(lights[i].kind), d[0], d[1], d[2], p[0], p[1], p[2],
+                lights[i].extent, lights[i].frustum_count);
     }
     fputs("]", to);
 }
@@ -242,12 +275,12 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
             a->closed_part_count, a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y');
     fprintf(to, "\"bounds\":{\"min\":[%.17g,%.17g,%.17g],\"max\":[%.17g,%.17g,%.17g]},", b->min[0],
             b->min[1], b->min[2], b->max[0], b->max[1], b->max[2]);
-    const struct umb_frustum_info *frustum = &a->frusta[0];
     fprintf(to, "\"origin\":[%.17g,%.17g,%.17g],", a->origin[0], a->origin[1], a->origin[2]);
     umbb_lights_print_json(to, a->choice.lights, a->choice.count);
-    fprintf(to, ",\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
-            1U << frustum->log2_size, edge_length(frustum, 0), edge_length(frustum, 1),
-            edge_length(frustum, 2));
+    double edges[3];
+    umb_frustum_voxel_edges(&a->frusta[0], edges);
+    fprintf(to, ",\"frusta\":%u,\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
+            a->frustum_count, 1U << a->frusta[0].log2_size, edges[0], edges[1], edges[2]);
     for (const char *line = plan; *line != '\0';) {
         const size_t length = strcspn(line, "\n");
         fputs(line == plan ? "" : ",", to);

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/depth/coverage.h"
+#include "bake/depth/depth_perspective.h"
 
 /* Boxes grow by this many voxels: far above what rounding to float and Embree's box test lose for
  * coordinates up to 2^18 (half a unit in the last place is 2^-7 there). */
@@ -78,8 +78,10 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
     if (texel->x < x_first || texel->x > x_last) {
         return;
     }
-    const int32_t lit =
-        umbb_coverage_lit(&coverage, umbb_coverage_row_z(&coverage, texel->y), texel->x);
+    const double row_z = umbb_coverage_row_z(&coverage, texel->y);
+    const int32_t lit = casters->depth_scale > 0.0
+                            ? umbb_perspective_lit(casters, &coverage, row_z, texel->x)
+                            : umbb_coverage_lit(&coverage, row_z, texel->x);
     const uint8_t kind = casters->closed_rule ? casters->kinds[args->primID] : UMBB_CASTER_OPEN;
     if (kind == UMBB_CASTER_OPEN) {
         lower(&texel->open, lit);

@@ -61,6 +61,10 @@ static void small_scene_init(struct small_scene *s)
     s->materials[1].alpha_mode = UMBS_ALPHA_MASK;
     memcpy(s->lights[0].name, "lamp", 5);
     s->lights[0].kind = UMB_LIGHT_SPOT;
+    s->lights[0].direction[2] = -2.0;
+    s->lights[0].position[0] = 100.0;
+    s->lights[0].position[2] = 20.0;
+    s->lights[0].outer_cone = 0.5;
     memcpy(s->lights[1].name, "key", 4);
     s->lights[1].direction[1] = 3.0;
     s->lights[1].direction[2] = -4.0;
@@ -115,19 +119,21 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_true(a.bounds.min[2] == -3.0 && a.bounds.max[2] == 1.0);
     assert_true(a.origin[0] == 96.0 && a.origin[1] == 0.0 && a.origin[2] == -1.0);
     assert_int_equal(a.mask.triangles, 1);
-    /* The directional lights, made unit, a frustum each; the other is mentioned. */
-    assert_int_equal(a.choice.count, 2);
-    assert_int_equal(a.frustum_count, 2);
-    assert_string_equal(a.choice.lights[0].name, "key");
-    assert_true(a.choice.lights[0].direction[1] == 0.6 && a.choice.lights[0].direction[2] == -0.8);
-    assert_string_equal(a.choice.lights[1].name, "fill");
-    assert_int_equal(a.choice.lights[1].first_frustum, 1);
-    assert_int_equal(a.frusta[1].light, 1);
-    assert_non_null(strstr(a.choice.notices, "'lamp' is a spot light"));
+    /* All lights, directions made unit, a frustum each. */
+    assert_int_equal(a.choice.count, 3);
+    assert_int_equal(a.frustum_count, 3);
+    assert_string_equal(a.choice.lights[0].name, "lamp");
+    assert_true(a.choice.lights[0].direction[2] == -1.0 && a.choice.cones[0] == 0.5);
+    assert_true(a.frusta[0].world_to_voxel[3][2] == -1.0);
+    assert_string_equal(a.choice.lights[1].name, "key");
+    assert_true(a.choice.lights[1].direction[1] == 0.6 && a.choice.lights[1].direction[2] == -0.8);
+    assert_string_equal(a.choice.lights[2].name, "fill");
+    assert_int_equal(a.choice.lights[2].first_frustum, 2);
+    assert_int_equal(a.frusta[2].light, 2);
 
     double before[13][3][3];
     memcpy(before, a.corners, sizeof before);
-    for (uint32_t i = 0; i < 2; i++) {
+    for (uint32_t i = 1; i < 3; i++) {
         umbb_analysis_to_voxels(&a, i);
         assert_memory_not_equal(before, a.corners, sizeof before);
         assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
@@ -156,7 +162,7 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     for (int i = 0; i < 12; i++) {
         assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED_FLIPPED);
     }
-    umbb_analysis_to_voxels(&a, 0);
+    umbb_analysis_to_voxels(&a, 1);
     assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
     umbb_analysis_orient(&a);
     double volume = 0; /* six times, relative to the first corner: positive if outward */
@@ -208,7 +214,9 @@ static void lights_are_chosen_by_option(void **state)
     assert_true(a.choice.lights[0].direction[0] == 1.0);
     umbb_analysis_finish(&a);
     wanted->items[0].name = "lamp";
-    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_UNSUPPORTED);
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_int_equal(a.choice.lights[0].kind, UMB_LIGHT_SPOT);
+    umbb_analysis_finish(&a);
     wanted->items[0].name = "moon";
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "moon"));
@@ -300,8 +308,11 @@ static void plan_and_settings_say_what_and_why(void **state)
     assert_null(strstr(plan, "transmittance"));
     assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
     assert_string_equal(settings, "bake=1\nclosed=auto\n"
-                                  "light.0.direction=0,0.59999999999999998,-0.80000000000000004\n"
-                                  "light.1.direction=1,0,0\n"
+                                  "light.0.direction=0,0,-1\n"
+                                  "light.0.position=100,0,20\n"
+                                  "light.0.cone=0.5\n"
+                                  "light.1.direction=0,0.59999999999999998,-0.80000000000000004\n"
+                                  "light.2.direction=1,0,0\n"
                                   "resolution=1024\nup=z\n");
     free(plan);
     free(settings);
@@ -320,7 +331,8 @@ static void plan_says_what_this_version_leaves_out(void **state)
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
     assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
     assert_non_null(strstr(plan, "effect=suns state=on reason=\"2 directional lights"));
-    assert_non_null(strstr(plan, "effect=faces state=off reason=\"not in this version: 1 spot"));
+    assert_non_null(strstr(plan, "effect=faces state=on reason=\"1 spot or point lights see "
+                                 "casters in 1 frusta"));
     assert_null(strstr(plan, "effect=penumbra")); /* the file's light has no extent */
     free(plan);
     umbb_analysis_finish(&a);

@@ -100,7 +100,7 @@ static void lights_are_kept_in_the_order_given(void **state)
     struct umbb_options o;
     struct umb_error e;
     assert_int_equal(parse("s -o o --sun 1,2 --light A --sun-path -33.5,151.25,2024-02-29,7.5 "
-                           "--sun 3,4 --light-size 0.25m --light-size 2deg",
+                           "--sun 3,4",
                            &o, &e),
                      UMB_OK);
     assert_int_equal(o.lights.count, 4);
@@ -111,6 +111,14 @@ static void lights_are_kept_in_the_order_given(void **state)
     assert_true(path->latitude_deg == -33.5 && path->longitude_deg == 151.25);
     assert_true(path->year == 2024 && path->month == 2 && path->day == 29);
     assert_true(path->step_minutes == 7.5);
+    assert_int_equal(parse("s -o o --point 1,-2,3e6 --spot 1,2,3,0,0,-4,30 --light-size 0.25m "
+                           "--light-size 2deg",
+                           &o, &e),
+                     UMB_OK);
+    assert_int_equal(o.lights.items[0].kind, UMBB_REQUEST_POINT);
+    assert_true(o.lights.items[0].position[1] == -2.0 && o.lights.items[0].position[2] == 3e6);
+    assert_int_equal(o.lights.items[1].kind, UMBB_REQUEST_SPOT);
+    assert_true(o.lights.items[1].direction[2] == -4.0 && o.lights.items[1].half_deg == 30.0);
     assert_true(o.lights.has_size_m && o.lights.size_m == 0.25);
     assert_true(o.lights.has_size_deg && o.lights.size_deg == 2.0);
 }
@@ -194,6 +202,12 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --sun-path 52,181,2024-06-21,10", "--sun-path", "52,181"},
         {"s -o o --sun-path 52,5,2024-06-21,0", "--sun-path", ",0"},
         {"s -o o --sun-path 52,5,2024-06-21,10min", "--sun-path", "10min"},
+        {"s -o o --point 1,2", "--point", "'1,2'"},
+        {"s -o o --point 1,2,3,4", "--point", "'1,2,3,4'"},
+        {"s -o o --point 1,2,2e12", "--point", "2e12"},
+        {"s -o o --spot 1,2,3,0,0,0,30", "--spot", "0,0,0,30"},
+        {"s -o o --spot 1,2,3,0,0,1,91", "--spot", "91"},
+        {"s -o o --spot 1,2,3,0,0,1,0", "--spot", "1,0"},
         {"s -o o --light-size 3", "--light-size", "'3'"},
         {"s -o o --light-size -3m", "--light-size", "'-3m'"},
         {"s -o o --light-size 91deg", "--light-size", "'91deg'"},

@@ -276,7 +276,7 @@ static void what_a_reader_would_refuse_is_an_argument_error(void **state)
         {short_mask, "mask 0x5554"},
         {one_root_less, "roots: 2"},
         {no_lights, "lights: 0"},
-        {spot_light, "lights[0].kind"},
+        {spot_light, "frusta[0].world_to_voxel"},
         {nan_direction, "lights[1].direction"},
         {latin1_name, "lights[2].name"},
         {endless_name, "lights[2].name"},

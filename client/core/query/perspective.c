@@ -1,0 +1,290 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See perspective.h. All arithmetic is in doubles, one point at a time, the same on all machines.
+ */
+#include "query/perspective.h"
+
+#include <math.h>
+#include <string.h>
+
+#define CHUNK      64U /* points sorted by face at a time */
+#define FAR_VOXELS 1e9 /* beyond every frustum, and far from what an int32_t holds */
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static double row(const struct umb_frustum_info *face, unsigned i, const double p[3])
+{
+    const double *m = face->world_to_voxel[i];
+    return m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+}
+
+/* The face along whose axis p is farthest; 0 if p is behind all of them. */
+static uint32_t face_of(const struct umb__query *q, const double p[3], double *w)
+{
+    uint32_t best = 0;
+    *w = row(&q->faces[0], 3, p);
+    for (uint32_t i = 1; i < q->face_count; i++) {
+        double other = row(&q->faces[i], 3, p);
+        if (other > *w) {
+            *w = other;
+            best = i;
+        }
+    }
+    return best;
+}
+
+/*
+ * Metres along the unit normal n that keep the plane of the surface behind the whole window.
+ *
+ * In the moved point's slice of depth, one voxel across is W times step[0] or step[1] (exactly: a
+ * plane across the axis), one along the ray (p - position) / W times the slice's thickness, which
+ * leans by half the window's width over all its texels. The move itself changes W by s times n's
+ * part along the axis: hence the division.
+ */
+static double bias_auto(const struct umb__query *q, const struct umb_frustum_info *face,
+                        const double from_light[3], const double n[3], double w)
+{
+    const double *axis = face->world_to_voxel[3];
+    double taps = (double)q->taps;
+    double across = fabs(dot(n, face->voxel_step[0])) + fabs(dot(n, face->voxel_step[1]));
+    double thickness = dot(axis, face->voxel_step[2]); /* of a slice, in W */
+    double along = (fabs(dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
+    double growth = 0.5 * taps * across * dot(n, axis);
+    double rest = growth > 0 ? 1.0 - growth : 1.0;
+    return 0.5 * UMB__BIAS_SLACK * (taps * across * w + along) / (rest > 0.25 ? rest : 0.25);
+}
+
+static double length3(const double v[3])
+{
+    return sqrt(dot(v, v));
+}
+
+static double mean_edge(const struct umb_frustum_info *face, double w)
+{
+    return (w * (length3(face->voxel_step[0]) + length3(face->voxel_step[1])) +
+            length3(face->voxel_step[2])) /
+           3.0;
+}
+
+/* Metres along a unit normal. */
+static double bias_length(const struct umb__query *q, uint32_t face, const double from_light[3],
+                          const double n[3], double w)
+{
+    switch (q->bias_mode) {
+    case UMB_BIAS_AUTO:
+        return bias_auto(q, &q->faces[face], from_light, n, w);
+    case UMB_BIAS_VOXELS:
+        return q->bias_m * mean_edge(&q->faces[face], w);
+    case UMB_BIAS_METRES:
+        return q->bias_m;
+    case UMB_BIAS_NONE:
+        break;
+    }
+    return 0.0;
+}
+
+/* The same towards the light, for points without a normal. */
+static double bias_to_light(const struct umb__query *q, uint32_t face, double distance, double w)
+{
+    static const double no_normal[3] = {0, 0, 0};
+    if (q->bias_mode != UMB_BIAS_AUTO) {
+        return bias_length(q, face, no_normal, no_normal, w);
+    }
+    /* (2 taps + 1) / (2 sqrt(3)) voxels of depth, as for parallel light. */
+    const struct umb_frustum_info *f = &q->faces[face];
+    double thickness = dot(f->world_to_voxel[3], f->voxel_step[2]);
+    return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
+}
+
+/* Unit normal of point i; 0 if it has none. */
+static int normal_of(const struct umb_points *points, size_t i, double n[3])
+{
+    float raw[3];
+    if (!points->normals) {
+        return 0;
+    }
+    memcpy(raw, (const uint8_t *)points->normals + 12 * i, sizeof raw);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        n[axis] = (double)raw[axis];
+    }
+    double square = dot(n, n);
+    if (!(square > 0) || !(square <= 1e300)) {
+        return 0;
+    }
+    double length = sqrt(square);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        n[axis] /= length;
+    }
+    return 1;
+}
+
+static double within(double v, double limit)
+{
+    return v > -limit ? (v < limit ? v : limit) : -limit; /* NaN becomes -limit */
+}
+
+/* Fills in the voxel of the moved point. */
+static void to_voxel(const struct umb__query *q, double w, struct umb__sighting *s)
+{
+    const struct umb_frustum_info *face = &q->faces[s->face];
+    if (!(w > 0)) {
+        s->voxel[0] = s->voxel[1] = s->voxel[2] = -FAR_VOXELS;
+        return;
+    }
+    s->voxel[0] = within(row(face, 0, s->moved) / w, FAR_VOXELS);
+    s->voxel[1] = within(row(face, 1, s->moved) / w, FAR_VOXELS);
+    s->voxel[2] = within(row(face, 2, s->moved), FAR_VOXELS);
+}
+
+void umb__perspective_map(const struct umb__query *q, const struct umb_points *points, size_t i,
+                          struct umb__sighting *s)
+{
+    double p[3], from_light[3], n[3], direction[3], w;
+    memset(s, 0, sizeof *s);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = (points->origin[axis] - q->origin[axis]) + umb__coordinate(points, i, axis);
+        from_light[axis] = p[axis] - q->position[axis];
+    }
+    int has_normal = normal_of(points, i, n);
+    if (has_normal && dot(n, from_light) >= 0) {
+        s->facing_away = 1;
+        return;
+    }
+    double distance = length3(from_light);
+    s->face = face_of(q, p, &w);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        direction[axis] = has_normal ? n[axis] : -from_light[axis] / distance;
+    }
+    /* Where the move leads into another face, that face's voxels count as well. */
+    for (int pass = 0; pass < 2 && w > 0; pass++) {
+        double bias = has_normal ? bias_length(q, s->face, from_light, n, w)
+                                 : bias_to_light(q, s->face, distance, w);
+        s->bias_m = bias > s->bias_m ? bias : s->bias_m;
+        for (unsigned axis = 0; axis < 3; axis++) {
+            s->moved[axis] = p[axis] + direction[axis] * s->bias_m;
+        }
+        uint32_t face = face_of(q, s->moved, &w);
+        if (face == s->face) {
+            break;
+        }
+        s->face = face;
+        if (pass == 0) {
+            w = row(&q->faces[face], 3, p);
+        }
+    }
+    if (s->bias_m == 0) { /* not moved, or not seen */
+        memcpy(s->moved, p, sizeof p);
+    }
+    to_voxel(q, row(&q->faces[s->face], 3, s->moved), s);
+}
+
+void umb__perspective_face(const struct umb__query *q, uint32_t face, struct umb__query *face_query)
+{
+    *face_query = *q;
+    face_query->grid = q->grid + q->tops[face].first_cell;
+    face_query->log2_size = q->faces[face].log2_size;
+    face_query->grid_log2 = q->tops[face].grid_log2;
+    face_query->frustum = q->first_face + face;
+    face_query->format = UMB_ANSWER_F32;
+    face_query->bias_mode = UMB_BIAS_NONE;
+    face_query->bias_m = 0;
+    face_query->no_normal_m = 0;
+    face_query->faces = NULL;
+    face_query->tops = NULL;
+    face_query->face_count = 0;
+    for (unsigned i = 0; i < 3; i++) {
+        face_query->origin[i] = 0;
+        face_query->direction[i] = i == 2;
+        for (unsigned k = 0; k < 3; k++) {
+            face_query->world_to_voxel[i][k] = i == k;
+            face_query->voxel_step[i][k] = i == k;
+        }
+        face_query->world_to_voxel[i][3] = 0;
+    }
+}
+
+/* A handful of points on their way through one face after another. */
+struct chunk {
+    struct umb__sighting seen[CHUNK];
+    uint32_t lit[CHUNK];
+};
+
+/* Answers the chunk's points that a face sees. */
+static void run_face(const struct umb__query *q, uint32_t face, struct chunk *chunk, size_t count,
+                     struct umb_query_stats *stats)
+{
+    double voxels[CHUNK][3];
+    uint32_t places[CHUNK];
+    float values[CHUNK];
+    size_t found = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        if (!chunk->seen[i].facing_away && chunk->seen[i].face == face) {
+            memcpy(voxels[found], chunk->seen[i].voxel, sizeof voxels[found]);
+            places[found++] = i;
+        }
+    }
+    if (found == 0) {
+        return;
+    }
+    struct umb__query face_query;
+    umb__perspective_face(q, face, &face_query);
+    const struct umb_points points = {.positions = voxels, .format = UMB_POINT_F64, .count = found};
+    struct umb_answers answers = {.values = values, .stats = *stats};
+    face_query.kernel(&face_query, &points, 0, found, &answers);
+    answers.stats.points = stats->points;
+    *stats = answers.stats;
+    for (size_t i = 0; i < found; i++) {
+        /* The float is the nearest to lit / total: total is at most 289, so this gives lit back. */
+        double total = (double)(q->taps * q->taps);
+        chunk->lit[places[i]] = (uint32_t)((double)values[i] * total + 0.5);
+    }
+}
+
+void umb__perspective_run(const struct umb__query *q, const struct umb_points *points, size_t first,
+                          size_t count, struct umb_answers *answers)
+{
+    uint32_t total = (uint32_t)(q->taps * q->taps);
+    for (size_t at = first; at < first + count; at += CHUNK) {
+        struct chunk chunk;
+        size_t n = first + count - at < CHUNK ? first + count - at : CHUNK;
+        for (size_t i = 0; i < n; i++) {
+            umb__perspective_map(q, points, at + i, &chunk.seen[i]);
+            chunk.lit[i] = 0;
+            answers->stats.facing_away += (uint64_t)chunk.seen[i].facing_away;
+        }
+        for (uint32_t face = 0; face < q->face_count; face++) {
+            run_face(q, face, &chunk, n, &answers->stats);
+        }
+        for (size_t i = 0; i < n; i++) {
+            umb__store_answer(answers->values, q->format, at + i, chunk.lit[i], total);
+        }
+    }
+    answers->stats.points += count;
+}
+
+void umb__perspective_explain(const struct umb__query *q, const struct umb_points *points,
+                              size_t index, struct umb_explanation *explanation)
+{
+    struct umb__sighting s;
+    struct umb__query face_query;
+    struct umb_query opaque = {{0}};
+    umb__perspective_map(q, points, index, &s);
+    umb__perspective_face(q, s.face, &face_query);
+    memcpy(opaque.opaque, &face_query, sizeof face_query);
+    const struct umb_points one = {.positions = s.voxel, .format = UMB_POINT_F64, .count = 1};
+    umb_query_explain(&opaque, &one, 0, explanation);
+    if (s.facing_away) {
+        *explanation = (struct umb_explanation){.facing_away = 1, .taps = explanation->taps};
+    }
+    double p[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = (points->origin[axis] - q->origin[axis]) + umb__coordinate(points, index, axis);
+        explanation->moved[axis] = (s.facing_away ? p[axis] : s.moved[axis]) + q->origin[axis];
+    }
+    explanation->bias_m = s.bias_m;
+    explanation->frustum = q->first_face + s.face;
+    explanation->voxel_size_m =
+        mean_edge(&q->faces[s.face], fabs(row(&q->faces[s.face], 3, s.facing_away ? p : s.moved)));
+}

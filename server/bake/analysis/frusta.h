@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_FRUSTA_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_FRUSTA_H
+/*
+ * The frusta of all lights: one for a directional light, one for a spot light whose cone is at most
+ * 2 * UMBB_SPOT_HALF_ANGLE_DEG wide, cube faces for wider ones (all but the one behind) and for
+ * point lights. Of cube faces only those are kept that see a caster.
+ */
+#include "bake/analysis/light_choice.h"
+
+/* Beyond it a single frustum would spend most of its texels outside the cone's middle. */
+#define UMBB_SPOT_HALF_ANGLE_DEG 65.0
+
+struct umbb_frusta_input {
+    const double (*corners)[3][3]; /* [count] world */
+    size_t count;
+    struct umb_box bounds; /* of the corners */
+    const double *origin;  /* [3] of the asset */
+    uint32_t log2_size;
+    int closed;
+};
+
+/*
+ * Fits.
+ *
+ * Out:   choice: each light's first_frustum and frustum_count. frusta: malloced, in the order of
+ *        lights; NULL on failure.
+ * Fails: E_BAD_SCENE (no extent at all), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *input,
+                                            struct umbb_light_choice *choice,
+                                            struct umb_frustum_info **frusta, uint32_t *count,
+                                            struct umb_error *error);
+
+/* How far the farthest corner of the casters' box lies from a light, metres. */
+double umbb_light_reach(const struct umb_box *bounds, const double position[3]);
+
+#endif

@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Fitting and projecting, both on triangles cut to the pyramid before anything is divided. */
+#include "bake/analysis/perspective_frame.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/analysis/eye_clip.h"
+
+/* An axis is at least this share of the longest one, as in light_frame.c. */
+#define EXTENT_SHARE_MIN (1.0 / 1024.0)
+
+struct extent {
+    double low, high;
+};
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void extent_add(struct extent *extent, double value)
+{
+    extent->low = value < extent->low ? value : extent->low;
+    extent->high = value > extent->high ? value : extent->high;
+}
+
+/* Extents of u / W, v / W and W over what the face sees of the casters. */
+static void measure(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
+                    double tangent, struct extent extents[3])
+{
+    const struct umbb_pyramid pyramid = {.low = {-tangent, -tangent},
+                                         .high = {tangent, tangent},
+                                         .near = eye->reach * UMBB_NEAR_SHARE};
+    for (int axis = 0; axis < 3; axis++) {
+        extents[axis] = (struct extent){INFINITY, -INFINITY};
+    }
+    for (size_t i = 0; i < count; i++) {
+        double triangle[3][3];
+        struct umbb_polygon polygon;
+        for (int k = 0; k < 3; k++) {
+            const double *p = corners[i][k];
+            const double at[3] = {p[0] - eye->position[0], p[1] - eye->position[1],
+                                  p[2] - eye->position[2]};
+            for (int axis = 0; axis < 3; axis++) {
+                triangle[k][axis] = dot(eye->axes[axis], at);
+            }
+        }
+        umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
+        for (size_t k = 0; k < polygon.count; k++) {
+            const double *p = polygon.corners[k];
+            extent_add(&extents[0], p[0] / p[2]);
+            extent_add(&extents[1], p[1] / p[2]);
+            extent_add(&extents[2], p[2]);
+        }
+    }
+}
+
+/* Voxels a unit along an axis, and where zero lies: a voxel of margin on either side. */
+static double scale_of(const struct extent *extent, double least, double size, double *offset)
+{
+    const double length = fmax(extent->high - extent->low, least);
+    const double scale = (size - 2.0) / length;
+    *offset = 0.5 * size - 0.5 * (extent->low + extent->high) * scale;
+    return scale;
+}
+
+int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
+                         const double origin[3], uint32_t log2_size,
+                         struct umb_frustum_info *frustum)
+{
+    const double size = (double)((uint32_t)1 << log2_size);
+    const double tangent = eye->tangent * size / (size - 2.0 * UMBB_GUARD_TEXELS - 2.0);
+    struct extent extents[3];
+    measure(corners, count, eye, tangent, extents);
+    const int seen = extents[2].low <= extents[2].high;
+    if (!seen) {
+        extents[0] = extents[1] = (struct extent){-tangent, tangent};
+        extents[2] = (struct extent){eye->reach * UMBB_NEAR_SHARE, eye->reach};
+    }
+    const double far = extents[2].high;
+    const double wide = fmax(extents[0].high - extents[0].low, extents[1].high - extents[1].low);
+    const double most = fmax(wide * far, far - extents[2].low);
+    const double least[3] = {most / far * EXTENT_SHARE_MIN, most / far * EXTENT_SHARE_MIN,
+                             most * EXTENT_SHARE_MIN};
+    const double eye_at[3] = {eye->position[0] - origin[0], eye->position[1] - origin[1],
+                              eye->position[2] - origin[2]};
+    const double *w = eye->axes[2];
+    double(*m)[4] = frustum->world_to_voxel;
+    memset(frustum, 0, sizeof *frustum);
+    frustum->log2_size = log2_size;
+    for (int axis = 0; axis < 3; axis++) {
+        const double *along = eye->axes[axis];
+        double offset;
+        const double scale = scale_of(&extents[axis], least[axis], size, &offset);
+        for (int k = 0; k < 3; k++) {
+            m[axis][k] = along[k] * scale + (axis < 2 ? w[k] * offset : 0.0);
+            frustum->voxel_step[axis][k] = along[k] / scale;
+        }
+        m[axis][3] = (axis < 2 ? 0.0 : offset) - dot(m[axis], eye_at);
+    }
+    memcpy(m[3], w, 3 * sizeof *w);
+    m[3][3] = -dot(w, eye_at);
+    return seen;
+}
+
+/* Room for one more triangle. */
+static enum umb_status reserve(struct umbb_projected *projected, size_t max_bytes,
+                               struct umb_error *error)
+{
+    const size_t bytes = sizeof *projected->corners + sizeof *projected->kinds;
+    if (projected->count < projected->capacity) {
+        return UMB_OK;
+    }
+    if (projected->count >= max_bytes / bytes) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: the triangles that a light sees take more than %zu MiB",
+                        max_bytes >> 20);
+    }
+    size_t capacity = projected->capacity == 0 ? 1024 : projected->capacity * 3 / 2;
+    capacity = capacity < max_bytes / bytes ? capacity : max_bytes / bytes;
+    double(*corners)[3][3] = realloc(projected->corners, capacity * sizeof *corners);
+    if (corners != NULL) {
+        projected->corners = corners;
+    }
+    uint8_t *kinds = realloc(projected->kinds, capacity);
+    if (kinds != NULL) {
+        projected->kinds = kinds;
+    }
+    if (corners == NULL || kinds == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %zu triangles refused",
+                        capacity);
+    }
+    projected->capacity = capacity;
+    return UMB_OK;
+}
+
+/* Adds a polygon as a fan of triangles. */
+static enum umb_status add_polygon(struct umbb_projected *projected,
+                                   const struct umbb_polygon *polygon, uint8_t kind, double near,
+                                   size_t max_bytes, struct umb_error *error)
+{
+    double at[UMBB_CLIP_CORNERS_MAX][3];
+    for (size_t i = 0; i < polygon->count; i++) {
+        const double *p = polygon->corners[i];
+        at[i][0] = p[0] / p[2];
+        at[i][1] = p[1] / p[2];
+        at[i][2] = near / p[2];
+    }
+    for (size_t i = 2; i < polygon->count; i++) {
+        const enum umb_status status = reserve(projected, max_bytes, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        double(*to)[3] = projected->corners[projected->count];
+        memcpy(to[0], at[0], sizeof at[0]);
+        memcpy(to[1], at[i - 1], sizeof at[0]);
+        memcpy(to[2], at[i], sizeof at[0]);
+        projected->kinds[projected->count++] = kind;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_perspective_project(const struct umbb_casters *world,
+                                         const struct umb_frustum_info *frustum,
+                                         const double origin[3], double reach, size_t max_bytes,
+                                         struct umbb_projected *projected, struct umb_error *error)
+{
+    const double(*m)[4] = frustum->world_to_voxel;
+    const double size = (double)((uint32_t)1 << frustum->log2_size);
+    const double near = reach * UMBB_NEAR_SHARE;
+    const struct umbb_pyramid pyramid = {
+        .low = {-1.0, -1.0}, .high = {size + 1.0, size + 1.0}, .near = near};
+    const double rate = dot(m[2], m[3]) / dot(m[3], m[3]); /* Z = rate W + offset */
+    memset(projected, 0, sizeof *projected);
+    projected->depth_scale = rate * near;
+    projected->depth_offset = m[2][3] - rate * m[3][3];
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < world->count && status == UMB_OK; i++) {
+        static const int rows[3] = {0, 1, 3};
+        double triangle[3][3];
+        struct umbb_polygon polygon;
+        for (int k = 0; k < 3; k++) {
+            const double *p = world->corners[i][k];
+            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+            for (int r = 0; r < 3; r++) {
+                triangle[k][r] = dot(m[rows[r]], at) + m[rows[r]][3];
+            }
+        }
+        umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
+        status = add_polygon(projected, &polygon, world->kinds[i], near, max_bytes, error);
+    }
+    return status;
+}
+
+void umbb_projected_finish(struct umbb_projected *projected)
+{
+    free(projected->corners);
+    free(projected->kinds);
+    memset(projected, 0, sizeof *projected);
+}

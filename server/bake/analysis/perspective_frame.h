@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_PERSPECTIVE_FRAME_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_PERSPECTIVE_FRAME_H
+/*
+ * Light space of spot and point lights: where the voxels of one face lie.
+ *
+ * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. Of that the
+ * frustum keeps what casters fill, fitted on each of the three axes by itself: the tangents u / W
+ * and v / W, and W. Depth is linear in W.
+ *
+ * Guard band: t is widened so that at least UMBB_GUARD_TEXELS texels lie beyond the face's edge. A
+ * filter window of a point inside the face then has all its texels in the face's own frustum, and a
+ * face that is left out because it sees no caster, guard band included, has no shadow that a window
+ * could meet.
+ *
+ * Only additions, multiplications, divisions and square roots of doubles.
+ */
+#include "bake/depth/tile.h"
+
+/* Half of the widest window and some for rounding. */
+#define UMBB_GUARD_TEXELS 10
+
+/* What lies closer to the light than this share of its reach casts no shadow: there a texel would
+ * have to be divided by next to nothing. */
+#define UMBB_NEAR_SHARE 0x1p-20
+
+/* One face of a light. */
+struct umbb_eye {
+    double position[3]; /* metres, world */
+    double axes[3][3];  /* u, v, w: unit, right handed */
+    double tangent;     /* t without the guard band */
+    double reach;       /* metres: no caster is farther from the light */
+};
+
+/*
+ * Fits the frustum of a face to world triangles.
+ *
+ * In:  origin: of the asset.
+ * Out: frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
+ *      Returns 1 if the face sees a caster; else 0, and the frustum is an arbitrary one.
+ */
+int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
+                         const double origin[3], uint32_t log2_size,
+                         struct umb_frustum_info *frustum);
+
+/* World triangles as a perspective frustum's casters. */
+struct umbb_projected {
+    double (*corners)[3][3]; /* [count] x, y in voxels; depth as umbb_casters wants it */
+    uint8_t *kinds;          /* [count] */
+    size_t count, capacity;
+    double depth_scale, depth_offset; /* see umbb_casters */
+};
+
+/*
+ * Cuts triangles to a frustum and a voxel around it, and projects them.
+ *
+ * In:    kinds: enum umbb_caster of each. reach: as umbb_perspective_fit had it. max_bytes: for
+ *        the result.
+ * Out:   projected: finish it, whatever is returned.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
+ */
+UMB_CHECKED enum umb_status
+umbb_perspective_project(const struct umbb_casters *world, const struct umb_frustum_info *frustum,
+                         const double origin[3], double reach, size_t max_bytes,
+                         struct umbb_projected *projected, struct umb_error *error);
+void umbb_projected_finish(struct umbb_projected *projected);
+
+#endif

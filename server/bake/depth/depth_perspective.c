@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The rasteriser for perspective. As in depth_raster.c a texel's integers are the least over all
+ * casters of what the predicate says; bins only leave out casters that cover no centre of a block.
+ */
+#include "bake/depth/depth_perspective.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/depth/triangle_bins.h"
+
+/* Nearest front face, back face and other face of a texel, each as `lit`. */
+struct fragment {
+    int32_t front, back, open;
+};
+
+struct perspective {
+    const struct umbb_casters *casters;
+    struct umbb_depth_options options;
+    struct umbb_bins tiles;     /* the whole map by tile */
+    struct umbb_bins blocks[2]; /* a tile by block, one a slot */
+    struct fragment *fragments; /* [threads][UMBB_BLOCK * UMBB_BLOCK] */
+};
+
+static size_t entry_bytes(const struct umbb_bins *bins)
+{
+    return (size_t)bins->capacity * sizeof *bins->entries;
+}
+
+static size_t perspective_allow(void *state, size_t max_bytes)
+{
+    struct perspective *p = state;
+    p->options.max_bytes = max_bytes;
+    return entry_bytes(&p->tiles) + entry_bytes(&p->blocks[0]) + entry_bytes(&p->blocks[1]);
+}
+
+static enum umb_status perspective_begin(void *state, int slot, const struct umbb_tile *tile,
+                                         struct umb_error *error)
+{
+    struct perspective *p = state;
+    const uint32_t tile_log2 = p->options.tile_log2;
+    const size_t cell =
+        (size_t)(tile->y0 >> tile_log2) * p->tiles.cells_x + (size_t)(tile->x0 >> tile_log2);
+    const uint64_t first = p->tiles.first[cell];
+    const uint32_t block_log2 = tile_log2 < UMBB_BLOCK_LOG2 ? tile_log2 : UMBB_BLOCK_LOG2;
+    const size_t others = entry_bytes(&p->tiles) + entry_bytes(&p->blocks[slot == 0 ? 1 : 0]);
+    const struct umbb_bins_input input = {
+        .max_bytes = p->options.max_bytes > others ? p->options.max_bytes - others : 0,
+        .casters = p->casters,
+        .list = p->tiles.entries == NULL ? NULL : p->tiles.entries + first,
+        .count = (size_t)(p->tiles.first[cell + 1] - first),
+        .x0 = tile->x0,
+        .y0 = tile->y0,
+        .cell_log2 = block_log2,
+        .cells_x = 1U << (tile_log2 - block_log2),
+    };
+    return umbb_bins_fill(&p->blocks[slot], &input, error);
+}
+
+/* Which of a fragment's numbers a face of a triangle belongs to. */
+static int32_t *layer_of(struct fragment *fragment, uint8_t kind, int front)
+{
+    if (kind == UMBB_CASTER_OPEN) {
+        return &fragment->open;
+    }
+    return front != (kind == UMBB_CASTER_CLOSED_FLIPPED) ? &fragment->front : &fragment->back;
+}
+
+/* A square of texels being drawn. */
+struct square {
+    int32_t x0, y0, n;
+    struct fragment *fragments; /* [n * n] */
+};
+
+static void draw(const struct umbb_casters *casters, uint32_t triangle, const struct square *square)
+{
+    struct umbb_coverage coverage;
+    if (!umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
+        return;
+    }
+    const uint8_t kind = casters->closed_rule ? casters->kinds[triangle] : UMBB_CASTER_OPEN;
+    const int32_t bottom = square->y0 + square->n - 1, right = square->x0 + square->n - 1;
+    const int32_t last = coverage.row_last < bottom ? coverage.row_last : bottom;
+    int32_t row = coverage.row_first > square->y0 ? coverage.row_first : square->y0;
+    for (; row <= last; row++) {
+        int32_t x_first, x_last;
+        const int front = umbb_coverage_row(&coverage, row, &x_first, &x_last);
+        const double row_z = umbb_coverage_row_z(&coverage, row);
+        struct fragment *line = square->fragments + (size_t)(row - square->y0) * (size_t)square->n;
+        x_first = x_first > square->x0 ? x_first : square->x0;
+        x_last = x_last < right ? x_last : right;
+        for (int32_t x = x_first; x <= x_last; x++) {
+            const int32_t lit = umbb_perspective_lit(casters, &coverage, row_z, x);
+            int32_t *at = layer_of(&line[x - square->x0], kind, front);
+            *at = lit < *at ? lit : *at;
+        }
+    }
+}
+
+static void store(const struct square *square, struct umbb_tile *tile)
+{
+    const int32_t n = square->n;
+    const int32_t x0 = square->x0 - tile->x0, y0 = square->y0 - tile->y0;
+    for (int32_t y = 0; y < n; y++) {
+        for (int32_t x = 0; x < n; x++) {
+            const struct fragment *f = &square->fragments[(size_t)y * (size_t)n + (size_t)x];
+            const size_t at = umbb_tile_index(tile, x0 + x, y0 + y);
+            int32_t end;
+            umbb_texel_decide(f->front, f->back, f->open, &tile->lit[at], &end);
+            tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
+        }
+    }
+    umbb_tile_reduce(tile, x0 >> 3, y0 >> 3, n >> 3);
+}
+
+static void perspective_block(void *state, int slot, unsigned thread, struct umbb_tile *tile,
+                              int32_t bx, int32_t by)
+{
+    struct perspective *p = state;
+    const struct umbb_bins *bins = &p->blocks[slot];
+    const int32_t n = umbb_tile_block(tile), background = p->casters->size;
+    const size_t cell = (size_t)by * bins->cells_x + (size_t)bx;
+    if (bins->first[cell] == bins->first[cell + 1]) {
+        umbb_tile_clear(tile, bx * (n >> 3), by * (n >> 3), n >> 3, background);
+        return;
+    }
+    const struct square square = {
+        .x0 = tile->x0 + bx * n,
+        .y0 = tile->y0 + by * n,
+        .n = n,
+        .fragments = p->fragments + (size_t)thread * UMBB_BLOCK * UMBB_BLOCK,
+    };
+    for (size_t i = 0; i < (size_t)n * (size_t)n; i++) {
+        square.fragments[i] = (struct fragment){background, background, background};
+    }
+    for (uint64_t i = bins->first[cell]; i < bins->first[cell + 1]; i++) {
+        draw(p->casters, bins->entries[i], &square);
+    }
+    store(&square, tile);
+}
+
+static void perspective_destroy(void *state)
+{
+    struct perspective *p = state;
+    if (p != NULL) {
+        umbb_bins_finish(&p->tiles);
+        umbb_bins_finish(&p->blocks[0]);
+        umbb_bins_finish(&p->blocks[1]);
+        free(p->fragments);
+        free(p);
+    }
+}
+
+enum umb_status umbb_depth_perspective_create(const struct umbb_casters *casters,
+                                              const struct umbb_depth_options *options,
+                                              struct umbb_depth *depth, struct umb_error *error)
+{
+    *depth = (struct umbb_depth){0};
+    struct perspective *p = calloc(1, sizeof *p);
+    if (p != NULL) {
+        p->fragments = calloc(options->threads, sizeof *p->fragments * UMBB_BLOCK * UMBB_BLOCK);
+    }
+    if (p == NULL || p->fragments == NULL) {
+        perspective_destroy(p);
+        return umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: layers of %u threads refused",
+                        options->threads);
+    }
+    p->casters = casters;
+    p->options = *options;
+    p->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
+    const struct umbb_bins_input input = {
+        .casters = casters,
+        .all = 1,
+        .cell_log2 = options->tile_log2,
+        .cells_x = (uint32_t)casters->size >> options->tile_log2,
+        .max_bytes = p->options.max_bytes,
+    };
+    const enum umb_status status = umbb_bins_fill(&p->tiles, &input, error);
+    if (status != UMB_OK) {
+        perspective_destroy(p);
+        return status;
+    }
+    *depth = (struct umbb_depth){
+        .state = p,
+        .begin = perspective_begin,
+        .block = perspective_block,
+        .allow = perspective_allow,
+        .destroy = perspective_destroy,
+    };
+    return UMB_OK;
+}

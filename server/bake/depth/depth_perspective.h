@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_PERSPECTIVE_H
+#define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_PERSPECTIVE_H
+/*
+ * Depth of spot and point lights by scan conversion.
+ *
+ * The predicate of coverage.h, with one turn: what is linear over a projected triangle is not the
+ * distance W but 1 / W. The casters' third coordinate is therefore q = c / W; the predicate
+ * interpolates q as it does any depth (from the canonical first corner, kept between the corners'
+ * values), and z = depth_scale / q + depth_offset follows. Between near and far q spans at most
+ * 2^20, so q is good to about 2^-52 of its greatest value, and z to 2^-32 of the frustum's depth,
+ * far below a voxel.
+ *
+ * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
+ */
+#include "bake/depth/coverage.h"
+#include "bake/depth/depth_raster.h"
+
+/* Number of voxels of column x whose centre lies before the triangle, 0..size. In: row_z: as for
+ * umbb_coverage_lit; casters->depth_scale above 0. */
+static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
+                                           const struct umbb_coverage *coverage, double row_z,
+                                           int32_t x)
+{
+    double q = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
+    q = q > coverage->z_min ? q : coverage->z_min; /* also what a NaN becomes */
+    q = q < coverage->z_max ? q : coverage->z_max;
+    const double size = (double)casters->size;
+    double z = casters->depth_scale / q + casters->depth_offset;
+    z = z > 0.0 ? z : 0.0;
+    z = z < size ? z : size;
+    const double t = z - 0.5;
+    const int32_t lit = (int32_t)t;
+    return lit + ((double)lit < t);
+}
+
+/* Creates the path. In: casters: depth_scale above 0. Else as umbb_depth_raster_create. */
+UMB_CHECKED enum umb_status umbb_depth_perspective_create(const struct umbb_casters *casters,
+                                                          const struct umbb_depth_options *options,
+                                                          struct umbb_depth *depth,
+                                                          struct umb_error *error);
+
+#endif

@@ -1,0 +1,315 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Queries of point lights: six faces whose voxels say exactly what a plane shadows. What must hold
+ * is told in space, so that the division into faces shows as soon as it matters.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+
+#include "make_asset.h"
+#include "umbrage/query.h"
+
+enum {
+    LOG2 = 7,
+    SIZE = 1 << LOG2,
+    FACES = 6,
+    POINTS = 1500
+};
+
+/* Ten texels of guard band, as bakes have them; W from 0.5 to 16 metres. */
+static const double tangent = (double)SIZE / (SIZE - 20.0);
+static const double near_w = 0.5, far_w = 16.0;
+static const double origin[3] = {500000.25, -3, 8};
+static const double eye[3] = {500001.5, -1.25, 9.5};
+
+struct plane {
+    double normal[3]; /* unit, away from the light */
+    double distance;  /* from the light */
+};
+
+/* Column i of face f: u, v or w. */
+static void face_axes(uint32_t face, double axes[3][3])
+{
+    const uint32_t k = face / 2;
+    memset(axes, 0, 9 * sizeof(double));
+    axes[2][k] = face % 2 == 0 ? 1 : -1;
+    axes[0][(k + 1) % 3] = 1;
+    axes[1][(k + 2) % 3] = face % 2 == 0 ? 1 : -1;
+}
+
+/* Before the plane, by the voxel's centre. */
+static int before_plane(const void *user, uint32_t face, uint32_t x, uint32_t y, uint32_t z)
+{
+    const struct plane *plane = user;
+    double axes[3][3], along = 0;
+    const double w = near_w + (z + 0.5) / SIZE * (far_w - near_w);
+    const double u = ((x + 0.5) / SIZE * 2 - 1) * tangent * w;
+    const double v = ((y + 0.5) / SIZE * 2 - 1) * tangent * w;
+    face_axes(face, axes);
+    for (int k = 0; k < 3; k++) {
+        along += plane->normal[k] * (u * axes[0][k] + v * axes[1][k] + w * axes[2][k]);
+    }
+    return along < plane->distance;
+}
+
+/* One point light with all six faces. */
+static void set_content(struct umb_content *content)
+{
+    struct umb_light_info *light = &content->lights[0];
+    light->kind = UMB_LIGHT_POINT;
+    light->frustum_count = FACES;
+    memset(light->direction, 0, sizeof light->direction);
+    memcpy(light->position, eye, sizeof eye);
+    content->light_count = 1;
+    for (uint32_t face = 0; face < FACES; face++) {
+        double(*m)[4] = content->frusta[face].world_to_voxel, axes[3][3];
+        const double scale[3] = {0.5 * SIZE / tangent, 0.5 * SIZE / tangent,
+                                 SIZE / (far_w - near_w)};
+        content->frusta[face].light = 0;
+        face_axes(face, axes);
+        for (int i = 0; i < 3; i++) {
+            const double shift = i < 2 ? 0.5 * SIZE : 0; /* of W */
+            m[i][3] = i < 2 ? 0 : -near_w * scale[2];
+            for (int k = 0; k < 3; k++) {
+                m[i][k] = axes[i][k] * scale[i] + axes[2][k] * shift;
+                m[i][3] -= m[i][k] * (eye[k] - origin[k]);
+            }
+        }
+        m[3][3] = 0;
+        for (int k = 0; k < 3; k++) {
+            m[3][k] = axes[2][k];
+            m[3][3] -= m[3][k] * (eye[k] - origin[k]);
+        }
+    }
+}
+
+static struct umb_asset *make_asset(const struct plane *plane)
+{
+    const struct voxels voxels = {before_plane, plane, LOG2, FACES};
+    struct bytes bytes = {0};
+    struct umb_octree octree;
+    struct umb_content content;
+    struct umb_asset *asset;
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&voxels, &octree);
+    make_content(&voxels, 1, origin, &content);
+    set_content(&content);
+    struct umb_sink sink = bytes_sink(&bytes);
+    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+        umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error) != UMB_OK) {
+        fail_msg("%s", error.message);
+    }
+    umb_octree_finish(&octree);
+    bytes_finish(&bytes);
+    return asset;
+}
+
+/* A plane across several faces: its foot lies near an edge or a corner of the cube. */
+static struct plane random_plane(uint64_t *seed)
+{
+    struct plane plane = {.distance = 2 + 3 * random_unit(seed)};
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        plane.normal[k] = random_unit(seed) * 2 - 1;
+        square += plane.normal[k] * plane.normal[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        plane.normal[k] /= sqrt(square);
+    }
+    return plane;
+}
+
+/* A point of the plane within 6 metres of its foot, `off` metres before it; relative to origin. */
+static void plane_point(const struct plane *plane, double off, uint64_t *seed, double point[3])
+{
+    double across[3], along = 0;
+    for (int k = 0; k < 3; k++) {
+        across[k] = (random_unit(seed) * 2 - 1) * 6;
+        along += across[k] * plane->normal[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        point[k] =
+            eye[k] - origin[k] + across[k] + (plane->distance - off - along) * plane->normal[k];
+    }
+}
+
+static double storage[POINTS][3];
+static float normals[POINTS][3];
+
+static struct umb_points batch(int with_normals)
+{
+    struct umb_points points = {.positions = storage,
+                                .format = UMB_POINT_F64,
+                                .normals = with_normals ? normals : NULL,
+                                .count = POINTS};
+    memcpy(points.origin, origin, sizeof origin);
+    return points;
+}
+
+static void run(const struct umb_asset *asset, const struct umb_query_settings *settings,
+                const struct umb_points *points, struct umb_answers *answers)
+{
+    struct umb_query query;
+    struct umb_error error;
+    assert_int_equal(umb_query_prepare(asset, settings, &query, &error), UMB_OK);
+    umb_query_run(&query, points, 0, points->count, answers);
+}
+
+/* The automatic bias promises that a plane never shadows itself, for every window. */
+static void a_plane_never_shadows_itself_across_faces(void **state)
+{
+    (void)state;
+    uint64_t seed = 77;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int n = 0; n < 6; n++) {
+        const struct plane plane = random_plane(&seed);
+        struct umb_asset *asset = make_asset(&plane);
+        for (size_t i = 0; i < POINTS; i++) {
+            plane_point(&plane, 0, &seed, storage[i]);
+            for (int k = 0; k < 3; k++) {
+                normals[i][k] = (float)-plane.normal[k];
+            }
+        }
+        for (uint32_t taps = 1; taps <= 17; taps += 4) {
+            float values[POINTS];
+            struct umb_answers answers = {.values = values};
+            const struct umb_points points = batch(1);
+            run(asset, &(struct umb_query_settings){.taps = taps}, &points, &answers);
+            assert_int_equal(answers.stats.points, POINTS);
+            for (size_t i = 0; i < POINTS; i++) {
+                if (values[i] != 1.0F) {
+                    fail_msg("plane %d, %u taps, point %zu: %g", n, taps, i, (double)values[i]);
+                }
+            }
+        }
+        umb_asset_close(asset);
+    }
+}
+
+/* Farther from the plane than a voxel's diagonal, one tap knows which side a point is on; where the
+ * window lies on one side as a whole, so do all of them, whichever faces it touches. */
+static void sides_of_a_plane_are_told_apart_in_every_face(void **state)
+{
+    (void)state;
+    uint64_t seed = 5;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    /* Half a window of 17 texels at W below 10, and half a slice. */
+    const double reach = 10.0 * 2.0 * tangent / SIZE * 9.0 * 1.5 + (far_w - near_w) / SIZE;
+    for (int n = 0; n < 4; n++) {
+        const struct plane plane = random_plane(&seed);
+        struct umb_asset *asset = make_asset(&plane);
+        for (size_t i = 0; i < POINTS; i++) {
+            const double off = i % 2 ? -reach : reach;
+            plane_point(&plane, off, &seed, storage[i]);
+        }
+        for (uint32_t taps = 1; taps <= 17; taps += 16) {
+            uint8_t values[POINTS];
+            struct umb_answers answers = {.values = values};
+            const struct umb_points points = batch(0);
+            const struct umb_query_settings settings = {
+                .taps = taps, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
+            run(asset, &settings, &points, &answers);
+            for (size_t i = 0; i < POINTS; i++) {
+                if (values[i] != (i % 2 ? 0 : 255)) {
+                    fail_msg("plane %d, %u taps, point %zu: %u", n, taps, i, values[i]);
+                }
+            }
+        }
+        umb_asset_close(asset);
+    }
+}
+
+static void splits_formats_and_explanations_agree(void **state)
+{
+    (void)state;
+    uint64_t seed = 9;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    const struct plane plane = random_plane(&seed);
+    struct umb_asset *asset = make_asset(&plane);
+    for (size_t i = 0; i < POINTS; i++) {
+        for (int k = 0; k < 3; k++) {
+            storage[i][k] = (random_unit(&seed) * 2 - 1) * 12;
+            normals[i][k] = (float)(random_unit(&seed) * 2 - 1);
+        }
+        memset(normals[i], i % 5 == 0 ? 0 : -1, i % 5 == 0 ? sizeof normals[i] : 0);
+    }
+    static float whole[POINTS], parts[POINTS];
+    static uint8_t bits[(POINTS + 7) / 8];
+    struct umb_answers first = {.values = whole}, second = {.values = parts};
+    struct umb_query_settings settings = {.taps = 9};
+    const struct umb_points points = batch(1);
+    struct umb_query query;
+    run(asset, &settings, &points, &first);
+    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    for (size_t at = 0; at < POINTS; at += 37) {
+        umb_query_run(&query, &points, at, POINTS - at < 37 ? POINTS - at : 37, &second);
+    }
+    assert_memory_equal(whole, parts, sizeof whole);
+    assert_memory_equal(&first.stats, &second.stats, sizeof first.stats);
+    assert_true(first.stats.facing_away > 0);
+    struct umb_answers third = {.values = bits};
+    settings.format = UMB_ANSWER_BIT;
+    run(asset, &settings, &points, &third);
+    uint32_t used = 0;
+    for (size_t i = 0; i < POINTS; i++) {
+        struct umb_explanation e;
+        umb_query_explain(&query, &points, i, &e);
+        assert_int_equal(bits[i / 8] >> (i % 8) & 1, whole[i] >= 0.5F);
+        assert_true((float)e.lit_taps / 81.0F == whole[i]);
+        used |= 1U << e.frustum;
+        if (!e.facing_away && !e.outside) {
+            assert_true(e.voxel[0] >= 0 && e.voxel[0] < SIZE && e.voxel[1] >= 0);
+        }
+    }
+    assert_int_equal(used, 63); /* every face answered */
+    umb_asset_close(asset);
+}
+
+static void wild_points_do_no_harm(void **state)
+{
+    (void)state;
+    const struct plane plane = {.normal = {1, 0, 0}, .distance = 3};
+    struct umb_asset *asset = make_asset(&plane);
+    static const double wild[] = {NAN, INFINITY, -INFINITY, 1e308, -1e308, 0, 1e-320};
+    for (size_t i = 0; i < POINTS; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            storage[i][k] = wild[(i / (k == 0 ? 1 : k == 1 ? 7 : 49)) % 7];
+            normals[i][k] = (float)wild[(i + k) % 7];
+        }
+    }
+    memset(storage[0], 0, sizeof storage[0]);
+    for (int k = 0; k < 3; k++) { /* the light itself */
+        storage[1][k] = eye[k] - origin[k];
+    }
+    float values[POINTS];
+    struct umb_answers answers = {.values = values};
+    for (int with = 0; with < 2; with++) {
+        const struct umb_points points = batch(with);
+        for (int mode = UMB_BIAS_AUTO; mode <= UMB_BIAS_NONE; mode++) {
+            const struct umb_query_settings settings = {
+                .taps = 3, .bias_mode = (enum umb_bias_mode)mode, .bias = 1e6};
+            run(asset, &settings, &points, &answers);
+            for (size_t i = 0; i < POINTS; i++) {
+                assert_true(values[i] >= 0 && values[i] <= 1);
+            }
+        }
+    }
+    umb_asset_close(asset);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_plane_never_shadows_itself_across_faces),
+        cmocka_unit_test(sides_of_a_plane_are_told_apart_in_every_face),
+        cmocka_unit_test(splits_formats_and_explanations_agree),
+        cmocka_unit_test(wild_points_do_no_harm),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
