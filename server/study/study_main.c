@@ -16,6 +16,7 @@ static const char help[] =
     "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"
     "  points SCENE -o FILE                         sample points, for load tests\n"
+    "  techniques SCENE                             shadow maps of the literature against rays\n"
     "\n"
     "`umbrage-study COMMAND --help` lists a command's options.\n"
     "  --version   --help\n";
@@ -28,6 +29,7 @@ static const struct command {
     {"verify", umbt_verify_command},
     {"points", umbt_points_command},
     {"study", umbt_trade_command},
+    {"techniques", umbt_techniques_command},
 };
 
 /* Data that did not reach stdout must not look like success. */

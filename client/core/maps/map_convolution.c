@@ -8,6 +8,11 @@
  * w_k z) and can be averaged, and functions of t. Depths are 0..1: the square wave's period of 2
  * then holds every difference.
  *
+ * At the step itself the series is 1/2, whatever M: a receiver on the very surface that the map
+ * sees would be half dark. The answer is therefore twice the series, clamped to 1, which is the lit
+ * share where the receiver lies on the deepest surface of its filter, and falls to 0 within 1/(2M)
+ * of depth behind an occluder.
+ *
  * A truncated series rings: it overshoots by 9 % of the step beside each edge, however many terms
  * (Gibbs). Damping term k by exp(-damping (k/M)^2) trades the overshoot for a wider slope; at 2
  * half of it and less is left.
@@ -78,10 +83,10 @@ static double convolution_answer(const struct umb__map_query *query,
         s = s_next;
         c = c_next;
     }
-    return fmin(fmax(sum, 0.0), 1.0);
+    return fmin(fmax(2.0 * sum, 0.0), 1.0);
 }
 
-/* Each term's channels are off by e: the sum of 2/w_k times 2e. */
+/* Each term's channels are off by e: twice the sum of 2/w_k times 2e. */
 static double convolution_slack(const struct umb_map *map)
 {
     const double error =
@@ -90,7 +95,7 @@ static double convolution_slack(const struct umb_map *map)
     for (uint32_t k = 0; k < map->settings.terms; k++) {
         sum += 2.0 / ((double)(2 * k + 1) * pi);
     }
-    return 2.0 * error * sum + 1e-12;
+    return 4.0 * error * sum + 1e-12;
 }
 
 const struct umb__technique umb__map_convolution = {

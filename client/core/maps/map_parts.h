@@ -86,7 +86,7 @@ static inline double umb__biased_depth(const struct umb__map_query *query,
                                        const struct umb__receiver *receiver, double width)
 {
     double depth = receiver->depth - query->filter.bias_m / query->map->frustum.depth_m;
-    if (query->filter.bias_slope > 0.0) {
+    if (query->filter.bias_slope > 0.0 && width > 0.0) {
         depth -= query->filter.bias_slope * 0.5 * width *
                  (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
     }

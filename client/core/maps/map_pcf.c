@@ -56,20 +56,37 @@ static double span_share(const struct span *span, int64_t texel)
     return fmin(span->high, (double)(texel + 1)) - fmax(span->low, (double)texel);
 }
 
+/*
+ * Depth up to which a texel of a penumbra lights the receiver: its own plane there, where that
+ * rises towards the light. Behind the receiver nothing can block it.
+ */
+static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                          int64_t x, int64_t y)
+{
+    const double rise = receiver->gain[0] * ((double)x + 0.5 - receiver->x) +
+                        receiver->gain[1] * ((double)y + 0.5 - receiver->y);
+    if (query->filter.bias_slope == 0.0) {
+        return umb__biased_depth(query, receiver, 0.0);
+    }
+    if (!isfinite(rise)) {
+        return -INFINITY; /* the light grazes it */
+    }
+    return umb__biased_depth(query, receiver, 0.0) + fmin(query->filter.bias_slope * rise, 0.0);
+}
+
 /* Mean depth of the texels that shadow the receiver within the widest penumbra; 0 if none does. */
 static int blockers_find(const struct umb__map_query *query, const struct umb__receiver *receiver,
                          double *mean)
 {
     /* A blocker at depth 0 has the widest penumbra of all. */
     const double width = umb__penumbra_texels(query, receiver, 0.0);
-    const double depth = umb__biased_depth(query, receiver, width);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     double sum = 0.0;
     int64_t count = 0;
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {
             const double at = umb__depth_at(&query->map->depths, x, y);
-            if (at < depth) {
+            if (at < plane_depth(query, receiver, x, y)) {
                 sum += at;
                 count++;
             }
@@ -87,11 +104,10 @@ static double penumbra_answer(const struct umb__map_query *query,
         return 1.0;
     }
     const double width = umb__penumbra_texels(query, receiver, blocker);
-    const double depth = umb__biased_depth(query, receiver, width);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {
-            if (umb__depth_at(&query->map->depths, x, y) >= depth) {
+            if (umb__depth_at(&query->map->depths, x, y) >= plane_depth(query, receiver, x, y)) {
                 lit += span_share(&xs, x) * span_share(&ys, y);
             }
         }

@@ -137,7 +137,8 @@ struct umb_map_filter {
     uint32_t samples; /* POISSON: 1..64 */
     double bias_m;    /* metres towards the light, 0..1e6 */
     /* Share, 0..100, of the depth that the receiver's plane gains over half the filter (its
-     * width in texels in x and in y); 1 clears a plane of its own shadow exactly. */
+     * width in texels in x and in y); 1 clears a plane of its own shadow exactly. A penumbra
+     * follows the plane from texel to texel instead, and wants 1. */
     double bias_slope;
     double bias_normal; /* the same by moving the point along its normal, 0..100 */
     /* > 0: the filter's width is the penumbra's, at least 1 and at most `width`: radians of the

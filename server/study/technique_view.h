@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_TECHNIQUE_VIEW_H
+#define UMBRAGE_SERVER_STUDY_TECHNIQUE_VIEW_H
+/*
+ * One view of a scene that all techniques answer: a layer of depths traced from the light, the
+ * points that the camera sees, and their traced visibility by each kind of truth.
+ *
+ * Truths use the same box in light space as a filter of `width` texels, moved off the surface as
+ * bias_normal = 1 does; so what is left of a difference is the technique's and its map's.
+ */
+#include "study/gbuffer.h"
+#include "study/picture.h"
+#include "study/technique_rows.h"
+
+struct umbt_technique_view {
+    const struct umbt_scene *scene;
+    struct umbt_camera camera;
+    double to_light[3];
+    int z_up;
+    uint32_t width, height; /* pixels */
+    uint32_t resolution;    /* texels a side */
+    uint32_t taps;          /* width of the filter, odd */
+    double light_rad;       /* angular diameter */
+    unsigned threads;
+    struct umb_map_frustum frustum;
+    float *depth; /* [resolution^2] */
+    struct umbt_gbuffer buffer;
+    float *truth[UMBT_TECHNIQUE_TRUTHS]; /* [receivers] */
+};
+
+/*
+ * Traces layer, points and truths.
+ *
+ * In:    scene .. threads are set, the rest zero.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing).
+ */
+UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view *view,
+                                                     struct umb_error *error);
+void umbt_technique_view_finish(struct umbt_technique_view *view);
+
+/* How one technique answered. Differences are over points that face the light. */
+struct umbt_technique_result {
+    struct umb_map_info info;
+    double build_s, query_ns;     /* CPU time; a point, on one thread */
+    double mean, lighter, darker; /* of |answer - truth|, and its two parts */
+    double over_half;             /* share of points off by more than 0.5 */
+};
+
+/* Builds, asks and compares one row. values: float[receivers], out. */
+UMB_CHECKED enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
+                                               const struct umbt_technique_row *row, float *values,
+                                               struct umbt_technique_result *result,
+                                               struct umb_error *error);
+
+/* Draws the view with visibilities of its points into a picture, at pixel (x0, y0). */
+void umbt_technique_draw(const struct umbt_technique_view *view, const float *values,
+                         struct umbt_picture *picture, uint32_t x0, uint32_t y0);
+
+#endif

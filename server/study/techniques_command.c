@@ -1,0 +1,292 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * `techniques`: every shadow map technique on the same points of a scene against traced rays, with
+ * error, bytes and time, and one picture of the view by each, side by side.
+ */
+#include "study/study_command.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "common/json_text.h"
+#include "study/parallel_for.h"
+#include "study/study_args.h"
+#include "study/study_vec.h"
+#include "study/technique_view.h"
+
+#define COLUMNS 5U
+#define GAP     4U /* pixels between tiles */
+
+static const double degree = 3.14159265358979323846 / 180.0;
+
+static const char help[] =
+    "usage: umbrage-study techniques SCENE [options]\n"
+    "\n"
+    "Runs every shadow map technique on what a camera sees, and compares with traced rays.\n"
+    "\n"
+    "  -o, --output FILE   all views side by side, PNG: the three truths first, then the table's\n"
+    "                      rows from left to right, five a row\n"
+    "  --resolution N      texels a side, a power of two, 64 to 4096 (default 1024)\n"
+    "  --taps N            width of the filter in texels, odd, 1 to 17 (default 9)\n"
+    "  --light-size DEG    the sun's diameter for penumbrae, above 0 to 20 (default 0.53)\n"
+    "  --sun AZ,EL         degrees (default: the scene's first sun, else 135,45)\n"
+    "  --camera WHERE      as `umbrage render` takes it (default: fitted)\n"
+    "  --size WxH          pixels of a view (default 256x160)\n"
+    "  --up y|z            the scene's up axis (default: by its format)\n"
+    "  --threads N         default: all processors\n"
+    "  --json              print one JSON object\n"
+    "  --help\n"
+    "\n"
+    "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
+    "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot create, 74 I/O, 75 "
+    "temporary.\n";
+
+struct study {
+    const char *scene_path, *output;
+    const char *sun, *camera, *size, *up, *light_size;
+    uint64_t resolution, taps, threads;
+    int json, help;
+    struct umbt_camera_request request;
+    struct umbt_scene scene;
+    struct umbt_technique_view view;
+    struct umbt_picture sheet;
+    float *values;
+    struct umbt_technique_result *results; /* [umbt_technique_row_count] */
+};
+
+static enum umb_status options_check(struct study *study, struct umb_error *error)
+{
+    struct umbt_technique_view *view = &study->view;
+    enum umb_status status = UMB_OK;
+    if ((study->resolution & (study->resolution - 1)) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--resolution: %" PRIu64 " is no power of two",
+                        study->resolution);
+    }
+    if (study->taps % 2 == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", study->taps);
+    }
+    view->resolution = (uint32_t)study->resolution;
+    view->taps = (uint32_t)study->taps;
+    view->threads = (unsigned)study->threads;
+    view->width = 256;
+    view->height = 160;
+    view->light_rad = 0.53 * degree;
+    if (study->light_size != NULL) {
+        const char *at = study->light_size;
+        double value = 0.0;
+        if (!umbt_number_read(&at, &value) || *at != '\0' || !(value > 0.0 && value <= 20.0)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--light-size: '%.60s' is not a number above 0, up to 20",
+                            study->light_size);
+        }
+        view->light_rad = value * degree;
+    }
+    if (study->size != NULL) {
+        status = umbt_size_parse(study->size, &view->width, &view->height, error);
+    }
+    if (status == UMB_OK && (view->width > 2048 || view->height > 2048)) {
+        status =
+            umb_fail(error, UMB_E_ARGUMENT, "--size: '%.60s' is above 2048 a side", study->size);
+    }
+    if (status == UMB_OK && study->camera != NULL) {
+        status = umbt_camera_parse(study->camera, &study->request, error);
+    }
+    return status;
+}
+
+static enum umb_status options_parse(int argc, char **argv, struct study *study,
+                                     struct umb_error *error)
+{
+    const struct umbt_option table[] = {
+        {"-o", UMBT_TEXT, &study->output, 0, 0},
+        {"--output", UMBT_TEXT, &study->output, 0, 0},
+        {"--resolution", UMBT_COUNT, &study->resolution, 64, 4096},
+        {"--taps", UMBT_COUNT, &study->taps, 1, 17},
+        {"--light-size", UMBT_TEXT, &study->light_size, 0, 0},
+        {"--sun", UMBT_TEXT, &study->sun, 0, 0},
+        {"--camera", UMBT_TEXT, &study->camera, 0, 0},
+        {"--size", UMBT_TEXT, &study->size, 0, 0},
+        {"--up", UMBT_TEXT, &study->up, 0, 0},
+        {"--threads", UMBT_COUNT, &study->threads, 1, 256},
+        {"--json", UMBT_FLAG, &study->json, 0, 0},
+        {"--help", UMBT_FLAG, &study->help, 0, 0},
+    };
+    struct umbt_positionals positionals = {.max = 1};
+    study->resolution = 1024;
+    study->taps = 9;
+    study->threads = umbt_processor_count();
+    const enum umb_status status =
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+    if (status != UMB_OK || study->help) {
+        return status;
+    }
+    if (positionals.count != 1) {
+        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
+    }
+    study->scene_path = positionals.values[0];
+    return options_check(study, error);
+}
+
+static enum umb_status sun_choose(struct study *study, struct umb_error *error)
+{
+    const struct umbs_scene_view *scene = &study->scene.scene->view;
+    struct umbt_technique_view *view = &study->view;
+    view->z_up = scene->z_up;
+    if (study->up != NULL) {
+        const enum umb_status status = umbt_up_parse(study->up, &view->z_up, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    if (study->sun != NULL) {
+        const char *at = study->sun;
+        double azimuth = 0.0, elevation = 0.0;
+        int ok = umbt_number_read(&at, &azimuth) && *at++ == ',' &&
+                 umbt_number_read(&at, &elevation) && *at == '\0';
+        if (!ok || !(elevation > 0.0 && elevation <= 90.0)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--sun: '%.60s' is not AZIMUTH,ELEVATION with elevation above 0 to 90",
+                            study->sun);
+        }
+        umbt_compass_vector(azimuth, elevation, view->z_up, view->to_light);
+        return UMB_OK;
+    }
+    umbt_compass_vector(135.0, 45.0, view->z_up, view->to_light);
+    if (scene->light_count > 0 && scene->lights[0].kind == UMB_LIGHT_DIRECTIONAL) {
+        for (int k = 0; k < 3; k++) {
+            view->to_light[k] = -scene->lights[0].direction[k];
+        }
+        (void)umbt_normalize(view->to_light);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status view_open(struct study *study, struct umb_error *error)
+{
+    struct umbt_technique_view *view = &study->view;
+    enum umb_status status = umbt_scene_init(&study->scene, study->scene_path, error);
+    if (status == UMB_OK) {
+        status = sun_choose(study, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    view->scene = &study->scene;
+    struct umbt_camera_subject subject = {
+        .points = (const double(*)[3])study->scene.corners,
+        .count = 3 * study->scene.count,
+        .box = study->scene.box,
+        .z_up = view->z_up,
+    };
+    memcpy(subject.to_light, view->to_light, sizeof subject.to_light);
+    status = umbt_camera_make(&study->request, &subject, view->width, view->height, &view->camera,
+                              error);
+    return status == UMB_OK ? umbt_technique_view_make(view, error) : status;
+}
+
+static void tile_draw(struct study *study, size_t tile, const float *values)
+{
+    if (study->output != NULL) {
+        umbt_technique_draw(&study->view, values, &study->sheet,
+                            (uint32_t)(tile % COLUMNS) * (study->view.width + GAP),
+                            (uint32_t)(tile / COLUMNS) * (study->view.height + GAP));
+    }
+}
+
+static enum umb_status rows_run(struct study *study, struct umb_error *error)
+{
+    const size_t tiles = UMBT_TECHNIQUE_TRUTHS + umbt_technique_row_count;
+    const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
+    enum umb_status status = UMB_OK;
+    study->values = malloc(study->view.buffer.receiver_count * sizeof *study->values);
+    study->results = calloc(umbt_technique_row_count, sizeof *study->results);
+    if (study->values == NULL || study->results == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "answers do not fit in memory");
+    }
+    if (study->output != NULL) {
+        status = umbt_picture_init(&study->sheet, COLUMNS * (study->view.width + GAP) - GAP,
+                                   rows * (study->view.height + GAP) - GAP, error);
+    }
+    for (size_t i = 0; i < UMBT_TECHNIQUE_TRUTHS && status == UMB_OK; i++) {
+        tile_draw(study, i, study->view.truth[i]);
+    }
+    for (size_t i = 0; i < umbt_technique_row_count && status == UMB_OK; i++) {
+        status = umbt_technique_run(&study->view, &umbt_technique_rows[i], study->values,
+                                    &study->results[i], error);
+        tile_draw(study, UMBT_TECHNIQUE_TRUTHS + i, study->values);
+    }
+    if (status == UMB_OK && study->output != NULL) {
+        status = umbt_picture_write(&study->sheet, study->output, error);
+    }
+    return status;
+}
+
+static const char *const truth_names[] = {"box", "point", "penumbra"};
+
+static void report_text(const struct study *study)
+{
+    const struct umbt_technique_view *view = &study->view;
+    printf("%s: %zu triangles, %u texels a side, filter %u, %zu points\n", study->scene_path,
+           study->scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+    printf("%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean", "lighter",
+           "darker", "over 0.5", "bytes", "build s", "ns/point");
+    for (size_t i = 0; i < umbt_technique_row_count; i++) {
+        const struct umbt_technique_result *r = &study->results[i];
+        printf("%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
+               umbt_technique_rows[i].name, truth_names[umbt_technique_rows[i].truth], r->mean,
+               r->lighter, r->darker, 100.0 * r->over_half, r->info.bytes, r->build_s, r->query_ns);
+    }
+}
+
+static void report_json(const struct study *study)
+{
+    const struct umbt_technique_view *view = &study->view;
+    printf("{\"scene\":");
+    umbs_json_text(stdout, study->scene_path);
+    printf(",\"triangles\":%zu,\"resolution\":%u,\"taps\":%u,\"points\":%zu,\"techniques\":[",
+           study->scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+    for (size_t i = 0; i < umbt_technique_row_count; i++) {
+        const struct umbt_technique_result *r = &study->results[i];
+        printf("%s{\"name\":\"%s\",\"truth\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g"
+               ",\"darker\":%.9g,\"over_half\":%.9g,\"bytes\":%" PRIu64
+               ",\"slack\":%.9g,\"build_s\":%.6f,\"query_ns\":%.1f}",
+               i > 0 ? "," : "", umbt_technique_rows[i].name,
+               truth_names[umbt_technique_rows[i].truth], r->mean, r->lighter, r->darker,
+               r->over_half, r->info.bytes, r->info.slack, r->build_s, r->query_ns);
+    }
+    printf("]}\n");
+}
+
+int umbt_techniques_command(int argc, char **argv)
+{
+    struct study study;
+    struct umb_error error = {0};
+    memset(&study, 0, sizeof study);
+    enum umb_status status = options_parse(argc, argv, &study, &error);
+    if (status == UMB_OK && study.help) {
+        fputs(help, stdout);
+        return 0;
+    }
+    if (status == UMB_OK) {
+        status = view_open(&study, &error);
+    }
+    if (status == UMB_OK) {
+        status = rows_run(&study, &error);
+    }
+    if (status == UMB_OK && study.json) {
+        report_json(&study);
+    } else if (status == UMB_OK) {
+        report_text(&study);
+    }
+    free(study.values);
+    free(study.results);
+    umbt_picture_finish(&study.sheet);
+    umbt_technique_view_finish(&study.view);
+    umbt_scene_finish(&study.scene);
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage-study techniques: %s\n", error.message);
+    }
+    return umb_status_exit(status);
+}

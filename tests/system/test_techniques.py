@@ -1,0 +1,64 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+`umbrage-study techniques`: every technique on the same points of a generated scene against rays.
+
+Bounds: PCF is off only by texels that an edge crosses; the orders of techniques are those of
+docs/techniques.md, which every scene there shows.
+"""
+import os
+import subprocess
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+import json  # noqa: E402
+
+test = ut.Test()
+scene = os.path.join(test.folder, "arch.glb")
+picture = os.path.join(test.folder, "sheet.png")
+subprocess.run([ut.program("scenegen"), "arch", "--size", "4", "-o", scene], check=True)
+
+
+def study(*more):
+    return subprocess.run([ut.program("umbrage-study"), "techniques", scene, *more],
+                          capture_output=True, timeout=120)
+
+
+run = study("--resolution", "256", "--size", "96x64", "--taps", "5", "-o", picture, "--json")
+rows = {row["name"]: row for row in json.loads(run.stdout)["techniques"]} if run.returncode == 0 else {}
+
+with test.check("it runs, and draws the truths and every technique"):
+    assert run.returncode == 0, run.stderr
+    with open(picture, "rb") as png:
+        assert png.read(8) == b"\x89PNG\r\n\x1a\n"
+    assert len(rows) >= 25, sorted(rows)
+
+with test.check("percentage closer filtering is nearest to the truth"):
+    assert rows["pcf-f32"]["mean"] < 0.02, rows["pcf-f32"]
+    for name, row in rows.items():
+        if row["truth"] == "box" and not name.startswith("pcf"):
+            assert row["mean"] > rows["pcf-f32"]["mean"], row
+
+with test.check("techniques that bound from above are hardly ever darker"):
+    for name in ("vsm", "vsm-sat", "lvsm-4", "esm-80", "evsm-log", "msm-f32"):
+        assert rows[name]["darker"] < rows["pcf-f32"]["darker"] + 0.002, rows[name]
+
+with test.check("errors fall as the parameter rises"):
+    for family in (("convolution-4", "convolution-16"),
+                   ("vsm", "evsm-f32"), ("msm-u16", "msm-f32", "msm-sat")):
+        means = [rows[name]["mean"] for name in family]
+        assert means == sorted(means, reverse=True), (family, means)
+
+with test.check("the same points give the same errors again, on one thread"):
+    again = study("--resolution", "256", "--size", "96x64", "--taps", "5", "--threads", "1", "--json")
+    for row in json.loads(again.stdout)["techniques"]:
+        assert row["mean"] == rows[row["name"]]["mean"], row
+
+with test.check("what is out of range is named"):
+    for arguments, name in ((["--taps", "4"], "--taps"), (["--resolution", "100"], "--resolution"),
+                            (["--sun", "1,-5"], "--sun"), (["--light-size", "0"], "--light-size")):
+        bad = study(*arguments)
+        assert bad.returncode == 2 and name.encode() in bad.stderr, (arguments, bad)
+
+test.finish()
