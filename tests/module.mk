@@ -61,6 +61,10 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check ## real processes on
 questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
 	@for t in $^; do UMBRAGE_CASES=1000000 timeout 600 $$t || exit 1; done
 
+# False shadow and false light at full size.
+accuracy: $(PROGRAMS) $(BUILD)/scenegen ## false shadow and false light against rays: minutes
+	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
+
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:
 	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
@@ -87,7 +91,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check questions system sanitize sanitize-one test layers lint format
+.PHONY: unit check questions accuracy system sanitize sanitize-one test layers lint format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -21,6 +21,7 @@ struct render {
     struct umbt_source source;
     struct umbt_camera camera;
     struct umbt_truth truth;
+    struct umbt_fog fog;
     struct umbt_picture asset, traced, difference;
     struct umbt_frame_result result;
     double load_s;
@@ -106,6 +107,10 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
     if (status == UMB_OK && options->difference != NULL) {
         status = umbt_picture_init(&render->difference, options->width, options->height, error);
     }
+    if (status == UMB_OK && options->fog > 0.0) {
+        status = umbt_fog_make(render->source.asset, options->settings.light, options->fog,
+                               &render->fog, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
@@ -114,6 +119,7 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
         .camera = &render->camera,
         .source = from_asset ? &render->source : NULL,
         .truth = from_rays ? &render->truth : NULL,
+        .fog = options->fog > 0.0 ? &render->fog : NULL,
         .z_up = options->z_up,
         .aa = options->aa,
         .threads = options->threads,
@@ -161,6 +167,10 @@ static void compare_text(const struct render *render)
         printf("  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
                result->undefined, result->mean_defined, 100.0 * result->over_half_defined);
     }
+    printf("  facing it by more than %g, %" PRIu64 " samples: false shadow %.4f %%, false light "
+           "%.4f %%\n",
+           UMBT_JUDGED_FACING, result->judged, 100.0 * result->false_shadow,
+           100.0 * result->false_light);
     printf("  pictures: mean absolute difference %.5f of full scale\n", result->picture_difference);
 }
 
@@ -171,6 +181,8 @@ static void compare_json(const struct render *render)
            ",\"mean_darker\":%.9g,\"over_half\":%.9g,\"picture_difference\":%.9g",
            truth_name(render->options.truth), result->mean_difference, result->mean_lighter,
            result->mean_darker, result->over_half, result->picture_difference);
+    printf(",\"judged\":%" PRIu64 ",\"false_shadow\":%.9g,\"false_light\":%.9g", result->judged,
+           result->false_shadow, result->false_light);
     if (undefined_is_known(render)) {
         printf(",\"undefined\":%" PRIu64 ",\"mean_defined\":%.9g,\"over_half_defined\":%.9g",
                result->undefined, result->mean_defined, result->over_half_defined);

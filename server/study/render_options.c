@@ -7,6 +7,8 @@
 #include "study/shadow_source.h"
 #include "study/study_args.h"
 
+#define FOG_MAX 100.0 /* 1/m: nothing is seen beyond some centimetres */
+
 const char umbt_render_help[] =
     "usage: umbrage render SCENE --asset FILE|ASSET -o OUT.png [options]\n"
     "\n"
@@ -25,6 +27,8 @@ const char umbt_render_help[] =
     "  --light N            the asset's light (default 0)\n"
     "  --taps N             filter width in texels, odd, 1 to 17 (default 9)\n"
     "  --bias B             auto, none, 1.5vox or 0.02m (default auto)\n"
+    "  --fog D              sunlit fog of extinction D per metre: light shafts, by segment "
+    "queries\n"
     "\n"
     "  --traced             shadows by rays instead of the asset: the reference\n"
     "  --compare            both; prints how they differ where the surface faces the light\n"
@@ -50,7 +54,7 @@ const char umbt_render_help[] =
 
 /* What the table cannot hold directly. */
 struct raw {
-    const char *camera, *size, *bias, *truth, *up;
+    const char *camera, *size, *bias, *truth, *up, *fog;
     uint64_t taps, light, aa, threads, samples;
 };
 
@@ -75,6 +79,16 @@ static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_opt
         return umb_fail(error, UMB_E_ARGUMENT, "--samples: only --truth area takes it");
     }
     options->samples = raw->samples > 0 ? (uint32_t)raw->samples : 16;
+    return UMB_OK;
+}
+
+static enum umb_status fog_parse(const char *text, double *fog, struct umb_error *error)
+{
+    const char *end = text;
+    if (!umbt_number_read(&end, fog) || *end != '\0' || !(*fog > 0.0 && *fog <= FOG_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--fog: '%.60s' is not above 0 and at most %g", text,
+                        FOG_MAX);
+    }
     return UMB_OK;
 }
 
@@ -104,6 +118,9 @@ static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_opt
         options->up_given = 1;
         status = umbt_up_parse(raw->up, &options->z_up, error);
     }
+    if (status == UMB_OK && raw->fog != NULL) {
+        status = fog_parse(raw->fog, &options->fog, error);
+    }
     if (status == UMB_OK) {
         status = truth_parse(raw, options, error);
     }
@@ -126,6 +143,14 @@ static enum umb_status options_check(const struct umbt_render_options *options,
     if (options->traced && options->compare) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "--traced: --compare traces as well; give one of both");
+    }
+    if (options->fog > 0.0 && (options->traced || options->compare)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--fog: goes with neither --traced nor --compare");
+    }
+    if (options->fog > 0.0 && !umbt_source_is_file(options->asset)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--fog: segments are asked from files, %.80s is a daemon's asset",
+                        options->asset);
     }
     if ((options->difference != NULL || options->reference != NULL) && !options->compare) {
         return umb_fail(error, UMB_E_ARGUMENT, "--difference and --reference need --compare");
@@ -159,6 +184,7 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
         {"--light", UMBT_COUNT, &raw.light, 0, UMB_LIGHTS_MAX - 1},
         {"--taps", UMBT_COUNT, &raw.taps, 1, UMB_TAPS_MAX},
         {"--bias", UMBT_TEXT, &raw.bias, 0, 0},
+        {"--fog", UMBT_TEXT, &raw.fog, 0, 0},
         {"--traced", UMBT_FLAG, &options->traced, 0, 0},
         {"--compare", UMBT_FLAG, &options->compare, 0, 0},
         {"--difference", UMBT_TEXT, &options->difference, 0, 0},

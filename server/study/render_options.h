@@ -17,6 +17,7 @@ struct umbt_render_options {
     int traced, compare;
     enum umbt_truth_kind truth;
     uint32_t samples;
+    double fog; /* extinction, 1/m; 0: clear air */
     int up_given, z_up;
     int force, json, quiet, help;
 };

@@ -22,6 +22,8 @@ static const struct umbt_rgb palette[] = {
 static const struct umbt_rgb sun_color = {{1.16, 1.06, 0.90}};
 static const struct umbt_rgb sky_light = {{0.24, 0.29, 0.38}};
 static const struct umbt_rgb ground_light = {{0.21, 0.19, 0.16}};
+static const double fog_sun = 0.8;   /* of the sun's colour that sunlit fog sends to the eye */
+static const double fog_shade = 0.2; /* of the ambient light that all of it sends */
 static const struct umbt_rgb sky_zenith = {{0.36, 0.52, 0.74}};
 static const struct umbt_rgb sky_horizon = {{0.74, 0.80, 0.86}};
 static const struct umbt_rgb sky_below = {{0.47, 0.52, 0.57}};
@@ -59,6 +61,16 @@ struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double co
         out.c[k] = surface.c[k] * (sun * sun_color.c[k] + ambient.c[k]);
     }
     return out;
+}
+
+struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit)
+{
+    const struct umbt_rgb shade = mix(ground_light, sky_light, 0.5);
+    for (int k = 0; k < 3; k++) {
+        color.c[k] = through * color.c[k] + fog_sun * lit * sun_color.c[k] +
+                     fog_shade * (1.0 - through) * shade.c[k];
+    }
+    return color;
 }
 
 struct umbt_rgb umbt_sky(double upward)

@@ -26,6 +26,9 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);
 
+/* A colour seen through fog; through, lit: as umbt_fog_look gives them. */
+struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit);
+
 /* The sky behind the scene; upward: vertical component of the unit view direction. */
 struct umbt_rgb umbt_sky(double upward);
 

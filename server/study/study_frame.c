@@ -20,6 +20,7 @@
 struct differences {
     uint64_t facing, undefined, over_half, over_half_defined;
     uint64_t lighter, darker, defined;
+    uint64_t judged, false_shadow, false_light;
 };
 
 struct frame {
@@ -75,6 +76,22 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
+/* How far the truth's share may be off: an edge through s x s rays misses or takes up to s of them.
+ * The other kinds are exact about what they ask. */
+static double truth_error(const struct umbt_truth *truth)
+{
+    return truth->kind == UMBT_TRUTH_AREA ? 1.0 / (double)truth->samples : 0.0;
+}
+
+/* Judges a receiver whose window is defined. */
+static void judge(const struct umbt_truth *truth, double answer, double traced,
+                  struct differences *sum)
+{
+    const double error = truth_error(truth);
+    sum->false_shadow += answer < 0.5 && traced > 0.5 + error;
+    sum->false_light += answer > 0.5 && traced < 0.5 - error;
+}
+
 /* Sums the differences of a run of receivers. */
 static enum umb_status block_compare(void *user, size_t first, size_t count,
                                      struct umb_error *error)
@@ -87,10 +104,13 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
         receiver_normal(frame, i, normal);
-        if (!(umbt_dot(normal, request->to_light) > 0.0)) {
+        const double facing = umbt_dot(normal, request->to_light);
+        if (!(facing > 0.0)) {
             continue;
         }
+        const int judged = facing > UMBT_JUDGED_FACING;
         sum.facing++;
+        sum.judged += (uint64_t)judged;
         const double difference = (double)frame->answers[i] - (double)frame->truths[i];
         if (!both || difference == 0.0) {
             continue;
@@ -104,6 +124,9 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
         } else {
             sum.defined += fixed;
             sum.over_half_defined += fabs(difference) > 0.5;
+            if (judged) {
+                judge(request->truth, (double)frame->answers[i], (double)frame->truths[i], &sum);
+            }
         }
     }
     pthread_mutex_lock(&frame->mutex);
@@ -114,6 +137,9 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     frame->sum.lighter += sum.lighter;
     frame->sum.darker += sum.darker;
     frame->sum.defined += sum.defined;
+    frame->sum.judged += sum.judged;
+    frame->sum.false_shadow += sum.false_shadow;
+    frame->sum.false_light += sum.false_light;
     pthread_mutex_unlock(&frame->mutex);
     return UMB_OK;
 }
@@ -128,6 +154,34 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, 
                       umbt_dot(normal, request->to_light), normal[request->z_up ? 2 : 1]);
 }
 
+/* The direction through a pixel's centre. */
+static void pixel_direction(const struct frame *frame, size_t pixel, double direction[3])
+{
+    const uint32_t width = frame->buffer.width;
+    const double row = (double)(frame->buffer.first_row + pixel / width);
+    umbt_camera_ray(frame->request->camera, ((double)(pixel % width) + 0.5) / (double)width,
+                    (row + 0.5) / (double)frame->height, direction);
+}
+
+/* A colour seen through the fog before it: up to the receiver, or past the whole scene. */
+static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32_t slot,
+                                 struct umbt_rgb color)
+{
+    const struct umbt_frame_request *request = frame->request;
+    double end[3], direction[3], through, lit;
+    if (request->fog == NULL) {
+        return color;
+    }
+    if (slot != UMBT_SKY) {
+        memcpy(end, &frame->buffer.positions[3 * (size_t)slot], sizeof end);
+    } else {
+        pixel_direction(frame, pixel, direction);
+        umbt_along(request->camera->eye, request->scene->diagonal_m, direction, end);
+    }
+    umbt_fog_look(request->fog, request->camera->eye, end, &through, &lit);
+    return umbt_fog_shade(color, through, lit);
+}
+
 /* The pixel's colour with one set of answers, 8-bit sRGB. */
 static void pixel_shade(const struct frame *frame, size_t pixel, const float *visibility,
                         struct umbt_rgb sky, uint8_t out[3])
@@ -136,8 +190,9 @@ static void pixel_shade(const struct frame *frame, size_t pixel, const float *vi
     double sum[3] = {0.0, 0.0, 0.0};
     for (uint32_t k = 0; k < per_pixel; k++) {
         const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
-        const struct umbt_rgb color =
+        const struct umbt_rgb clear =
             slot == UMBT_SKY ? sky : receiver_shade(frame, slot, visibility[slot]);
+        const struct umbt_rgb color = fog_shade(frame, pixel, slot, clear);
         for (int c = 0; c < 3; c++) {
             sum[c] += umbt_shoulder(color.c[c]);
         }
@@ -188,11 +243,8 @@ static void pixel_finish(struct frame *frame, size_t pixel, uint8_t asset[3], ui
 /* The sky in the direction of a pixel's centre. */
 static struct umbt_rgb pixel_sky(const struct frame *frame, size_t pixel)
 {
-    const uint32_t width = frame->buffer.width;
-    const double row = (double)(frame->buffer.first_row + pixel / width);
     double direction[3];
-    umbt_camera_ray(frame->request->camera, ((double)(pixel % width) + 0.5) / (double)width,
-                    (row + 0.5) / (double)frame->height, direction);
+    pixel_direction(frame, pixel, direction);
     return umbt_sky(direction[frame->request->z_up ? 2 : 1]);
 }
 
@@ -280,6 +332,11 @@ static void result_finish(struct frame *frame)
         result->undefined = sum->undefined;
         result->mean_defined = (double)sum->defined / (FIXED_ONE * facing);
         result->over_half_defined = (double)sum->over_half_defined / facing;
+    }
+    result->judged = sum->judged;
+    if (sum->judged > 0) {
+        result->false_shadow = (double)sum->false_shadow / (double)sum->judged;
+        result->false_light = (double)sum->false_light / (double)sum->judged;
     }
     result->picture_difference = (double)frame->picture_sum / (255.0 * 3.0 * (double)frame->height *
                                                                (double)frame->buffer.width);

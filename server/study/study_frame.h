@@ -13,15 +13,21 @@
  */
 #include "study/picture.h"
 #include "study/shadow_source.h"
+#include "study/study_fog.h"
 #include "study/study_progress.h"
 #include "study/traced_shadow.h"
 #include "study/gbuffer.h"
+
+/* Below this cosine between normal and light a texel's edge reaches so far along the surface that
+ * shadows are not expected to be right; such receivers are hardly lit, too. */
+#define UMBT_JUDGED_FACING 0.2
 
 struct umbt_frame_request {
     const struct umbt_scene *scene;
     const struct umbt_camera *camera;
     const struct umbt_source *source; /* NULL: no shadows from an asset */
     const struct umbt_truth *truth;   /* NULL: no traced shadows; at least one of both */
+    const struct umbt_fog *fog;       /* NULL: clear air; seen in `asset` only, without truth */
     double to_light[3];
     int z_up;
     uint32_t aa; /* 1..3 */
@@ -43,6 +49,11 @@ struct umbt_frame_result {
     /* The same without receivers whose window reaches into closed solids (unspecified answers): */
     uint64_t undefined; /* such receivers among those that differ */
     double mean_defined, over_half_defined;
+    /* Of the receivers with N.L above UMBT_JUDGED_FACING, windows into closed solids left out of
+     * the shares: asset below 0.5 where the truth is above 0.5 by more than its own error, and the
+     * reverse. */
+    uint64_t judged;
+    double false_shadow, false_light;
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */
 };
 

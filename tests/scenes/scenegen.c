@@ -20,6 +20,7 @@ static const char usage[] =
     "  city     closed city, 1 km across; N x N lots (50: 530, 59: 730 thousand triangles)\n"
     "  arch     open architecture with walls of no thickness; N x N bays of 6 m\n"
     "  bridge   closed parts, wires of 10 mm; N hangers a side\n"
+    "  hall     a closed hall with windows and columns; N bays of 6 m\n"
     "  box      a closed cube of N m\n"
     "  sphere   a closed ball of radius 5 m, 8 N^2 triangles\n"
     "Without --format the file's ending tells it. GLB is y up, OBJ and PLY are z up.\n"
@@ -47,6 +48,7 @@ static const struct kind {
 } kinds[] = {
     {"terrain", gen_terrain, 256, 4096}, {"city", gen_city, 50, 150},
     {"arch", gen_arch, 8, 200},          {"bridge", gen_bridge, 60, 5000},
+    {"hall", gen_hall, 7, 1000},
     {"box", make_box, 10, 100000},       {"sphere", make_sphere, 8, 32},
 };
 

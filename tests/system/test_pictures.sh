@@ -111,6 +111,18 @@ for name in city arch; do
     fi
 done
 
+# Light shafts: a hall with fog is another picture, and the same in any number of threads.
+"$BUILD/scenegen" hall --size 3 -o "$folder/hall.glb" 2>/dev/null
+"$BUILD/umbrage-bake" "$folder/hall.glb" -o "$folder/hall.umb" --resolution 1024 --sun 200,32 --quiet \
+    2>"$folder/err"
+for threads in 1 3; do
+    "$BUILD/umbrage" render "$folder/hall.glb" --asset "$folder/hall.umb" --size 320x200 --quiet \
+        --camera eye=7,2.4,0.6,target=-7,4,-0.6,fov=64 --fog 0.04 --threads $threads \
+        -o "$folder/fog-$threads.png" 2>>"$folder/err"
+done
+same "a picture with fog has the asked size" 320x200 "$(png_size "$folder/fog-1.png" 2>&1)"
+check "and does not depend on threads" cmp "$folder/fog-1.png" "$folder/fog-3.png"
+
 # One view by file, by a second run, and in other threads is one picture.
 "$BUILD/umbrage" render "$folder/city.glb" --asset "$folder/city.umb" -o "$folder/a.png" \
     --size 320x200 --threads 1 --quiet 2>"$folder/err"
