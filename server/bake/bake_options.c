@@ -308,6 +308,11 @@ static enum umb_status take_valued(struct umbb_options *options, int argc, char 
         const char *value = equals != NULL ? equals + 1 : argv[++*at];
         return valued[i].set(options, valued[i].name, value, error);
     }
+    for (size_t i = 0; equals != NULL && i < sizeof flags / sizeof flags[0]; i++) {
+        if (strlen(flags[i].name) == length && strncmp(word, flags[i].name, length) == 0) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: takes no value", flags[i].name);
+        }
+    }
     return umb_fail(error, UMB_E_ARGUMENT, "unknown option '%.64s'; see --help", word);
 }
 

@@ -175,6 +175,9 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .corners = (const double(*)[3][3])run->analysis.corners,
         .closed = run->analysis.closed_rule ? run->analysis.kinds : NULL,
         .count = run->analysis.count,
+        .open_on_word = run->options->closed == UMBB_CLOSED_ON
+                            ? run->analysis.part_count - run->analysis.closed_part_count
+                            : 0,
         .points = run->options->verify_points,
         .threads = run->options->threads,
         .max_memory_bytes = run->check_max_bytes,

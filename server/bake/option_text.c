@@ -37,5 +37,7 @@ int umbb_option_number(const char *text, const char **rest, double *value)
     errno = 0;
     *value = strtod(text, &end);
     *rest = end;
-    return end != text && isfinite(*value);
+    return end != text && isfinite(*value) &&
+           memchr(text, 'x', (size_t)(end - text)) == NULL && /* strtod reads 0x10 as 16 */
+           memchr(text, 'X', (size_t)(end - text)) == NULL;
 }

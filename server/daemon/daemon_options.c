@@ -271,7 +271,7 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
 {
     set_defaults(options);
     for (int i = 1; i < argc; i++) {
-        const char *text = argv[i];
+        const char *text = strcmp(argv[i], "-h") == 0 ? "--help" : argv[i];
         const char *equals = strncmp(text, "--", 2) == 0 ? strchr(text, '=') : NULL;
         size_t length = equals != NULL ? (size_t)(equals - text) : strlen(text);
         const struct option *option = find_option(text, length);

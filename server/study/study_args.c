@@ -85,8 +85,8 @@ enum umb_status umbt_args_parse(int argc, char **argv, const struct umbt_option 
         } else if (strcmp(argv[i], "--") == 0) {
             options_over = 1;
         } else {
-            const char *text = NULL;
-            const struct umbt_option *option = option_find(argv[i], options, option_count, &text);
+            const char *text = NULL, *name = strcmp(argv[i], "-h") == 0 ? "--help" : argv[i];
+            const struct umbt_option *option = option_find(name, options, option_count, &text);
             if (option == NULL) {
                 return umb_fail(error, UMB_E_ARGUMENT, "option '%.80s' is not known; see --help",
                                 argv[i]);
@@ -118,7 +118,9 @@ int umbt_number_read(const char **text, double *value)
     }
     char *end = NULL;
     const double number = strtod(*text, &end);
-    if (end == *text || !isfinite(number)) {
+    const size_t length = (size_t)(end - *text);
+    if (length == 0 || !isfinite(number) || memchr(*text, 'x', length) != NULL ||
+        memchr(*text, 'X', length) != NULL) { /* strtod reads 0x10 as 16 */
         return 0;
     }
     *text = end;

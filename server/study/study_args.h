@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_ARGS_H
 #define UMBRAGE_SERVER_STUDY_STUDY_ARGS_H
 /*
- * Command lines by table. Options are `--name VALUE`, `--name=VALUE` or a flag `--name`; `--` ends
- * them; everything else is a positional argument. Every refusal names the option, the value and
- * the limit. Nothing is copied: texts point into argv.
+ * Command lines by table. Options are `--name VALUE`, `--name=VALUE` or a flag `--name`; `-h` is
+ * `--help`; `--` ends them; everything else is a positional argument. Every refusal names the
+ * option, the value and the limit. Nothing is copied: texts point into argv.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -56,7 +56,8 @@ int main(int argc, char **argv)
             return output_finish(commands[i].run(argc - 2, argv + 2));
         }
     }
-    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "help") == 0) {
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
+        strcmp(argv[1], "help") == 0) {
         fputs(help, stdout);
         return output_finish(0);
     }

@@ -28,8 +28,11 @@ for command in info query list verify pack unpack; do
 done
 for command in render verify; do
     try 0 umbrage-study $command --help
+    try 0 umbrage-study $command -h
 done
 try 0 umbrage bake --help
+try 0 umbraged -h
+try 0 umbrage-study -h
 try 0 umbrage render --help
 try 2 umbrage
 try 2 umbrage nothing
@@ -95,6 +98,9 @@ cp city.umb keep.umb
 before=$(cksum keep.umb)
 try 65 umbrage-bake bad.ply -o keep.umb
 same "a failed bake leaves the old output alone" "$before" "$(cksum keep.umb)"
+
+try 65 umbrage-bake arch.glb -o open.umb --resolution 256 --closed on --quiet
+one_sentence "parts are not closed"
 
 # --- an interrupted bake leaves nothing ---
 "$BUILD/scenegen" terrain --size 300 -o big.ply 2>/dev/null

@@ -69,12 +69,20 @@ static void add_result(struct umbr_verify_result *sum, const struct umbr_verify_
     sum->outside_band += one->outside_band;
 }
 
-static enum umb_status judge(uint32_t light, const struct umbr_verify_result *result,
-                             struct umb_error *error)
+static enum umb_status judge(const struct umbb_check *check, uint32_t light,
+                             const struct umbr_verify_result *result, struct umb_error *error)
 {
     const double *p = result->worst_point;
     if (result->outside_band == 0) {
         return UMB_OK;
+    }
+    if (check->open_on_word > 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "--closed on: %zu parts are not closed, and light gets in: light %u: %llu "
+                        "of %llu points disagree with traced rays, one at %.9g %.9g %.9g; nothing "
+                        "was published (--closed auto bakes such parts as they are)",
+                        check->open_on_word, light, (unsigned long long)result->outside_band,
+                        (unsigned long long)result->points, p[0], p[1], p[2]);
     }
     return umb_fail(error, UMB_E_INTERNAL,
                     "self-check: light %u: %llu of %llu points disagree with traced rays by more "
@@ -113,7 +121,7 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
         status = umbr_verify(asset, light, rays, &options, &result, error);
         if (status == UMB_OK) {
             add_result(&publish->verified, &result);
-            status = judge(light, &result, error);
+            status = judge(check, light, &result, error);
         }
     }
     umbr_rays_destroy(rays);

@@ -27,7 +27,8 @@ struct umbb_check {
     const double (*corners)[3][3]; /* world */
     const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
     size_t count;
-    uint64_t points; /* of all lights together; 0 = open and validate only */
+    size_t open_on_word; /* parts that --closed on takes for closed and that are not */
+    uint64_t points;     /* of all lights together; 0 = open and validate only */
     unsigned threads;
     uint64_t max_memory_bytes;
 };
@@ -47,7 +48,8 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
  *
  * Many lights get fewer points each, but not below 20000 of those that were asked for.
  * Fails: E_INTERNAL if the file is not what was written or disagrees with rays outside the band
- *        of one voxel (how many, and where); what opening and tracing fail with.
+ *        of one voxel (how many, and where), E_BAD_SCENE if it disagrees with open_on_word parts;
+ *        what opening and tracing fail with.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
                                                const struct umbb_check *check,

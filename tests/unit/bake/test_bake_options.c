@@ -175,6 +175,8 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --sun 5,inf", "--sun", "5,inf"},
         {"s -o o --sun 1e999,5", "--sun", "1e999,5"},
         {"s -o o --sun 5,5,5", "--sun", "5,5,5"},
+        {"s -o o --sun 0x10,5", "--sun", "0x10,5"},
+        {"s -o o --json=yes", "--json", "takes no value"},
         {"s -o o --up x", "--up", "x"},
         {"s -o o --closed maybe", "--closed", "maybe"},
         {"s -o o --threads 0", "--threads", "0"},

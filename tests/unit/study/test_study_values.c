@@ -93,8 +93,9 @@ static void sizes_and_biases_have_limits(void **state)
     assert_int_equal(umbt_size_parse("1280x720", &width, &height, NULL), UMB_OK);
     assert_int_equal(width, 1280);
     assert_int_equal(height, 720);
-    static const char *const bad_sizes[] = {
-        "", "1280", "0x1", "1x0", "16385x1", "16384x16384", "1.5x2", "12x", "12x3 ", "-1x1"};
+    static const char *const bad_sizes[] = {"",        "1280",        "0x1",   "1x0",
+                                            "16385x1", "16384x16384", "1.5x2", "12x",
+                                            "12x3 ",   "-1x1",        "0x10x5"};
     for (size_t i = 0; i < sizeof bad_sizes / sizeof bad_sizes[0]; i++) {
         assert_int_equal(umbt_size_parse(bad_sizes[i], &width, &height, NULL), UMB_E_ARGUMENT);
     }
@@ -105,7 +106,8 @@ static void sizes_and_biases_have_limits(void **state)
     assert_int_equal(settings.bias_mode, UMB_BIAS_METRES);
     assert_int_equal(umbt_bias_parse("none", &settings, NULL), UMB_OK);
     assert_int_equal(settings.bias_mode, UMB_BIAS_NONE);
-    static const char *const bad_biases[] = {"", "1", "-1m", "2000000m", "1mm", "vox", "nanm"};
+    static const char *const bad_biases[] = {"",    "1",   "-1m",  "2000000m",
+                                             "1mm", "vox", "nanm", "0x1m"};
     for (size_t i = 0; i < sizeof bad_biases / sizeof bad_biases[0]; i++) {
         assert_int_equal(umbt_bias_parse(bad_biases[i], &settings, NULL), UMB_E_ARGUMENT);
     }
