@@ -116,7 +116,7 @@ enum umb_status umbb_bake_frusta(struct umbb_analysis *analysis, const struct um
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
     umb_pool_init(&series.pool, NULL, memory->octree_max_bytes);
-    umbb_progress_start(&series.progress, stderr, options->quiet,
+    umbb_progress_start(&series.progress, stderr, options->quiet, "Mtexel",
                         (uint64_t)count << (2 * options->resolution_log2));
     enum umb_status status =
         roots != NULL && levels != NULL

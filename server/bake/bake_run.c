@@ -180,6 +180,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
                             : 0,
         .points = run->options->verify_points,
         .threads = run->options->threads,
+        .quiet = run->options->quiet,
         .max_memory_bytes = run->check_max_bytes,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);

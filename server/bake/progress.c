@@ -16,16 +16,19 @@ double umbb_clock_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, uint64_t total)
+void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
+                         uint64_t total)
 {
     *progress = (struct umbb_progress){
         .to = !quiet && isatty(fileno(to)) ? to : NULL,
         .start_s = umbb_clock_s(),
         .total = total,
+        .unit = unit,
     };
 }
 
-void umbb_progress_text(char *text, size_t size, uint64_t done, uint64_t total, double seconds)
+void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done, uint64_t total,
+                        double seconds)
 {
     const double share = total == 0 ? 1.0 : (double)done / (double)total;
     const double rate = seconds > 0.0 ? (double)done / seconds : 0.0;
@@ -39,8 +42,8 @@ void umbb_progress_text(char *text, size_t size, uint64_t done, uint64_t total, 
         return;
     }
     const double left_s = (double)(total - done) / rate;
-    snprintf(text, size, "[%s] %3.0f %%  %.1f Mtexel/s  %.0f:%02.0f left", bar, 100.0 * share,
-             1e-6 * rate, (double)(int64_t)(left_s / 60.0),
+    snprintf(text, size, "[%s] %3.0f %%  %.3g %s/s  %.0f:%02.0f left", bar, 100.0 * share,
+             1e-6 * rate, unit, (double)(int64_t)(left_s / 60.0),
              left_s - 60.0 * (double)(int64_t)(left_s / 60.0));
 }
 
@@ -57,7 +60,8 @@ void umbb_progress_update(void *user, uint64_t done)
         return;
     }
     char text[160];
-    umbb_progress_text(text, sizeof text, done, progress->total, now - progress->start_s);
+    umbb_progress_text(text, sizeof text, progress->unit, done, progress->total,
+                       now - progress->start_s);
     fprintf(progress->to, "\r%s\033[K", text);
     fflush(progress->to);
     progress->shown_s = now;

@@ -12,20 +12,23 @@ struct umbb_progress {
     FILE *to;       /* NULL = silent */
     double start_s; /* monotonic */
     double shown_s; /* when last drawn; 0 = never */
-    uint64_t total; /* texels */
+    uint64_t total;
+    const char *unit; /* of a million: "Mtexel" */
 };
 
-/* Starts. In: quiet: 1 = never draw. */
-void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, uint64_t total);
+/* Starts. In: quiet: 1 = never draw; unit: borrowed, the name of a million of what is counted. */
+void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
+                         uint64_t total);
 
-/* Draws at most five times a second. In: user: the struct umbb_progress; done: texels. */
+/* Draws at most five times a second. In: user: the struct umbb_progress; done: of its total. */
 void umbb_progress_update(void *user, uint64_t done);
 
 /* Removes the line. */
 void umbb_progress_end(struct umbb_progress *progress);
 
 /* Writes the line's text for a state, without a newline: a pure function (tests). */
-void umbb_progress_text(char *text, size_t size, uint64_t done, uint64_t total, double seconds);
+void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done, uint64_t total,
+                        double seconds);
 
 /* Seconds of the monotonic clock. */
 double umbb_clock_s(void);

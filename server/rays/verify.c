@@ -25,7 +25,7 @@ struct crew {
     uint64_t points, block_count;
     atomic_uint_least64_t next_block;
     atomic_int stopped;
-    pthread_mutex_t lock; /* guards total and worst_block */
+    pthread_mutex_t lock; /* guards total, worst_block and calls of progress */
     struct umbr_verify_result total;
     uint64_t worst_block;
 };
@@ -43,6 +43,9 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
         total->has_worst = 1;
         memcpy(total->worst_point, result->worst_point, sizeof total->worst_point);
         crew->worst_block = number;
+    }
+    if (crew->job.options->progress != NULL) {
+        crew->job.options->progress(crew->job.options->progress_user, total->points);
     }
     (void)pthread_mutex_unlock(&crew->lock);
 }
@@ -135,8 +138,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
 }
 
 enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
-                            const struct umbr_rays *rays,
-                            const struct umbr_verify_options *options,
+                            const struct umbr_rays *rays, const struct umbr_verify_options *options,
                             struct umbr_verify_result *result, struct umb_error *error)
 {
     static const struct umbr_verify_options defaults = {0};

@@ -21,18 +21,21 @@
 #include "umbrage/query.h"
 
 struct umbr_verify_options {
-    uint64_t points;     /* 0 = 1 million */
+    uint64_t points; /* 0 = 1 million */
     uint64_t seed;
-    const uint8_t *closed; /* uint8[triangle count], NULL = no closed parts */
-    unsigned threads;    /* 0 = all */
+    const uint8_t *closed;  /* uint8[triangle count], NULL = no closed parts */
+    unsigned threads;       /* 0 = all */
     int (*cancelled)(void); /* asked now and then from any thread; may be NULL */
+    /* Told how many points have been compared: by any thread, but by one at a time; may be NULL. */
+    void (*progress)(void *user, uint64_t points);
+    void *progress_user;
 };
 
 struct umbr_verify_result {
-    uint64_t points, near_boundary;   /* compared; of them drawn near a boundary */
-    uint64_t skipped_inside;          /* inside closed parts */
+    uint64_t points, near_boundary;     /* compared; of them drawn near a boundary */
+    uint64_t skipped_inside;            /* inside closed parts */
     uint64_t inside_band, outside_band; /* disagreements */
-    double worst_point[3];            /* a point outside the band, world */
+    double worst_point[3];              /* a point outside the band, world */
     int has_worst;
 };
 

@@ -122,6 +122,19 @@ static int light_is_closed(const struct umb_asset *asset, uint32_t light)
     return frustum.closed;
 }
 
+/* Progress over all lights, in millions of points. */
+struct compared {
+    struct umbt_progress progress;
+    double before, total;
+};
+
+static void show_compared(void *user, uint64_t points)
+{
+    struct compared *compared = user;
+    umbt_progress_show(&compared->progress, compared->before + 1e-6 * (double)points,
+                       compared->total);
+}
+
 static enum umb_status lights_verify(struct verify *verify, struct umb_error *error)
 {
     verify->results =
@@ -131,23 +144,27 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
                         verify->light_count);
     }
     const double start = umbt_now_s();
-    for (uint32_t i = 0; i < verify->light_count; i++) {
+    struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
+    enum umb_status status = UMB_OK;
+    umbt_progress_start(&compared.progress, "Mpoints", verify->quiet);
+    for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
             .points = verify->points,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
             .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+            .progress = show_compared,
+            .progress_user = &compared,
         };
-        const enum umb_status status = umbr_verify(verify->asset, light, verify->scene.rays,
-                                                   &options, &verify->results[i], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        status = umbr_verify(verify->asset, light, verify->scene.rays, &options,
+                             &verify->results[i], error);
         verify->outside_band += verify->results[i].outside_band;
+        compared.before += 1e-6 * (double)verify->points;
     }
+    umbt_progress_end(&compared.progress);
     verify->seconds = umbt_now_s() - start;
-    return UMB_OK;
+    return status;
 }
 
 static double rate(uint64_t part, uint64_t whole)

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "bake/interrupt.h"
+#include "bake/progress.h"
 #include "common/sha256.h"
 
 /* Seed of the points compared: fixed, so that a failure can be repeated. */
@@ -99,6 +100,18 @@ static uint64_t points_a_light(const struct umbb_check *check, uint32_t lights)
     return share > least ? share : least;
 }
 
+/* Progress over all lights. */
+struct compared {
+    struct umbb_progress progress;
+    uint64_t before; /* points of the lights before */
+};
+
+static void show_compared(void *user, uint64_t points)
+{
+    struct compared *compared = user;
+    umbb_progress_update(&compared->progress, compared->before + points);
+}
+
 static enum umb_status compare_with_rays(struct umbb_publish *publish,
                                          const struct umb_asset *asset,
                                          const struct umbb_check *check, struct umb_error *error)
@@ -109,21 +122,29 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     if (status != UMB_OK) {
         return status;
     }
+    const uint64_t points = points_a_light(check, publish->info.light_count);
+    struct compared compared = {.before = 0};
+    umbb_progress_start(&compared.progress, stderr, check->quiet, "Mpoint",
+                        points * publish->info.light_count);
     const struct umbr_verify_options options = {
-        .points = points_a_light(check, publish->info.light_count),
+        .points = points,
         .seed = VERIFY_SEED,
         .closed = check->closed,
         .threads = check->threads,
         .cancelled = umbb_interrupted,
+        .progress = show_compared,
+        .progress_user = &compared,
     };
     for (uint32_t light = 0; light < publish->info.light_count && status == UMB_OK; light++) {
         struct umbr_verify_result result;
         status = umbr_verify(asset, light, rays, &options, &result, error);
         if (status == UMB_OK) {
             add_result(&publish->verified, &result);
+            compared.before = publish->verified.points;
             status = judge(check, light, &result, error);
         }
     }
+    umbb_progress_end(&compared.progress);
     umbr_rays_destroy(rays);
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");

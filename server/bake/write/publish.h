@@ -30,6 +30,7 @@ struct umbb_check {
     size_t open_on_word; /* parts that --closed on takes for closed and that are not */
     uint64_t points;     /* of all lights together; 0 = open and validate only */
     unsigned threads;
+    int quiet; /* no progress on a terminal */
     uint64_t max_memory_bytes;
 };
 

@@ -411,11 +411,11 @@ static void progress_tells_share_rate_and_time_left(void **state)
 {
     (void)state;
     char text[160];
-    umbb_progress_text(text, sizeof text, 50000000, 200000000, 2.0);
-    assert_string_equal(text, "[######..................]  25 %  25.0 Mtexel/s  0:06 left");
-    umbb_progress_text(text, sizeof text, 0, 100, 5.0);
+    umbb_progress_text(text, sizeof text, "Mtexel", 50000000, 200000000, 2.0);
+    assert_string_equal(text, "[######..................]  25 %  25 Mtexel/s  0:06 left");
+    umbb_progress_text(text, sizeof text, "Mtexel", 0, 100, 5.0);
     assert_non_null(strstr(text, "  0 %"));
-    umbb_progress_text(text, sizeof text, 100, 100, 100.0);
+    umbb_progress_text(text, sizeof text, "Mpoint", 100, 100, 100.0);
     assert_non_null(strstr(text, "100 %"));
 }
 

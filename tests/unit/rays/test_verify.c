@@ -126,8 +126,8 @@ static struct umb_asset *open_packed(const struct umb_content *content,
  * Makes an asset whose frustum says the light is `claimed`, with the shadows of `traced`. The frame
  * of a first, empty asset tells where its voxels are.
  */
-static struct umb_asset *make(const double claimed[3], const double traced[3],
-                              struct recipe recipe, int closed, struct bytes *bytes)
+static struct umb_asset *make(const double claimed[3], const double traced[3], struct recipe recipe,
+                              int closed, struct bytes *bytes)
 {
     struct voxels voxels = {voxel_lit, &recipe, LOG2_SIZE, 1};
     struct umb_content content;
@@ -358,6 +358,35 @@ static void open_sheet_marked_closed_excuses_nothing(void **state)
     umbr_rays_destroy(sheet);
 }
 
+struct told {
+    uint64_t points;
+    unsigned calls;
+};
+
+static void note_progress(void *user, uint64_t points)
+{
+    struct told *told = user;
+    assert_true(points >= told->points);
+    told->points = points;
+    told->calls++;
+}
+
+static void progress_rises_to_the_points_compared(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct told told = {0};
+    struct umb_asset *asset = make(sun, sun, (struct recipe){0}, 0, &bytes);
+    const struct umbr_verify_options options = {
+        .points = POINTS, .threads = 3, .progress = note_progress, .progress_user = &told};
+    struct umbr_verify_result result;
+    assert_int_equal(umbr_verify(asset, 0, world.rays, &options, &result, NULL), UMB_OK);
+    assert_true(told.calls > 1);
+    assert_int_equal(told.points, result.points);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
 static int always(void)
 {
     return 1;
@@ -371,8 +400,7 @@ static void cancelled_verification_says_so(void **state)
     const struct umbr_verify_options options = {.points = POINTS, .cancelled = always};
     struct umbr_verify_result result;
     struct umb_error error = {0};
-    assert_int_equal(umbr_verify(asset, 0, world.rays, &options, &result, &error),
-                     UMB_E_CANCELLED);
+    assert_int_equal(umbr_verify(asset, 0, world.rays, &options, &result, &error), UMB_E_CANCELLED);
     assert_int_equal(result.points, 0);
     umb_asset_close(asset);
     bytes_finish(&bytes);
@@ -402,6 +430,7 @@ int main(void)
         cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),
         cmocka_unit_test(asset_without_any_shadow_boundary_still_gets_its_points),
         cmocka_unit_test(open_sheet_marked_closed_excuses_nothing),
+        cmocka_unit_test(progress_rises_to_the_points_compared),
         cmocka_unit_test(cancelled_verification_says_so),
         cmocka_unit_test(unknown_light_is_refused),
     };
