@@ -14,13 +14,13 @@ needed="
     gcc g++ libc6-dev make pkg-config
     libuv1-dev libnghttp2-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
-    libssl-dev libzstd-dev libxxhash-dev
+    libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
     libembree-dev libassimp-dev libpng-dev libseccomp-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "
 optional="
     clang clang-tidy clang-format valgrind
-    chromium haproxy nginx libgrpc++-dev libnanovdb-dev slurm-wlm prometheus
+    chromium haproxy nginx libgrpc++-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
 "
 
 usage() {

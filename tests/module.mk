@@ -16,14 +16,14 @@ TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_daemon = $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
-TEST_SYS_wire   = -lprotobuf-c $(CORE_LIBS)
+TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_common = -luv -lcrypto $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 -lcrypto $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lseccomp -lcrypto $(CORE_LIBS)
-TEST_SYS_daemon = -luv -lnghttp2 -lprotobuf-c -lcrypto $(CORE_LIBS)
+TEST_SYS_daemon = -luv -lnghttp2 $(WIRE_LIBS) -lcrypto $(CORE_LIBS)
 
 UNIT_PARTS := core maps wire rpc cli common rays study bake daemon
 UNIT_TESTS :=

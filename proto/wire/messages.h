@@ -19,12 +19,15 @@
 #include "umbrage/query.h"
 
 #define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
+#define UMBW_PATH_STREAM    "/umbrage.v1.Shadows/QueryStream"
 #define UMBW_PATH_DESCRIBE  "/umbrage.v1.Shadows/Describe"
 #define UMBW_PATH_LIST      "/umbrage.v1.Shadows/List"
+#define UMBW_PATH_LIMITS    "/umbrage.v1.Shadows/Limits"
 #define UMBW_PATH_CHECK     "/grpc.health.v1.Health/Check"
 #define UMBW_PATH_WATCH     "/grpc.health.v1.Health/Watch"
 #define UMBW_PREFIX_BYTES   5 /* compressed flag and big-endian length before each message */
 #define UMBW_ASSET_NAME_MAX 255
+#define UMBW_TARGETS_MAX    64 /* of one request */
 
 /* A growing byte buffer; zero it before use, umbw_buffer_finish frees it. */
 struct umbw_buffer {
@@ -38,15 +41,35 @@ struct umbw_query_request {
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
     int want_stats;
+    /* Decoded only: targets that stand for asset and light, then empty and 0. */
+    size_t target_count;
+    const uint8_t *targets_at, *targets_end; /* where umbw_query_target_next goes on */
+};
+
+/* One light of one asset. */
+struct umbw_query_target {
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    uint32_t light;
 };
 
 struct umbw_query_reply {
     const uint8_t *visibility; /* into the message */
     size_t visibility_bytes;
-    uint8_t asset_id[UMB_ID_BYTES];
+    uint8_t asset_id[UMB_ID_BYTES]; /* with targets: of the first */
+    const uint8_t *asset_ids; /* encoder: uint8[asset_id_count * UMB_ID_BYTES], with targets */
+    size_t asset_id_count;    /* 0 = no targets */
     struct umb_query_stats stats;
     uint64_t nanoseconds;
+    double voxel_m;
     int has_stats;
+};
+
+/* What a server takes. */
+struct umbw_limits {
+    uint64_t max_points, max_message_bytes;
+    uint32_t max_targets, max_taps, max_streams, queue;
+    char version[32];
+    int takes_gzip; /* beside identity */
 };
 
 struct umbw_asset_summary {
@@ -89,6 +112,12 @@ UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, si
                                                       size_t max_points,
                                                       struct umbw_query_request *request,
                                                       struct umb_error *error);
+
+/* Takes the next target of a decoded request; call it target_count times, the message still there.
+ * Fails: E_ARGUMENT, naming the field. Cost: all calls together look at the message once. */
+UMB_CHECKED enum umb_status umbw_query_target_next(struct umbw_query_request *request,
+                                                   struct umbw_query_target *target,
+                                                   struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
                                                     struct umbw_query_reply *reply,
                                                     struct umb_error *error);
@@ -101,6 +130,9 @@ UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, s
 UMB_CHECKED enum umb_status umbw_decode_list_reply(const uint8_t *message, size_t size,
                                                    struct umbw_list_reply *reply,
                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
+                                                     struct umbw_limits *limits,
+                                                     struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_decode_health_request(const uint8_t *message, size_t size,
                                                        char service[256], struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_decode_health_reply(const uint8_t *message, size_t size,
@@ -120,6 +152,12 @@ UMB_CHECKED enum umb_status umbw_encode_query_request(const struct umbw_query_re
 UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
+/* The same into uint8[room]; room: at least umbw_query_reply_room(reply). Returns the bytes. */
+size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes);
+
+/* Bytes that the head of a reply takes: exactly, or with stats at most. Only the sizes, counts and
+ * has_stats of the reply are looked at. */
+size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
 UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
@@ -131,6 +169,9 @@ UMB_CHECKED enum umb_status umbw_encode_list_request(struct umbw_buffer *buffer,
 UMB_CHECKED enum umb_status umbw_encode_list_reply(const struct umbw_list_reply *reply,
                                                    struct umbw_buffer *buffer,
                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_limits_reply(const struct umbw_limits *limits,
+                                                     struct umbw_buffer *buffer,
+                                                     struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_encode_health_request(const char *service,
                                                        struct umbw_buffer *buffer,
                                                        struct umb_error *error);

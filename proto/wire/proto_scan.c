@@ -6,15 +6,6 @@
 
 #define FIELD_NUMBER_MAX 536870911U /* 2^29 - 1 */
 
-/* One field as it lies in the message. */
-struct item {
-    uint32_t number;
-    uint32_t type;
-    const uint8_t *start;   /* of its tag */
-    const uint8_t *payload; /* of its value */
-    size_t payload_size;
-};
-
 /* Reads a varint and moves *at behind it; false if it ends too early or has more than 64 bits. */
 static bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t *value)
 {
@@ -37,7 +28,7 @@ static bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t *value)
 }
 
 /* Finds the payload of an item whose tag is read; false if it does not fit or is a group. */
-static bool read_payload(struct item *item, const uint8_t **at, const uint8_t *end)
+static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8_t *end)
 {
     uint64_t value;
     uint64_t size;
@@ -72,8 +63,8 @@ static bool read_payload(struct item *item, const uint8_t **at, const uint8_t *e
     return true;
 }
 
-static enum umb_status read_item(struct item *item, const uint8_t *message, const uint8_t **at,
-                                 const uint8_t *end, struct umb_error *error)
+enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at, const uint8_t *end,
+                               struct umbw_item *item, struct umb_error *error)
 {
     uint64_t tag;
     size_t offset = (size_t)(*at - message);
@@ -91,7 +82,7 @@ static enum umb_status read_item(struct item *item, const uint8_t *message, cons
     return UMB_OK;
 }
 
-static enum umb_status keep_item(const struct item *item, const struct umbw_field *field,
+static enum umb_status keep_item(const struct umbw_item *item, const struct umbw_field *field,
                                  struct umbw_field_found *found, const uint8_t *item_end,
                                  struct umbw_scratch *scratch, struct umb_error *error)
 {
@@ -105,6 +96,10 @@ static enum umb_status keep_item(const struct item *item, const struct umbw_fiel
         found->bytes = item->payload;
         found->size = item->payload_size;
         return UMB_OK;
+    }
+    if (item->type == UMBW_WIRE_VARINT) {
+        const uint8_t *at = item->payload;
+        (void)read_varint(&at, item_end, &found->number); /* read before, so it is one */
     }
     if (scratch == NULL) {
         return UMB_OK;
@@ -135,8 +130,8 @@ enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
     const uint8_t *at = message;
     const uint8_t *end = message + size;
     while (at < end) {
-        struct item item = {0};
-        enum umb_status status = read_item(&item, message, &at, end, error);
+        struct umbw_item item = {0};
+        enum umb_status status = umbw_item_read(message, &at, end, &item, error);
         for (size_t i = 0; status == UMB_OK && i < field_count; i++) {
             if (fields[i].number == item.number) {
                 status = keep_item(&item, &fields[i], &found[i], at, scratch, error);

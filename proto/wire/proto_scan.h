@@ -33,7 +33,7 @@ enum umbw_field_kind {
     UMBW_FIELD_SCALAR,   /* goes to the scratch; wire type must be `type` */
     UMBW_FIELD_PACKED,   /* repeated number: `type` or packed; goes to the scratch */
     UMBW_FIELD_MESSAGE,  /* sub-message: goes to the scratch, counted */
-    UMBW_FIELD_IN_PLACE, /* bytes or string: left in the message */
+    UMBW_FIELD_IN_PLACE, /* bytes, string or sub-message: left in the message */
 };
 
 struct umbw_field {
@@ -47,7 +47,8 @@ struct umbw_field {
 struct umbw_field_found {
     const uint8_t *bytes; /* in place: the last occurrence, NULL if absent */
     size_t size;
-    size_t count; /* occurrences */
+    size_t count;    /* occurrences */
+    uint64_t number; /* of a varint: the last one */
 };
 
 /* Fixed storage for the fields that protobuf-c decodes. */
@@ -68,6 +69,23 @@ UMB_CHECKED enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
                                             const struct umbw_field *fields, size_t field_count,
                                             struct umbw_field_found *found,
                                             struct umbw_scratch *scratch, struct umb_error *error);
+
+/* One field as it lies in a message. */
+struct umbw_item {
+    uint32_t number;
+    uint32_t type;          /* enum umbw_wire_type */
+    const uint8_t *start;   /* of its tag */
+    const uint8_t *payload; /* of its value, behind the length of bytes */
+    size_t payload_size;
+};
+
+/*
+ * Reads the field at *at and moves *at behind it; for messages whose repeated fields are wanted one
+ * by one. In: end: of the message; *at < end. Fails: E_ARGUMENT (not a protobuf message).
+ */
+UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at,
+                                           const uint8_t *end, struct umbw_item *item,
+                                           struct umb_error *error);
 
 /* Writes a varint (at most 10 bytes) and returns its length. */
 size_t umbw_varint_write(uint64_t value, uint8_t out[10]);

@@ -11,12 +11,11 @@
 #include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
 
-#define VISIBILITY_TAG 0x0a /* field 1, wire type 2 */
-
 enum reply_field {
     FIELD_VISIBILITY,
     FIELD_ASSET_ID,
     FIELD_STATS,
+    FIELD_ASSET_IDS,
     FIELD_COUNT,
 };
 
@@ -24,6 +23,7 @@ static const struct umbw_field REPLY_FIELDS[FIELD_COUNT] = {
     [FIELD_VISIBILITY] = {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "visibility"},
     [FIELD_ASSET_ID] = {2, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset_id"},
     [FIELD_STATS] = {3, UMBW_FIELD_MESSAGE, UMBW_WIRE_BYTES, "stats"},
+    [FIELD_ASSET_IDS] = {4, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset_ids"},
 };
 
 static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_reply *reply)
@@ -40,6 +40,17 @@ static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_r
     reply->stats.nodes = stats->nodes;
     reply->stats.bricks = stats->bricks;
     reply->nanoseconds = stats->nanoseconds;
+    reply->voxel_m = stats->voxel_m;
+}
+
+/* One id, or with targets one of each: then the first can only be found by its last occurrence. */
+static enum umb_status take_ids(const struct umbw_field_found found[FIELD_COUNT],
+                                struct umbw_query_reply *reply, struct umb_error *error)
+{
+    enum reply_field field = found[FIELD_ASSET_IDS].count > 0 ? FIELD_ASSET_IDS : FIELD_ASSET_ID;
+    reply->asset_id_count = found[FIELD_ASSET_IDS].count;
+    return umbw_id_copy(REPLY_FIELDS[field].name, found[field].bytes, found[field].size,
+                        reply->asset_id, error);
 }
 
 enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
@@ -51,8 +62,7 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
     enum umb_status status =
         umbw_proto_scan(message, size, REPLY_FIELDS, FIELD_COUNT, found, &scratch, error);
     if (status == UMB_OK) {
-        status = umbw_id_copy("asset_id", found[FIELD_ASSET_ID].bytes, found[FIELD_ASSET_ID].size,
-                              reply->asset_id, error);
+        status = take_ids(found, reply, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -70,48 +80,117 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
     return UMB_OK;
 }
 
-static void put_stats(const struct umbw_query_reply *reply, Umbrage__V1__QueryStats *stats)
+/*
+ * The encoder. A reply is made for every call, so its few fields are written by hand, in the order
+ * of their numbers but for the answers, which protobuf allows anywhere.
+ */
+#define TAG_VISIBILITY 0x0a /* field 1, bytes */
+#define TAG_ASSET_ID   0x12 /* field 2, bytes */
+#define TAG_STATS      0x1a /* field 3, bytes */
+#define TAG_ASSET_IDS  0x22 /* field 4, bytes */
+#define TAG_VOXEL_M    0x49 /* stats, field 9, fixed64 */
+#define ID_FIELD_BYTES (2 + UMB_ID_BYTES)
+#define STATS_MAX      (8 * 11 + 9) /* eight varints with their tags, and the double */
+#define VARINT_MAX     10
+
+static size_t varint_size(uint64_t value)
 {
-    stats->points = reply->stats.points;
-    stats->outside = reply->stats.outside;
-    stats->before = reply->stats.before;
-    stats->behind = reply->stats.behind;
-    stats->facing_away = reply->stats.facing_away;
-    stats->nodes = reply->stats.nodes;
-    stats->bricks = reply->stats.bricks;
-    stats->nanoseconds = reply->nanoseconds;
+    uint8_t bytes[VARINT_MAX];
+    return umbw_varint_write(value, bytes);
+}
+
+/* Writes the stats message; returns its length. */
+static size_t write_stats(const struct umbw_query_reply *reply, uint8_t out[STATS_MAX])
+{
+    const struct umb_query_stats *stats = &reply->stats;
+    const uint64_t numbers[] = {stats->points, stats->outside,     stats->before,
+                                stats->behind, stats->facing_away, stats->nodes,
+                                stats->bricks, reply->nanoseconds};
+    size_t size = 0;
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        if (numbers[i] != 0) {
+            out[size++] = (uint8_t)((i + 1) << 3);
+            size += umbw_varint_write(numbers[i], out + size);
+        }
+    }
+    if (reply->voxel_m != 0) {
+        uint64_t bits;
+        memcpy(&bits, &reply->voxel_m, sizeof bits);
+        out[size++] = TAG_VOXEL_M;
+        for (unsigned i = 0; i < 8; i++) {
+            out[size++] = (uint8_t)(bits >> (8 * i));
+        }
+    }
+    return size;
+}
+
+/* Bytes of the message before the answers, their tag and length included. */
+static size_t head_size(const struct umbw_query_reply *reply, size_t stats_size)
+{
+    size_t ids = reply->asset_id_count > 0 ? reply->asset_id_count : 1;
+    size_t size = ids * ID_FIELD_BYTES;
+    if (reply->has_stats) {
+        size += 1 + varint_size(stats_size) + stats_size;
+    }
+    if (reply->visibility_bytes > 0) {
+        size += 1 + varint_size(reply->visibility_bytes);
+    }
+    return size;
+}
+
+size_t umbw_query_reply_room(const struct umbw_query_reply *reply)
+{
+    return UMBW_PREFIX_BYTES + head_size(reply, STATS_MAX);
+}
+
+static uint8_t *write_id(uint8_t *at, uint8_t tag, const uint8_t id[UMB_ID_BYTES])
+{
+    at[0] = tag;
+    at[1] = UMB_ID_BYTES;
+    memcpy(at + 2, id, UMB_ID_BYTES);
+    return at + ID_FIELD_BYTES;
+}
+
+size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes)
+{
+    uint8_t stats[STATS_MAX];
+    size_t stats_size = reply->has_stats ? write_stats(reply, stats) : 0;
+    uint64_t message_size = head_size(reply, stats_size) + reply->visibility_bytes;
+    uint8_t *at = bytes + UMBW_PREFIX_BYTES;
+    bytes[0] = 0; /* not compressed */
+    for (unsigned i = 0; i < 4; i++) {
+        bytes[1 + i] = (uint8_t)(message_size >> (24 - 8 * i));
+    }
+    if (reply->asset_id_count == 0) {
+        at = write_id(at, TAG_ASSET_ID, reply->asset_id);
+    }
+    if (reply->has_stats) {
+        *at++ = TAG_STATS;
+        at += umbw_varint_write(stats_size, at);
+        memcpy(at, stats, stats_size);
+        at += stats_size;
+    }
+    for (size_t i = 0; i < reply->asset_id_count; i++) {
+        at = write_id(at, TAG_ASSET_IDS, reply->asset_ids + i * UMB_ID_BYTES);
+    }
+    if (reply->visibility_bytes > 0) {
+        *at++ = TAG_VISIBILITY;
+        at += umbw_varint_write(reply->visibility_bytes, at);
+    }
+    return (size_t)(at - bytes);
 }
 
 enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
                                              struct umbw_buffer *buffer, struct umb_error *error)
 {
-    Umbrage__V1__QueryReply message = UMBRAGE__V1__QUERY_REPLY__INIT;
-    Umbrage__V1__QueryStats stats = UMBRAGE__V1__QUERY_STATS__INIT;
-    uint8_t asset_id[UMB_ID_BYTES];
-    memcpy(asset_id, reply->asset_id, sizeof asset_id);
-    message.asset_id.data = asset_id;
-    message.asset_id.len = sizeof asset_id;
-    if (reply->has_stats) {
-        put_stats(reply, &stats);
-        message.stats = &stats;
-    }
-    uint8_t tag[11] = {VISIBILITY_TAG};
-    size_t tag_size = 0;
-    if (reply->visibility_bytes > 0) {
-        tag_size = 1 + umbw_varint_write(reply->visibility_bytes, tag + 1);
-    }
-    size_t head_size = umbrage__v1__query_reply__get_packed_size(&message) + tag_size;
-    if (reply->visibility_bytes > UINT32_MAX) {
+    size_t room = umbw_query_reply_room(reply);
+    if (reply->visibility_bytes > UINT32_MAX - room) {
         return umb_fail(error, UMB_E_TOO_LARGE, "visibility: %zu bytes are over the limit of %lu",
-                        reply->visibility_bytes, (unsigned long)UINT32_MAX);
+                        reply->visibility_bytes, (unsigned long)(UINT32_MAX - room));
     }
-    enum umb_status status = umbw_buffer_begin_message(
-        buffer, (uint64_t)head_size + reply->visibility_bytes, head_size, error);
-    if (status != UMB_OK) {
-        return status;
+    enum umb_status status = umbw_buffer_reserve(buffer, room, error);
+    if (status == UMB_OK) {
+        buffer->size += umbw_write_query_reply_head(reply, buffer->bytes + buffer->size);
     }
-    buffer->size += umbrage__v1__query_reply__pack(&message, buffer->bytes + buffer->size);
-    memcpy(buffer->bytes + buffer->size, tag, tag_size);
-    buffer->size += tag_size;
-    return UMB_OK;
+    return status;
 }

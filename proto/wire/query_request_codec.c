@@ -24,6 +24,7 @@ enum request_field {
     FIELD_FORMAT,
     FIELD_ORIGIN,
     FIELD_WANT_STATS,
+    FIELD_TARGETS,
     FIELD_NORMALS,
     FIELD_POINTS,
     FIELD_POINTS_F64,
@@ -39,6 +40,7 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_FORMAT] = {6, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "format"},
     [FIELD_ORIGIN] = {7, UMBW_FIELD_PACKED, UMBW_WIRE_FIXED64, "origin"},
     [FIELD_WANT_STATS] = {8, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "want_stats"},
+    [FIELD_TARGETS] = {9, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "targets"},
     [FIELD_NORMALS] = {11, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "normals"},
     [FIELD_POINTS] = {12, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points"},
     [FIELD_POINTS_F64] = {13, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points_f64"},
@@ -148,6 +150,57 @@ static enum umb_status take_settings(const Umbrage__V1__QueryRequest *message,
     return status == UMB_OK ? check_origin(request->points.origin, error) : status;
 }
 
+/* Asset and light, or targets. */
+static enum umb_status take_names(const struct umbw_field_found found[FIELD_COUNT],
+                                  const uint8_t *message, size_t size,
+                                  struct umbw_query_request *request, struct umb_error *error)
+{
+    const struct umbw_field_found *asset = &found[FIELD_ASSET];
+    request->target_count = found[FIELD_TARGETS].count;
+    if (request->target_count == 0) {
+        return umbw_asset_copy(asset->bytes, asset->size, request->asset, error);
+    }
+    if (request->target_count > UMBW_TARGETS_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "targets: %zu are over the limit of %d",
+                        request->target_count, UMBW_TARGETS_MAX);
+    }
+    if (asset->size > 0 || found[FIELD_LIGHT].count > 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "targets: %zu, beside asset or light; give either those or targets",
+                        request->target_count);
+    }
+    request->targets_at = message;
+    request->targets_end = message + size;
+    return UMB_OK;
+}
+
+enum umb_status umbw_query_target_next(struct umbw_query_request *request,
+                                       struct umbw_query_target *target, struct umb_error *error)
+{
+    static const struct umbw_field fields[] = {
+        {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "targets.asset"},
+        {2, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "targets.light"},
+    };
+    struct umbw_field_found found[2];
+    struct umbw_item item = {0};
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK && item.number != REQUEST_FIELDS[FIELD_TARGETS].number) {
+        if (request->targets_at == request->targets_end) {
+            return umb_fail(error, UMB_E_ARGUMENT, "targets: there are no more");
+        }
+        status = umbw_item_read(request->targets_at, &request->targets_at, request->targets_end,
+                                &item, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_proto_scan(item.payload, item.payload_size, fields, 2, found, NULL, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    target->light = (uint32_t)found[1].number;
+    return umbw_asset_copy(found[0].bytes, found[0].size, target->asset, error);
+}
+
 static enum umb_status take_points(const struct umbw_field_found found[FIELD_COUNT],
                                    size_t max_points, struct umb_points *points,
                                    struct umb_error *error)
@@ -172,6 +225,11 @@ static enum umb_status take_points(const struct umbw_field_found found[FIELD_COU
         return umb_fail(error, UMB_E_TOO_LARGE, "%s: %zu is over the limit of %zu points", name,
                         points->count, max_points);
     }
+    if (found[FIELD_TARGETS].count > 1 && points->count > max_points / found[FIELD_TARGETS].count) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "%s: %zu for each of %zu targets is over the limit of %zu answers", name,
+                        points->count, found[FIELD_TARGETS].count, max_points);
+    }
     points->positions = points->count > 0 ? field->bytes : NULL;
     points->format = wide ? UMB_POINT_F64 : UMB_POINT_F32;
     const struct umbw_field_found *normals = &found[FIELD_NORMALS];
@@ -194,8 +252,7 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
     enum umb_status status =
         umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, &scratch, error);
     if (status == UMB_OK) {
-        status = umbw_asset_copy(found[FIELD_ASSET].bytes, found[FIELD_ASSET].size, request->asset,
-                                 error);
+        status = take_names(found, message, size, request, error);
     }
     if (status != UMB_OK) {
         return status;

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One batch: its memory, and answering it at once. */
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 #include "daemon/batch_slice.h"
 
+#define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too */
 #define CPU_CLOCK_POINTS 256 /* slices of fewer points are timed by the wall clock */
 
 uint64_t umbd_now_ns(void)
@@ -22,35 +24,63 @@ static size_t slice_points_for(uint32_t taps)
                        : UMBD_SLICE_POINTS / 4;
 }
 
-enum umb_status umbd_batch_create(struct umbs_entry *entry, uint8_t *message,
-                                  const struct umb_query_settings *settings,
+enum umb_status umbd_batch_create(size_t part_limit, const struct umb_query_settings *settings,
                                   const struct umb_points *points, struct umbd_batch **out,
                                   struct umb_error *error)
 {
     *out = NULL;
-    struct umbd_batch *batch = calloc(1, sizeof *batch);
+    /* A batch is made for every call: its parts lie behind it, and only the batch is cleared. */
+    struct umbd_batch *batch = malloc(sizeof *batch + part_limit * sizeof(struct umbd_part));
     if (batch == NULL) {
-        free(message);
-        umbs_entry_release(entry);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a batch");
     }
-    batch->message = message;
-    batch->entry = entry;
+    memset(batch, 0, sizeof *batch);
+    batch->parts = (struct umbd_part *)(batch + 1);
+    batch->part_limit = part_limit;
     batch->settings = *settings;
     batch->points = *points;
-    batch->slice_points = slice_points_for(settings->taps);
-    batch->value_bytes = umb_answer_bytes(settings->format, points->count);
-    batch->values = malloc(batch->value_bytes > 0 ? batch->value_bytes : 1);
+    batch->part_bytes = umb_answer_bytes(settings->format, points->count);
+    *out = batch;
+    return UMB_OK;
+}
+
+/* So that turns stay about equally long, whatever a point costs. */
+static void set_slice(struct umbd_batch *batch)
+{
+    size_t points = slice_points_for(batch->settings.taps) / batch->part_count;
+    points = points > SLICE_POINTS_MIN ? points : SLICE_POINTS_MIN;
+    batch->slice_points = points - points % 8;
+}
+
+enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry, uint32_t light,
+                               struct umb_error *error)
+{
+    struct umbd_part *part = &batch->parts[batch->part_count];
+    batch->settings.light = light;
     enum umb_status status =
-        batch->values == NULL
-            ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes of answers",
-                       batch->value_bytes)
-            : umb_query_prepare(umbs_entry_asset(entry), settings, &batch->query, error);
+        umb_query_prepare(umbs_entry_asset(entry), &batch->settings, &part->query, error);
     if (status != UMB_OK) {
-        umbd_batch_destroy(batch);
+        umbs_entry_release(entry);
         return status;
     }
-    *out = batch;
+    part->entry = entry;
+    part->light = light;
+    batch->part_count++;
+    batch->value_bytes = batch->part_count * batch->part_bytes;
+    set_slice(batch);
+    return UMB_OK;
+}
+
+enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
+                                   struct umb_error *error)
+{
+    batch->reply = malloc(head_room + batch->value_bytes + 1);
+    if (batch->reply == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes of answers",
+                        batch->value_bytes);
+    }
+    batch->head_room = head_room;
+    batch->values = batch->reply + head_room;
     return UMB_OK;
 }
 
@@ -59,9 +89,11 @@ void umbd_batch_destroy(struct umbd_batch *batch)
     if (batch == NULL) {
         return;
     }
-    umbs_entry_release(batch->entry);
+    for (size_t i = 0; i < batch->part_count; i++) {
+        umbs_entry_release(batch->parts[i].entry);
+    }
     free(batch->message);
-    free(batch->values);
+    free(batch->reply);
     free(batch);
 }
 
@@ -88,40 +120,6 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     return part;
 }
 
-struct slice {
-    const struct umbd_batch *batch;
-    size_t first, count;
-    struct umb_answers *answers;
-};
-
-/* What may be left midway if the asset's file is cut: it owns nothing. */
-static void run_slice(void *user)
-{
-    const struct slice *slice = user;
-    umb_query_run(&slice->batch->query, &slice->batch->points, slice->first, slice->count,
-                  slice->answers);
-}
-
-enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
-                                struct umbd__slice_result *result)
-{
-    uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
-    struct umb_answers answers = {.values = batch->values};
-    struct umb_points part = sub_points(&batch->points, first, count);
-    enum umb_status status = umb_points_check(&part, &result->error);
-    if (status != UMB_OK) {
-        /* Say it again with indices of the whole batch: everything before `first` is or was good.
-         */
-        part = sub_points(&batch->points, 0, first + count);
-        return umb_points_check(&part, &result->error);
-    }
-    struct slice slice = {batch, first, count, &answers};
-    status = umbs_entry_read(batch->entry, run_slice, &slice, &result->error);
-    result->stats = answers.stats;
-    result->cpu_ns = batch->want_stats ? cost_clock_ns(count) - from : 0;
-    return status;
-}
-
 void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from)
 {
     to->points += from->points;
@@ -131,6 +129,43 @@ void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *f
     to->facing_away += from->facing_away;
     to->nodes += from->nodes;
     to->bricks += from->bricks;
+}
+
+struct slice {
+    const struct umbd_batch *batch;
+    const struct umbd_part *part;
+    size_t first, count;
+    struct umb_answers *answers;
+};
+
+/* What may be left midway if the asset's file is cut: it owns nothing. */
+static void run_slice(void *user)
+{
+    const struct slice *slice = user;
+    umb_query_run(&slice->part->query, &slice->batch->points, slice->first, slice->count,
+                  slice->answers);
+}
+
+enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
+                                struct umbd__slice_result *result)
+{
+    uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
+    struct umb_points part = sub_points(&batch->points, first, count);
+    enum umb_status status = umb_points_check(&part, &result->error);
+    if (status != UMB_OK) {
+        /* Say it again with indices of the whole batch: everything before `first` is or was good.
+         */
+        part = sub_points(&batch->points, 0, first + count);
+        return umb_points_check(&part, &result->error);
+    }
+    for (size_t i = 0; status == UMB_OK && i < batch->part_count; i++) {
+        struct umb_answers answers = {.values = batch->values + i * batch->part_bytes};
+        struct slice slice = {batch, &batch->parts[i], first, count, &answers};
+        status = umbs_entry_read(batch->parts[i].entry, run_slice, &slice, &result->error);
+        umbd__stats_add(&result->stats, &answers.stats);
+    }
+    result->cpu_ns = batch->want_stats ? cost_clock_ns(count) - from : 0;
+    return status;
 }
 
 void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
@@ -144,5 +179,5 @@ void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
     }
     batch->stats = result.stats;
     batch->cpu_ns = result.cpu_ns;
-    umbd_count(&metrics->points, batch->points.count);
+    umbd_count(&metrics->points, batch->points.count * batch->part_count);
 }

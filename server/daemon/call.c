@@ -87,9 +87,10 @@ void umbd_call_destroy(struct umbd_call *call)
     conn->last_call_ms = uv_now(&conn->loop->uv);
     umbd_conn_uncharge(conn, UMBD_CALL_BYTES);
     umbw_reader_finish(&call->reader);
-    umbw_buffer_finish(&call->head);
-    free(call->message);
-    free(call->values);
+    umbw_buffer_finish(&call->out);
+    umbd_stream_drop(call);
+    umbd_call_drop_message(call);
+    free(call->watch_service);
     free(call);
 }
 
@@ -120,7 +121,7 @@ int umbd_call_charge(struct umbd_call *call, size_t bytes)
 
 size_t umbd_call_unsent(const struct umbd_call *call)
 {
-    return call->head.size + call->value_bytes - call->sent;
+    return call->out.size - call->sent;
 }
 
 int umbd_call_expired(const struct umbd_call *call)
@@ -177,26 +178,46 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
     } else if (equals(name, name_size, "grpc-timeout")) {
         take_timeout(call, value, value_size);
     } else if (equals(name, name_size, "grpc-encoding")) {
-        call->has_encoding = !equals(value, value_size, "identity");
+        call->encoding = equals(value, value_size, "identity") ? UMBD_ENCODING_IDENTITY
+                         : equals(value, value_size, "gzip")   ? UMBD_ENCODING_GZIP
+                                                               : UMBD_ENCODING_OTHER;
     }
 }
 
+/* Every method: its path, what it may have more than one of, and who answers it. */
+static const struct {
+    const char *path;
+    int takes_many, gives_many;
+    void (*serve)(struct umbd_call *call);
+} methods[UMBD_METHOD_UNKNOWN] = {
+    [UMBD_METHOD_QUERY] = {UMBW_PATH_QUERY, 0, 0, umbd_service_query},
+    [UMBD_METHOD_QUERY_STREAM] = {UMBW_PATH_STREAM, 1, 1, umbd_service_query},
+    [UMBD_METHOD_DESCRIBE] = {UMBW_PATH_DESCRIBE, 0, 0, umbd_service_describe},
+    [UMBD_METHOD_LIST] = {UMBW_PATH_LIST, 0, 0, umbd_service_list},
+    [UMBD_METHOD_LIMITS] = {UMBW_PATH_LIMITS, 0, 0, umbd_service_limits},
+    [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check},
+    [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch},
+    [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection},
+    [UMBD_METHOD_REFLECTION_ALPHA] = {UMBW_PATH_REFLECTION_ALPHA, 1, 1, umbd_service_reflection},
+};
+
 static enum umbd_method method_of(const char *path)
 {
-    static const struct {
-        const char *path;
-        enum umbd_method method;
-    } methods[] = {
-        {UMBW_PATH_QUERY, UMBD_METHOD_QUERY}, {UMBW_PATH_DESCRIBE, UMBD_METHOD_DESCRIBE},
-        {UMBW_PATH_LIST, UMBD_METHOD_LIST},   {UMBW_PATH_CHECK, UMBD_METHOD_CHECK},
-        {UMBW_PATH_WATCH, UMBD_METHOD_WATCH},
-    };
-    for (size_t i = 0; i < sizeof methods / sizeof methods[0]; i++) {
-        if (strcmp(path, methods[i].path) == 0) {
-            return methods[i].method;
-        }
+    enum umbd_method method = 0;
+    while (method < UMBD_METHOD_UNKNOWN && strcmp(path, methods[method].path) != 0) {
+        method++;
     }
-    return UMBD_METHOD_UNKNOWN;
+    return method;
+}
+
+int umbd_method_takes_many(enum umbd_method method)
+{
+    return method < UMBD_METHOD_UNKNOWN && methods[method].takes_many;
+}
+
+int umbd_method_gives_many(enum umbd_method method)
+{
+    return method < UMBD_METHOD_UNKNOWN && methods[method].gives_many;
 }
 
 void umbd_call_headers_end(struct umbd_call *call)
@@ -218,54 +239,121 @@ void umbd_call_headers_end(struct umbd_call *call)
     }
 }
 
-/* Takes the one message of a request; the reader's memory is taken over where it can be. */
+void umbd_call_drop_message(struct umbd_call *call)
+{
+    if (!call->message_borrowed) {
+        free(call->message);
+    }
+    call->message = NULL;
+    call->message_size = 0;
+    call->message_borrowed = 0;
+}
+
+uint8_t *umbd_call_take_message(struct umbd_call *call)
+{
+    uint8_t *message = call->message;
+    if (call->message_borrowed) {
+        message = malloc(call->message_size > 0 ? call->message_size : 1);
+        if (message == NULL) {
+            return NULL;
+        }
+        memcpy(message, call->message, call->message_size);
+    }
+    call->message = NULL;
+    call->message_borrowed = 0;
+    return message;
+}
+
+void umbd_call_serve(struct umbd_call *call)
+{
+    methods[call->method].serve(call);
+    umbd_call_drop_message(call);
+}
+
+/* Keeps the one message of a unary call until the end of the request proves that it is one. */
+static enum umb_status keep_message(struct umbd_call *call, uint8_t *message, size_t size,
+                                    int owned)
+{
+    call->message = message;
+    call->message_size = size;
+    call->message_borrowed = !owned;
+    if (!owned) {
+        call->message = umbd_call_take_message(call);
+        call->message_borrowed = 0;
+    }
+    return call->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
+}
+
+/* Replaces a compressed message by what it inflates to. */
+static enum umb_status inflate_message(struct umbd_call *call, const uint8_t *message, size_t size,
+                                       uint8_t **out, size_t *out_size)
+{
+    struct umb_error error;
+    call->offer_encodings = 1;
+    if (call->encoding != UMBD_ENCODING_GZIP) {
+        int other = call->encoding == UMBD_ENCODING_OTHER;
+        umbd_call_fail(call, other ? UMBW_GRPC_UNIMPLEMENTED : UMBW_GRPC_INTERNAL,
+                       other ? "grpc-encoding: only identity and gzip are supported"
+                             : "message prefix: compressed, but grpc-encoding says identity");
+        return UMB_E_PROTOCOL;
+    }
+    size_t limit = (size_t)call->conn->loop->daemon->options.max_message;
+    enum umb_status status = umbw_gunzip(message, size, limit, out, out_size, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+    } else if (!umbd_call_charge(call, call->charged + *out_size)) {
+        free(*out);
+        status = UMB_E_BUSY;
+    }
+    return status;
+}
+
+/* Takes one message; the reader's memory is taken over where it can be. */
 static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umbd_call *call = user;
-    if (compressed) {
-        call->offer_identity = 1;
-        umbd_call_fail(call, call->has_encoding ? UMBW_GRPC_UNIMPLEMENTED : UMBW_GRPC_INTERNAL,
-                       call->has_encoding
-                           ? "grpc-encoding: only identity is supported"
-                           : "message prefix: compressed, but grpc-encoding says identity");
-        return UMB_E_PROTOCOL;
-    }
-    if (call->message_count > 0) {
+    uint8_t *bytes = (uint8_t *)(uintptr_t)message;
+    int owned = 0;
+    if (call->message_count > 0 && !umbd_method_takes_many(call->method)) {
         umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: more than one message in a unary call");
         return UMB_E_PROTOCOL;
     }
-    if (message == call->reader.message && size > 0) {
-        call->message = call->reader.message;
+    call->message_count = 1;
+    call->message_ms = uv_now(&call->conn->loop->uv);
+    if (compressed) {
+        enum umb_status status = inflate_message(call, message, size, &bytes, &size);
+        if (status != UMB_OK) {
+            return status;
+        }
+        owned = 1;
+    } else if (message == call->reader.message && size > 0) {
+        bytes = call->reader.message;
         call->reader.message = NULL;
         call->reader.capacity = 0;
-    } else {
-        call->message = malloc(size > 0 ? size : 1);
-        if (call->message == NULL) {
-            return UMB_E_NO_MEMORY;
-        }
-        if (size > 0) {
-            memcpy(call->message, message, size);
-        }
+        owned = 1;
     }
-    call->message_size = size;
-    call->message_count = 1;
-    return UMB_OK;
+    return umbd_method_takes_many(call->method) ? umbd_stream_message(call, bytes, size, owned)
+                                                : keep_message(call, bytes, size, owned);
 }
 
 void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
 {
     struct umb_error error = {0};
     call->body_bytes += count;
-    if (call->discarding || call->reset_early || call->responded ||
+    if (call->discarding || call->reset_early || call->reply_ended ||
         call->refusal != UMBD_REFUSE_NOTHING) {
         return;
+    }
+    if (umbw_reader_at_boundary(&call->reader)) {
+        call->message_ms = uv_now(&call->conn->loop->uv);
     }
     if (!umbd_call_charge(call, call->charged + count)) {
         return;
     }
     enum umb_status status =
         umbw_reader_feed(&call->reader, bytes, count, on_message, call, &error);
-    if (status == UMB_OK || call->responded) {
+    if (status == UMB_OK || call->reply_ended) {
+        umbd_stream_charge(call);
         return;
     }
     if (status == UMB_E_TOO_LARGE) {
@@ -277,30 +365,6 @@ void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
     umbd_call_fail_status(call, status, &error);
 }
 
-static void dispatch(struct umbd_call *call)
-{
-    switch (call->method) {
-    case UMBD_METHOD_QUERY:
-        umbd_service_query(call);
-        break;
-    case UMBD_METHOD_DESCRIBE:
-        umbd_service_describe(call);
-        break;
-    case UMBD_METHOD_LIST:
-        umbd_service_list(call);
-        break;
-    case UMBD_METHOD_CHECK:
-        umbd_service_health_check(call);
-        break;
-    case UMBD_METHOD_WATCH:
-        umbd_service_health_watch(call);
-        break;
-    default:
-        umbd_call_fail(call, UMBW_GRPC_UNIMPLEMENTED, "unknown method");
-        break;
-    }
-}
-
 void umbd_call_request_end(struct umbd_call *call)
 {
     if (call->request_ended) {
@@ -309,25 +373,48 @@ void umbd_call_request_end(struct umbd_call *call)
     call->request_ended = 1;
     if (call->refusal != UMBD_REFUSE_NOTHING) {
         umbd_call_refuse(call);
-    } else if (call->responded) {
+    } else if (call->reply_ended) {
         return;
     } else if (!umbw_reader_at_boundary(&call->reader)) {
         umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: the stream ended inside a message");
+    } else if (umbd_method_takes_many(call->method)) {
+        umbd_stream_pump(call);
     } else if (call->message_count == 0) {
         umbd_call_fail(call, UMBW_GRPC_INTERNAL, "request: no message in a unary call");
     } else if (umbd_call_expired(call)) {
         umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED,
                        "grpc-timeout: passed before the work was started");
     } else {
-        dispatch(call);
+        umbd_call_serve(call);
     }
 }
 
-/* How long the peer may take for what it has sent so far. */
+/* How long the peer may take for the message under way. */
 static uint64_t body_limit_ms(const struct umbd_call *call)
 {
-    return call->conn->loop->daemon->options.body_timeout_ms +
-           call->body_bytes / UMBD_BODY_BYTES_PER_MS;
+    uint64_t bytes =
+        umbd_method_takes_many(call->method) ? call->reader.received : call->body_bytes;
+    return call->conn->loop->daemon->options.body_timeout_ms + bytes / UMBD_BODY_BYTES_PER_MS;
+}
+
+/* 1 if the request is overdue. A stream may pause between its messages, as long as a connection
+ * may that has no calls. */
+static int is_body_late(struct umbd_call *call, uint64_t now_ms)
+{
+    const struct umbd_options *options = &call->conn->loop->daemon->options;
+    if (call->request_ended || call->reply_ended) {
+        return 0;
+    }
+    if (!umbd_method_takes_many(call->method)) {
+        return now_ms - call->started_ms > body_limit_ms(call);
+    }
+    if (call->batch != NULL || call->queue_first != NULL || umbd_call_unsent(call) > 0) {
+        call->message_ms = now_ms;
+        return 0;
+    }
+    return now_ms - call->message_ms > (umbw_reader_at_boundary(&call->reader)
+                                            ? options->idle_timeout_ms
+                                            : body_limit_ms(call));
 }
 
 static void tick_open_reply(struct umbd_call *call, uint64_t now_ms)
@@ -352,19 +439,21 @@ static void tick_open_reply(struct umbd_call *call, uint64_t now_ms)
 
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms)
 {
-    uint64_t age_ms = now_ms - call->started_ms;
     if (!call->headers_whole) {
-        return age_ms <= UMBD_HEADERS_MS;
+        return now_ms - call->started_ms <= UMBD_HEADERS_MS;
     }
     if (call->deadline_ns != 0 && !call->reply_ended && umbd_call_expired(call)) {
         umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED, "grpc-timeout: the deadline passed");
-    } else if (!call->request_ended && !call->responded && age_ms > body_limit_ms(call)) {
+    } else if (is_body_late(call, now_ms)) {
         umbd_count(&call->conn->loop->daemon->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
         call->refusal = UMBD_REFUSE_NOTHING;
         umbd_call_fail(call, UMBW_GRPC_DEADLINE_EXCEEDED,
-                       "request: its body did not arrive in time (--body-timeout)");
+                       "request: it did not arrive in time (--body-timeout, --idle-timeout)");
     } else if (call->responded) {
         tick_open_reply(call, now_ms);
+    }
+    if (call->watch_service != NULL) {
+        umbd_service_health_update(call);
     }
     return 1;
 }

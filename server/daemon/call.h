@@ -6,6 +6,9 @@
  *
  *     headers -> (body bytes)* -> end of request -> service -> reply or failure -> stream closed
  *
+ * In a stream of requests (call_stream.c) each message goes to its service as it comes, one at a
+ * time, and the end of the request ends the reply.
+ *
  * A failure before the end of the request is answered at once (Trailers-Only) and the rest of the
  * upload is thrown away for a grace of a second before the stream is reset: some clients lose the
  * status otherwise. All functions run on the connection's loop and are safe in nghttp2's
@@ -13,18 +16,35 @@
  */
 #include "daemon/conn.h"
 #include "wire/grpc.h"
+#include "wire/gunzip.h"
 #include "wire/messages.h"
+#include "wire/reflection.h"
 
 #define UMBD_GRACE_MS          1000  /* between an early failure and the reset of the upload */
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
-#define UMBD_CALL_BYTES        2560  /* counted for a call itself: its struct, nghttp2's stream */
+#define UMBD_CALL_BYTES        5120  /* counted for a call itself: struct, kept block, nghttp2's */
+#define UMBD_KEPT_BYTES        2048  /* a stream's block of at most this is kept between replies */
+#define UMBD_BACKLOG_BYTES     (1 << 20) /* of requests or replies of a stream, then it waits */
 
 enum umbd_refusal {
     UMBD_REFUSE_NOTHING = 0,
     UMBD_REFUSE_METHOD,       /* not POST: HTTP 405 */
     UMBD_REFUSE_CONTENT_TYPE, /* not gRPC: HTTP 415 */
+};
+
+enum umbd_encoding {
+    UMBD_ENCODING_IDENTITY = 0,
+    UMBD_ENCODING_GZIP,
+    UMBD_ENCODING_OTHER,
+};
+
+/* A request message of a stream that waits for its turn; its bytes are malloc. */
+struct umbd_queued {
+    struct umbd_queued *next;
+    uint8_t *bytes;
+    size_t size;
 };
 
 struct umbd_call {
@@ -40,37 +60,45 @@ struct umbd_call {
     struct umbd_header_budget headers;
     char path[UMBD_PATH_SIZE];
     int is_post, is_grpc, bad_timeout;
-    int has_encoding; /* grpc-encoding names something that is not identity */
-    int reset_early;  /* cancelled by the peer before it was opened */
+    enum umbd_encoding encoding; /* grpc-encoding */
+    int reset_early;             /* cancelled by the peer before it was opened */
     int headers_whole, request_ended, discarding;
     enum umbd_method method;
     enum umbd_refusal refusal;
     struct umbw_reader reader;
     uint64_t body_bytes;
-    uint8_t *message; /* the one request message, owned */
+    uint8_t *message; /* the request message that is being served */
     size_t message_size;
-    int message_count;
+    int message_borrowed; /* it goes with the event: who needs it longer copies it */
+    int message_count;    /* so far, at most 2 */
+
+    /* streams of requests */
+    struct umbd_queued *queue_first, *queue_last;
+    size_t queue_bytes, queue_count;
+    size_t window_held;  /* bytes that flow control may give back when the queue is shorter */
+    uint64_t message_ms; /* uv_now when the message under way began, or the last one ended */
+    int last_call;       /* a drain: end after what has been received */
 
     /* work */
     struct umbd_batch *batch; /* with the pool */
-    int watch_service;        /* Watch: 1 = known service */
+    size_t batch_bytes;       /* its message and answers */
+    char *watch_service;      /* Watch: what is watched, owned */
     int watch_last;           /* last serving status sent, -1 = none */
+    uint64_t watch_ms;        /* uv_now of the last look */
 
     /* reply */
     int counted;   /* in the metrics */
     int reset;     /* by us; it goes with the next flush */
     int responded; /* HEADERS queued */
     uint64_t responded_ms, progress_ms;
-    int reply_ended;         /* all of the body is known; trailers follow it */
-    int plain;               /* not gRPC: no trailers */
-    int offer_identity;      /* say which encodings are taken */
-    int code;                /* gRPC code of the trailers */
-    char text[512];          /* escaped message of the trailers */
-    int pushback;            /* tell the client when to come again */
-    struct umbw_buffer head; /* body, first part */
-    uint8_t *values;         /* body, second part, owned */
-    size_t value_bytes;
-    size_t sent;
+    int reply_ended;        /* all of the body is known; trailers follow it */
+    int plain;              /* not gRPC: no trailers */
+    int offer_encodings;    /* say which encodings are taken */
+    int code;               /* gRPC code of the trailers */
+    char text[512];         /* escaped message of the trailers */
+    int pushback;           /* tell the client when to come again */
+    struct umbw_buffer out; /* body that is made and not all sent */
+    size_t sent;            /* of out */
 };
 
 /* Makes a call for a new stream. NULL: out of memory, or over a budget. */
@@ -100,12 +128,24 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
 /* Answers what is not gRPC with 405 or 415 and a line of text. */
 void umbd_call_refuse(struct umbd_call *call);
 
-/* Answers with one message (prefix included): head, then values (may be NULL; taken over). */
-void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *head, uint8_t *values,
-                     size_t value_bytes);
+/*
+ * Replies. A message (prefix included) either is made in place: umbd_call_reserve, write it,
+ * umbd_call_commit; or it is handed over: umbd_call_reply. In a unary call it is the reply and ends
+ * it; in others more may follow until umbd_call_finish.
+ */
 
-/* Streams one more message of a server-streaming call; head is taken over. */
-void umbd_call_push(struct umbd_call *call, struct umbw_buffer *head);
+/* Room for `bytes` at the end of the body. NULL: out of memory, and the call has been failed. */
+uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes);
+void umbd_call_commit(struct umbd_call *call, size_t bytes);
+
+/* Sends bytes first .. last - 1 of a block (malloc), which is taken over. */
+void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first, size_t last);
+
+/* Sends a message; takes it over. */
+void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message);
+
+/* Ends a streamed reply with OK. */
+void umbd_call_finish(struct umbd_call *call);
 
 /* Changes what is counted for the call to `bytes`. Returns 0 and fails the call if over a budget.
  */
@@ -126,15 +166,42 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 /* Timers of one call. Returns 0 if the connection must be closed. */
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 
+/* 1 if the method takes, or gives, more than one message. */
+int umbd_method_takes_many(enum umbd_method method);
+int umbd_method_gives_many(enum umbd_method method);
+
+/* Hands the call's message to its service; frees it, unless the service took it over. */
+void umbd_call_serve(struct umbd_call *call);
+
+void umbd_call_drop_message(struct umbd_call *call);
+
+/* Takes the call's message over, copying it if it was borrowed. Returns NULL without memory. */
+uint8_t *umbd_call_take_message(struct umbd_call *call);
+
+/* Streams of requests (call_stream.c). _message: takes the next one, bytes as in umbw_message_fn;
+ * _pump: goes on with what waits; _later: has that done at the next turn of the loop; _window: says
+ * how much of a DATA frame flow control may give back at once; _charge: counts what is held now;
+ * _drop: frees what waits; _last_call: ends the stream when what was received is answered. */
+UMB_CHECKED enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message,
+                                                size_t size, int owned);
+void umbd_stream_pump(struct umbd_call *call);
+size_t umbd_stream_window(struct umbd_call *call, size_t size);
+void umbd_stream_charge(struct umbd_call *call);
+void umbd_stream_later(struct umbd_call *call);
+void umbd_stream_drop(struct umbd_call *call);
+void umbd_stream_last_call(struct umbd_call *call);
+
 /* Service entry points (service_*.c); the call holds its message. */
 void umbd_service_query(struct umbd_call *call);
+void umbd_service_limits(struct umbd_call *call);
+void umbd_service_reflection(struct umbd_call *call);
 void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_describe(struct umbd_call *call);
 void umbd_service_list(struct umbd_call *call);
 void umbd_service_health_check(struct umbd_call *call);
 void umbd_service_health_watch(struct umbd_call *call);
 
-/* Tells a Watch call the current state if it changed. */
+/* Tells a Watch call the current state if it changed. Asset states are looked at once a second. */
 void umbd_service_health_update(struct umbd_call *call);
 
 #endif

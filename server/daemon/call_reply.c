@@ -2,9 +2,9 @@
 /*
  * A call's reply side: response headers, body, trailers, failures.
  *
- * The body is two pieces (encoded head, answers) that are copied once, from where they lie into the
- * connection's output. Trailers are queued when nghttp2 asks for the last bytes, as it requires.
- * Source: reference measurements, "Responses" (protocol.md section 4.3 of the research notes).
+ * The body is one block that is copied once, from where it was made into the connection's output.
+ * Trailers are queued when nghttp2 asks for the last bytes, as it requires. Source: reference
+ * measurements, "Responses" (protocol.md section 4.3 of the research notes).
  */
 #include "daemon/call.h"
 
@@ -54,7 +54,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
     struct umbd_call *call = source->ptr;
     (void)buffer;
     (void)user;
-    size_t left = call->head.size + call->value_bytes - call->sent;
+    size_t left = umbd_call_unsent(call);
     size_t count = left < length ? left : length;
     if (count == 0 && !call->reply_ended) {
         return NGHTTP2_ERR_DEFERRED;
@@ -79,28 +79,26 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
 
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
 {
-    if (call->sent < call->head.size) {
-        size_t part = call->head.size - call->sent;
-        part = part < count ? part : count;
-        memcpy(to, call->head.bytes + call->sent, part);
-        call->sent += part;
-        to += part;
-        count -= part;
-    }
-    if (count > 0) {
-        memcpy(to, call->values + (call->sent - call->head.size), count);
-        call->sent += count;
-    }
+    memcpy(to, call->out.bytes + call->sent, count);
+    call->sent += count;
     call->progress_ms = uv_now(&call->conn->loop->uv);
+    if (call->sent == call->out.size) {
+        call->sent = call->out.size = 0;
+        if (call->out.capacity > UMBD_KEPT_BYTES) {
+            umbw_buffer_finish(&call->out);
+        }
+    }
+    if (call->queue_first != NULL && call->batch == NULL) {
+        umbd_stream_later(call); /* the client takes its replies: there is room for more */
+    }
 }
 
 /* Frees the request's bytes; they are of no use once the answer is known. */
 static void drop_request(struct umbd_call *call)
 {
     umbw_reader_finish(&call->reader);
-    free(call->message);
-    call->message = NULL;
-    call->message_size = 0;
+    umbd_call_drop_message(call);
+    umbd_stream_drop(call);
     call->discarding = !call->request_ended;
 }
 
@@ -154,8 +152,8 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     size_t count = 0;
     fields[count++] = field(":status", "200");
     fields[count++] = field("content-type", "application/grpc");
-    if (call->offer_identity) {
-        fields[count++] = field("grpc-accept-encoding", "identity");
+    if (call->offer_encodings) {
+        fields[count++] = field("grpc-accept-encoding", "identity,gzip");
     }
     count = add_status(call, digits, fields, count);
     umbd_call_count(call, code);
@@ -185,41 +183,34 @@ static void respond_grpc(struct umbd_call *call)
     submit(call, fields, 2, 1);
 }
 
-void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *head, uint8_t *values,
-                     size_t value_bytes)
+uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
 {
-    drop_request(call);
-    call->head = *head;
-    memset(head, 0, sizeof *head);
-    call->values = values;
-    call->value_bytes = value_bytes;
-    call->reply_ended = 1;
-    call->code = UMBW_GRPC_OK;
-    respond_grpc(call);
+    struct umbw_buffer *out = &call->out;
+    if (call->sent > 0 && out->capacity - out->size < bytes) {
+        memmove(out->bytes, out->bytes + call->sent, out->size - call->sent);
+        out->size -= call->sent;
+        call->sent = 0;
+    }
+    if (out->capacity - out->size < bytes) {
+        size_t capacity = out->size + bytes;
+        uint8_t *block = realloc(out->bytes, capacity);
+        if (block == NULL) {
+            umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
+            return NULL;
+        }
+        out->bytes = block;
+        out->capacity = capacity;
+    }
+    return out->bytes + out->size;
 }
 
-void umbd_call_push(struct umbd_call *call, struct umbw_buffer *head)
+void umbd_call_commit(struct umbd_call *call, size_t bytes)
 {
-    if (call->sent == call->head.size) {
-        umbw_buffer_finish(&call->head);
-        call->head = *head;
-        call->sent = 0;
-        memset(head, 0, sizeof *head);
-    } else {
-        /* The last message is still waiting: put the new one behind it. */
-        uint8_t *bytes = head->size <= SIZE_MAX - call->head.size
-                             ? realloc(call->head.bytes, call->head.size + head->size)
-                             : NULL;
-        if (bytes == NULL) {
-            umbw_buffer_finish(head);
-            reset_stream(call);
-            return;
-        }
-        memcpy(bytes + call->head.size, head->bytes, head->size);
-        call->head.bytes = bytes;
-        call->head.size += head->size;
-        call->head.capacity = call->head.size;
-        umbw_buffer_finish(head);
+    call->out.size += bytes;
+    if (!umbd_method_gives_many(call->method)) {
+        drop_request(call);
+        call->reply_ended = 1;
+        call->code = UMBW_GRPC_OK;
     }
     if (call->responded) {
         call->progress_ms = uv_now(&call->conn->loop->uv);
@@ -227,6 +218,43 @@ void umbd_call_push(struct umbd_call *call, struct umbw_buffer *head)
     } else {
         respond_grpc(call);
     }
+}
+
+void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first, size_t last)
+{
+    if (umbd_call_unsent(call) > 0) {
+        uint8_t *to = umbd_call_reserve(call, last - first);
+        if (to != NULL) {
+            memcpy(to, block + first, last - first);
+            umbd_call_commit(call, last - first);
+        }
+        free(block);
+        return;
+    }
+    umbw_buffer_finish(&call->out);
+    call->out = (struct umbw_buffer){.bytes = block, .size = first, .capacity = last};
+    call->sent = first;
+    umbd_call_commit(call, last - first);
+}
+
+void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message)
+{
+    umbd_call_reply_block(call, message->bytes, 0, message->size);
+    memset(message, 0, sizeof *message);
+}
+
+void umbd_call_finish(struct umbd_call *call)
+{
+    if (call->reply_ended) {
+        return;
+    }
+    if (!call->responded) {
+        respond_grpc(call); /* no reply at all: headers, then trailers */
+    }
+    drop_request(call);
+    call->reply_ended = 1;
+    call->code = UMBW_GRPC_OK;
+    nghttp2_session_resume_data(call->conn->session, call->stream_id);
 }
 
 void umbd_call_refuse(struct umbd_call *call)
@@ -243,13 +271,13 @@ void umbd_call_refuse(struct umbd_call *call)
     if (call->responded) {
         return;
     }
-    call->head.bytes = malloc(length);
-    if (call->head.bytes == NULL) {
+    call->out.bytes = malloc(length);
+    if (call->out.bytes == NULL) {
         reset_stream(call);
         return;
     }
-    memcpy(call->head.bytes, text, length);
-    call->head.size = call->head.capacity = length;
+    memcpy(call->out.bytes, text, length);
+    call->out.size = call->out.capacity = length;
     call->plain = 1;
     call->reply_ended = 1;
     call->code = UMBW_GRPC_UNIMPLEMENTED;

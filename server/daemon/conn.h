@@ -52,9 +52,13 @@ struct umbd_conn {
     int doomed; /* GOAWAY is on its way; no new work */
     uint64_t doomed_ms;
     int closing;
+    uint64_t turn_ns, turn_at_ms; /* spent on small work in the wake-up of that uv_now */
+    int pump_due;                 /* streams wait for their turn */
     int dirty;
     struct umbd_conn *next_dirty;
 };
+
+#define UMBD_STREAMS_MAX 256 /* calls open at once on a connection */
 
 /* Frames queued for a peer: as many answers as it may have streams, and refusals of a burst. */
 #define UMBD_QUEUED_FRAMES 1500

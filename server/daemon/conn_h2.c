@@ -5,9 +5,9 @@
  *
  * Limits set here, and why (measured on nghttp2 1.52): header table 512, because one block of
  * references costs 1.5 s of CPU at 4096 and 0.3 s at 512; streams 256; frames of 1 MiB, so that a
- * batch of points is one frame; windows of 64 MiB, opened again by hand as bytes are taken. What
- * the library does not count is counted by h2_guard.h: decoded header bytes, cheap frames, and
- * streams that the peer makes us reset.
+ * batch of points is one frame; windows of 64 MiB a connection and 16 MiB a stream, opened again by
+ * hand as bytes are taken. What the library does not count is counted by h2_guard.h: decoded header
+ * bytes, cheap frames, and streams that the peer makes us reset.
  *
  * Call-backs only queue frames; sending, receiving and closing happen outside of them.
  */
@@ -15,9 +15,9 @@
 
 #include <string.h>
 
-#define WINDOW_BYTES         (64 * 1024 * 1024)
+#define WINDOW_BYTES         (64 * 1024 * 1024) /* of the connection */
+#define STREAM_WINDOW_BYTES  (16 * 1024 * 1024)
 #define FRAME_BYTES          (1024 * 1024)
-#define STREAMS_MAX          256
 #define HEADER_TABLE_BYTES   512
 #define RESET_BURST          1000 /* resets by the peer; a cancelled call is cheap here */
 #define RESET_RATE           200
@@ -126,7 +126,10 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
     }
     umbd_call_data(call, data, size);
     /* The budget has been looked at: what is kept is counted there, so the windows may open. */
-    return nghttp2_session_consume(session, stream_id, size) == NGHTTP2_ERR_NOMEM
+    size_t taken = umbd_stream_window(call, size);
+    return nghttp2_session_consume_connection(session, size) == NGHTTP2_ERR_NOMEM ||
+                   (taken > 0 &&
+                    nghttp2_session_consume_stream(session, stream_id, taken) == NGHTTP2_ERR_NOMEM)
                ? NGHTTP2_ERR_CALLBACK_FAILURE
                : 0;
 }
@@ -281,8 +284,8 @@ static nghttp2_option *make_option(void)
 static int queue_settings(nghttp2_session *session)
 {
     static const nghttp2_settings_entry settings[] = {
-        {NGHTTP2_SETTINGS_MAX_CONCURRENT_STREAMS, STREAMS_MAX},
-        {NGHTTP2_SETTINGS_INITIAL_WINDOW_SIZE, WINDOW_BYTES},
+        {NGHTTP2_SETTINGS_MAX_CONCURRENT_STREAMS, UMBD_STREAMS_MAX},
+        {NGHTTP2_SETTINGS_INITIAL_WINDOW_SIZE, STREAM_WINDOW_BYTES},
         {NGHTTP2_SETTINGS_MAX_FRAME_SIZE, FRAME_BYTES},
         {NGHTTP2_SETTINGS_HEADER_TABLE_SIZE, HEADER_TABLE_BYTES},
         {NGHTTP2_SETTINGS_MAX_HEADER_LIST_SIZE, UMBD_HEADER_BYTES_MAX},

@@ -18,10 +18,14 @@ struct method_name {
 
 static const struct method_name method_names[UMBD_METHOD_COUNT] = {
     {"umbrage.v1.Shadows", "Query", "unary"},
+    {"umbrage.v1.Shadows", "QueryStream", "bidi_stream"},
     {"umbrage.v1.Shadows", "Describe", "unary"},
     {"umbrage.v1.Shadows", "List", "unary"},
+    {"umbrage.v1.Shadows", "Limits", "unary"},
     {"grpc.health.v1.Health", "Check", "unary"},
     {"grpc.health.v1.Health", "Watch", "server_stream"},
+    {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
+    {"grpc.reflection.v1alpha.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
     {"unknown", "unknown", "unary"},
 };
 

@@ -34,12 +34,14 @@ static void begin_notice(struct umbd_conn *conn)
     nghttp2_submit_shutdown_notice(conn->session);
 }
 
-/* The final GOAWAY; Watch calls would never end by themselves. */
+/* The final GOAWAY; Watch calls and streams would never end by themselves. */
 static void begin_last(struct umbd_conn *conn)
 {
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
         if (call->watch_last >= 0) {
             umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
+        } else if (umbd_method_takes_many(call->method)) {
+            umbd_stream_last_call(call);
         }
     }
     nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,

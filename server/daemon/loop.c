@@ -76,11 +76,49 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
     if (call != NULL && call->batch == batch) {
         call->batch = NULL;
         umbd_service_query_done(call, batch);
+        if (umbd_method_takes_many(call->method)) {
+            umbd_stream_pump(call);
+        }
         mark_dirty(conn);
     } else {
         umbd_daemon_uncharge(loop->daemon, batch->charged);
     }
     umbd_batch_destroy(batch);
+}
+
+/* Goes on with the streams that had to wait for others, or for the client to take its replies. */
+static void pump_streams(struct umbd_conn *conn)
+{
+    if (!conn->pump_due) {
+        return;
+    }
+    conn->pump_due = 0;
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        if (call->queue_first != NULL) {
+            umbd_stream_pump(call);
+        }
+    }
+}
+
+int umbd_conn_has_turn(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    uint64_t now_ms = uv_now(&loop->uv);
+    if (loop->inline_at_ms != now_ms) {
+        loop->inline_at_ms = now_ms;
+        loop->inline_ns = 0;
+    }
+    if (conn->turn_at_ms != now_ms) {
+        conn->turn_at_ms = now_ms;
+        conn->turn_ns = 0;
+    }
+    return loop->inline_ns < UMBD_INLINE_NS && conn->turn_ns < UMBD_TURN_NS;
+}
+
+void umbd_conn_spent(struct umbd_conn *conn, uint64_t nanoseconds)
+{
+    conn->loop->inline_ns += nanoseconds;
+    conn->turn_ns += nanoseconds;
 }
 
 /* Takes what the workers finished; then sends, once a connection: what a flush leaves for later
@@ -101,6 +139,7 @@ static void collect_done(struct umbd_loop *loop)
     while (conn != NULL) {
         struct umbd_conn *next = conn->next_dirty;
         conn->dirty = 0;
+        pump_streams(conn);
         umbd_conn_flush(conn); /* may close this one, never another */
         conn = next;
     }

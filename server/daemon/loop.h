@@ -20,6 +20,7 @@
 #define UMBD_OUT_RESERVE  (64 * 1024)  /* always left for frames that nghttp2 hands out itself */
 #define UMBD_OUT_CAPACITY (UMBD_OUT_SOFT + UMBD_SEND_FRAME + 9 + UMBD_OUT_RESERVE)
 #define UMBD_INLINE_NS    4000000 /* of small batches in one wake-up, then they go to the pool */
+#define UMBD_TURN_NS      1000000 /* of them for one connection */
 #define UMBD_CONN_BUCKETS 1024    /* of the table by serial; a power of 2 */
 
 struct umbd_conn;
@@ -82,6 +83,10 @@ void umbd_loop_forget(struct umbd_conn *conn);
 
 /* The `done` of batches made on a loop; home is the loop. Any thread. */
 void umbd_loop_batch_done(struct umbd_batch *batch);
+
+/* 1 if small work of the connection may be done in this wake-up; _spent: says what it took. */
+int umbd_conn_has_turn(struct umbd_conn *conn);
+void umbd_conn_spent(struct umbd_conn *conn, uint64_t nanoseconds);
 
 /* 1 if a warning about a peer may be logged now. */
 int umbd_loop_may_log(struct umbd_loop *loop);

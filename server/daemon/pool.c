@@ -180,7 +180,7 @@ static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size
 static void give_back(struct umbd_pool *pool, struct umbd_batch *batch)
 {
     if (batch->status == UMB_OK) {
-        umbd_count(&pool->metrics->points, batch->points.count);
+        umbd_count(&pool->metrics->points, batch->points.count * batch->part_count);
     }
     batch->done(batch);
 }

@@ -26,16 +26,26 @@
 
 #define UMBD_SLICE_POINTS 8192 /* at one tap; fewer with wide windows; a multiple of 8 */
 
+/* One light of one asset, asked of all points of a batch. */
+struct umbd_part {
+    struct umbs_entry *entry; /* owned: the one version that answers */
+    uint32_t light;
+    struct umb_query query;
+};
+
 struct umbd_batch {
     /* set by the maker */
-    uint8_t *message;         /* owned: what the points lie in */
-    struct umbs_entry *entry; /* owned: the one version that answers */
-    struct umb_query query;
+    uint8_t *message; /* owned: what the points lie in; NULL if they lie elsewhere */
+    size_t part_count;
+    struct umbd_part *parts; /* [part_limit] */
+    size_t part_limit;
     struct umb_points points;
-    struct umb_query_settings settings;
-    uint8_t *values; /* owned: the answers */
-    size_t value_bytes;
-    int want_stats;
+    struct umb_query_settings settings; /* of all parts; light is that of the last one added */
+    uint8_t *values; /* the answers: part_count blocks of part_bytes, where the maker wants them */
+    size_t part_bytes, value_bytes;
+    uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */
+    size_t head_room;
+    int want_stats, with_targets;
     uint64_t deadline_ns; /* CLOCK_MONOTONIC, 0 = none */
     uint64_t lane;        /* serial of the connection */
     int32_t stream_id;
@@ -62,13 +72,22 @@ struct umbd_batch {
 };
 
 /*
- * Makes a batch for `count` points; takes entry and message over, also on failure.
+ * Makes a batch of up to part_limit parts; then umbd_batch_add each part, umbd_batch_reserve (or
+ * set `values`), and hand it over.
  * Fails: E_NO_MEMORY.
  */
-UMB_CHECKED enum umb_status umbd_batch_create(struct umbs_entry *entry, uint8_t *message,
+UMB_CHECKED enum umb_status umbd_batch_create(size_t part_limit,
                                               const struct umb_query_settings *settings,
                                               const struct umb_points *points,
                                               struct umbd_batch **out, struct umb_error *error);
+
+/* Adds a part; takes entry over, also on failure. Fails: as umb_query_prepare. */
+UMB_CHECKED enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry,
+                                           uint32_t light, struct umb_error *error);
+
+/* Allocates the reply: head_room bytes, then the answers. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
+                                               struct umb_error *error);
 void umbd_batch_destroy(struct umbd_batch *batch);
 
 /* Checks and answers a whole batch on the calling thread; the results are in the batch. */

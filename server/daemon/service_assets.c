@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shadows.Describe and Shadows.List. */
+/* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
 #include "daemon/call.h"
 
 #include <math.h>
@@ -73,7 +73,7 @@ static void finish(struct umbd_call *call, enum umb_status status, struct umbw_b
         umbw_buffer_finish(head);
         umbd_call_fail_status(call, status, error);
     } else if (umbd_call_charge(call, head->size)) {
-        umbd_call_reply(call, head, NULL, 0);
+        umbd_call_reply(call, head);
     } else {
         umbw_buffer_finish(head);
     }
@@ -126,4 +126,38 @@ void umbd_service_list(struct umbd_call *call)
     free(reply.assets);
     free(items);
     finish(call, status, &head, &error);
+}
+
+void umbd_service_limits(struct umbd_call *call)
+{
+    const struct umbd_options *options = &call->conn->loop->daemon->options;
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    struct umbw_limits limits = {
+        .max_points = options->max_points,
+        .max_message_bytes = options->max_message,
+        .max_targets = UMBW_TARGETS_MAX,
+        .max_taps = UMB_TAPS_MAX,
+        .max_streams = UMBD_STREAMS_MAX,
+        .queue = options->queue,
+        .version = UMB_VERSION,
+        .takes_gzip = 1,
+    };
+    finish(call, umbw_encode_limits_reply(&limits, &head, &error), &head, &error);
+}
+
+void umbd_service_reflection(struct umbd_call *call)
+{
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    enum umb_status status =
+        umbw_reflection_answer(call->message, call->message_size, &head, &error);
+    if (status == UMB_OK && !umbd_call_charge(call, call->charged + head.size)) {
+        umbw_buffer_finish(&head);
+    } else if (status == UMB_OK) {
+        umbd_call_reply(call, &head);
+    } else {
+        umbw_buffer_finish(&head);
+        umbd_call_fail_status(call, status, &error);
+    }
 }

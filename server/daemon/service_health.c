@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The standard health service: Check and Watch for "" and umbrage.v1.Shadows, which are SERVING
- * until the drain begins. An unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a
- * message, for Watch (the gRPC health checking protocol).
+ * The standard health service: Check and Watch for the server, its service and each asset. An
+ * unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a message, for Watch (the gRPC
+ * health checking protocol).
  */
 #include "daemon/call.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 enum serving {
@@ -14,14 +15,28 @@ enum serving {
     SERVICE_UNKNOWN = 3,
 };
 
-static int is_known(const char *service)
-{
-    return service[0] == '\0' || strcmp(service, "umbrage.v1.Shadows") == 0;
-}
+#define SERVICE       "umbrage.v1.Shadows"
+#define ASSET_LOOK_MS 1000 /* between two looks at a watched asset */
 
-static int state_of(const struct umbd_call *call)
+/*
+ * "" and the service are SERVING until the drain begins; "umbrage.v1.Shadows/ASSET" also depends on
+ * the asset: NOT_SERVING while its file is damaged.
+ */
+static int state_of(const struct umbd_call *call, const char *service)
 {
-    return atomic_load(&call->conn->loop->daemon->draining) ? NOT_SERVING : SERVING;
+    struct umbd_daemon *daemon = call->conn->loop->daemon;
+    int serving = atomic_load(&daemon->draining) ? NOT_SERVING : SERVING;
+    size_t length = strlen(SERVICE);
+    if (service[0] == '\0' || strcmp(service, SERVICE) == 0) {
+        return serving;
+    }
+    if (strncmp(service, SERVICE "/", length + 1) != 0) {
+        return SERVICE_UNKNOWN;
+    }
+    struct umbs_entry *entry = NULL;
+    enum umb_status status = umbs_store_acquire(daemon->store, service + length + 1, &entry, NULL);
+    umbs_entry_release(entry);
+    return status == UMB_OK ? serving : status == UMB_E_NOT_FOUND ? SERVICE_UNKNOWN : NOT_SERVING;
 }
 
 void umbd_service_health_check(struct umbd_call *call)
@@ -31,26 +46,34 @@ void umbd_service_health_check(struct umbd_call *call)
     struct umb_error error = {0};
     enum umb_status status =
         umbw_decode_health_request(call->message, call->message_size, service, &error);
-    if (status == UMB_OK && !is_known(service)) {
+    int state = status == UMB_OK ? state_of(call, service) : SERVICE_UNKNOWN;
+    if (status == UMB_OK && state == SERVICE_UNKNOWN) {
         status = umb_fail(&error, UMB_E_NOT_FOUND, "service: '%.100s' is not served here", service);
     }
     if (status == UMB_OK) {
-        status = umbw_encode_health_reply(state_of(call), &head, &error);
+        status = umbw_encode_health_reply(state, &head, &error);
     }
     if (status != UMB_OK) {
         umbw_buffer_finish(&head);
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_call_reply(call, &head, NULL, 0);
+    umbd_call_reply(call, &head);
 }
 
 void umbd_service_health_update(struct umbd_call *call)
 {
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
-    int state = call->watch_service ? state_of(call) : SERVICE_UNKNOWN;
-    if (call->reply_ended || state == call->watch_last) {
+    uint64_t now_ms = uv_now(&call->conn->loop->uv);
+    int draining = atomic_load(&call->conn->loop->daemon->draining);
+    if (call->reply_ended || call->watch_service == NULL ||
+        (call->watch_last >= 0 && !draining && now_ms - call->watch_ms < ASSET_LOOK_MS)) {
+        return;
+    }
+    int state = state_of(call, call->watch_service);
+    call->watch_ms = now_ms;
+    if (state == call->watch_last) {
         return;
     }
     enum umb_status status = umbw_encode_health_reply(state, &head, &error);
@@ -60,7 +83,7 @@ void umbd_service_health_update(struct umbd_call *call)
         return;
     }
     call->watch_last = state;
-    umbd_call_push(call, &head);
+    umbd_call_reply(call, &head);
 }
 
 void umbd_service_health_watch(struct umbd_call *call)
@@ -73,6 +96,11 @@ void umbd_service_health_watch(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    call->watch_service = is_known(service);
+    call->watch_service = malloc(strlen(service) + 1);
+    if (call->watch_service == NULL) {
+        umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
+        return;
+    }
+    memcpy(call->watch_service, service, strlen(service) + 1);
     umbd_service_health_update(call);
 }

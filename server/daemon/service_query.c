@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Shadows.Query. A small batch is answered at once on the loop, within a time budget a wake-up; a
- * larger one goes to the pool, and comes back through umbd_service_query_done.
+ * Shadows.Query and QueryStream. A small batch is answered at once on the loop, within a time
+ * budget a wake-up; a larger one goes to the pool, and comes back through umbd_service_query_done.
  *
  * Each batch holds one version of its asset from here to the end of its work, and the reply names
  * that version.
  */
 #include "daemon/call.h"
 
-#include <stdlib.h>
+#include <math.h>
+#include <string.h>
+
+#define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES)) /* prefix, stats, ids */
 
 /* About 0.2 ms of work at 0.1 us a look-up: below that, two thread switches cost more than they
  * win. */
@@ -21,25 +24,51 @@ static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
     return (uint64_t)count * ((taps * taps + 7) / 8);
 }
 
-static int fits_inline(struct umbd_loop *loop, const struct umbd_batch *batch)
+/* Mean edge of the voxels that a part looks up. */
+static double voxel_edge_m(const struct umbd_part *part)
 {
-    if (loop->inline_at_ms != uv_now(&loop->uv)) {
-        loop->inline_at_ms = uv_now(&loop->uv);
-        loop->inline_ns = 0;
+    const struct umb_asset *asset = umbs_entry_asset(part->entry);
+    struct umb_light_info info;
+    struct umb_frustum_info frustum;
+    double sum = 0;
+    if (umb_asset_get_light(asset, part->light, &info) != UMB_OK || info.frustum_count == 0 ||
+        umb_asset_get_frustum(asset, info.first_frustum, &frustum) != UMB_OK) {
+        return 0;
     }
-    return batch->points.count == 0 ||
-           (work_of(&batch->settings, batch->points.count) <= INLINE_WORK &&
-            loop->inline_ns < UMBD_INLINE_NS);
+    for (size_t i = 0; i < 3; i++) {
+        const double *step = frustum.voxel_step[i];
+        sum += sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    }
+    return sum / 3;
 }
 
-static void answer_inline(struct umbd_call *call, struct umbd_batch *batch)
+static int is_small(const struct umb_query_settings *settings, size_t count, size_t parts)
 {
-    struct umbd_loop *loop = call->conn->loop;
-    uint64_t from = umbd_now_ns();
-    umbd_batch_run(batch, &loop->daemon->metrics);
-    loop->inline_ns += umbd_now_ns() - from;
-    umbd_service_query_done(call, batch);
-    umbd_batch_destroy(batch);
+    return work_of(settings, count) * parts <= INLINE_WORK;
+}
+
+/* What the reply says about the batch, but for its answers. ids: [part_count * UMB_ID_BYTES]. */
+static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with_targets,
+                                        uint8_t *ids)
+{
+    struct umbw_query_reply reply = {
+        .visibility_bytes = batch->value_bytes,
+        .stats = batch->stats,
+        .nanoseconds = batch->cpu_ns,
+        .has_stats = batch->want_stats,
+    };
+    for (size_t i = 0; i < batch->part_count; i++) {
+        memcpy(ids + i * UMB_ID_BYTES, umbs_entry_item(batch->parts[i].entry)->id, UMB_ID_BYTES);
+    }
+    memcpy(reply.asset_id, ids, UMB_ID_BYTES);
+    if (with_targets) {
+        reply.asset_ids = ids;
+        reply.asset_id_count = batch->part_count;
+    }
+    if (batch->want_stats) {
+        reply.voxel_m = voxel_edge_m(&batch->parts[0]);
+    }
+    return reply;
 }
 
 /* Refuses for lack of room; the client is told when to come again. */
@@ -49,67 +78,154 @@ static void shed(struct umbd_call *call, const struct umb_error *error)
     umbd_call_fail_status(call, UMB_E_BUSY, error);
 }
 
-static void answer_by_pool(struct umbd_call *call, struct umbd_batch *batch)
+/* Answers into the reply itself. */
+static void answer_inline(struct umbd_call *call, struct umbd_batch *batch, int with_targets)
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
-    struct umb_error error;
+    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
+    struct umbw_query_reply reply = reply_of(batch, with_targets, ids);
+    size_t room = umbw_query_reply_room(&reply);
+    uint8_t *at = umbd_call_reserve(call, room + batch->value_bytes);
+    if (at == NULL) {
+        return;
+    }
+    uint64_t from = umbd_now_ns();
+    batch->values = at + room;
+    umbd_batch_run(batch, &call->conn->loop->daemon->metrics);
+    umbd_conn_spent(call->conn, umbd_now_ns() - from);
+    if (batch->status != UMB_OK) {
+        umbd_call_fail_status(call, batch->status, &batch->error);
+        return;
+    }
+    reply.stats = batch->stats;
+    reply.nanoseconds = batch->cpu_ns;
+    size_t head = umbw_write_query_reply_head(&reply, at);
+    if (head < room) {
+        memmove(at + head, at + room, batch->value_bytes); /* with stats only */
+    }
+    umbd_call_commit(call, head + batch->value_bytes);
+}
+
+/* Moves a batch's points into a copy of the message that outlives the event. */
+static enum umb_status keep_message(struct umbd_call *call, struct umbd_batch *batch)
+{
+    const uint8_t *from = call->message;
+    struct umb_points *points = &batch->points;
+    batch->message = umbd_call_take_message(call);
+    if (batch->message == NULL) {
+        return UMB_E_NO_MEMORY;
+    }
+    if (points->positions != NULL) {
+        points->positions = batch->message + ((const uint8_t *)points->positions - from);
+    }
+    if (points->normals != NULL) {
+        points->normals = batch->message + ((const uint8_t *)points->normals - from);
+    }
+    return UMB_OK;
+}
+
+/* Hands the batch to the workers; it is the caller's again if that fails. */
+static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch *batch,
+                                      int with_targets, struct umb_error *error)
+{
+    struct umbw_query_reply reply = {
+        .visibility_bytes = batch->value_bytes,
+        .asset_id_count = with_targets ? batch->part_count : 0,
+        .has_stats = batch->want_stats,
+    };
+    enum umb_status status = umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error);
+    if (status == UMB_OK) {
+        status = keep_message(call, batch);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    batch->with_targets = with_targets;
     batch->deadline_ns = call->deadline_ns;
     batch->lane = call->conn->serial;
     batch->stream_id = call->stream_id;
     batch->done = umbd_loop_batch_done;
     batch->home = call->conn->loop;
-    enum umb_status status = umbd_pool_submit(daemon->pool, batch, &error);
-    if (status == UMB_OK) {
-        call->batch = batch;
-        return;
+    call->batch_bytes = call->message_size + batch->value_bytes;
+    call->batch = batch; /* before: it may come home at once */
+    status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
+    if (status != UMB_OK) {
+        call->batch = NULL;
     }
-    umbd_batch_destroy(batch);
-    if (status == UMB_E_BUSY) {
-        shed(call, &error);
-    } else {
-        umbd_call_fail_status(call, status, &error);
+    return status;
+}
+
+static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch, const char *asset,
+                                uint32_t light, struct umb_error *error)
+{
+    struct umbs_entry *entry = NULL;
+    enum umb_status status =
+        umbs_store_acquire(call->conn->loop->daemon->store, asset, &entry, error);
+    return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
+}
+
+/* A batch with a part for each target. */
+static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_request *request,
+                                  struct umbd_batch **out, struct umb_error *error)
+{
+    size_t count = request->target_count;
+    struct umbw_query_target target;
+    enum umb_status status =
+        umbd_batch_create(count > 0 ? count : 1, &request->settings, &request->points, out, error);
+    if (status != UMB_OK) {
+        return status;
     }
+    struct umbd_batch *batch = *out;
+    batch->want_stats = request->want_stats;
+    if (count == 0) {
+        return add_part(call, batch, request->asset, request->settings.light, error);
+    }
+    for (size_t i = 0; status == UMB_OK && i < count; i++) {
+        status = umbw_query_target_next(request, &target, error);
+        if (status == UMB_OK) {
+            status = add_part(call, batch, target.asset, target.light, error);
+        }
+    }
+    return status;
 }
 
 void umbd_service_query(struct umbd_call *call)
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
     struct umbw_query_request request;
-    struct umbs_entry *entry = NULL;
     struct umbd_batch *batch = NULL;
-    struct umb_error error;
+    struct umb_error error = {0};
     enum umb_status status = umbw_decode_query_request(
         call->message, call->message_size, (size_t)daemon->options.max_points, &request, &error);
     if (status == UMB_OK) {
-        status = umbs_store_acquire(daemon->store, request.asset, &entry, &error);
+        status = make_batch(call, &request, &batch, &error);
     }
-    if (status == UMB_OK) {
-        /* The points lie in the message, so the batch takes it over. */
-        uint8_t *message = call->message;
-        call->message = NULL;
-        status =
-            umbd_batch_create(entry, message, &request.settings, &request.points, &batch, &error);
-    }
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    batch->want_stats = request.want_stats;
-    if (!umbd_call_charge(call, call->charged + batch->value_bytes)) {
+    int targets = request.target_count > 0;
+    if (status == UMB_OK && !umbd_call_charge(call, call->charged + batch->value_bytes)) {
         umbd_batch_destroy(batch);
         return;
     }
-    if (fits_inline(call->conn->loop, batch)) {
-        answer_inline(call, batch);
-    } else {
-        answer_by_pool(call, batch);
+    if (status == UMB_OK && request.points.count > 0 &&
+        !(is_small(&request.settings, request.points.count, batch->part_count) &&
+          umbd_conn_has_turn(call->conn))) {
+        status = answer_by_pool(call, batch, targets, &error);
+        if (status == UMB_OK) {
+            return;
+        }
+    } else if (status == UMB_OK) {
+        answer_inline(call, batch, targets);
+    }
+    umbd_batch_destroy(batch);
+    if (status == UMB_E_BUSY) {
+        shed(call, &error);
+    } else if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
     }
 }
 
 void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
 {
-    struct umbw_buffer head = {0};
-    struct umb_error error;
+    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
+    uint8_t head[HEAD_MAX];
     if (batch->status == UMB_E_BUSY) {
         shed(call, &batch->error);
         return;
@@ -118,25 +234,14 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
         umbd_call_fail_status(call, batch->status, &batch->error);
         return;
     }
-    struct umbw_query_reply reply = {
-        .visibility = batch->values,
-        .visibility_bytes = batch->value_bytes,
-        .stats = batch->stats,
-        .nanoseconds = batch->cpu_ns,
-        .has_stats = batch->want_stats,
-    };
-    const struct umbs_store_item *item = umbs_entry_item(batch->entry);
-    for (size_t i = 0; i < UMB_ID_BYTES; i++) {
-        reply.asset_id[i] = item->id[i];
+    struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
+    size_t size = umbw_write_query_reply_head(&reply, head);
+    size_t first = batch->head_room - size;
+    uint8_t *block = batch->reply;
+    memcpy(block + first, head, size);
+    batch->reply = NULL;
+    if (!umbd_method_takes_many(call->method)) {
+        (void)umbd_call_charge(call, batch->value_bytes); /* less than before: cannot fail */
     }
-    enum umb_status status = umbw_encode_query_reply_head(&reply, &head, &error);
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&head);
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    uint8_t *values = batch->values;
-    batch->values = NULL;
-    (void)umbd_call_charge(call, batch->value_bytes); /* less than before: cannot fail */
-    umbd_call_reply(call, &head, values, batch->value_bytes);
+    umbd_call_reply_block(call, block, first, batch->head_room + batch->value_bytes);
 }

@@ -128,15 +128,22 @@ class Messages:
         out = os.path.join(folder, "generated")
         os.makedirs(out, exist_ok=True)
         subprocess.run(["protoc", "-I" + os.path.join(ROOT, "proto"), "--python_out=" + out,
-                        "umbrage/v1/shadows.proto", "grpc/health/v1/health.proto"], check=True)
+                        "umbrage/v1/shadows.proto", "grpc/health/v1/health.proto",
+                        "grpc/reflection/v1/reflection.proto"], check=True)
         # Our grpc/ folder must not hide the installed grpc package: load its file by its path.
         sys.path.insert(0, out)
         self.shadows = importlib.import_module("umbrage.v1.shadows_pb2")
         sys.path.pop(0)
-        path = os.path.join(out, "grpc", "health", "v1", "health_pb2.py")
-        spec = importlib.util.spec_from_file_location("umbrage_health_pb2", path)
-        self.health = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(self.health)
+        self.health = self._load(out, "health")
+        self.reflection = self._load(out, "reflection")
+
+    @staticmethod
+    def _load(out, name):
+        path = os.path.join(out, "grpc", name, "v1", f"{name}_pb2.py")
+        spec = importlib.util.spec_from_file_location(f"umbrage_{name}_pb2", path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
 
 
 class Client:
@@ -153,12 +160,21 @@ class Client:
         self.query = self.unary("/umbrage.v1.Shadows/Query", s.QueryReply)
         self.describe = self.unary("/umbrage.v1.Shadows/Describe", s.DescribeReply)
         self.list = self.unary("/umbrage.v1.Shadows/List", s.ListReply)
+        self.limits = self.unary("/umbrage.v1.Shadows/Limits", s.LimitsReply)
+        self.stream = self.bidi("/umbrage.v1.Shadows/QueryStream", s.QueryReply)
+        self.reflect = [self.bidi(f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo",
+                                  messages.reflection.ServerReflectionResponse)
+                        for version in ("v1", "v1alpha")]
         self.check = self.unary("/grpc.health.v1.Health/Check", h.HealthCheckResponse)
         self.watch = self.channel.unary_stream(
             "/grpc.health.v1.Health/Watch", request_serializer=lambda m: m.SerializeToString(),
             response_deserializer=h.HealthCheckResponse.FromString)
         self.raw_query = self.channel.unary_unary("/umbrage.v1.Shadows/Query",
                                                   response_deserializer=s.QueryReply.FromString)
+
+    def bidi(self, path, reply):
+        return self.channel.stream_stream(path, request_serializer=lambda m: m.SerializeToString(),
+                                          response_deserializer=reply.FromString)
 
     def unary(self, path, reply):
         return self.channel.unary_unary(path, request_serializer=lambda m: m.SerializeToString(),

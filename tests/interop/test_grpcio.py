@@ -243,10 +243,17 @@ with test.check("large calls from eight threads at once agree"):
         thread.join()
     assert not wrong
 
-with test.check("a gzip request is UNIMPLEMENTED and says what is supported"):
+with test.check("a gzip request is inflated and answered as the plain one"):
     request = M.QueryRequest(asset="city", points=f32)
-    tcp.refused(lambda: tcp.query(request, timeout=60, compression=grpc.Compression.Gzip),
-                Code.UNIMPLEMENTED, "grpc-encoding", "identity")
+    reply = tcp.query(request, timeout=60, compression=grpc.Compression.Gzip)
+    assert reply == tcp.query(request, timeout=60)
+with test.check("a gzip request that inflates beyond its limit is RESOURCE_EXHAUSTED and says so"):
+    zeros = M.QueryRequest(asset="city", points=bytes(12 * 400000))
+    tcp.refused(lambda: tcp.query(zeros, timeout=60, compression=grpc.Compression.Gzip),
+                Code.RESOURCE_EXHAUSTED, "inflates", str(4 << 20))
+with test.check("a deflate request is UNIMPLEMENTED and says what is supported"):
+    tcp.refused(lambda: tcp.query(request, timeout=60, compression=grpc.Compression.Deflate),
+                Code.UNIMPLEMENTED, "grpc-encoding", "gzip")
 with test.check("a client of default settings gets its reply; metadata is ignored"):
     reply = tcp.query(M.QueryRequest(asset="city", points=f32[:120]), timeout=60,
                       metadata=(("x-many", "y" * 1000), ("trace-bin", b"\0\1\2\xff")))
@@ -255,6 +262,121 @@ with test.check("request metadata over the header limit is refused, and the daem
     tcp.refused(lambda: tcp.query(M.QueryRequest(asset="city", points=f32[:120]), timeout=20,
                                   metadata=(("x-many", "y" * 20000),)), Code.RESOURCE_EXHAUSTED)
     assert len(unix.ask("city", f32).visibility) == COUNT
+
+with test.check("targets are answered one behind the other, each as if asked alone"):
+    test.bake(test.scene("city", 3, seed=2), store + "/town.umb", "--resolution", 256, "--depth",
+              "raster", "--verify", 0)
+    ut.wait_until(lambda: len(tcp.list(M.ListRequest(), timeout=60).assets) == 2, 30, "two assets")
+    odd = f32[:12 * 1003]
+    for count, answer in ((1003, M.ANSWER_U8), (COUNT, M.ANSWER_F32), (1003, M.ANSWER_BIT)):
+        few = f32[:12 * count]
+        alone = [tcp.ask(name, few, format=answer, taps=3) for name in ("city", "town")]
+        both = [M.Target(asset=name, light=0) for name in ("city", "town", "city")]
+        reply = unix.ask("", few, format=answer, taps=3, targets=both, want_stats=True)
+        assert reply.visibility == b"".join(alone[i].visibility for i in (0, 1, 0))
+        assert list(reply.asset_ids) == [alone[i].asset_id for i in (0, 1, 0)]
+        assert reply.asset_id == b"" and reply.stats.points == 3 * count
+with test.check("targets that cannot be answered are refused, naming field and limit"):
+    city_target = M.Target(asset="city")
+    for targets, code, words in (
+            ([city_target, M.Target(asset="gone")], Code.NOT_FOUND, ("gone",)),
+            ([M.Target(asset="city", light=9)], Code.NOT_FOUND, ("light", "9")),
+            ([M.Target()], Code.INVALID_ARGUMENT, ("asset",)),
+            ([city_target] * 65, Code.RESOURCE_EXHAUSTED, ("targets", "65", "64"))):
+        tcp.refused(lambda: tcp.ask("", f32[:120], targets=targets), code, *words)
+    tcp.refused(lambda: tcp.ask("city", f32[:120], targets=[city_target]), Code.INVALID_ARGUMENT,
+                "targets")
+    tcp.refused(lambda: tcp.ask("", f32, targets=[city_target] * 5), Code.RESOURCE_EXHAUSTED,
+                "5 targets", str(MAX_POINTS))
+
+with test.check("stats tell the size of the voxels that answered"):
+    stats = tcp.ask("city", f32[:120], want_stats=True).stats
+    assert abs(stats.voxel_m - sum(about.lights[0].voxel_m) / 3) < 1e-12
+with test.check("Limits tells what the server takes"):
+    limits = tcp.limits(M.LimitsRequest(), timeout=60)
+    assert (limits.max_points, limits.max_message_bytes) == (MAX_POINTS, MAX_MESSAGE)
+    assert (limits.max_targets, limits.max_taps) == (64, 17)
+    assert list(limits.encodings) == ["identity", "gzip"] and limits.version
+
+with test.check("a stream answers each request in order, as Query does, small and large mixed"):
+    sizes = [1, 64, COUNT, 0, 3000, 1, 20000, 64, 2, COUNT] * (2 if SLOW else 4)
+    asked = [M.QueryRequest(asset="city", points=f32[12 * (i % 7):12 * (i % 7 + n)], taps=3)
+             for i, n in enumerate(sizes)]
+    for client in (tcp, unix):
+        alone = [client.query(request, timeout=60) for request in asked]
+        assert list(client.stream(iter(asked), timeout=120)) == alone
+with test.check("a stream answers ping-pong, one request at a time"):
+    import queue
+    requests = queue.Queue()
+    replies = tcp.stream(iter(requests.get, None), timeout=60)
+    for i in range(50):
+        requests.put(M.QueryRequest(asset="city", points=f32[12 * i:12 * (i + 5)]))
+        assert next(replies).visibility == tcp.ask("city", f32[12 * i:12 * (i + 5)]).visibility
+    requests.put(None)
+    assert not list(replies) and replies.code() == Code.OK
+with test.check("a stream without requests ends with OK and no reply"):
+    assert not list(tcp.stream(iter([]), timeout=60))
+with test.check("a bad request ends the stream with its status, after the replies before it"):
+    good = M.QueryRequest(asset="city", points=f32[:1200])
+    stream = tcp.stream(iter([good, good, M.QueryRequest(asset="gone"), good]), timeout=60)
+    assert next(stream) == next(stream) == tcp.query(good, timeout=60)
+    tcp.refused(lambda: next(stream), Code.NOT_FOUND, "gone")
+with test.check("a client that writes ahead and reads late gets every reply; memory stays bounded"):
+    large = M.QueryRequest(asset="city", points=f32, format=M.ANSWER_F32)
+    expected = tcp.query(large, timeout=60).visibility
+    stream = tcp.stream(iter([large] * 60), timeout=120)
+    time.sleep(0.5)
+    assert daemon.metric("umbrage_buffered_bytes") < 40 << 20
+    assert all(reply.visibility == expected for reply in stream)
+with test.check("a cancelled stream and one past its deadline free what they held"):
+    stream = tcp.stream(iter([M.QueryRequest(asset="city", points=BIG, taps=17)] * 20), timeout=60)
+    time.sleep(0.05)
+    stream.cancel()
+    tcp.refused(lambda: list(tcp.stream(
+        iter([M.QueryRequest(asset="city", points=BIG, taps=17)] * 50), timeout=0.1)),
+        Code.DEADLINE_EXCEEDED)
+    ut.wait_until(lambda: daemon.metric("umbrage_buffered_bytes") == 0, 20, "nothing is buffered")
+
+R = test.messages.reflection
+with test.check("reflection lists the services and gives the file of a symbol, v1 and v1alpha"):
+    from google.protobuf import descriptor_pb2
+    for reflect in tcp.reflect:
+        answers = list(reflect(iter([
+            R.ServerReflectionRequest(list_services="*"),
+            R.ServerReflectionRequest(file_containing_symbol="umbrage.v1.Shadows.QueryStream"),
+            R.ServerReflectionRequest(file_containing_symbol="umbrage.v1.QueryRequest"),
+            R.ServerReflectionRequest(file_containing_symbol="umbrage.v1.Nothing"),
+            R.ServerReflectionRequest(file_by_filename="grpc/health/v1/health.proto"),
+            R.ServerReflectionRequest(
+                file_containing_symbol="grpc.health.v1.HealthCheckResponse.ServingStatus"),
+            R.ServerReflectionRequest(all_extension_numbers_of_type="umbrage.v1.QueryReply"),
+            R.ServerReflectionRequest()]), timeout=60))
+        services = {s.name for s in answers[0].list_services_response.service}
+        assert services == {"umbrage.v1.Shadows", "grpc.health.v1.Health",
+                            "grpc.reflection.v1.ServerReflection",
+                            "grpc.reflection.v1alpha.ServerReflection"}, services
+        names = [descriptor_pb2.FileDescriptorProto.FromString(
+            answers[i].file_descriptor_response.file_descriptor_proto[0]).name for i in (1, 2, 4, 5)]
+        assert names == ["umbrage/v1/shadows.proto"] * 2 + ["grpc/health/v1/health.proto"] * 2
+        assert [answers[i].error_response.error_code for i in (3, 7)] == [5, 3]
+        assert answers[6].all_extension_numbers_response.base_type_name == "umbrage.v1.QueryReply"
+        assert answers[1].original_request.file_containing_symbol.endswith("QueryStream")
+
+with test.check("health tells of each asset, and Watch says when its file is damaged and heals"):
+    service = H.HealthCheckRequest(service="umbrage.v1.Shadows/town")
+    assert tcp.check(service, timeout=60).status == SERVING
+    tcp.refused(lambda: tcp.check(H.HealthCheckRequest(service="umbrage.v1.Shadows/gone"),
+                                  timeout=60), Code.NOT_FOUND, "gone")
+    states = tcp.watch(service, timeout=60)
+    assert next(states).status == SERVING
+    with open(store + "/town.umb", "rb") as file:
+        good = file.read()
+    for data, state in ((good[:-1], H.HealthCheckResponse.NOT_SERVING), (good, SERVING)):
+        with open(store + "/new", "wb") as file:
+            file.write(data)
+        os.rename(store + "/new", store + "/town.umb")
+        assert next(states).status == state
+    states.cancel()
 
 for client in (tcp, unix, *clients[2:]):
     client.close()

@@ -37,7 +37,7 @@ forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/'
 forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
 forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
-forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core and protobuf-c"
+forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
 forbid server/common "$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
 forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire and common"
 forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"

@@ -19,6 +19,17 @@ all_in() {
     same "$1" "" "$missing"
 }
 
+# Every RPC of our .proto files has its path in the table, and no other is there.
+for file in "$root"/proto/umbrage/v1/*.proto "$root"/proto/grpc/*/v1/*.proto; do
+    awk '/^package/ { package = $2; sub(/;/, "", package) }
+        /^service/ { service = $2 }
+        /^  rpc/ { name = $2; sub(/\(.*/, "", name); print "/" package "." service "/" name }' "$file"
+done | sort -u >"$folder/rpcs"
+[ "$(wc -l <"$folder/rpcs")" -gt 6 ] || bad "the .proto files have RPCs" "$(cat "$folder/rpcs")"
+grep '^| `/' "$protocol" | cut -d'|' -f2 | grep -oE '/[A-Za-z0-9_./]+' | grep -v v1alpha | sort -u >"$folder/rpcs.told"
+all_in "every RPC is in docs/protocol.md" "$folder/rpcs" "$folder/rpcs.told"
+all_in "every RPC in docs/protocol.md exists" "$folder/rpcs.told" "$folder/rpcs"
+
 try 0 umbraged --help
 cp "$folder/out" "$folder/help"
 grep -oE '^  --[a-z-]+' "$folder/help" | tr -d ' ' | sort -u >"$folder/options"

@@ -139,6 +139,19 @@ with test.check("a call whose upload is under way at the signal is answered"):
     assert reply.status == 0, reply
     assert M.QueryReply.FromString(reply.body[5:]).visibility == expected[3000]
     first.exited()
+with test.check("a stream gets the replies to what was received, then UNAVAILABLE"):
+    import queue
+    first = test.daemon()
+    requests = queue.Queue()
+    streaming = test.client(first.grpc_tcp)
+    replies = streaming.stream(iter(requests.get, None), timeout=30)
+    for _ in range(5):
+        requests.put(M.QueryRequest(asset="city", points=points[:12 * 3000], taps=3))
+    first.signal(signal.SIGTERM)
+    for _ in range(5):
+        assert next(replies).visibility == expected[3000]
+    client.refused(lambda: next(replies), Code.UNAVAILABLE, "shutting down")
+    first.exited()
 with test.check("a second signal ends at once, with 0"):
     first = test.daemon("--drain-delay", "60s", "--drain-timeout", "60s")
     stuck = h2.Connection(port=first.port)

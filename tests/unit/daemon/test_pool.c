@@ -89,8 +89,10 @@ static struct umbd_batch *make_batch(struct fixture *f, size_t count, uint64_t l
     struct umb_query_settings settings = {.taps = 3, .format = format};
     struct umb_points points = {.positions = positions, .format = UMB_POINT_F32, .count = count};
     assert_int_equal(umbs_store_acquire(f->store, "slab", &entry, NULL), UMB_OK);
-    assert_int_equal(
-        umbd_batch_create(entry, (uint8_t *)positions, &settings, &points, &batch, NULL), UMB_OK);
+    assert_int_equal(umbd_batch_create(1, &settings, &points, &batch, NULL), UMB_OK);
+    batch->message = (uint8_t *)positions;
+    assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_OK);
+    assert_int_equal(umbd_batch_reserve(batch, 0, NULL), UMB_OK);
     batch->lane = lane;
     batch->done = on_done;
     batch->home = f;
@@ -322,6 +324,35 @@ static void pool_takes_turns_between_lanes(void **state)
     umbd_batch_destroy(gate);
 }
 
+static void batch_of_parts_answers_each_as_if_alone(void **state)
+{
+    struct fixture *f = *state;
+    struct umbd_pool *pool;
+    struct umbs_entry *entry;
+    struct umbd_batch *alone = make_batch(f, POINTS, 1, UMB_ANSWER_BIT);
+    struct umbd_batch *twice;
+    assert_int_equal(umbd_pool_create(2, 16, &f->metrics, &pool, NULL), UMB_OK);
+    assert_int_equal(umbd_batch_create(2, &alone->settings, &alone->points, &twice, NULL), UMB_OK);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(umbs_store_acquire(f->store, "slab", &entry, NULL), UMB_OK);
+        assert_int_equal(umbd_batch_add(twice, entry, 0, NULL), UMB_OK);
+    }
+    assert_int_equal(umbd_batch_reserve(twice, 7, NULL), UMB_OK);
+    twice->done = on_done;
+    twice->home = f;
+    umbd_batch_run(alone, &f->metrics);
+    assert_int_equal(umbd_pool_submit(pool, twice, NULL), UMB_OK);
+    wait_done(f, 1);
+    assert_int_equal(twice->status, UMB_OK);
+    assert_int_equal(twice->value_bytes, 2 * alone->value_bytes);
+    assert_memory_equal(twice->values, alone->values, alone->value_bytes);
+    assert_memory_equal(twice->values + twice->part_bytes, alone->values, alone->value_bytes);
+    assert_ptr_equal(twice->values, twice->reply + 7);
+    umbd_pool_destroy(pool);
+    umbd_batch_destroy(twice);
+    umbd_batch_destroy(alone);
+}
+
 static void batch_create_names_what_is_wrong_and_keeps_nothing(void **state)
 {
     struct fixture *f = *state;
@@ -331,10 +362,11 @@ static void batch_create_names_what_is_wrong_and_keeps_nothing(void **state)
     struct umb_query_settings settings = {.taps = 4};
     struct umb_points points = {.count = 0};
     assert_int_equal(umbs_store_acquire(f->store, "slab", &entry, NULL), UMB_OK);
-    assert_int_equal(umbd_batch_create(entry, malloc(8), &settings, &points, &batch, &error),
-                     UMB_E_ARGUMENT);
+    assert_int_equal(umbd_batch_create(1, &settings, &points, &batch, &error), UMB_OK);
+    assert_int_equal(umbd_batch_add(batch, entry, 0, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "taps"));
-    assert_null(batch);
+    assert_int_equal(batch->part_count, 0);
+    umbd_batch_destroy(batch);
 }
 
 int main(void)
@@ -349,6 +381,7 @@ int main(void)
         WITH_STORE(pool_cancel_takes_a_waiting_batch_out_anywhere),
         WITH_STORE(pool_cancel_of_a_running_batch_ends_it_once),
         WITH_STORE(pool_takes_turns_between_lanes),
+        WITH_STORE(batch_of_parts_answers_each_as_if_alone),
         WITH_STORE(batch_create_names_what_is_wrong_and_keeps_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

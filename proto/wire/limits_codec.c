@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage.v1.LimitsReply between its bytes and struct umbw_limits. */
+#include <string.h>
+#include "umbrage/v1/shadows.pb-c.h"
+#include "wire/codec.h"
+#include "wire/messages.h"
+
+enum umb_status umbw_encode_limits_reply(const struct umbw_limits *limits,
+                                         struct umbw_buffer *buffer, struct umb_error *error)
+{
+    Umbrage__V1__LimitsReply message = UMBRAGE__V1__LIMITS_REPLY__INIT;
+    char identity[] = "identity";
+    char gzip[] = "gzip";
+    char *encodings[] = {identity, gzip};
+    char version[sizeof limits->version];
+    memcpy(version, limits->version, sizeof version);
+    version[sizeof version - 1] = '\0';
+    message.max_points = limits->max_points;
+    message.max_message_bytes = limits->max_message_bytes;
+    message.max_targets = limits->max_targets;
+    message.max_taps = limits->max_taps;
+    message.max_streams = limits->max_streams;
+    message.queue = limits->queue;
+    message.encodings = encodings;
+    message.n_encodings = limits->takes_gzip ? 2 : 1;
+    message.version = version;
+    return umbw_message_append(&message.base, buffer, error);
+}
+
+enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
+                                         struct umbw_limits *limits, struct umb_error *error)
+{
+    ProtobufCMessage *base;
+    memset(limits, 0, sizeof *limits);
+    enum umb_status status =
+        umbw_message_unpack(&umbrage__v1__limits_reply__descriptor, message, size, &base, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const Umbrage__V1__LimitsReply *reply = (const Umbrage__V1__LimitsReply *)base;
+    limits->max_points = reply->max_points;
+    limits->max_message_bytes = reply->max_message_bytes;
+    limits->max_targets = reply->max_targets;
+    limits->max_taps = reply->max_taps;
+    limits->max_streams = reply->max_streams;
+    limits->queue = reply->queue;
+    for (size_t i = 0; i < reply->n_encodings; i++) {
+        limits->takes_gzip |= strcmp(reply->encodings[i], "gzip") == 0;
+    }
+    status = umbw_text_copy("version", (const uint8_t *)reply->version, strlen(reply->version),
+                            sizeof limits->version - 1, limits->version, error);
+    umbw_message_free(base);
+    return status;
+}

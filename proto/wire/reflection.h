@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_REFLECTION_H
+#define UMBRAGE_WIRE_REFLECTION_H
+/* grpc.reflection.v1 and v1alpha, which have the same bytes. */
+#include "wire/messages.h"
+
+#define UMBW_PATH_REFLECTION       "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo"
+#define UMBW_PATH_REFLECTION_ALPHA "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"
+
+/*
+ * Answers one ServerReflectionRequest: appends prefix and message to buffer. What is asked for and
+ * not there is an error within the answer, as the protocol wants.
+ *
+ * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE, E_NO_MEMORY. Trust: safe on hostile bytes.
+ * Cost:  one walk over the descriptors, some 10 kB.
+ */
+UMB_CHECKED enum umb_status umbw_reflection_answer(const uint8_t *message, size_t size,
+                                                   struct umbw_buffer *buffer,
+                                                   struct umb_error *error);
+
+#endif
