@@ -1,31 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A connection's socket: accepting, reading, writing, timers, closing.
+ * A connection's life: accepting, budgets, timers, closing.
  *
- * Rules that keep it safe: nghttp2's call-backs only queue; this file alone receives, sends and
- * closes. A closed connection stays in memory until libuv says so, with `closing` set, so a pointer
- * held across a flush stays good for the rest of the event.
+ * Rules that keep it safe: nghttp2's call-backs only queue; this file and conn_io.c alone receive,
+ * send and close. A closed connection stays in memory until libuv says so, with `closing` set, so a
+ * pointer held across a flush stays good for the rest of the event.
  */
 #include "daemon/call.h"
+#include "daemon/conn_tls.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#define DOOMED_MS       5000      /* for a GOAWAY to leave and the peer to go */
-#define FLUSH_BYTES     (1 << 20) /* of one flush, then it is the turn of others */
-#define KEEPALIVE_S     60        /* until the kernel asks whether a silent peer is still there */
-#define ROOM_IDLE_MS    1000      /* connections idle for less are not closed to make room */
-#define SLOWEST_BYTES   16        /* a millisecond: what a peer must take while a reply waits */
-#define HOLD_MS         600000    /* in which it must take all that is held for it */
-#define STALL_MARGIN_MS 1000      /* stalled streams are reset first, the others go on */
-
-/* One write under way; the block follows. */
-struct pending_write {
-    uv_write_t request;
-    struct umbd_conn *conn;
-    size_t count;
-    uint8_t bytes[];
-};
+#define DOOMED_MS       5000   /* for a GOAWAY to leave and the peer to go */
+#define KEEPALIVE_S     60     /* until the kernel asks whether a silent peer is still there */
+#define ROOM_IDLE_MS    1000   /* connections idle for less are not closed to make room */
+#define SLOWEST_BYTES   16     /* a millisecond: what a peer must take while a reply waits */
+#define HOLD_MS         600000 /* in which it must take all that is held for it */
+#define STALL_MARGIN_MS 1000   /* stalled streams are reset first, the others go on */
 
 static size_t bucket_of(uint64_t serial)
 {
@@ -81,6 +73,21 @@ static void on_closed(uv_handle_t *handle)
     free(handle->data);
 }
 
+/* The peer of a TLS connection learns that nobody cut it. */
+static void say_bye(struct umbd_conn *conn)
+{
+    const uint8_t *bytes = NULL;
+    size_t size = 0;
+    if (conn->tls == NULL || conn->write_pending) {
+        return;
+    }
+    umbd_conn_tls_bye(conn);
+    if (umbd_conn_tls_seal(conn, 0, &bytes, &size) && size > 0) {
+        uv_buf_t buffer = uv_buf_init((char *)(uintptr_t)bytes, (unsigned)size);
+        (void)uv_try_write(&conn->socket.stream, &buffer, 1);
+    }
+}
+
 void umbd_conn_close(struct umbd_conn *conn, const char *why)
 {
     if (conn->closing) {
@@ -95,6 +102,8 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     }
     nghttp2_session_del(conn->session);
     conn->session = NULL;
+    say_bye(conn);
+    umbd_conn_tls_finish(conn);
     umbd_loop_forget(conn);
     unlink_conn(conn);
     uv_close(&conn->socket.handle, on_closed);
@@ -155,158 +164,11 @@ static void cut_by_timer(struct umbd_conn *conn, const char *which)
     umbd_conn_close(conn, which);
 }
 
-/* Collects frames into the loop's buffer. Returns 0 or nghttp2's error. */
-static int collect(struct umbd_conn *conn)
-{
-    struct umbd_loop *loop = conn->loop;
-    loop->out_size = 0;
-    while (loop->out_size < UMBD_OUT_SOFT) {
-        const uint8_t *bytes = NULL;
-        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
-        if (count <= 0) {
-            return (int)count;
-        }
-        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
-            return NGHTTP2_ERR_BUFFER_ERROR; /* a frame longer than the reserve: none of ours is */
-        }
-        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
-        loop->out_size += (size_t)count;
-    }
-    return 0;
-}
-
-static void on_written(uv_write_t *request, int status)
-{
-    struct pending_write *write = request->data;
-    struct umbd_conn *conn = write->conn;
-    umbd_conn_uncharge(conn, write->count);
-    free(write);
-    conn->write_pending = 0;
-    if (conn->closing) {
-        return;
-    }
-    if (status < 0) {
-        umbd_conn_close(conn, uv_strerror(status));
-    } else {
-        umbd_conn_flush(conn);
-    }
-}
-
-/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. The block
- * counts as held whatever the budgets say: what they refuse is new work. */
-static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
-{
-    struct pending_write *write = malloc(sizeof *write + count);
-    if (write == NULL) {
-        return 0;
-    }
-    memcpy(write->bytes, bytes, count);
-    write->conn = conn;
-    write->request.data = write;
-    uv_buf_t buffer = uv_buf_init((char *)write->bytes, (unsigned)count);
-    if (uv_write(&write->request, &conn->socket.stream, &buffer, 1, on_written) != 0) {
-        free(write);
-        return 0;
-    }
-    write->count = count;
-    conn->write_pending = 1;
-    conn->buffered += count;
-    atomic_fetch_add(&conn->loop->daemon->buffered, count);
-    return 1;
-}
-
-void umbd_conn_flush(struct umbd_conn *conn)
-{
-    struct umbd_loop *loop = conn->loop;
-    uint64_t until = conn->sent_bytes + FLUSH_BYTES;
-    while (!conn->closing && !conn->write_pending) {
-        if (conn->sent_bytes >= until) {
-            umbd_loop_flush_later(conn);
-            return;
-        }
-        int code = collect(conn);
-        if (code != 0) {
-            umbd_conn_close(conn, nghttp2_strerror(code));
-            return;
-        }
-        if (loop->out_size == 0) {
-            break;
-        }
-        conn->sent_bytes += loop->out_size;
-        uv_buf_t buffer = uv_buf_init((char *)loop->out, (unsigned)loop->out_size);
-        int written = uv_try_write(&conn->socket.stream, &buffer, 1);
-        size_t taken = written > 0 ? (size_t)written : 0;
-        if (written < 0 && written != UV_EAGAIN) {
-            umbd_conn_close(conn, uv_strerror(written));
-        } else if (taken < loop->out_size &&
-                   !write_later(conn, loop->out + taken, loop->out_size - taken)) {
-            umbd_conn_close(conn, "cannot write");
-        }
-    }
-    if (!conn->closing && !conn->write_pending && !nghttp2_session_want_read(conn->session) &&
-        !nghttp2_session_want_write(conn->session)) {
-        umbd_conn_close(conn, "session over");
-    }
-}
-
-static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
-{
-    struct umbd_conn *conn = handle->data;
-    (void)suggested;
-    *buffer = uv_buf_init((char *)conn->loop->read_buffer, UMBD_READ_BYTES);
-}
-
-/* The library gave the session up: send what it still has to say, then close. */
-static void session_broke(struct umbd_conn *conn, int code)
-{
-    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
-    if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "h2_error",
-                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
-                       (unsigned long long)conn->serial, nghttp2_strerror(code));
-    }
-    umbd_conn_flush(conn);
-    umbd_conn_close(conn, nghttp2_strerror(code));
-}
-
-/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
-static int feed_session(void *user, const uint8_t *bytes, size_t count)
-{
-    struct umbd_conn *conn = user;
-    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
-    return used < 0 ? (int)used : 0;
-}
-
-static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
-{
-    struct umbd_conn *conn = stream->data;
-    if (count < 0) {
-        umbd_conn_close(conn, uv_strerror((int)count));
-        return;
-    }
-    if (count == 0 || conn->closing) {
-        return;
-    }
-    unsigned before = conn->filter.odd;
-    int code = umbd_h2_filter_feed(&conn->filter, (const uint8_t *)buffer->base, (size_t)count,
-                                   feed_session, conn);
-    for (; code == 0 && !conn->doomed && before != conn->filter.odd; before++) {
-        if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
-            umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
-        }
-    }
-    if (code != 0) {
-        session_broke(conn, code);
-    } else {
-        umbd_conn_flush(conn);
-    }
-}
-
-static void name_peer(struct umbd_conn *conn, int is_unix)
+static void name_peer(struct umbd_conn *conn, enum umbd_transport transport)
 {
     struct sockaddr_storage address;
     int size = sizeof address;
-    if (is_unix) {
+    if (transport == UMBD_UNIX) {
         snprintf(conn->peer, sizeof conn->peer, "unix");
     } else if (uv_tcp_getpeername(&conn->socket.tcp, (struct sockaddr *)&address, &size) == 0) {
         umbd_address_text(&address, conn->peer, sizeof conn->peer);
@@ -338,7 +200,7 @@ static void make_room(struct umbd_loop *loop)
     }
 }
 
-int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
+int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport)
 {
     struct umbd_daemon *daemon = loop->daemon;
     struct umbd_conn *conn = calloc(1, sizeof *conn);
@@ -348,7 +210,7 @@ int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
     make_room(loop);
     conn->loop = loop;
     conn->serial = atomic_fetch_add(&daemon->next_serial, 1);
-    if (is_unix) {
+    if (transport == UMBD_UNIX) {
         uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &conn->socket.tcp);
@@ -360,17 +222,18 @@ int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix)
         uv_close(&conn->socket.handle, on_closed);
         return 1;
     }
-    name_peer(conn, is_unix);
+    name_peer(conn, transport);
     conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
     conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
     link_conn(conn);
     umbd_count(&daemon->metrics.connections_opened, 1);
-    if (!is_unix) {
+    if (transport != UMBD_UNIX) {
         uv_tcp_nodelay(&conn->socket.tcp, 1);
         uv_tcp_keepalive(&conn->socket.tcp, 1, KEEPALIVE_S);
     }
     if (umbd_conn_h2_start(conn) != UMB_OK ||
-        uv_read_start(&conn->socket.stream, on_alloc, on_read) != 0) {
+        (transport == UMBD_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
+        umbd_conn_read_start(conn) != 0) {
         umbd_conn_close(conn, "cannot start");
         return 1;
     }

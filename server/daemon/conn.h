@@ -34,6 +34,7 @@ struct umbd_conn {
         uv_pipe_t pipe;
     } socket;
     char peer[UMBD_ADDRESS_TEXT_SIZE];
+    struct umbd_conn_tls *tls; /* NULL = plain */
     nghttp2_session *session;
     struct umbd_call *calls;
     size_t call_count;
@@ -65,7 +66,10 @@ struct umbd_conn {
 
 /* Takes one connection off a listening stream. Returns 0 if there was no memory: it still waits
  * there, libuv accepts no other before it, and the caller tries again later. */
-int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, int is_unix);
+int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport);
+
+/* Begins to read (conn_io.c); 0 or libuv's error. */
+int umbd_conn_read_start(struct umbd_conn *conn);
 
 /* Closes now; why is logged at debug. Not from within nghttp2's call-backs. */
 void umbd_conn_close(struct umbd_conn *conn, const char *why);

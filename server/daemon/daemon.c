@@ -34,6 +34,10 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
             umbd_store_watch_kick(daemon->watch);
         }
     }
+    if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
+        struct umbd_tls_files files = {options->tls_cert, options->tls_key, options->tls_client_ca};
+        status = umbd_tls_create(&files, &daemon->tls, error);
+    }
     /* Until here a signal ends the process as it ends any: the first scan may take minutes, and
      * there is nothing to drain yet. The threads from here on inherit the mask. */
     umbd_signals_block();
@@ -55,6 +59,8 @@ int umbd_daemon_finish(struct umbd_daemon *daemon)
 {
     umbd_pool_destroy(daemon->pool);
     daemon->pool = NULL;
+    umbd_tls_destroy(daemon->tls);
+    daemon->tls = NULL;
     /* No entry is held any more, so nobody calls the watch after it is gone. */
     if (!umbd_store_watch_destroy(daemon->watch)) {
         return 0;

@@ -12,6 +12,7 @@
 #include "daemon/daemon_options.h"
 #include "daemon/pool.h"
 #include "daemon/store_watch.h"
+#include "daemon/tls_context.h"
 
 struct umbd_daemon {
     struct umbd_options options;
@@ -20,6 +21,7 @@ struct umbd_daemon {
     struct umbs_store *store;
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
+    struct umbd_tls *tls;             /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
     atomic_uint_fast64_t next_serial; /* of connections; never reused */
     atomic_int draining;              /* health says NOT_SERVING */

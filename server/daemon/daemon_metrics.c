@@ -142,6 +142,8 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_connections_evicted_total", "counter",
            "Idle connections closed to make room for new ones.",
            get(&metrics->connections_evicted));
+    single(out, "umbrage_tls_failures_total", "counter", "TLS handshakes and sessions that failed.",
+           get(&metrics->tls_failures));
     single(out, "umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
            gauges->buffered_bytes);
     head(out, "umbrage_h2_abuse_total", "counter", "Connections or streams cut, by cause.");

@@ -48,6 +48,7 @@ struct umbd_metrics {
     atomic_uint_fast64_t batches_started; /* whose first point was looked up */
     atomic_uint_fast64_t shed;
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
+    atomic_uint_fast64_t tls_failures;
     atomic_uint_fast64_t asset_errors;
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;

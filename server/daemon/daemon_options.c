@@ -39,13 +39,19 @@ static const struct option table[] = {
     {"--store", KIND_STORE, 0, 0, 0, "DIR",
      "folder of packed assets (required); may be repeated, the first that has a name serves it"},
     {"--listen", KIND_LISTEN, 0, 0, 0, "ADDRESS",
-     "tcp:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; port 0 picks one"},
+     "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; "
+     "port 0 picks one"},
     {"--copy", KIND_FLAG, AT(copy), 0, 0, NULL,
      "hold assets in memory, so that nothing done to their files matters"},
     {"--warm-up", KIND_FLAG, AT(warm_up), 0, 0, NULL,
      "read an asset's file ahead when it is opened"},
     {"--scrub-interval", KIND_TIME, AT(scrub_interval_ms), 0, 31 * 24 * HOUR_MS, "TIME",
      "longest time between two checks of a mapped asset, 0 = no checks; default 60m"},
+    {"--tls-cert", KIND_TEXT, AT(tls_cert), 0, 0, "FILE",
+     "certificate chain (PEM) of the tls: addresses; read again on SIGHUP"},
+    {"--tls-key", KIND_TEXT, AT(tls_key), 0, 0, "FILE", "its private key (PEM)"},
+    {"--tls-client-ca", KIND_TEXT, AT(tls_client_ca), 0, 0, "FILE",
+     "clients must show a certificate of these authorities (PEM)"},
     {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
      "threads that answer; default: one a core"},
     {"--admin", KIND_TEXT, AT(admin), 0, 0, "HOST:PORT",
@@ -253,6 +259,14 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             (unsigned long long)options->max_message,
             (unsigned long long)options->connection_buffer,
             (unsigned long long)options->max_buffer);
+    }
+    for (size_t i = 0; i < options->listen_count; i++) {
+        if (strncmp(options->listen[i], "tls:", 4) == 0 &&
+            (options->tls_cert == NULL || options->tls_key == NULL)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--listen: '%.100s' needs --tls-cert and --tls-key",
+                            options->listen[i]);
+        }
     }
     if (options->admin != NULL) {
         enum umb_status status = umbd_address_parse_admin(options->admin, &address, error);

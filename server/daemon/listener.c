@@ -29,7 +29,7 @@ static void on_connection(uv_stream_t *server, int status)
         }
         return;
     }
-    listener->waiting = !umbd_conn_accept(loop, server, listener->is_unix);
+    listener->waiting = !umbd_conn_accept(loop, server, listener->transport);
 }
 
 void umbd_listeners_tick(struct umbd_loop *loop)
@@ -85,7 +85,7 @@ static void name_tcp(struct umbd_listener *listener)
     struct sockaddr_storage address;
     int size = sizeof address;
     memset(&address, 0, sizeof address);
-    memcpy(listener->text, "tcp:", 5);
+    memcpy(listener->text, listener->transport == UMBD_TLS ? "tls:" : "tcp:", 5);
     uv_tcp_getsockname(&listener->socket.tcp, (struct sockaddr *)&address, &size);
     umbd_address_text(&address, listener->text + 4, sizeof listener->text - 4);
 }
@@ -95,7 +95,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     struct umbd_address address;
     struct sockaddr_storage resolved;
     enum umb_status status = umbd_address_parse("--listen", text, &address, error);
-    if (status == UMB_OK && !address.is_unix) {
+    if (status == UMB_OK && address.transport != UMBD_UNIX) {
         status = umbd_address_resolve(&address, &resolved, error);
     }
     if (status != UMB_OK) {
@@ -106,8 +106,8 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
     listener->loop = loop;
-    listener->is_unix = address.is_unix;
-    if (address.is_unix) {
+    listener->transport = address.transport;
+    if (address.transport == UMBD_UNIX) {
         uv_pipe_init(&loop->uv, &listener->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &listener->socket.tcp);
@@ -118,7 +118,8 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
         last = &(*last)->next;
     }
     *last = listener;
-    int code = address.is_unix ? bind_unix(listener, &address) : bind_tcp(listener, &resolved);
+    int code = address.transport == UMBD_UNIX ? bind_unix(listener, &address)
+                                              : bind_tcp(listener, &resolved);
     if (code == 0) {
         code = uv_listen(&listener->socket.stream, BACKLOG, on_connection);
     }
@@ -126,7 +127,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
         return umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s", text,
                         uv_strerror(code));
     }
-    if (!address.is_unix) {
+    if (address.transport != UMBD_UNIX) {
         name_tcp(listener);
     }
     umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "listening", "address=\"%s\"", listener->text);

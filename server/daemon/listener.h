@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_LISTENER_H
 #define UMBRAGE_SERVER_DAEMON_LISTENER_H
-/* Listening sockets of a loop, TCP and Unix. */
+/* Listening sockets of a loop: TCP, plain or with TLS, and Unix. */
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
 
@@ -14,10 +14,11 @@ struct umbd_listener {
         uv_tcp_t tcp;
         uv_pipe_t pipe;
     } socket;
-    int is_unix;
-    int waiting;                       /* a connection that there was no memory for */
-    char path[UMBD_UNIX_PATH_SIZE];    /* unlinked at close */
-    char text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT or unix:PATH */
+    enum umbd_transport transport;
+    int waiting;                    /* a connection that there was no memory for */
+    char path[UMBD_UNIX_PATH_SIZE]; /* unlinked at close */
+    char
+        text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */
 };
 
 /*

@@ -165,11 +165,27 @@ static void on_tick(uv_timer_t *timer)
     umbd_loop_drain_step(loop);
 }
 
+/* Small files, read where nobody waits for long; what cannot be read stays as it was. */
+static void reload_secrets(struct umbd_daemon *daemon)
+{
+    struct umb_error error;
+    if (daemon->tls == NULL) {
+        return;
+    }
+    if (umbd_tls_reload(daemon->tls, &error) == UMB_OK) {
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "tls_reloaded", NULL);
+    } else {
+        umbs_log_event(&daemon->log, UMB_LOG_ERROR, "tls_not_reloaded", "reason=\"%s\"",
+                       error.message);
+    }
+}
+
 static void on_signal(uv_signal_t *signal, int number)
 {
     struct umbd_loop *loop = signal->data;
     umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "signal", "number=%d", number);
     if (number == SIGHUP) {
+        reload_secrets(loop->daemon);
         umbd_store_watch_kick(loop->daemon->watch);
     } else {
         umbd_loop_drain(loop);
@@ -258,4 +274,5 @@ void umbd_loop_finish(struct umbd_loop *loop)
     pthread_mutex_destroy(&loop->done_mutex);
     free(loop->read_buffer);
     free(loop->out);
+    free(loop->sealed);
 }

@@ -54,6 +54,8 @@ struct umbd_loop {
     uint8_t *read_buffer; /* [UMBD_READ_BYTES] */
     uint8_t *out;         /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
     size_t out_size;
+    uint8_t *sealed; /* [UMBD_SEALED_CAPACITY] records of that connection; NULL until one has TLS */
+    size_t sealed_size;
     uint64_t inline_ns;            /* spent on small batches in this wake-up */
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
     struct umbd_conn *first_dirty; /* connections to be flushed */

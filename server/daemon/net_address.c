@@ -47,12 +47,15 @@ enum umb_status umbd_address_parse(const char *option, const char *text,
                             option, length, sizeof address->path - 1);
         }
         memcpy(address->path, text + 5, length + 1);
-        address->is_unix = 1;
+        address->transport = UMBD_UNIX;
         return UMB_OK;
     }
-    if (strncmp(text, "tcp:", 4) != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.100s' is not tcp:HOST:PORT or unix:PATH",
-                        option, text);
+    if (strncmp(text, "tls:", 4) == 0) {
+        address->transport = UMBD_TLS;
+    } else if (strncmp(text, "tcp:", 4) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "%s: '%.100s' is not tcp:HOST:PORT, tls:HOST:PORT or unix:PATH", option,
+                        text);
     }
     return parse_host_port(option, text + 4, address, error);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_NET_ADDRESS_H
 #define UMBRAGE_SERVER_DAEMON_NET_ADDRESS_H
-/* Addresses as people write them: tcp:HOST:PORT (HOST may be [::1]), unix:PATH. */
+/* Addresses as people write them: tcp:HOST:PORT (HOST may be [::1]), tls:HOST:PORT, unix:PATH. */
 #include <netinet/in.h>
 #include <stddef.h>
 #include <sys/socket.h>
@@ -11,8 +11,14 @@
 #define UMBD_UNIX_PATH_SIZE    108 /* sun_path of Linux, NUL included */
 #define UMBD_ADDRESS_TEXT_SIZE 160 /* "unix:" and a path, or "tcp:[v6]:port" */
 
+enum umbd_transport {
+    UMBD_TCP = 0,
+    UMBD_TLS,
+    UMBD_UNIX,
+};
+
 struct umbd_address {
-    int is_unix;
+    enum umbd_transport transport;
     char host[UMBD_HOST_SIZE]; /* without brackets */
     char port[6];
     char path[UMBD_UNIX_PATH_SIZE];

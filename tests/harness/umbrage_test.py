@@ -149,13 +149,14 @@ class Messages:
 class Client:
     """A channel of python3-grpcio with our methods."""
 
-    def __init__(self, target, messages, options=()):
+    def __init__(self, target, messages, options=(), credentials=None):
         import grpc
         self.grpc = grpc
         self.shadows = messages.shadows
-        self.channel = grpc.insecure_channel(target, options=[
-            ("grpc.max_receive_message_length", 256 << 20),
-            ("grpc.use_local_subchannel_pool", 1)] + list(options))
+        options = [("grpc.max_receive_message_length", 256 << 20),
+                   ("grpc.use_local_subchannel_pool", 1)] + list(options)
+        self.channel = (grpc.secure_channel(target, credentials, options=options) if credentials
+                        else grpc.insecure_channel(target, options=options))
         s, h = messages.shadows, messages.health
         self.query = self.unary("/umbrage.v1.Shadows/Query", s.QueryReply)
         self.describe = self.unary("/umbrage.v1.Shadows/Describe", s.DescribeReply)
@@ -361,8 +362,8 @@ class Test:
         self.daemons.append(daemon)
         return daemon
 
-    def client(self, target, options=()):
-        return Client(target, self.messages, options)
+    def client(self, target, options=(), credentials=None):
+        return Client(target, self.messages, options, credentials)
 
     def query_file(self, asset, data, *options, form="f32", encoding="f32"):
         """Answers of `umbrage query` for raw points."""

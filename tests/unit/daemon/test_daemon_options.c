@@ -137,7 +137,7 @@ static void address_limits_the_unix_path(void **state)
     memset(text + 5, 'a', 107);
     text[5 + 107] = '\0';
     assert_int_equal(umbd_address_parse("x", text, &address, NULL), UMB_OK);
-    assert_true(address.is_unix);
+    assert_int_equal(address.transport, UMBD_UNIX);
     text[5 + 107] = 'a';
     text[5 + 108] = '\0';
     assert_int_equal(umbd_address_parse("x", text, &address, NULL), UMB_E_ARGUMENT);

@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A connection's socket: reading and writing. Bytes read pass the TLS session, if there is one, and
+ * the frame filter on their way to nghttp2; frames are collected in the loop's buffer, sealed, and
+ * written at once as far as the socket takes them.
+ */
+#include <openssl/err.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/call.h"
+#include "daemon/conn_tls.h"
+
+#define FLUSH_BYTES (1 << 20) /* of one flush, then it is the turn of others */
+
+/* One write under way; the block follows. */
+struct pending_write {
+    uv_write_t request;
+    struct umbd_conn *conn;
+    size_t count;
+    uint8_t bytes[];
+};
+
+/* Collects frames into the loop's buffer. Returns 0 or nghttp2's error. */
+static int collect(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    loop->out_size = 0;
+    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+        return 0; /* only the handshake has something to say yet */
+    }
+    while (loop->out_size < UMBD_OUT_SOFT) {
+        const uint8_t *bytes = NULL;
+        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
+        if (count <= 0) {
+            return (int)count;
+        }
+        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
+            return NGHTTP2_ERR_BUFFER_ERROR; /* a frame longer than the reserve: none of ours is */
+        }
+        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
+        loop->out_size += (size_t)count;
+    }
+    return 0;
+}
+
+static void on_written(uv_write_t *request, int status)
+{
+    struct pending_write *write = request->data;
+    struct umbd_conn *conn = write->conn;
+    umbd_conn_uncharge(conn, write->count);
+    free(write);
+    conn->write_pending = 0;
+    if (conn->closing) {
+        return;
+    }
+    if (status < 0) {
+        umbd_conn_close(conn, uv_strerror(status));
+    } else {
+        umbd_conn_flush(conn);
+    }
+}
+
+/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. The block
+ * counts as held whatever the budgets say: what they refuse is new work. */
+static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
+{
+    struct pending_write *write = malloc(sizeof *write + count);
+    if (write == NULL) {
+        return 0;
+    }
+    memcpy(write->bytes, bytes, count);
+    write->conn = conn;
+    write->request.data = write;
+    uv_buf_t buffer = uv_buf_init((char *)write->bytes, (unsigned)count);
+    if (uv_write(&write->request, &conn->socket.stream, &buffer, 1, on_written) != 0) {
+        free(write);
+        return 0;
+    }
+    write->count = count;
+    conn->write_pending = 1;
+    conn->buffered += count;
+    atomic_fetch_add(&conn->loop->daemon->buffered, count);
+    return 1;
+}
+
+/* Makes the next block to be sent; *size is 0 if there is none. Returns 0 if the connection has to
+ * be closed, which has happened then. */
+static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *size)
+{
+    struct umbd_loop *loop = conn->loop;
+    int code = collect(conn);
+    if (code != 0) {
+        umbd_conn_close(conn, nghttp2_strerror(code));
+        return 0;
+    }
+    *bytes = loop->out;
+    *size = loop->out_size;
+    if (conn->tls != NULL && !umbd_conn_tls_seal(conn, loop->out_size, bytes, size)) {
+        umbd_conn_close(conn, "cannot seal");
+        return 0;
+    }
+    return 1;
+}
+
+void umbd_conn_flush(struct umbd_conn *conn)
+{
+    uint64_t until = conn->sent_bytes + FLUSH_BYTES;
+    while (!conn->closing && !conn->write_pending) {
+        const uint8_t *bytes = NULL;
+        size_t size = 0;
+        if (conn->sent_bytes >= until) {
+            umbd_loop_flush_later(conn);
+            return;
+        }
+        if (!next_block(conn, &bytes, &size)) {
+            return;
+        }
+        if (size == 0) {
+            break;
+        }
+        conn->sent_bytes += size;
+        uv_buf_t buffer = uv_buf_init((char *)(uintptr_t)bytes, (unsigned)size);
+        int written = uv_try_write(&conn->socket.stream, &buffer, 1);
+        size_t taken = written > 0 ? (size_t)written : 0;
+        if (written < 0 && written != UV_EAGAIN) {
+            umbd_conn_close(conn, uv_strerror(written));
+        } else if (taken < size && !write_later(conn, bytes + taken, size - taken)) {
+            umbd_conn_close(conn, "cannot write");
+        }
+    }
+    if (!conn->closing && !conn->write_pending && !nghttp2_session_want_read(conn->session) &&
+        !nghttp2_session_want_write(conn->session)) {
+        umbd_conn_close(conn, "session over");
+    }
+}
+
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = handle->data;
+    (void)suggested;
+    *buffer = uv_buf_init((char *)conn->loop->read_buffer, UMBD_READ_BYTES);
+}
+
+/* The library gave the session up: send what it still has to say, then close. */
+static void session_broke(struct umbd_conn *conn, int code)
+{
+    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "h2_error",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, nghttp2_strerror(code));
+    }
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, nghttp2_strerror(code));
+}
+
+/* TLS is broken, or the peer is none of ours: the alert goes out, then the connection. */
+static void tls_broke(struct umbd_conn *conn)
+{
+    umbd_count(&conn->loop->daemon->metrics.tls_failures, 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        char reason[160] = "no protocol in common, or cut";
+        unsigned long code = ERR_peek_last_error();
+        if (code != 0) {
+            ERR_error_string_n(code, reason, sizeof reason);
+        }
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "tls_failed",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, reason);
+    }
+    ERR_clear_error();
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, "TLS failed");
+}
+
+/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
+static int feed_session(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
+    return used < 0 ? (int)used : 0;
+}
+
+/* Plain bytes of the peer. */
+static int feed_filter(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    return umbd_h2_filter_feed(&conn->filter, bytes, count, feed_session, conn);
+}
+
+static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
+{
+    int code = umbd_conn_tls_open(conn, bytes, count, feed_filter, conn);
+    /* The loop's buffer is for whoever comes next. */
+    if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
+        return UMBD_TLS_BROKEN;
+    }
+    return code;
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = stream->data;
+    const uint8_t *bytes = (const uint8_t *)buffer->base;
+    if (count < 0) {
+        umbd_conn_close(conn, uv_strerror((int)count));
+        return;
+    }
+    if (count == 0 || conn->closing) {
+        return;
+    }
+    unsigned before = conn->filter.odd;
+    int code = conn->tls != NULL ? feed_tls(conn, bytes, (size_t)count)
+                                 : feed_filter(conn, bytes, (size_t)count);
+    for (; code == 0 && !conn->doomed && before != conn->filter.odd; before++) {
+        if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
+            umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
+        }
+    }
+    if (code == UMBD_TLS_BROKEN) {
+        tls_broke(conn);
+    } else if (code != 0) {
+        session_broke(conn, code);
+    } else {
+        umbd_conn_flush(conn);
+    }
+}
+
+int umbd_conn_read_start(struct umbd_conn *conn)
+{
+    return uv_read_start(&conn->socket.stream, on_alloc, on_read);
+}

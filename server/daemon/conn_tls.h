@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_CONN_TLS_H
+#define UMBRAGE_SERVER_DAEMON_CONN_TLS_H
+/*
+ * TLS of one connection, without I/O: records in, plain bytes out, and the other way round.
+ *
+ * The library reads records from where the loop read them, and writes records into the loop's
+ * buffer; a connection keeps no buffer of its own but records that could not be sent at once
+ * (handshakes and alerts only, since data is sealed when it can be sent).
+ */
+#include "daemon/conn.h"
+
+#define UMBD_TLS_RECORD   16384 /* plain bytes of a record */
+#define UMBD_TLS_OVERHEAD 64    /* at most, of a record: head, nonce, tag, padding */
+/* Room for sealing all of the loop's output, and what a handshake says. */
+#define UMBD_SEALED_CAPACITY                                                                       \
+    (UMBD_OUT_CAPACITY + (UMBD_OUT_CAPACITY / UMBD_TLS_RECORD + 2) * UMBD_TLS_OVERHEAD + 65536)
+
+/* Makes the session. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
+void umbd_conn_tls_finish(struct umbd_conn *conn);
+
+/*
+ * Takes records; gives what they hold to `emit`. Returns 0, what emit returned to stop, or
+ * UMBD_TLS_BROKEN: the connection must be flushed (there may be an alert) and closed.
+ */
+#define UMBD_TLS_BROKEN (-100000)
+int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
+                       umbd_emit_fn emit, void *user);
+
+/* 1 once the handshake is over: then frames may be sent. */
+int umbd_conn_tls_ready(const struct umbd_conn *conn);
+
+/* Seals count bytes of the loop's output; *bytes and *size then are the records to be sent. Returns
+ * 0 if that failed. */
+int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size);
+
+/* Keeps records that cannot be sent now. Returns 0 if there are too many, or no memory. */
+int umbd_conn_tls_keep(struct umbd_conn *conn);
+
+/* Says goodbye; the records are to be flushed. */
+void umbd_conn_tls_bye(struct umbd_conn *conn);
+
+#endif

@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Certificates and the rules of sessions. The context in use is swapped under a mutex and counted
+ * by OpenSSL, so a session that is being made keeps the one it began with.
+ */
+#include "daemon/tls_context.h"
+
+#include <openssl/err.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* Of TLS 1.2 only what forward secrecy and authenticated encryption are part of. */
+#define TLS12_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
+
+struct umbd_tls {
+    struct umbd_tls_files files;
+    pthread_mutex_t mutex;
+    SSL_CTX *context; /* under the mutex */
+};
+
+static int select_h2(SSL *ssl, const unsigned char **out, unsigned char *out_size,
+                     const unsigned char *offered, unsigned offered_size, void *unused)
+{
+    static const unsigned char h2[] = {2, 'h', '2'};
+    (void)ssl;
+    (void)unused;
+    unsigned char *chosen = NULL;
+    if (SSL_select_next_proto(&chosen, out_size, h2, sizeof h2, offered, offered_size) !=
+        OPENSSL_NPN_NEGOTIATED) {
+        return SSL_TLSEXT_ERR_ALERT_FATAL;
+    }
+    *out = chosen;
+    return SSL_TLSEXT_ERR_OK;
+}
+
+/* What OpenSSL has to say; empties its queue. */
+static enum umb_status refuse(struct umb_error *error, const char *option, const char *path)
+{
+    char reason[160] = "";
+    unsigned long code = ERR_peek_error();
+    if (code != 0) {
+        ERR_error_string_n(code, reason, sizeof reason);
+    }
+    ERR_clear_error();
+    return umb_fail(error, access(path, R_OK) == 0 ? UMB_E_ARGUMENT : UMB_E_NO_INPUT,
+                    "%s: '%.100s' cannot be used: %s", option, path, reason);
+}
+
+static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files *files,
+                                  struct umb_error *error)
+{
+    if (SSL_CTX_use_certificate_chain_file(context, files->certificate) != 1) {
+        return refuse(error, "--tls-cert", files->certificate);
+    }
+    if (SSL_CTX_use_PrivateKey_file(context, files->key, SSL_FILETYPE_PEM) != 1 ||
+        SSL_CTX_check_private_key(context) != 1) {
+        return refuse(error, "--tls-key", files->key);
+    }
+    if (files->client_ca == NULL) {
+        return UMB_OK;
+    }
+    STACK_OF(X509_NAME) *names = SSL_load_client_CA_file(files->client_ca);
+    if (names == NULL || SSL_CTX_load_verify_locations(context, files->client_ca, NULL) != 1) {
+        sk_X509_NAME_pop_free(names, X509_NAME_free);
+        return refuse(error, "--tls-client-ca", files->client_ca);
+    }
+    SSL_CTX_set_client_CA_list(context, names);
+    SSL_CTX_set_verify(context, SSL_VERIFY_PEER | SSL_VERIFY_FAIL_IF_NO_PEER_CERT, NULL);
+    return UMB_OK;
+}
+
+static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX **out,
+                                    struct umb_error *error)
+{
+    static const unsigned char session_id[] = "umbraged";
+    SSL_CTX *context = SSL_CTX_new(TLS_server_method());
+    *out = NULL;
+    if (context == NULL || SSL_CTX_set_min_proto_version(context, TLS1_2_VERSION) != 1 ||
+        SSL_CTX_set_cipher_list(context, TLS12_CIPHERS) != 1 ||
+        SSL_CTX_set_session_id_context(context, session_id, sizeof session_id - 1) != 1) {
+        SSL_CTX_free(context);
+        ERR_clear_error();
+        return umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
+    }
+    SSL_CTX_set_options(context, SSL_OP_NO_RENEGOTIATION | SSL_OP_NO_COMPRESSION |
+                                     SSL_OP_CIPHER_SERVER_PREFERENCE);
+    /* Idle connections keep no record buffers. */
+    SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
+    SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
+    SSL_CTX_set_alpn_select_cb(context, select_h2, NULL);
+    enum umb_status status = load_files(context, files, error);
+    if (status != UMB_OK) {
+        SSL_CTX_free(context);
+        return status;
+    }
+    *out = context;
+    return UMB_OK;
+}
+
+enum umb_status umbd_tls_create(const struct umbd_tls_files *files, struct umbd_tls **out,
+                                struct umb_error *error)
+{
+    *out = NULL;
+    struct umbd_tls *tls = calloc(1, sizeof *tls);
+    if (tls == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for TLS");
+    }
+    tls->files = *files;
+    enum umb_status status = make_context(files, &tls->context, error);
+    if (status != UMB_OK) {
+        free(tls);
+        return status;
+    }
+    pthread_mutex_init(&tls->mutex, NULL);
+    *out = tls;
+    return UMB_OK;
+}
+
+void umbd_tls_destroy(struct umbd_tls *tls)
+{
+    if (tls != NULL) {
+        SSL_CTX_free(tls->context);
+        pthread_mutex_destroy(&tls->mutex);
+        free(tls);
+    }
+}
+
+enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error)
+{
+    SSL_CTX *fresh = NULL;
+    enum umb_status status = make_context(&tls->files, &fresh, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    pthread_mutex_lock(&tls->mutex);
+    SSL_CTX *old = tls->context;
+    tls->context = fresh;
+    pthread_mutex_unlock(&tls->mutex);
+    SSL_CTX_free(old);
+    return UMB_OK;
+}
+
+SSL *umbd_tls_session(struct umbd_tls *tls)
+{
+    pthread_mutex_lock(&tls->mutex);
+    SSL *session = SSL_new(tls->context);
+    pthread_mutex_unlock(&tls->mutex);
+    if (session == NULL) {
+        ERR_clear_error();
+        return NULL;
+    }
+    SSL_set_accept_state(session);
+    return session;
+}

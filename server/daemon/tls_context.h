@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_TLS_CONTEXT_H
+#define UMBRAGE_SERVER_DAEMON_TLS_CONTEXT_H
+/*
+ * The server's certificate, key and what it demands of clients: TLS 1.2 and 1.3, ALPN "h2" and
+ * nothing else, no renegotiation, no compression; with a client authority also a client's
+ * certificate (mutual TLS).
+ *
+ * Threads: all functions from any thread; a session made before a reload keeps the old certificate.
+ */
+#include <openssl/ssl.h>
+#include "umbrage/status.h"
+
+struct umbd_tls; /* opaque */
+
+struct umbd_tls_files {
+    const char *certificate; /* PEM, the server's first, then the chain */
+    const char *key;         /* PEM, of that certificate */
+    const char *client_ca; /* PEM of the authorities of clients, or NULL: no certificates wanted */
+};
+
+/* Reads the files; their names must live as long as the object. Fails: E_NO_INPUT, E_ARGUMENT (not
+ * what they should be, the key of another certificate), E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_tls_create(const struct umbd_tls_files *files,
+                                            struct umbd_tls **out, struct umb_error *error);
+void umbd_tls_destroy(struct umbd_tls *tls);
+
+/* Reads the files again. On failure what was read before stays in use. */
+UMB_CHECKED enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error);
+
+/* A new server-side session; SSL_free it. NULL: out of memory. */
+SSL *umbd_tls_session(struct umbd_tls *tls);
+
+#endif

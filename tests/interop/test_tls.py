@@ -1,0 +1,209 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+TLS as real clients see it: python3-grpcio and Python's ssl module against `tls:` addresses, with and
+without certificates of clients. The certificates are made here, by the openssl command.
+"""
+import os
+import shutil
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+import time
+import warnings
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+grpc, _ = ut.need_grpc()
+if shutil.which("openssl") is None:
+    ut.skip("the openssl command is not installed")
+Code = grpc.StatusCode
+test = ut.Test()
+M = test.messages.shadows
+COUNT = 65536
+
+
+def openssl(*words):
+    subprocess.run(["openssl", *words], check=True, stdout=subprocess.DEVNULL,
+                   stderr=subprocess.DEVNULL, cwd=test.folder)
+
+
+def authority(name):
+    openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days",
+            "2", "-subj", f"/CN={name}", "-keyout", f"{name}.key", "-out", f"{name}.pem")
+
+
+def certificate(name, by, subject):
+    """A key and a certificate for `subject`, signed by an authority."""
+    openssl("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj",
+            f"/CN={subject}", "-keyout", f"{name}.key", "-out", f"{name}.csr")
+    with open(test.path(f"{name}.ext"), "w", encoding="ascii") as file:
+        file.write(f"subjectAltName=DNS:{subject},IP:127.0.0.1\n")
+    openssl("x509", "-req", "-in", f"{name}.csr", "-CA", f"{by}.pem", "-CAkey", f"{by}.key",
+            "-CAcreateserial", "-days", "2", "-extfile", f"{name}.ext", "-out", f"{name}.pem")
+
+
+def read(name):
+    with open(test.path(name), "rb") as file:
+        return file.read()
+
+
+authority("ca")
+authority("other")
+certificate("server", "ca", "localhost")
+certificate("client", "ca", "somebody")
+certificate("stranger", "other", "somebody")
+
+store = test.path("store")
+os.mkdir(store)
+test.bake(test.scene("city", 3), store + "/city.umb", "--resolution", 256, "--depth", "raster",
+          "--verify", 0)
+TLS = ("--listen", "tls:127.0.0.1:0", "--tls-cert", test.path("server.pem"), "--tls-key",
+       test.path("server.key"))
+daemon = test.daemon(*TLS, "--handshake-timeout", "2s")
+address = daemon.addresses["tls"]
+port = int(address.rpartition(":")[2])
+plain = test.client(daemon.grpc_tcp)
+
+
+def secure(target, ca="ca", own=None):
+    """A client over TLS; own: name of its certificate."""
+    credentials = grpc.ssl_channel_credentials(
+        read(f"{ca}.pem"), *((read(f"{own}.key"), read(f"{own}.pem")) if own else ()))
+    return test.client(target, credentials=credentials)
+
+
+def shake(to, alpn=("h2",), highest=None):
+    """A TLS connection by Python's ssl; returns it or raises."""
+    context = ssl.create_default_context(cafile=test.path("ca.pem"))
+    if alpn:
+        context.set_alpn_protocols(alpn)
+    if highest:
+        warnings.simplefilter("ignore", DeprecationWarning)  # old versions are meant
+        context.minimum_version = ssl.TLSVersion.TLSv1
+        context.maximum_version = highest
+        context.set_ciphers("ALL:@SECLEVEL=0")
+    raw = socket.create_connection(("127.0.0.1", to), timeout=10)
+    return context.wrap_socket(raw, server_hostname="localhost")
+
+
+about = plain.describe(M.DescribeRequest(asset="city"), timeout=60)
+points = ut.floats(ut.random_points(about.bounds_min, about.bounds_max, COUNT, 7))
+client = secure(address)
+
+with test.check("answers over TLS are those over TCP, for every size of batch"):
+    for count in (0, 1, 64, 1365, 1366, 5000, COUNT):
+        for fields in ({"format": M.ANSWER_F32}, {"taps": 3, "want_stats": False}):
+            request = M.QueryRequest(asset="city", points=points[:12 * count], **fields)
+            assert client.query(request, timeout=60) == plain.query(request, timeout=60)
+with test.check("a stream over TLS answers in order"):
+    asked = [M.QueryRequest(asset="city", points=points[:12 * n]) for n in (1, COUNT, 64, 9000) * 3]
+    assert list(client.stream(iter(asked), timeout=60)) == [plain.query(r, timeout=60) for r in asked]
+with test.check("TLS 1.2 and 1.3 are spoken, 1.1 is not"):
+    for version, name in ((ssl.TLSVersion.TLSv1_2, "TLSv1.2"), (ssl.TLSVersion.TLSv1_3, "TLSv1.3")):
+        with shake(port, highest=version) as connection:
+            assert connection.version() == name
+            assert connection.selected_alpn_protocol() == "h2"
+    try:
+        shake(port, highest=ssl.TLSVersion.TLSv1_1)
+        raise AssertionError("TLS 1.1 was accepted")
+    except (ssl.SSLError, ConnectionError):
+        pass
+
+
+def is_cut(connection):
+    """The server ends it without a byte of HTTP/2."""
+    try:
+        return connection.recv(100) == b""
+    except (ssl.SSLError, ConnectionError):
+        return True
+
+
+with test.check("a client that offers another protocol than h2, or none, is cut"):
+    for alpn in (("http/1.1",), ()):
+        try:
+            with shake(port, alpn=alpn) as connection:
+                assert is_cut(connection), alpn
+        except (ssl.SSLError, ConnectionError):
+            pass
+with test.check("plain HTTP/2 and noise on a TLS port are cut at once, and counted"):
+    before = daemon.metric("umbrage_tls_failures_total")
+    for data in (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(9), b"\xff" * 300, b"GET / HTTP/1.1\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+            connection.sendall(data)
+            try:
+                while connection.recv(1000):
+                    pass
+            except ConnectionError:
+                pass
+    assert daemon.metric("umbrage_tls_failures_total") == before + 3
+with test.check("a handshake that does not go on is cut by its timer"):
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.sendall(b"\x16\x03\x01\x02\x00\x01")
+        begin = time.monotonic()
+        assert connection.recv(100) == b""
+        assert 1 < time.monotonic() - begin < 8
+with test.check("records that arrive byte by byte are put together"):
+    context = ssl.create_default_context(cafile=test.path("ca.pem"))
+    context.set_alpn_protocols(["h2"])
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    session = context.wrap_bio(incoming, outgoing, server_hostname="localhost")
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for _ in range(20):
+            try:
+                session.do_handshake()
+                break
+            except ssl.SSLWantReadError:
+                for byte in outgoing.read():
+                    connection.sendall(bytes([byte]))
+                incoming.write(connection.recv(65536))
+        session.write(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0]))
+        for byte in outgoing.read():
+            connection.sendall(bytes([byte]))
+        data = b""
+        while len(data) < 9:
+            try:
+                data += session.read(1000)
+            except ssl.SSLWantReadError:
+                incoming.write(connection.recv(65536))
+        assert data[3] == 4, "the first frame is SETTINGS"
+with test.check("a client that trusts another authority does not connect"):
+    stranger = secure(address, ca="other")
+    stranger.refused(lambda: stranger.ask("city", timeout=10), Code.UNAVAILABLE)
+    stranger.close()
+
+mutual = test.daemon(*TLS, "--tls-client-ca", test.path("ca.pem"))
+with test.check("with --tls-client-ca only clients with its certificates are answered"):
+    for own, welcome in (("client", True), ("stranger", False), (None, False)):
+        peer = secure(mutual.addresses["tls"], own=own)
+        if welcome:
+            assert len(peer.ask("city", points[:120]).visibility) == 10
+        else:
+            peer.refused(lambda: peer.ask("city", timeout=10), Code.UNAVAILABLE)
+        peer.close()
+
+with test.check("SIGHUP takes a new certificate for new connections; a bad one changes nothing"):
+    def served():
+        with shake(port) as connection:
+            return connection.getpeercert()["serialNumber"]
+    first = served()
+    certificate("server", "ca", "localhost")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: served() != first, 10, "the new certificate")
+    second = served()
+    assert client.ask("city", points[:120]).visibility  # the old connection lives on
+    with open(test.path("server.pem"), "w", encoding="ascii") as file:
+        file.write("nonsense\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "tls_not_reloaded" in daemon.log(), 10, "the complaint")
+    assert served() == second
+with test.check("tls: without a certificate is a usage error"):
+    done = ut.run("umbraged", "--store", store, "--listen", "tls:127.0.0.1:0", code=2)
+    assert b"--tls-cert" in done.stderr
+for one in (client, plain):
+    one.close()
+test.finish()
