@@ -6,7 +6,7 @@
  * while `batch` is set the pool may be reading the message, so the call neither frees nor changes
  * it; a call that was failed keeps no request bytes.
  */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -114,7 +114,7 @@ int umbd_call_charge(struct umbd_call *call, size_t bytes)
         "later",
         (unsigned long long)limit, option);
     umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
-    call->pushback = 1;
+    call->pushback_ms = UMBD_PUSHBACK_MS;
     umbd_call_fail(call, UMBW_GRPC_RESOURCE_EXHAUSTED, text);
     return 0;
 }
@@ -177,6 +177,8 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
         call->is_grpc = is_grpc_type(value, value_size);
     } else if (equals(name, name_size, "grpc-timeout")) {
         take_timeout(call, value, value_size);
+    } else if (equals(name, name_size, "authorization")) {
+        umbd_call_authorization(call, value, value_size);
     } else if (equals(name, name_size, "grpc-encoding")) {
         call->encoding = equals(value, value_size, "identity") ? UMBD_ENCODING_IDENTITY
                          : equals(value, value_size, "gzip")   ? UMBD_ENCODING_GZIP
@@ -236,6 +238,9 @@ void umbd_call_headers_end(struct umbd_call *call)
     } else if (call->bad_timeout) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
                        "grpc-timeout: must be 1 to 8 digits and one of H, M, S, m, u, n");
+    } else if (umbd_call_is_allowed(call) && call->method != UMBD_METHOD_QUERY &&
+               call->method != UMBD_METHOD_QUERY_STREAM) {
+        (void)umbd_call_take_points(call, UMBD_CALL_POINTS); /* queries pay with their points */
     }
 }
 

@@ -21,6 +21,7 @@
 #include "wire/reflection.h"
 
 #define UMBD_GRACE_MS          1000  /* between an early failure and the reset of the upload */
+#define UMBD_PUSHBACK_MS       50    /* a full queue of slices drains in about that time */
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
@@ -61,7 +62,9 @@ struct umbd_call {
     char path[UMBD_PATH_SIZE];
     int is_post, is_grpc, bad_timeout;
     enum umbd_encoding encoding; /* grpc-encoding */
-    int reset_early;             /* cancelled by the peer before it was opened */
+    int has_token;               /* a bearer token came, of that hash */
+    uint8_t token_hash[UMBD_HASH_BYTES];
+    int reset_early; /* cancelled by the peer before it was opened */
     int headers_whole, request_ended, discarding;
     enum umbd_method method;
     enum umbd_refusal refusal;
@@ -96,7 +99,7 @@ struct umbd_call {
     int offer_encodings;    /* say which encodings are taken */
     int code;               /* gRPC code of the trailers */
     char text[512];         /* escaped message of the trailers */
-    int pushback;           /* tell the client when to come again */
+    unsigned pushback_ms;   /* tell the client when to come again; 0 = do not */
     struct umbw_buffer out; /* body that is made and not all sent */
     size_t sent;            /* of out */
 };

@@ -11,8 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PUSHBACK_MS "50" /* a full queue of full-size slices drains in about that time */
-
 static nghttp2_nv field(const char *name, const char *value)
 {
     return (nghttp2_nv){
@@ -25,16 +23,17 @@ static nghttp2_nv field(const char *name, const char *value)
 }
 
 /* Appends grpc-status and what goes with it. */
-static size_t add_status(const struct umbd_call *call, char digits[12], nghttp2_nv *fields,
+static size_t add_status(const struct umbd_call *call, char digits[24], nghttp2_nv *fields,
                          size_t count)
 {
     snprintf(digits, 12, "%d", call->code);
+    snprintf(digits + 12, 12, "%u", call->pushback_ms);
     fields[count++] = field("grpc-status", digits);
     if (call->text[0] != '\0') {
         fields[count++] = field("grpc-message", call->text);
     }
-    if (call->pushback) {
-        fields[count++] = field("grpc-retry-pushback-ms", PUSHBACK_MS);
+    if (call->pushback_ms > 0) {
+        fields[count++] = field("grpc-retry-pushback-ms", digits + 12);
     }
     return count;
 }
@@ -63,7 +62,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
         *flags |= NGHTTP2_DATA_FLAG_EOF;
         if (!call->plain) {
             nghttp2_nv fields[3];
-            char digits[12];
+            char digits[24];
             size_t field_count = add_status(call, digits, fields, 0);
             *flags |= NGHTTP2_DATA_FLAG_NO_END_STREAM;
             if (nghttp2_submit_trailer(session, stream_id, fields, field_count) != 0) {
@@ -148,7 +147,7 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     }
     (void)umbd_call_charge(call, 0);
     nghttp2_nv fields[7];
-    char digits[12];
+    char digits[24];
     size_t count = 0;
     fields[count++] = field(":status", "200");
     fields[count++] = field("content-type", "application/grpc");
@@ -171,7 +170,9 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
 {
     const char *message =
         error != NULL && error->message[0] != '\0' ? error->message : umb_status_text(status);
-    call->pushback |= is_temporary(status);
+    if (call->pushback_ms == 0 && is_temporary(status)) {
+        call->pushback_ms = UMBD_PUSHBACK_MS;
+    }
     umbd_call_fail(call, umb_status_grpc(status), message);
 }
 

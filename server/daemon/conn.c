@@ -6,7 +6,7 @@
  * send and close. A closed connection stays in memory until libuv says so, with `closing` set, so a
  * pointer held across a flush stays good for the rest of the event.
  */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 #include "daemon/conn_tls.h"
 
 #include <stdlib.h>
@@ -104,6 +104,8 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     conn->session = NULL;
     say_bye(conn);
     umbd_conn_tls_finish(conn);
+    umbd_conn_forget_rights(conn);
+    umbd_peers_release(conn->loop->daemon->peers, conn->account, umbd_now_ns());
     umbd_loop_forget(conn);
     unlink_conn(conn);
     uv_close(&conn->socket.handle, on_closed);
@@ -164,9 +166,12 @@ static void cut_by_timer(struct umbd_conn *conn, const char *which)
     umbd_conn_close(conn, which);
 }
 
-static void name_peer(struct umbd_conn *conn, enum umbd_transport transport)
+/* Names the peer and counts the connection for its address. Returns 0 if it has too many. */
+static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, const char **reason)
 {
+    struct umbd_daemon *daemon = conn->loop->daemon;
     struct sockaddr_storage address;
+    memset(&address, 0, sizeof address);
     int size = sizeof address;
     if (transport == UMBD_UNIX) {
         snprintf(conn->peer, sizeof conn->peer, "unix");
@@ -175,6 +180,8 @@ static void name_peer(struct umbd_conn *conn, enum umbd_transport transport)
     } else {
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
+    return umbd_peers_acquire(daemon->peers, transport == UMBD_UNIX ? NULL : &address,
+                              daemon->options.max_address_connections, &conn->account, reason);
 }
 
 /* With as many connections as there may be, the one that has been idle longest makes room, so that
@@ -200,9 +207,18 @@ static void make_room(struct umbd_loop *loop)
     }
 }
 
+static void refuse(struct umbd_conn *conn, const char *reason)
+{
+    umbd_count(&conn->loop->daemon->metrics.connections_refused, 1);
+    umbs_log_event(&conn->loop->daemon->log, UMB_LOG_DEBUG, "conn_refused",
+                   "peer=\"%s\" reason=\"%s\"", conn->peer, reason);
+    uv_close(&conn->socket.handle, on_closed);
+}
+
 int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport)
 {
     struct umbd_daemon *daemon = loop->daemon;
+    const char *reason = "";
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
         return 0;
@@ -218,11 +234,13 @@ int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_tran
     conn->socket.handle.data = conn;
     if (uv_accept(server, &conn->socket.stream) != 0 ||
         loop->conn_count >= daemon->options.max_connections) {
-        umbd_count(&daemon->metrics.connections_refused, 1);
-        uv_close(&conn->socket.handle, on_closed);
+        refuse(conn, "too many connections");
         return 1;
     }
-    name_peer(conn, transport);
+    if (!know_peer(conn, transport, &reason)) {
+        refuse(conn, reason);
+        return 1;
+    }
     conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
     conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
     link_conn(conn);

@@ -40,6 +40,11 @@ struct umbd_conn {
     size_t call_count;
     size_t buffered; /* bytes of its calls and of its pending write */
 
+    struct umbd_peer_account *account; /* of its address */
+    struct umbd_token_set *tokens;     /* the set that `token` was found in */
+    struct umbd_token *token;          /* of the last call that had one */
+    unsigned token_generation;
+
     struct umbd_h2_filter filter;
     struct umbd_bucket control, resets;
     unsigned header_strikes;

@@ -34,6 +34,15 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
             umbd_store_watch_kick(daemon->watch);
         }
     }
+    if (status == UMB_OK && options->token_file != NULL) {
+        status = umbd_tokens_create(options->token_file, &daemon->tokens, error);
+    }
+    if (status == UMB_OK) {
+        daemon->peers = umbd_peers_create();
+        status = daemon->peers != NULL
+                     ? UMB_OK
+                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the peers");
+    }
     if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
         struct umbd_tls_files files = {options->tls_cert, options->tls_key, options->tls_client_ca};
         status = umbd_tls_create(&files, &daemon->tls, error);
@@ -59,7 +68,11 @@ int umbd_daemon_finish(struct umbd_daemon *daemon)
 {
     umbd_pool_destroy(daemon->pool);
     daemon->pool = NULL;
+    umbd_peers_destroy(daemon->peers);
+    umbd_tokens_destroy(daemon->tokens);
     umbd_tls_destroy(daemon->tls);
+    daemon->peers = NULL;
+    daemon->tokens = NULL;
     daemon->tls = NULL;
     /* No entry is held any more, so nobody calls the watch after it is gone. */
     if (!umbd_store_watch_destroy(daemon->watch)) {

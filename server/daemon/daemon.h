@@ -11,8 +11,10 @@
 #include "daemon/daemon_metrics.h"
 #include "daemon/daemon_options.h"
 #include "daemon/pool.h"
+#include "daemon/rate_limit.h"
 #include "daemon/store_watch.h"
 #include "daemon/tls_context.h"
+#include "daemon/tokens.h"
 
 struct umbd_daemon {
     struct umbd_options options;
@@ -21,6 +23,8 @@ struct umbd_daemon {
     struct umbs_store *store;
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
+    struct umbd_peer_table *peers;
+    struct umbd_tokens *tokens;       /* NULL = anybody may query */
     struct umbd_tls *tls;             /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
     atomic_uint_fast64_t next_serial; /* of connections; never reused */

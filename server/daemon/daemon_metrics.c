@@ -144,6 +144,10 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
            get(&metrics->connections_evicted));
     single(out, "umbrage_tls_failures_total", "counter", "TLS handshakes and sessions that failed.",
            get(&metrics->tls_failures));
+    single(out, "umbrage_unauthorized_total", "counter", "Calls refused for their token.",
+           get(&metrics->unauthorized));
+    single(out, "umbrage_rate_limited_total", "counter", "Calls refused for their rate.",
+           get(&metrics->rate_limited));
     single(out, "umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
            gauges->buffered_bytes);
     head(out, "umbrage_h2_abuse_total", "counter", "Connections or streams cut, by cause.");

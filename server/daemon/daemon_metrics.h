@@ -49,6 +49,8 @@ struct umbd_metrics {
     atomic_uint_fast64_t shed;
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
     atomic_uint_fast64_t tls_failures;
+    atomic_uint_fast64_t unauthorized;
+    atomic_uint_fast64_t rate_limited;
     atomic_uint_fast64_t asset_errors;
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;

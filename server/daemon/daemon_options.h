@@ -18,12 +18,15 @@ struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL behind the last */
     const char *listen[UMBD_LISTEN_MAX];
     size_t listen_count;
-    const char *admin;                              /* HOST:PORT or NULL */
-    const char *address_file;                       /* or NULL */
-    int copy, warm_up;                              /* how assets are held: store.h */
+    const char *admin;        /* HOST:PORT or NULL */
+    const char *address_file; /* or NULL */
+    int copy, warm_up;        /* how assets are held: store.h */
+    const char *token_file;   /* or NULL */
+    uint64_t address_rate;    /* points a second of one address, 0 = any */
+    uint32_t max_address_connections;
+    const char *tls_cert, *tls_key, *tls_client_ca; /* files, or NULL */
     uint32_t workers;                               /* threads of the pool */
     uint32_t queue;                                 /* batches that may wait for the pool */
-    const char *tls_cert, *tls_key, *tls_client_ca; /* files, or NULL */
     uint32_t max_connections;
     uint64_t max_points;        /* a batch */
     uint64_t max_message;       /* bytes */

@@ -165,18 +165,26 @@ static void on_tick(uv_timer_t *timer)
     umbd_loop_drain_step(loop);
 }
 
+static void log_reload(const struct umbd_daemon *daemon, const char *what, enum umb_status status,
+                       const struct umb_error *error)
+{
+    if (status == UMB_OK) {
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "reloaded", "what=%s", what);
+    } else {
+        umbs_log_event(&daemon->log, UMB_LOG_ERROR, "not_reloaded", "what=%s reason=\"%s\"", what,
+                       error->message);
+    }
+}
+
 /* Small files, read where nobody waits for long; what cannot be read stays as it was. */
 static void reload_secrets(struct umbd_daemon *daemon)
 {
     struct umb_error error;
-    if (daemon->tls == NULL) {
-        return;
+    if (daemon->tls != NULL) {
+        log_reload(daemon, "tls", umbd_tls_reload(daemon->tls, &error), &error);
     }
-    if (umbd_tls_reload(daemon->tls, &error) == UMB_OK) {
-        umbs_log_event(&daemon->log, UMB_LOG_INFO, "tls_reloaded", NULL);
-    } else {
-        umbs_log_event(&daemon->log, UMB_LOG_ERROR, "tls_not_reloaded", "reason=\"%s\"",
-                       error.message);
+    if (daemon->tokens != NULL) {
+        log_reload(daemon, "tokens", umbd_tokens_reload(daemon->tokens, &error), &error);
     }
 }
 

@@ -6,7 +6,7 @@
  * Each batch holds one version of its asset from here to the end of its work, and the reply names
  * that version.
  */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 
 #include <math.h>
 #include <string.h>
@@ -200,6 +200,11 @@ void umbd_service_query(struct umbd_call *call)
         status = make_batch(call, &request, &batch, &error);
     }
     int targets = request.target_count > 0;
+    if (status == UMB_OK &&
+        !umbd_call_take_points(call, UMBD_CALL_POINTS + request.points.count * batch->part_count)) {
+        umbd_batch_destroy(batch);
+        return;
+    }
     if (status == UMB_OK && !umbd_call_charge(call, call->charged + batch->value_bytes)) {
         umbd_batch_destroy(batch);
         return;

@@ -199,7 +199,7 @@ with test.check("SIGHUP takes a new certificate for new connections; a bad one c
     with open(test.path("server.pem"), "w", encoding="ascii") as file:
         file.write("nonsense\n")
     daemon.signal(signal.SIGHUP)
-    ut.wait_until(lambda: "tls_not_reloaded" in daemon.log(), 10, "the complaint")
+    ut.wait_until(lambda: "not_reloaded what=tls" in daemon.log(), 10, "the complaint")
     assert served() == second
 with test.check("tls: without a certificate is a usage error"):
     done = ut.run("umbraged", "--store", store, "--listen", "tls:127.0.0.1:0", code=2)

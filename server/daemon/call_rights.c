@@ -1,0 +1,123 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Rights of calls. A connection remembers the last token it saw and the set it was found in, so
+ * that the usual call compares one hash and takes no lock; a reload makes it look again.
+ */
+#include "daemon/call_rights.h"
+
+#include <openssl/crypto.h>
+#include <string.h>
+#include <strings.h>
+
+#include "common/sha256.h"
+
+static enum umbd_scope scope_of(enum umbd_method method)
+{
+    switch (method) {
+    case UMBD_METHOD_CHECK:
+    case UMBD_METHOD_WATCH:
+    case UMBD_METHOD_UNKNOWN:
+        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens */
+    default:
+        return UMBD_SCOPE_QUERY;
+    }
+}
+
+void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_t size)
+{
+    static const char scheme[] = "Bearer ";
+    size_t length = sizeof scheme - 1;
+    if (call->conn->loop->daemon->tokens == NULL) {
+        return;
+    }
+    call->has_token = size > length && strncasecmp((const char *)value, scheme, length) == 0;
+    if (call->has_token) {
+        umbs_sha256_bytes(value + length, size - length, call->token_hash);
+    }
+}
+
+void umbd_conn_forget_rights(struct umbd_conn *conn)
+{
+    umbd_token_set_release(conn->tokens);
+    conn->tokens = NULL;
+    conn->token = NULL;
+}
+
+/* The call's token, or NULL. */
+static struct umbd_token *find_token(struct umbd_call *call)
+{
+    struct umbd_conn *conn = call->conn;
+    struct umbd_tokens *tokens = conn->loop->daemon->tokens;
+    unsigned generation = umbd_tokens_generation(tokens);
+    if (conn->tokens == NULL || conn->token_generation != generation) {
+        umbd_conn_forget_rights(conn);
+        conn->tokens = umbd_tokens_acquire(tokens);
+        conn->token_generation = generation;
+    }
+    if (conn->token == NULL ||
+        CRYPTO_memcmp(conn->token->hash, call->token_hash, UMBD_HASH_BYTES) != 0) {
+        conn->token = umbd_token_find(conn->tokens, call->token_hash);
+    }
+    return conn->token;
+}
+
+int umbd_call_is_allowed(struct umbd_call *call)
+{
+    struct umbd_daemon *daemon = call->conn->loop->daemon;
+    enum umbd_scope scope = scope_of(call->method);
+    struct umb_error error;
+    if (daemon->tokens == NULL || scope == UMBD_SCOPE_NONE) {
+        return 1;
+    }
+    enum umb_status status = UMB_OK;
+    const struct umbd_token *token = call->has_token ? find_token(call) : NULL;
+    if (token == NULL) {
+        status =
+            umb_fail(&error, UMB_E_UNAUTHENTICATED, "authorization: %s",
+                     call->has_token ? "the token is not known" : "'Bearer TOKEN' is needed here");
+    } else if ((token->scopes & (unsigned)scope) == 0) {
+        status = umb_fail(&error, UMB_E_PERMISSION,
+                          "authorization: token '%s' does not have the scope query", token->name);
+    }
+    if (status != UMB_OK) {
+        umbd_count(&daemon->metrics.unauthorized, 1);
+        umbd_call_fail_status(call, status, &error);
+    }
+    return status == UMB_OK;
+}
+
+static int refuse_rate(struct umbd_call *call, const char *whose, uint64_t per_second,
+                       uint64_t wait_ns)
+{
+    struct umb_error error;
+    uint64_t wait_ms = wait_ns / 1000000 + 1;
+    enum umb_status status =
+        umb_fail(&error, UMB_E_BUSY,
+                 "rate: %s is at its limit of %llu points a second; try again in %llu ms", whose,
+                 (unsigned long long)per_second, (unsigned long long)wait_ms);
+    umbd_count(&call->conn->loop->daemon->metrics.rate_limited, 1);
+    call->pushback_ms = (unsigned)wait_ms; /* an hour at most */
+    umbd_call_fail_status(call, status, &error);
+    return 0;
+}
+
+int umbd_call_take_points(struct umbd_call *call, uint64_t points)
+{
+    struct umbd_conn *conn = call->conn;
+    const struct umbd_options *options = &conn->loop->daemon->options;
+    uint64_t wait_ns = 0;
+    if (options->address_rate == 0 && conn->token == NULL) {
+        return 1;
+    }
+    uint64_t now_ns = umbd_now_ns();
+    if (conn->token != NULL && call->has_token &&
+        !umbd_rate_take(&conn->token->paid_until_ns, conn->token->points_per_second, points, now_ns,
+                        &wait_ns)) {
+        return refuse_rate(call, "the token", conn->token->points_per_second, wait_ns);
+    }
+    if (!umbd_rate_take(&conn->account->paid_until_ns, options->address_rate, points, now_ns,
+                        &wait_ns)) {
+        return refuse_rate(call, "the address", options->address_rate, wait_ns);
+    }
+    return 1;
+}

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_CALL_RIGHTS_H
+#define UMBRAGE_SERVER_DAEMON_CALL_RIGHTS_H
+/* What a call may do: its token, and the rates of token and address. */
+#include "daemon/call.h"
+
+/* Takes the authorization header. */
+void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_t size);
+
+/* Looks whether the method may be called. Returns 1, or 0 and fails the call: UNAUTHENTICATED,
+ * PERMISSION_DENIED. */
+int umbd_call_is_allowed(struct umbd_call *call);
+
+/* Takes points off the rates. Returns 1, or 0 and fails the call: RESOURCE_EXHAUSTED, with the time
+ * after which to come again. */
+int umbd_call_take_points(struct umbd_call *call, uint64_t points);
+
+/* Lets go of what a connection remembers. */
+void umbd_conn_forget_rights(struct umbd_conn *conn);
+
+#endif

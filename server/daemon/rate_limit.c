@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Rates as in the generic cell rate algorithm (ITU-T I.371, virtual scheduling), with debts, and
+ * the table of addresses. An address without connections stays in the table until its debts are
+ * paid, so that connecting anew wins nothing; whoever next meets it in its chain removes it.
+ */
+#include "daemon/rate_limit.h"
+
+#include <netinet/in.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BUCKETS     1024   /* a power of 2 */
+#define COST_MAX_NS 3.6e12 /* an hour: no single batch closes an address for longer */
+
+int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
+                   uint64_t now_ns, uint64_t *wait_ns)
+{
+    *wait_ns = 0;
+    if (per_second == 0) {
+        return 1;
+    }
+    double cost_ns = (double)points * 1e9 / (double)per_second;
+    cost_ns = cost_ns < COST_MAX_NS ? cost_ns : COST_MAX_NS;
+    uint64_t until = atomic_load_explicit(paid_until_ns, memory_order_relaxed);
+    uint64_t next;
+    do {
+        if (until > now_ns + UMBD_RATE_AHEAD_NS) {
+            *wait_ns = until - now_ns - UMBD_RATE_AHEAD_NS;
+            return 0;
+        }
+        next = (until > now_ns ? until : now_ns) + (uint64_t)cost_ns;
+    } while (!atomic_compare_exchange_weak_explicit(paid_until_ns, &until, next,
+                                                    memory_order_relaxed, memory_order_relaxed));
+    return 1;
+}
+
+struct umbd_peer_table {
+    pthread_mutex_t mutex;
+    struct umbd_peer_account *chains[BUCKETS];
+};
+
+struct umbd_peer_table *umbd_peers_create(void)
+{
+    struct umbd_peer_table *table = calloc(1, sizeof *table);
+    if (table != NULL) {
+        pthread_mutex_init(&table->mutex, NULL);
+    }
+    return table;
+}
+
+void umbd_peers_destroy(struct umbd_peer_table *table)
+{
+    if (table == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < BUCKETS; i++) {
+        while (table->chains[i] != NULL) {
+            struct umbd_peer_account *next = table->chains[i]->next;
+            free(table->chains[i]);
+            table->chains[i] = next;
+        }
+    }
+    pthread_mutex_destroy(&table->mutex);
+    free(table);
+}
+
+static void make_key(const struct sockaddr_storage *address, uint8_t key[9])
+{
+    memset(key, 0, 9);
+    if (address == NULL) {
+        return;
+    }
+    if (address->ss_family == AF_INET) {
+        struct sockaddr_in v4;
+        memcpy(&v4, address, sizeof v4);
+        key[0] = 4;
+        memcpy(key + 1, &v4.sin_addr, 4);
+    } else {
+        struct sockaddr_in6 v6;
+        memcpy(&v6, address, sizeof v6);
+        key[0] = 6;
+        memcpy(key + 1, &v6.sin6_addr, 8);
+    }
+}
+
+/* FNV-1a: chains need no more, since who fills one only slows its own accepting. */
+static struct umbd_peer_account **chain_of(struct umbd_peer_table *table, const uint8_t key[9])
+{
+    uint32_t hash = 2166136261U;
+    for (size_t i = 0; i < 9; i++) {
+        hash = (hash ^ key[i]) * 16777619U;
+    }
+    return &table->chains[hash & (BUCKETS - 1)];
+}
+
+int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
+                       size_t limit, struct umbd_peer_account **out, const char **reason)
+{
+    uint8_t key[9];
+    make_key(address, key);
+    *out = NULL;
+    *reason = "out of memory";
+    pthread_mutex_lock(&table->mutex);
+    struct umbd_peer_account **chain = chain_of(table, key);
+    struct umbd_peer_account *account = *chain;
+    while (account != NULL && memcmp(account->key, key, sizeof key) != 0) {
+        account = account->next;
+    }
+    if (account == NULL) {
+        account = calloc(1, sizeof *account);
+        if (account != NULL) {
+            memcpy(account->key, key, sizeof key);
+            account->next = *chain;
+            *chain = account;
+        }
+    }
+    if (account != NULL && account->connections >= limit) {
+        *reason = "too many connections of one address";
+        account = NULL;
+    }
+    if (account != NULL) {
+        account->connections++;
+    }
+    pthread_mutex_unlock(&table->mutex);
+    *out = account;
+    return account != NULL;
+}
+
+void umbd_peers_release(struct umbd_peer_table *table, struct umbd_peer_account *account,
+                        uint64_t now_ns)
+{
+    if (account == NULL) {
+        return;
+    }
+    pthread_mutex_lock(&table->mutex);
+    struct umbd_peer_account **at = chain_of(table, account->key);
+    account->connections--;
+    while (*at != NULL) {
+        struct umbd_peer_account *one = *at;
+        if (one->connections == 0 && atomic_load(&one->paid_until_ns) <= now_ns) {
+            *at = one->next;
+            free(one);
+        } else {
+            at = &one->next;
+        }
+    }
+    pthread_mutex_unlock(&table->mutex);
+}

@@ -1,0 +1,132 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Bearer tokens and rates, as python3-grpcio sees them."""
+import os
+import signal
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+grpc, _ = ut.need_grpc()
+Code = grpc.StatusCode
+test = ut.Test()
+M = test.messages.shadows
+H = test.messages.health
+R = test.messages.reflection
+GOOD, OTHER, SLOW = "studio-0123456789abcdef", "robot-0123456789abcdef", "slow-0123456789abcdef0"
+
+store = test.path("store")
+os.mkdir(store)
+test.bake(test.scene("city", 3), store + "/city.umb", "--resolution", 256, "--depth", "raster",
+          "--verify", 0)
+tokens = test.path("tokens")
+
+
+def write_tokens(text):
+    with open(tokens, "w", encoding="ascii") as file:
+        os.chmod(tokens, 0o600)
+        file.write(text)
+
+
+write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n")
+daemon = test.daemon("--token-file", tokens)
+client = test.client(daemon.grpc_tcp)
+request = M.QueryRequest(asset="city", points=bytes(120))
+
+
+def bearer(token, scheme="Bearer"):
+    return (("authorization", f"{scheme} {token}"),)
+
+
+def pushback(error):
+    return int(dict(error.trailing_metadata())["grpc-retry-pushback-ms"])
+
+
+with test.check("a token with the scope is answered, by whatever call"):
+    assert len(client.query(request, timeout=30, metadata=bearer(GOOD)).visibility) == 10
+    assert len(client.query(request, timeout=30, metadata=bearer(GOOD, "bearer")).visibility) == 10
+    assert len(list(client.stream(iter([request] * 3), timeout=30, metadata=bearer(GOOD)))) == 3
+    assert client.list(M.ListRequest(), timeout=30, metadata=bearer(GOOD)).assets
+with test.check("no token, an unknown one, or another scheme is UNAUTHENTICATED"):
+    for metadata in ((), bearer("x"), bearer(GOOD + "0"), bearer(GOOD[:-1]), bearer(GOOD, "Basic"),
+                     (("authorization", "Bearer"),), (("authorization", ""),)):
+        for call in (lambda: client.query(request, timeout=30, metadata=metadata),
+                     lambda: client.list(M.ListRequest(), timeout=30, metadata=metadata),
+                     lambda: list(client.stream(iter([request]), timeout=30, metadata=metadata)),
+                     lambda: list(client.reflect[0](iter([R.ServerReflectionRequest(
+                         list_services="*")]), timeout=30, metadata=metadata))):
+            client.refused(call, Code.UNAUTHENTICATED, "authorization")
+    assert daemon.metric("umbrage_unauthorized_total") >= 28
+with test.check("a token without the scope is PERMISSION_DENIED and is named"):
+    client.refused(lambda: client.query(request, timeout=30, metadata=bearer(OTHER)),
+                   Code.PERMISSION_DENIED, "robot", "query")
+with test.check("health needs no token"):
+    assert client.check(H.HealthCheckRequest(), timeout=30).status == H.HealthCheckResponse.SERVING
+with test.check("a token's rate holds; the refusal says when to come again, and that is true"):
+    begin = time.monotonic()
+    points = M.QueryRequest(asset="city", points=bytes(12 * 10000))
+    answered = 0
+    while time.monotonic() - begin < 2.5:
+        try:
+            client.query(points, timeout=30, metadata=bearer(SLOW))
+            answered += 1
+        except grpc.RpcError as error:
+            assert error.code() == Code.RESOURCE_EXHAUSTED and "20000" in error.details()
+            time.sleep(pushback(error) / 1000)
+    assert 5 <= answered <= 10, answered  # 20000 points a second, and a second ahead
+    assert len(client.query(request, timeout=30, metadata=bearer(GOOD)).visibility) == 10
+with test.check("a stream pays for each of its requests"):
+    def endless():
+        while True:
+            yield points
+    client.refused(lambda: list(client.stream(endless(), timeout=30, metadata=bearer(SLOW))),
+                   Code.RESOURCE_EXHAUSTED, "rate")
+with test.check("SIGHUP takes new tokens at once, on old connections too; a bad file changes nothing"):
+    write_tokens(f"studio query {OTHER}\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "reloaded what=tokens" in daemon.log(), 10, "the reload")
+    client.refused(lambda: client.query(request, timeout=30, metadata=bearer(GOOD)),
+                   Code.UNAUTHENTICATED)
+    assert client.query(request, timeout=30, metadata=bearer(OTHER)).visibility
+    write_tokens("nonsense\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "not_reloaded what=tokens" in daemon.log(), 10, "the complaint")
+    assert client.query(request, timeout=30, metadata=bearer(OTHER)).visibility
+with test.check("a token file that others may read is refused at start"):
+    os.chmod(tokens, 0o644)
+    done = ut.run("umbraged", "--store", store, "--token-file", tokens, code=77)
+    assert b"--token-file" in done.stderr
+client.close()
+
+limited = test.daemon("--address-rate", 20000, "--max-address-connections", 3)
+with test.check("an address has its rate, whatever connection it asks on"):
+    clients = [test.client(limited.grpc_tcp) for _ in range(2)]
+    codes = []
+    for i in range(8):
+        try:
+            clients[i % 2].query(points, timeout=30)
+            codes.append(Code.OK)
+        except grpc.RpcError as error:
+            codes.append(error.code())
+            assert pushback(error) > 0
+    assert codes[:2] == [Code.OK] * 2 and codes[4:] == [Code.RESOURCE_EXHAUSTED] * 4, codes
+    assert limited.metric("umbrage_rate_limited_total") >= 4
+    unix = test.client(limited.grpc_unix)
+    assert unix.query(points, timeout=30).visibility  # another account
+    unix.close()
+with test.check("an address may have so many connections and no more"):
+    clients += [test.client(limited.grpc_tcp) for _ in range(2)]
+    answers = []
+    for one in clients[2:]:
+        try:
+            one.check(H.HealthCheckRequest(), timeout=3)
+            answers.append(Code.OK)
+        except grpc.RpcError as error:
+            answers.append(error.code())
+    assert answers.count(Code.OK) == 1, answers
+    assert limited.metric("umbrage_connections_refused_total") >= 1
+for one in clients:
+    one.close()
+test.finish()
