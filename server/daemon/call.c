@@ -29,7 +29,7 @@ struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
     call->conn = conn;
     call->stream_id = stream_id;
     call->started_ns = umbd_now_ns();
-    call->started_ms = uv_now(&conn->loop->uv);
+    call->started_ms = call->message_ms = uv_now(&conn->loop->uv);
     call->method = UMBD_METHOD_UNKNOWN;
     call->watch_last = -1;
     umbw_reader_init(&call->reader, (size_t)conn->loop->daemon->options.max_message);

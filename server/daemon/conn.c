@@ -8,9 +8,12 @@
  */
 #include "daemon/call_rights.h"
 #include "daemon/conn_tls.h"
+#include "daemon/loop_group.h"
 
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define DOOMED_MS       5000   /* for a GOAWAY to leave and the peer to go */
 #define KEEPALIVE_S     60     /* until the kernel asks whether a silent peer is still there */
@@ -45,6 +48,7 @@ static void link_conn(struct umbd_conn *conn)
     }
     loop->first_conn = conn;
     loop->conn_count++;
+    atomic_fetch_add(&loop->load, 1);
     atomic_fetch_add(&loop->daemon->metrics.connections, 1);
 }
 
@@ -65,6 +69,7 @@ static void unlink_conn(struct umbd_conn *conn)
         conn->next->previous = conn->previous;
     }
     loop->conn_count--;
+    atomic_fetch_sub(&loop->load, 1);
     atomic_fetch_sub(&loop->daemon->metrics.connections, 1);
 }
 
@@ -184,13 +189,21 @@ static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, cons
                               daemon->options.max_address_connections, &conn->account, reason);
 }
 
+/* Connections that a loop may have: its share of all, since each gets as many as the others. */
+static size_t room_of(const struct umbd_loop *loop)
+{
+    const struct umbd_daemon *daemon = loop->daemon;
+    size_t loops = daemon->loop_count;
+    return (daemon->options.max_connections + loops - 1) / loops;
+}
+
 /* With as many connections as there may be, the one that has been idle longest makes room, so that
  * peers who only connect cannot lock all others out. */
 static void make_room(struct umbd_loop *loop)
 {
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *idlest = NULL;
-    if (loop->conn_count < loop->daemon->options.max_connections) {
+    if (loop->conn_count < room_of(loop)) {
         return;
     }
     for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
@@ -215,31 +228,37 @@ static void refuse(struct umbd_conn *conn, const char *reason)
     uv_close(&conn->socket.handle, on_closed);
 }
 
-int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport)
+static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport transport)
 {
-    struct umbd_daemon *daemon = loop->daemon;
-    const char *reason = "";
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
-        return 0;
+        return NULL;
     }
-    make_room(loop);
     conn->loop = loop;
-    conn->serial = atomic_fetch_add(&daemon->next_serial, 1);
+    conn->serial = atomic_fetch_add(&loop->daemon->next_serial, 1);
     if (transport == UMBD_UNIX) {
         uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &conn->socket.tcp);
     }
     conn->socket.handle.data = conn;
-    if (uv_accept(server, &conn->socket.stream) != 0 ||
-        loop->conn_count >= daemon->options.max_connections) {
-        refuse(conn, "too many connections");
-        return 1;
+    return conn;
+}
+
+/* Begins a connection whose socket is open; code: of opening it. */
+static void begin(struct umbd_conn *conn, enum umbd_transport transport, int code)
+{
+    struct umbd_loop *loop = conn->loop;
+    struct umbd_daemon *daemon = loop->daemon;
+    const char *reason = "";
+    make_room(loop);
+    if (code != 0 || loop->conn_count >= room_of(loop) || loop->drain >= UMBD_DRAIN_LAST) {
+        refuse(conn, code != 0 ? uv_strerror(code) : "too many connections");
+        return;
     }
     if (!know_peer(conn, transport, &reason)) {
         refuse(conn, reason);
-        return 1;
+        return;
     }
     conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
     conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
@@ -253,9 +272,64 @@ int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_tran
         (transport == UMBD_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
         umbd_conn_read_start(conn) != 0) {
         umbd_conn_close(conn, "cannot start");
-        return 1;
+        return;
+    }
+    if (loop->drain == UMBD_DRAIN_NOTICE) { /* it was on its way when the others were told */
+        nghttp2_submit_shutdown_notice(conn->session);
     }
     umbd_conn_flush(conn);
+}
+
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport)
+{
+    struct umbd_conn *conn = make_conn(loop, transport);
+    if (conn == NULL) {
+        close(socket);
+        return;
+    }
+    int code = transport == UMBD_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
+                                      : uv_tcp_open(&conn->socket.tcp, socket);
+    if (code != 0) {
+        close(socket);
+    }
+    begin(conn, transport, code);
+}
+
+/* libuv accepts on the listener's loop only, so a socket for another one is accepted here and its
+ * descriptor doubled; closing the handle closes the first of the two. */
+static int hand_over(struct umbd_loop *loop, struct umbd_loop *to, uv_stream_t *server,
+                     enum umbd_transport transport)
+{
+    struct umbd_conn *conn = make_conn(loop, transport);
+    uv_os_fd_t socket = -1;
+    if (conn == NULL) {
+        return 0;
+    }
+    int copy = -1;
+    if (uv_accept(server, &conn->socket.stream) == 0 &&
+        uv_fileno(&conn->socket.handle, &socket) == 0) {
+        copy = fcntl(socket, F_DUPFD_CLOEXEC, 0);
+    }
+    if (copy < 0) {
+        refuse(conn, "no descriptor for another loop");
+        return 1;
+    }
+    uv_close(&conn->socket.handle, on_closed);
+    umbd_loop_hand(to, copy, transport);
+    return 1;
+}
+
+int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport)
+{
+    struct umbd_loop *to = umbd_loops_idlest(loop->daemon);
+    if (to != loop) {
+        return hand_over(loop, to, server, transport);
+    }
+    struct umbd_conn *conn = make_conn(loop, transport);
+    if (conn == NULL) {
+        return 0;
+    }
+    begin(conn, transport, uv_accept(server, &conn->socket.stream));
     return 1;
 }
 

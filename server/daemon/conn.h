@@ -73,6 +73,9 @@ struct umbd_conn {
  * there, libuv accepts no other before it, and the caller tries again later. */
 int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport);
 
+/* Takes a socket that another loop accepted. */
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport);
+
 /* Begins to read (conn_io.c); 0 or libuv's error. */
 int umbd_conn_read_start(struct umbd_conn *conn);
 

@@ -16,6 +16,8 @@
 #include "daemon/tls_context.h"
 #include "daemon/tokens.h"
 
+struct umbd_loop;
+
 struct umbd_daemon {
     struct umbd_options options;
     struct umbs_log log;
@@ -28,7 +30,10 @@ struct umbd_daemon {
     struct umbd_tls *tls;             /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
     atomic_uint_fast64_t next_serial; /* of connections; never reused */
-    atomic_int draining;              /* health says NOT_SERVING */
+    struct umbd_loop *loops;          /* [loop_count], see loop_group.h */
+    uint32_t loop_count;
+    atomic_uint loops_running;
+    atomic_int draining; /* health says NOT_SERVING */
 };
 
 /* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then as

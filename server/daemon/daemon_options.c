@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "common/log.h"
+#include "daemon/loop_group.h"
 #include "daemon/net_address.h"
 
 enum kind {
@@ -52,6 +53,8 @@ static const struct option table[] = {
     {"--tls-key", KIND_TEXT, AT(tls_key), 0, 0, "FILE", "its private key (PEM)"},
     {"--tls-client-ca", KIND_TEXT, AT(tls_client_ca), 0, 0, "FILE",
      "clients must show a certificate of these authorities (PEM)"},
+    {"--loops", KIND_COUNT, AT(loops), 1, UMBD_LOOPS_MAX, "N",
+     "threads that own connections; one for four cores if not given"},
     {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
      "threads that answer; default: one a core"},
     {"--admin", KIND_TEXT, AT(admin), 0, 0, "HOST:PORT",
@@ -69,7 +72,7 @@ static const struct option table[] = {
     {"--max-address-connections", KIND_COUNT, AT(max_address_connections), 1, 1000000, "N",
      "of one address (IPv6: of its /64) at once; default 4096"},
     {"--address-rate", KIND_TOTAL, AT(address_rate), 0, (uint64_t)1000000000000, "N",
-     "points a second that one address may ask; default 0, any number"},
+     "points a second that one address may ask; default 0; then any number"},
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
      "who may ask: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
     {"--queue", KIND_COUNT, AT(queue), 1, 1000000, "N",
@@ -232,6 +235,8 @@ static void set_defaults(struct umbd_options *options)
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     *options = (struct umbd_options){
         .workers = cores >= 1 && cores <= 1024 ? (uint32_t)cores : 1,
+        .loops =
+            cores >= 8 ? (uint32_t)(cores < 4 * UMBD_LOOPS_MAX ? cores / 4 : UMBD_LOOPS_MAX) : 1,
         .queue = 1024,
         .max_connections = 4096,
         .max_address_connections = 4096,

@@ -25,6 +25,7 @@ struct umbd_options {
     uint64_t address_rate;    /* points a second of one address, 0 = any */
     uint32_t max_address_connections;
     const char *tls_cert, *tls_key, *tls_client_ca; /* files, or NULL */
+    uint32_t loops;                                 /* threads that own connections */
     uint32_t workers;                               /* threads of the pool */
     uint32_t queue;                                 /* batches that may wait for the pool */
     uint32_t max_connections;

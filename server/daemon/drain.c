@@ -2,13 +2,15 @@
 /*
  * The drain, as stages moved on by the tick: NOT_SERVING while balancers look away; then listeners
  * close and every connection gets a GOAWAY that still admits what is on its way; a moment later
- * the final GOAWAY; then calls finish until the timeout. A second signal ends it at once.
+ * the final GOAWAY; then calls finish until the timeout. A second signal ends it at once. Every
+ * loop does this for its connections, told by the first, which is the last to end.
  *
  * Source: RFC 9113 section 6.8 (two GOAWAYs lose no request that was already sent).
  */
 #include "daemon/admin.h"
 #include "daemon/call.h"
 #include "daemon/listener.h"
+#include "daemon/loop_group.h"
 
 #define NOTICE_MS 200 /* more than a round trip, for requests sent before the first GOAWAY came */
 
@@ -74,6 +76,9 @@ static void finish(struct umbd_loop *loop)
 
 void umbd_loop_drain(struct umbd_loop *loop)
 {
+    if (loop->index == 0) {
+        umbd_loops_drain(loop);
+    }
     if (loop->drain != UMBD_DRAIN_NO) {
         if (loop->drain != UMBD_DRAIN_OVER) {
             finish(loop);
@@ -102,7 +107,8 @@ void umbd_loop_drain_step(struct umbd_loop *loop)
         passed_ms = 0;
     }
     if (loop->drain == UMBD_DRAIN_LAST &&
-        (loop->conn_count == 0 || passed_ms >= options->drain_timeout_ms)) {
+        ((loop->conn_count == 0 && (loop->index != 0 || umbd_loops_running(loop->daemon) == 1)) ||
+         passed_ms >= options->drain_timeout_ms)) {
         finish(loop);
     }
 }

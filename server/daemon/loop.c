@@ -16,6 +16,7 @@
 #include "daemon/admin.h"
 #include "daemon/call.h"
 #include "daemon/listener.h"
+#include "daemon/loop_group.h"
 
 #define LOG_BURST 20 /* warnings about peers at once */
 #define LOG_RATE  5  /* and a second */
@@ -147,6 +148,7 @@ static void collect_done(struct umbd_loop *loop)
 
 static void on_wake(uv_async_t *async)
 {
+    umbd_loop_take_orders(async->data);
     collect_done(async->data);
 }
 
@@ -204,22 +206,28 @@ static void start_handles(struct umbd_loop *loop)
 {
     uv_async_init(&loop->uv, &loop->wake, on_wake);
     uv_timer_init(&loop->uv, &loop->tick);
+    loop->wake.data = loop->tick.data = loop;
+    uv_timer_start(&loop->tick, on_tick, UMBD_TICK_MS, UMBD_TICK_MS);
+}
+
+/* What one loop does for all. */
+static void start_watching(struct umbd_loop *loop)
+{
     uv_signal_init(&loop->uv, &loop->terminate);
     uv_signal_init(&loop->uv, &loop->interrupt);
     uv_signal_init(&loop->uv, &loop->hangup);
-    loop->wake.data = loop->tick.data = loop;
     loop->terminate.data = loop->interrupt.data = loop->hangup.data = loop;
-    uv_timer_start(&loop->tick, on_tick, UMBD_TICK_MS, UMBD_TICK_MS);
     uv_signal_start(&loop->terminate, on_signal, SIGTERM);
     uv_signal_start(&loop->interrupt, on_signal, SIGINT);
     uv_signal_start(&loop->hangup, on_signal, SIGHUP);
 }
 
-enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,
+enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon, uint32_t index,
                                struct umb_error *error)
 {
     memset(loop, 0, sizeof *loop);
     loop->daemon = daemon;
+    loop->index = index;
     loop->read_buffer = malloc(UMBD_READ_BYTES);
     loop->out = malloc(UMBD_OUT_CAPACITY);
     int code = loop->read_buffer != NULL && loop->out != NULL ? uv_loop_init(&loop->uv) : UV_ENOMEM;
@@ -231,6 +239,9 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     pthread_mutex_init(&loop->done_mutex, NULL);
     umbd_bucket_init(&loop->log_budget, LOG_BURST, LOG_RATE, uv_hrtime());
     start_handles(loop);
+    if (index == 0) {
+        start_watching(loop);
+    }
     return UMB_OK;
 }
 
@@ -264,17 +275,17 @@ static void close_handle(uv_handle_t *handle, void *unused)
     }
 }
 
-void umbd_loop_finish(struct umbd_loop *loop)
+void umbd_loop_stop(struct umbd_loop *loop)
 {
     while (loop->first_conn != NULL) {
         umbd_conn_close(loop->first_conn, "server stopped");
     }
     umbd_listeners_close(loop);
     umbd_admin_close(loop);
-    /* Batches of calls that went are still with the workers: they come home before the async goes.
-     */
-    umbd_pool_destroy(loop->daemon->pool);
-    loop->daemon->pool = NULL;
+}
+
+void umbd_loop_finish(struct umbd_loop *loop)
+{
     collect_done(loop);
     uv_walk(&loop->uv, close_handle, NULL);
     uv_run(&loop->uv, UV_RUN_DEFAULT);

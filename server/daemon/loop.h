@@ -4,9 +4,10 @@
 /*
  * One event loop: it owns its listeners and connections, and gets finished batches from the pool.
  *
- * Life: umbd_loop_init, listen (listener.h), umbd_loop_run, umbd_loop_finish. Nothing here is
- * shared between loops but the daemon; a batch comes home through `done_list` and the async
- * handle, and its connection is looked up by serial, never by pointer.
+ * Life: umbd_loop_init, listen (listener.h), umbd_loop_run, umbd_loop_stop, umbd_loop_finish; for
+ * all loops of a daemon: loop_group.h. Nothing here is shared between loops but the daemon; a batch
+ * comes home through `done_list` and the async handle, and its connection is looked up by serial,
+ * never by pointer.
  */
 #include <pthread.h>
 #include <uv.h>
@@ -26,6 +27,7 @@
 struct umbd_conn;
 struct umbd_listener;
 struct umbd_admin;
+struct umbd_handed;
 
 enum umbd_drain {
     UMBD_DRAIN_NO = 0,
@@ -41,6 +43,13 @@ struct umbd_loop {
     uv_async_t wake;
     uv_timer_t tick;
     uv_signal_t terminate, interrupt, hangup;
+
+    uint32_t index;           /* 0: the one that listens and takes signals */
+    pthread_t thread;         /* of the others */
+    atomic_size_t load;       /* connections, those on their way included */
+    atomic_uint drain_orders; /* from the first loop */
+    unsigned drain_obeyed;
+    struct umbd_handed *handed; /* sockets from the first loop, under done_mutex */
 
     struct umbd_conn *first_conn;
     struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
@@ -66,7 +75,7 @@ struct umbd_loop {
 };
 
 UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,
-                                           struct umb_error *error);
+                                           uint32_t index, struct umb_error *error);
 
 /* Runs until drained. */
 void umbd_loop_run(struct umbd_loop *loop);
@@ -77,6 +86,10 @@ void umbd_loop_run(struct umbd_loop *loop);
  * its default action back when its handle closes, which would kill a daemon that is just leaving.
  */
 void umbd_signals_block(void);
+
+/* Closes connections and listeners. _finish: closes the rest, when no batch is under way any more.
+ */
+void umbd_loop_stop(struct umbd_loop *loop);
 void umbd_loop_finish(struct umbd_loop *loop);
 
 /* Has a connection flushed after others had their turn. umbd_loop_forget: not any more. */

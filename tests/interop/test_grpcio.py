@@ -29,7 +29,7 @@ baked = test.bake(test.scene("city", 4), store + "/city.umb", "--resolution", 51
                   "raster", "--verify", 0)
 city = store + "/city.umb"
 daemon = test.daemon("--max-points", MAX_POINTS, "--max-message", f"{MAX_MESSAGE >> 20}MiB",
-                     "--workers", 2)
+                     "--workers", 2, "--loops", 2)
 tcp = test.client(daemon.grpc_tcp)
 unix = test.client(daemon.grpc_unix)
 M = test.messages.shadows
@@ -309,6 +309,7 @@ with test.check("a stream answers ping-pong, one request at a time"):
     import queue
     requests = queue.Queue()
     replies = tcp.stream(iter(requests.get, None), timeout=60)
+    time.sleep(0.4)  # a stream may take its time to begin, several ticks of the server's timers
     for i in range(50):
         requests.put(M.QueryRequest(asset="city", points=f32[12 * i:12 * (i + 5)]))
         assert next(replies).visibility == tcp.ask("city", f32[12 * i:12 * (i + 5)]).visibility

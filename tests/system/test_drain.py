@@ -79,8 +79,9 @@ second = test.daemon("--workers", 2)
 client = test.client(second.grpc_tcp)
 expected = {size: client.ask("city", points[:12 * size], taps=3).visibility for size in SIZES}
 
-for name, options in (("a drain without delay", ()), ("a drain with a delay",
-                                                      ("--drain-delay", "500ms"))):
+for name, options in (("a drain without delay", ()),
+                      ("a drain with a delay", ("--drain-delay", "500ms")),
+                      ("a drain of three loops", ("--loops", 3))):
     with test.check(f"{name} under load loses no call and exits with 0"):
         first = test.daemon("--workers", 2, *options)
         load = Load([first.grpc_tcp, second.grpc_tcp], expected)
@@ -141,7 +142,7 @@ with test.check("a call whose upload is under way at the signal is answered"):
     first.exited()
 with test.check("a stream gets the replies to what was received, then UNAVAILABLE"):
     import queue
-    first = test.daemon()
+    first = test.daemon("--loops", 2)
     requests = queue.Queue()
     streaming = test.client(first.grpc_tcp)
     replies = streaming.stream(iter(requests.get, None), timeout=30)
@@ -153,7 +154,7 @@ with test.check("a stream gets the replies to what was received, then UNAVAILABL
     client.refused(lambda: next(replies), Code.UNAVAILABLE, "shutting down")
     first.exited()
 with test.check("a second signal ends at once, with 0"):
-    first = test.daemon("--drain-delay", "60s", "--drain-timeout", "60s")
+    first = test.daemon("--drain-delay", "60s", "--drain-timeout", "60s", "--loops", 2)
     stuck = h2.Connection(port=first.port)
     stuck.settle()
     stuck.open("/umbrage.v1.Shadows/Query")
@@ -165,7 +166,10 @@ with test.check("a second signal ends at once, with 0"):
     first.exited()
     assert time.monotonic() - begin < 5
 with test.check("a call that never ends is given up after --drain-timeout"):
-    first = test.daemon("--drain-delay", "0", "--drain-timeout", "1s", "--body-timeout", "60s")
+    first = test.daemon("--drain-delay", "0", "--drain-timeout", "1s", "--body-timeout", "60s",
+                        "--loops", 2)
+    other = h2.Connection(port=first.port)
+    other.settle()
     stuck = h2.Connection(port=first.port)
     stuck.settle()
     stuck.open("/umbrage.v1.Shadows/Query")

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_LOOP_GROUP_H
+#define UMBRAGE_SERVER_DAEMON_LOOP_GROUP_H
+/*
+ * All loops of a daemon. The first runs on the main thread: it alone listens, takes signals, serves
+ * the admin port and watches the store's folder. The others, on threads of their own, get
+ * connections from it, each loop as many as any other, and own them from then on; nothing on the
+ * path of a call is shared but the pool, the store's look-up and counters.
+ */
+#include "daemon/loop.h"
+#include "daemon/net_address.h"
+
+#define UMBD_LOOPS_MAX 64
+
+/* Makes the loops of the options (--loops); the first is daemon->loops. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *error);
+
+/* Starts the threads, runs until all loops are drained. Fails: E_LIMIT (thread); nothing runs then.
+ */
+UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *error);
+
+/* Closes everything, ends the pool, frees the loops. */
+void umbd_loops_finish(struct umbd_daemon *daemon);
+
+/* The loop with the fewest connections. */
+struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon);
+
+/* Hands an accepted socket to another loop; closes it if that has no memory. */
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport);
+
+/* Makes every other loop begin its drain, or, the second time, end at once. */
+void umbd_loops_drain(struct umbd_loop *from);
+
+/* Loops that run, the first included. */
+unsigned umbd_loops_running(struct umbd_daemon *daemon);
+
+/* On the loop's own thread: takes what others left for it. */
+void umbd_loop_take_orders(struct umbd_loop *loop);
+
+#endif
