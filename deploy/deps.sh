@@ -20,7 +20,7 @@ needed="
 "
 optional="
     clang clang-tidy clang-format valgrind
-    chromium haproxy nginx libgrpc++-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
+    chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
 "
 
 usage() {

@@ -19,21 +19,43 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
 
+# The service's races: one client, bare frames and gRPC's C++ library as peers.
+PEER_OBJ := $(BUILD)/tests/bench/peer_work.o
+$(BUILD)/bench_service: $(BUILD)/tests/bench/bench_caller.o $(BUILD)/tests/bench/bench_protocol.o
+
+$(BUILD)/peer_raw: $(BUILD)/tests/bench/peer_raw.o $(PEER_OBJ) $(WIRE_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(WIRE_LIBS) $(CORE_LIBS) -o $@
+
+ifneq ($(shell pkg-config --exists grpc++ && command -v grpc_cpp_plugin),)
+BENCH_PEERS := $(BUILD)/peer_raw $(BUILD)/peer_grpcpp
+$(BUILD)/peer_grpcpp: tests/bench/peer_grpcpp.cc $(PEER_OBJ) $(CORE_LIB) proto/umbrage/v1/shadows.proto
+	@mkdir -p $(BUILD)/gen/cpp
+	$(Q)protoc -Iproto --cpp_out=$(BUILD)/gen/cpp --grpc_out=$(BUILD)/gen/cpp \
+		--plugin=protoc-gen-grpc=$$(command -v grpc_cpp_plugin) umbrage/v1/shadows.proto
+	$(call say,CXX,$@)
+	$(Q)$(CXX) -std=c++17 -O2 -DNDEBUG -Iclient/include -Itests/bench -I$(BUILD)/gen/cpp $< \
+		$(BUILD)/gen/cpp/umbrage/v1/shadows.pb.cc $(BUILD)/gen/cpp/umbrage/v1/shadows.grpc.pb.cc \
+		$(PEER_OBJ) $(CORE_LIB) $$(pkg-config --cflags --libs grpc++ protobuf) $(CORE_LIBS) -o $@
+else
+BENCH_PEERS := $(BUILD)/peer_raw
+endif
+
 bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
 	@$(BUILD)/bench_bake --size $(SIZE)
 
 bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 	@$(BUILD)/bench_query --size $(SIZE)
 
-bench-service: $(BUILD)/bench_service $(BUILD)/umbraged ## the daemon against the library in process
-	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged
+bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the daemon against the library in process
+	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
-bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged ## every benchmark (SIZE=quick|full)
+bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
 	@assets=$$(mktemp -d) && trap 'rm -rf "$$assets"' EXIT && \
 	$(BUILD)/bench_bake --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_query --size $(SIZE) --assets "$$assets" && \
-	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged
+	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
 .PHONY: bench bench-bake bench-query bench-service

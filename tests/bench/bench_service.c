@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-service: the daemon against the library in process.
+ * bench-service: the daemon against other protocols (bench_protocol.h), and against the library in
+ * process.
  *
  * pcf9-65536, points_vs_in_process: points a second that umbraged answers over loopback TCP with
  * one worker, its loop and its worker on one core, the client on the other; over points a second of
@@ -22,6 +23,7 @@
 
 #include "bench_machine.h"
 #include "bench_points.h"
+#include "bench_protocol.h"
 #include "bench_report.h"
 #include "bench_scene.h"
 #include "umbrage/client.h"
@@ -253,7 +255,8 @@ int main(int argc, char **argv)
     const char *size = bench_size(argc, argv);
     const char *program = bench_option(argc, argv, "--umbraged", NULL);
     if (program == NULL) {
-        fprintf(stderr, "usage: %s --umbraged PROGRAM [--size quick|full]\n", argv[0]);
+        fprintf(stderr, "usage: %s --umbraged PROGRAM [--size quick|full] [--peers DIR]\n",
+                argv[0]);
         return 2;
     }
     bench_scene_make(&scene, "city", 14, bench_option(argc, argv, "--assets", NULL));
@@ -265,6 +268,14 @@ int main(int argc, char **argv)
     }
     asset_store(&daemon_run, &asset);
     daemon_start(&daemon_run, program);
+    const struct protocol_race protocol = {
+        .asset = daemon_run.asset,
+        .name = "city",
+        .peers = bench_option(argc, argv, "--peers", "."),
+        .daemon = daemon_run.process,
+        .daemon_port = (unsigned)strtoul(strrchr(daemon_run.address, ':') + 1, NULL, 10),
+    };
+    protocol_races_run(&protocol);
     race_run(&scene, &asset, &points, daemon_run.address);
     bench_points_finish(&points);
     bench_asset_finish(&asset);
