@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_SERVER_DAEMON_LOOP_GROUP_H
 #define UMBRAGE_SERVER_DAEMON_LOOP_GROUP_H
 /*
- * All loops of a daemon. The first runs on the main thread: it alone listens, takes signals, serves
- * the admin port and watches the store's folder. The others, on threads of their own, get
- * connections from it, each loop as many as any other, and own them from then on; nothing on the
- * path of a call is shared but the pool, the store's look-up and counters.
+ * All loops of a daemon. The first runs on the main thread: it alone listens, takes signals and
+ * serves the admin port. The others, on threads of their own, get connections from it, each loop as
+ * many as any other, and own them from then on; nothing on the path of a call is shared but the
+ * pool, the store's look-up and counters.
  */
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
