@@ -3,7 +3,6 @@
 #include "cli_common.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include "cli_json.h"
@@ -42,14 +41,6 @@ static const char *light_kind(enum umb_light_kind kind)
         return "point";
     }
     return "unknown";
-}
-
-static void voxel_metres(const struct umb_frustum_info *frustum, double metres[3])
-{
-    for (int axis = 0; axis < 3; axis++) {
-        const double *step = frustum->voxel_step[axis];
-        metres[axis] = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    }
 }
 
 /* key=value lines, indented under a title. */
@@ -126,10 +117,11 @@ static void print_frusta(const struct umb_asset *asset, const struct umb_light_i
         if (umb_asset_get_frustum(asset, light->first_frustum + i, &frustum) != UMB_OK) {
             return;
         }
-        voxel_metres(&frustum, metres);
-        (void)printf("  frustum %-4" PRIu32 " %llu^3 voxels of %.4g x %.4g x %.4g m, %s\n",
+        umb_frustum_voxel_edges(&frustum, metres);
+        (void)printf("  frustum %-4" PRIu32 " %llu^3 voxels of %.4g x %.4g x %.4g m%s, %s\n",
                      light->first_frustum + i, 1ULL << frustum.log2_size, metres[0], metres[1],
-                     metres[2], frustum.closed ? "closed" : "open");
+                     metres[2], light->kind == UMB_LIGHT_DIRECTIONAL ? "" : " at its far end",
+                     frustum.closed ? "closed" : "open");
     }
 }
 
@@ -196,7 +188,7 @@ static void json_frusta(struct umbc_json *json, const struct umb_asset *asset,
         if (umb_asset_get_frustum(asset, light->first_frustum + i, &frustum) != UMB_OK) {
             break;
         }
-        voxel_metres(&frustum, metres);
+        umb_frustum_voxel_edges(&frustum, metres);
         umbc_json_begin(json, NULL, '{');
         umbc_json_integer(json, "resolution", 1ULL << frustum.log2_size);
         umbc_json_vector(json, "voxel_m", metres);

@@ -2,7 +2,6 @@
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
 #include "daemon/call.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,8 +15,8 @@ static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_s
     summary->light_count = item->light_count;
 }
 
-/* Resolution and voxel size are those of the light's first frustum; all of its frusta have the
- * same. */
+/* Resolution and voxel size are those of the light's first frustum; its others have the same
+ * resolution. */
 static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
                                   struct umbw_light *light)
 {
@@ -30,10 +29,7 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
     if (status == UMB_OK) {
         light->resolution = (uint64_t)1 << frustum.log2_size;
         light->closed = frustum.closed;
-        for (size_t i = 0; i < 3; i++) {
-            const double *step = frustum.voxel_step[i];
-            light->voxel_m[i] = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-        }
+        umb_frustum_voxel_edges(&frustum, light->voxel_m);
     }
     return status;
 }

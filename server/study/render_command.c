@@ -78,8 +78,15 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         .closed = render->source.frustum.closed ? render->scene.parts.closed : NULL,
     };
     memcpy(truth->origin, render->source.origin, sizeof truth->origin);
-    for (int k = 0; k < 3; k++) {
-        truth->to_light[k] = -render->source.light.direction[k];
+    const struct umb_light_info *light = &render->source.light;
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        truth->lamp = light;
+        truth->frusta = render->source.frusta;
+        truth->frustum_count = light->frustum_count;
+    }
+    for (int k = 0; k < 3; k++) { /* a point light shows the scene as from anywhere: from above */
+        truth->to_light[k] =
+            light->kind == UMB_LIGHT_POINT ? k == (options->z_up ? 2 : 1) : -light->direction[k];
     }
     struct umbt_camera_subject subject = {
         .points = (const double(*)[3])render->scene.corners,
@@ -129,6 +136,7 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
         .quiet = options->quiet,
     };
     memcpy(request.to_light, render->truth.to_light, sizeof request.to_light);
+    request.lamp = render->truth.lamp;
     return umbt_frame_render(&request, &render->result, error);
 }
 

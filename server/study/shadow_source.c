@@ -37,14 +37,20 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
     memcpy(source->origin, info.origin, sizeof source->origin);
     status = umb_asset_get_light(source->asset, source->settings.light, &source->light);
-    if (status == UMB_OK) {
-        status =
-            umb_asset_get_frustum(source->asset, source->light.first_frustum, &source->frustum);
+    const uint32_t count = status == UMB_OK ? source->light.frustum_count : 0;
+    source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
+    if (source->frusta == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta", count);
+    }
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        status = umb_asset_get_frustum(source->asset, source->light.first_frustum + i,
+                                       &source->frusta[i]);
     }
     if (status != UMB_OK) {
         return umb_fail(error, status, "%s: light %u has no frustum", source->name,
                         source->settings.light);
     }
+    source->frustum = source->frusta[0];
     return UMB_OK;
 }
 
@@ -86,11 +92,6 @@ enum umb_status umbt_source_init(struct umbt_source *source, const char *argumen
     source->settings = *settings;
     enum umb_status status = umbt_source_is_file(argument) ? file_open(source, error)
                                                            : daemon_open(source, address, error);
-    if (status == UMB_OK && source->light.kind != UMB_LIGHT_DIRECTIONAL) {
-        status = umb_fail(error, UMB_E_UNSUPPORTED,
-                          "--light: light %u of %s is not directional, the only kind pictures know",
-                          settings->light, argument);
-    }
     if (status != UMB_OK) {
         umbt_source_finish(source);
     }
@@ -100,6 +101,7 @@ enum umb_status umbt_source_init(struct umbt_source *source, const char *argumen
 void umbt_source_finish(struct umbt_source *source)
 {
     umb_asset_close(source->asset);
+    free(source->frusta);
     if (source->client != NULL) {
         umb_client_close(source->client);
     }

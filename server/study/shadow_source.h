@@ -23,6 +23,7 @@ struct umbt_source {
     double origin[3]; /* file: that transforms start from */
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
+    struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
 };
 
 /* 1 if the argument names a file by the rule above. */
@@ -32,8 +33,7 @@ int umbt_source_is_file(const char *argument);
  * Opens the source and checks the settings against it.
  *
  * In:    settings: format must be UMB_ANSWER_F32.
- * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe; E_UNSUPPORTED for lights
- *        that are not directional.
+ * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
                                              const char *address,

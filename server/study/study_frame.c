@@ -76,6 +76,16 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
+/* Cosine between a receiver's normal and the way to the light. */
+static double receiver_cosine(const struct frame *frame, size_t slot, const double normal[3])
+{
+    const struct umbt_frame_request *request = frame->request;
+    double towards[3];
+    (void)umbt_towards_light(request->lamp, request->to_light, &frame->buffer.positions[3 * slot],
+                             towards);
+    return umbt_dot(normal, towards);
+}
+
 /* How far the truth's share may be off: an edge through s x s rays misses or takes up to s of them.
  * The other kinds are exact about what they ask. */
 static double truth_error(const struct umbt_truth *truth)
@@ -104,7 +114,7 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
         receiver_normal(frame, i, normal);
-        const double facing = umbt_dot(normal, request->to_light);
+        const double facing = receiver_cosine(frame, i, normal);
         if (!(facing > 0.0)) {
             continue;
         }
@@ -151,7 +161,7 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, 
     receiver_normal(frame, slot, normal);
     const uint32_t key = umbt_scene_surface_key(request->scene, frame->buffer.triangles[slot]);
     return umbt_shade(umbt_surface_color(key), (double)visibility,
-                      umbt_dot(normal, request->to_light), normal[request->z_up ? 2 : 1]);
+                      receiver_cosine(frame, slot, normal), normal[request->z_up ? 2 : 1]);
 }
 
 /* The direction through a pixel's centre. */

@@ -25,10 +25,11 @@
 struct umbt_frame_request {
     const struct umbt_scene *scene;
     const struct umbt_camera *camera;
-    const struct umbt_source *source; /* NULL: no shadows from an asset */
-    const struct umbt_truth *truth;   /* NULL: no traced shadows; at least one of both */
-    const struct umbt_fog *fog;       /* NULL: clear air; seen in `asset` only, without truth */
-    double to_light[3];
+    const struct umbt_source *source;  /* NULL: no shadows from an asset */
+    const struct umbt_truth *truth;    /* NULL: no traced shadows; at least one of both */
+    const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
+    double to_light[3];                /* parallel light */
+    const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
     int z_up;
     uint32_t aa; /* 1..3 */
     unsigned threads;

@@ -3,6 +3,7 @@
 #include "study/traced_shadow.h"
 
 #include <math.h>
+#include "rays/verify_frame.h"
 #include "study/study_vec.h"
 
 #define SURFACE_OFFSET 2e-6 /* of the scene's diagonal */
@@ -32,19 +33,64 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
     return 0.0;
 }
 
-/* Voxel coordinates of a world point, x and y only. */
-static void voxel_xy(const struct umbt_truth *truth, const double point[3], double xy[2])
+double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
+                          const double point[3], double towards[3])
+{
+    double distance = INFINITY;
+    if (lamp == NULL) {
+        for (int k = 0; k < 3; k++) {
+            towards[k] = to_light[k];
+        }
+    } else {
+        umbr_towards_light(lamp, point, towards, &distance);
+    }
+    return distance;
+}
+
+/* X, Y, Z or W of a world point. */
+static double row_of(const struct umb_frustum_info *frustum, int row, const double origin[3],
+                     const double point[3])
 {
     double p[3];
-    umbt_subtract(point, truth->origin, p);
-    for (int k = 0; k < 2; k++) {
-        xy[k] = umbt_dot(truth->frustum.world_to_voxel[k], p) + truth->frustum.world_to_voxel[k][3];
+    umbt_subtract(point, origin, p);
+    return umbt_dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
+}
+
+/* The frustum that a point belongs to, with its voxels as they are there: a lamp's grow with the
+ * distance along the axis, and lie along the ray. */
+static void frustum_at(const struct umbt_truth *truth, const double point[3],
+                       struct umb_frustum_info *at)
+{
+    const struct umb_frustum_info *face = &truth->frustum;
+    double w = 1.0, ray[3];
+    if (truth->lamp != NULL) {
+        face = &truth->frusta[0];
+        w = row_of(face, 3, truth->origin, point);
+    }
+    for (uint32_t i = 1; truth->lamp != NULL && i < truth->frustum_count; i++) {
+        const double other = row_of(&truth->frusta[i], 3, truth->origin, point);
+        face = other > w ? &truth->frusta[i] : face;
+        w = other > w ? other : w;
+    }
+    *at = *face;
+    if (truth->lamp == NULL) {
+        return;
+    }
+    const double thickness = umbt_dot(face->world_to_voxel[3], face->voxel_step[2]);
+    umbt_subtract(point, truth->lamp->position, ray);
+    for (int k = 0; k < 3; k++) {
+        at->voxel_step[0][k] *= w;
+        at->voxel_step[1][k] *= w;
+        at->voxel_step[2][k] = ray[k] / w * thickness;
     }
 }
 
 static int ray_reaches(const struct umbt_truth *truth, const double from[3])
 {
-    return !umbr_occluded(truth->rays, from, truth->to_light, 0.0, FAR_FACTOR * truth->diagonal_m);
+    double towards[3];
+    const double far = umbt_towards_light(truth->lamp, truth->to_light, from, towards);
+    return !umbr_occluded(truth->rays, from, towards, 0.0,
+                          truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
 }
 
 /* side x side starts of rays, `pitch` texels apart, centred `centre` texels from the moved point.
@@ -54,31 +100,33 @@ struct window {
     double centre[2];
     double pitch;
     uint32_t side;
+    struct umb_frustum_info frustum; /* at the moved point */
 };
 
 /* The texels of the query's window: their centres, at the moved point's depth. */
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {
-    double xy[2];
-    umbt_along(point, umbt_truth_bias(&truth->settings, &truth->frustum, normal), normal,
+    frustum_at(truth, point, &window->frustum);
+    umbt_along(point, umbt_truth_bias(&truth->settings, &window->frustum, normal), normal,
                window->moved);
-    voxel_xy(truth, window->moved, xy);
+    frustum_at(truth, window->moved, &window->frustum);
+    const double w = row_of(&window->frustum, 3, truth->origin, window->moved);
     for (int k = 0; k < 2; k++) {
-        window->centre[k] = floor(xy[k]) + 0.5 - xy[k];
+        const double at = row_of(&window->frustum, k, truth->origin, window->moved) / w;
+        window->centre[k] = floor(at) + 0.5 - at;
     }
     window->pitch = 1.0;
     window->side = truth->settings.taps > 0 ? truth->settings.taps : 1;
 }
 
-static void window_start(const struct umbt_truth *truth, const struct window *window, uint32_t i,
-                         uint32_t j, double start[3])
+static void window_start(const struct window *window, uint32_t i, uint32_t j, double start[3])
 {
     const double middle = 0.5 * (double)(window->side - 1);
     const double x = window->centre[0] + ((double)i - middle) * window->pitch;
     const double y = window->centre[1] + ((double)j - middle) * window->pitch;
-    umbt_along(window->moved, x, truth->frustum.voxel_step[0], start);
-    umbt_along(start, y, truth->frustum.voxel_step[1], start);
+    umbt_along(window->moved, x, window->frustum.voxel_step[0], start);
+    umbt_along(start, y, window->frustum.voxel_step[1], start);
 }
 
 static float window_visibility(const struct umbt_truth *truth, const struct window *window)
@@ -87,7 +135,7 @@ static float window_visibility(const struct umbt_truth *truth, const struct wind
     for (uint32_t j = 0; j < window->side; j++) {
         for (uint32_t i = 0; i < window->side; i++) {
             double start[3];
-            window_start(truth, window, i, j, start);
+            window_start(window, i, j, start);
             lit += ray_reaches(truth, start) ? 1U : 0U;
         }
     }
@@ -104,11 +152,11 @@ int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3
     texel_window(truth, point, normal, &window);
     for (uint32_t j = 0; j < window.side; j++) {
         for (uint32_t i = 0; i < window.side; i++) {
-            double start[3];
+            double start[3], towards[3];
             int winding = 0, crossings = 0;
-            window_start(truth, &window, i, j, start);
-            umbr_crossings(truth->rays, start, truth->to_light, truth->closed, &winding,
-                           &crossings);
+            window_start(&window, i, j, start);
+            (void)umbt_towards_light(truth->lamp, truth->to_light, start, towards);
+            umbr_crossings(truth->rays, start, towards, truth->closed, &winding, &crossings);
             if (winding > 0) {
                 return 1;
             }
@@ -121,7 +169,9 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
                             const double normal[3])
 {
     struct window window;
-    if (!(umbt_dot(normal, truth->to_light) > 0.0)) {
+    double towards[3];
+    (void)umbt_towards_light(truth->lamp, truth->to_light, point, towards);
+    if (!(umbt_dot(normal, towards) > 0.0)) {
         return 0.0F;
     }
     if (truth->kind == UMBT_TRUTH_SURFACE) {

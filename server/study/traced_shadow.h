@@ -33,17 +33,26 @@ struct umbt_truth {
     const struct umbr_rays *rays; /* borrowed */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
-    uint32_t samples;                /* for AREA: rays a side, 1..64 */
-    double to_light[3];              /* unit */
+    uint32_t samples;                  /* for AREA: rays a side, 1..64 */
+    double to_light[3];                /* unit; parallel light */
+    const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
+    const struct umb_frustum_info *frusta; /* of the lamp, borrowed; TEXELS and AREA */
+    uint32_t frustum_count;
     double diagonal_m;               /* of the scene */
     double origin[3];                /* of the asset; TEXELS and AREA */
-    struct umb_frustum_info frustum; /* affine; TEXELS and AREA */
+    struct umb_frustum_info frustum; /* of parallel light; TEXELS and AREA */
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
+
+/* Unit direction from a point to the light: to_light without a lamp. Returns how far the light is,
+ * metres; infinite without a lamp. */
+double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
+                          const double point[3], double towards[3]);
 
 /*
  * Metres a point is moved along its unit normal, as umbrage/query.h documents for points with
  * normals. Pure.
+ * In: frustum: voxel_step as it is at the point.
  */
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3]);

@@ -42,6 +42,13 @@ same "Embree's candidates give the same voxels" "$wanted" "$(id --depth embree -
 
 check "verified against rays from the scene" \
     "$BUILD/umbrage" verify "$folder/b.umb" --scene "$folder/city-8.ply" --points 20000
+"$BUILD/umbrage-bake" "$folder/city-8.ply" -o "$folder/p.umb" --resolution 512 --quiet \
+    --point 60.3,-40.2,80.5 --verify 1000
+"$BUILD/umbrage-study" render "$folder/city-8.ply" --asset "$folder/p.umb" -o "$folder/p.png" \
+    --size 256x144 --taps 5 --compare --quiet --json >"$folder/out"
+# Measured: 0.00065; twice that is allowed.
+check "a picture under a point light equals the traced one: $(json "$folder/out" "['mean_defined']")" \
+    test "$(json "$folder/out" "['mean_defined'] < 0.0013")" = True
 same "info lists the lights with their kinds" "directional point spot" \
     "$("$BUILD/umbrage" info "$folder/b.umb" | sed -n "s/^light [0-9]* *\([a-z]*\) .*/\1/p" | sort | tr '\n' ' ' | sed 's/ $//')"
 "$BUILD/umbrage-bake" "$folder/city-8.ply" --plan --point 0,0,30 --resolution 256 >"$folder/out"
