@@ -1,0 +1,336 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Splits of a view and the frusta of their slices; see umbrage/cascades.h.
+ *
+ * Light space here: u, v across the light and w along it, metres, relative to the scene's centre.
+ * u and v depend on the light alone, so that the texel grid of UMB_CASCADE_SLICE is fixed in the
+ * world. For LISPSM v is the direction of view, as seen by the light.
+ */
+#include "umbrage/cascades.h"
+
+#include <math.h>
+#include <string.h>
+#include "maps/map_vec.h"
+
+#define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
+
+void umb_cascades_split(double near_m, double far_m, uint32_t count, double weight, double *splits)
+{
+    splits[0] = near_m;
+    for (uint32_t i = 1; i < count; i++) {
+        const double share = (double)i / (double)count;
+        const double log_split = near_m * pow(far_m / near_m, share);
+        splits[i] = weight * log_split + (1.0 - weight) * (near_m + (far_m - near_m) * share);
+    }
+    splits[count] = far_m;
+}
+
+/* An interval along an axis. */
+struct extent {
+    double low, high;
+};
+
+static void extent_add(struct extent *extent, double value)
+{
+    extent->low = fmin(extent->low, value);
+    extent->high = fmax(extent->high, value);
+}
+
+/* Light's axes, the scene's extent along them, and the corners of one slice. */
+struct fitting {
+    double origin[3], axes[3][3];
+    struct extent scene[3];
+    double corners[8][3]; /* light space */
+    struct extent slice[3];
+    double centre[3], radius; /* of the sphere around the slice, light space */
+};
+
+static void to_light_space(const struct fitting *fit, const double world[3], double out[3])
+{
+    double p[3];
+    umb__subtract(world, fit->origin, p);
+    for (int i = 0; i < 3; i++) {
+        out[i] = umb__dot(fit->axes[i], p);
+    }
+}
+
+static void scene_measure(struct fitting *fit, const struct umb_box *scene)
+{
+    for (int i = 0; i < 3; i++) {
+        fit->scene[i] = (struct extent){INFINITY, -INFINITY};
+    }
+    for (int corner = 0; corner < 8; corner++) {
+        double at[3];
+        const double world[3] = {corner & 1 ? scene->max[0] : scene->min[0],
+                                 corner & 2 ? scene->max[1] : scene->min[1],
+                                 corner & 4 ? scene->max[2] : scene->min[2]};
+        to_light_space(fit, world, at);
+        for (int i = 0; i < 3; i++) {
+            extent_add(&fit->scene[i], at[i]);
+        }
+    }
+}
+
+/*
+ * Corners of the slice, and a sphere around it whose radius depends on the camera's lens alone: its
+ * centre lies on the axis, as far from the near corners as from the far ones, but not behind the
+ * far plane's.
+ */
+static void slice_measure(struct fitting *fit, const struct umb_cascade_camera *camera,
+                          double near_m, double far_m)
+{
+    const double square = camera->tan_x * camera->tan_x + camera->tan_y * camera->tan_y;
+    const double along = fmin(0.5 * (near_m + far_m) * (1.0 + square), far_m);
+    double centre[3];
+    for (int k = 0; k < 3; k++) {
+        centre[k] = camera->eye[k] + along * camera->forward[k];
+        fit->slice[k] = (struct extent){INFINITY, -INFINITY};
+    }
+    fit->radius = sqrt((far_m - along) * (far_m - along) + far_m * far_m * square);
+    to_light_space(fit, centre, fit->centre);
+    for (int corner = 0; corner < 8; corner++) {
+        const double z = corner & 4 ? far_m : near_m;
+        const double x = (corner & 1 ? z : -z) * camera->tan_x;
+        const double y = (corner & 2 ? z : -z) * camera->tan_y;
+        double world[3];
+        for (int k = 0; k < 3; k++) {
+            world[k] =
+                camera->eye[k] + x * camera->right[k] + y * camera->up[k] + z * camera->forward[k];
+        }
+        to_light_space(fit, world, fit->corners[corner]);
+        for (int i = 0; i < 3; i++) {
+            extent_add(&fit->slice[i], fit->corners[corner][i]);
+        }
+    }
+}
+
+/* Writes row `row` of the matrix: out = scale . (light space) + shift. */
+static void row_set(struct umb_map_frustum *frustum, const struct fitting *fit, int row,
+                    const double scale[3], double shift)
+{
+    for (int k = 0; k < 3; k++) {
+        frustum->world_to_map[row][k] = 0.0;
+        for (int i = 0; i < 3; i++) {
+            frustum->world_to_map[row][k] += scale[i] * fit->axes[i][k];
+        }
+    }
+    frustum->world_to_map[row][3] = shift;
+}
+
+/* Depth from the scene's near end to the farther of what the slice needs; a thousandth to spare. */
+static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
+{
+    const double low = fit->scene[2].low;
+    double high = fmin(fit->scene[2].high, fit->slice[2].high);
+    high = high > low ? high : fit->scene[2].high; /* a slice before the scene: all of it */
+    const double spare = 1e-3 * fmax(high - low, 1e-3 * fit->radius);
+    const double length = high - low + 2.0 * spare;
+    const double scale[3] = {0.0, 0.0, 1.0 / length};
+    row_set(frustum, fit, 2, scale, (spare - low) / length);
+    frustum->depth_m = length;
+}
+
+/* An extent across the light onto the texels of an axis, one to spare on each side. */
+static void axis_fit(struct umb_map_frustum *frustum, const struct fitting *fit, int axis,
+                     struct extent extent)
+{
+    const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
+    const double per_m = (texels - 2.0) / (extent.high - extent.low);
+    double scale[3] = {0.0, 0.0, 0.0};
+    scale[axis] = per_m;
+    row_set(frustum, fit, axis, scale, 1.0 - extent.low * per_m);
+}
+
+static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
+        /* Snapped: the low end is a whole number of texels; so one more is spare. */
+        const double texel_m = 2.0 * fit->radius / (texels - 3.0);
+        const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
+        axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
+    }
+}
+
+/* What slice and scene share along an axis; the slice if that is nothing. */
+static struct extent shared(const struct fitting *fit, int axis)
+{
+    struct extent e = {fmax(fit->slice[axis].low, fit->scene[axis].low),
+                       fmin(fit->slice[axis].high, fit->scene[axis].high)};
+    const double least = 1e-6 * fit->radius;
+    return e.high - e.low > least ? e : fit->slice[axis];
+}
+
+static void scene_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
+{
+    axis_fit(frustum, fit, 0, shared(fit, 0));
+    axis_fit(frustum, fit, 1, shared(fit, 1));
+}
+
+/*
+ * Perspective along v, from a point n before the slice: q = v - v0 + n, x = a + b (u - u0)/q,
+ * y = c + e/q. n = (z_n + sqrt(z_n z_f)) / sin(gamma) makes the error of the slice's ends equal.
+ * Source: Wimmer, Scherzer, Purgathofer 2004, section 4.
+ */
+static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fit,
+                       const struct umb_cascade_camera *camera, const double splits[2])
+{
+    const double sine = umb__dot(fit->axes[1], camera->forward);
+    const struct extent v = shared(fit, 1);
+    const double n = (splits[0] + sqrt(splits[0] * splits[1])) / sine;
+    const double d = v.high - v.low, w = (double)frustum->width, h = (double)frustum->height;
+    double eye[3], widest = 0.0;
+    to_light_space(fit, camera->eye, eye);
+    for (int corner = 0; corner < 8; corner++) {
+        const double at = fmin(fmax(fit->corners[corner][1], v.low), v.high);
+        widest = fmax(widest, fabs(fit->corners[corner][0] - eye[0]) / (at - v.low + n));
+    }
+    const double b = 0.5 * (w - 2.0) / widest;
+    const double e = -(h - 2.0) * n * (n + d) / d, c = 1.0 - e / n;
+    const double q_shift = n - v.low; /* q = v + q_shift */
+    const double x_scale[3] = {b, 0.5 * w, 0.0}, y_scale[3] = {0.0, c, 0.0};
+    const double q_scale[3] = {0.0, 1.0, 0.0};
+    row_set(frustum, fit, 0, x_scale, 0.5 * w * q_shift - b * eye[0]);
+    row_set(frustum, fit, 1, y_scale, c * q_shift + e);
+    row_set(frustum, fit, 3, q_scale, q_shift);
+    frustum->projection = UMB_MAP_PERSPECTIVE;
+}
+
+/* u, v for a light along w: by the world axis it leans on least, or v along the view. */
+static int axes_make(struct fitting *fit, const struct umb_cascade_camera *camera, int by_view)
+{
+    double helper[3] = {0.0, 0.0, 0.0};
+    const double *w = fit->axes[2];
+    int least = 0;
+    for (int i = 1; i < 3; i++) {
+        least = fabs(w[i]) < fabs(w[least]) ? i : least;
+    }
+    helper[least] = 1.0;
+    if (by_view) {
+        umb__cross(camera->forward, w, fit->axes[0]);
+        if (umb__length(fit->axes[0]) < SINE_MIN) {
+            return 0;
+        }
+    } else {
+        umb__cross(helper, w, fit->axes[0]);
+    }
+    (void)umb__unit(fit->axes[0]);
+    umb__cross(w, fit->axes[0], fit->axes[1]);
+    return 1;
+}
+
+static enum umb_status camera_check(const struct umb_cascade_camera *camera,
+                                    struct umb_error *error)
+{
+    const double *axes[3] = {camera->right, camera->up, camera->forward};
+    int ok =
+        camera->tan_x > 0.0 && camera->tan_y > 0.0 && camera->tan_x < 1e3 && camera->tan_y < 1e3;
+    for (int i = 0; i < 3; i++) {
+        ok = ok && isfinite(camera->eye[i]) && fabs(umb__dot(axes[i], axes[i]) - 1.0) < 1e-6 &&
+             fabs(umb__dot(axes[i], axes[(i + 1) % 3])) < 1e-6;
+    }
+    if (!ok) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera: eye finite, axes orthonormal, tangents above 0 and below 1000");
+    }
+    if (!(camera->near_m > 0.0 && camera->far_m > camera->near_m && isfinite(camera->far_m))) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera: near %g, far %g; 0 < near < far",
+                        camera->near_m, camera->far_m);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status settings_check(const struct umb_cascade_settings *settings,
+                                      struct umb_error *error)
+{
+    if (settings->count < 1 || settings->count > UMB_CASCADES_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.count is %u; it must be 1..%d",
+                        settings->count, UMB_CASCADES_MAX);
+    }
+    if (!(settings->weight >= 0.0 && settings->weight <= 1.0) ||
+        !(settings->blend >= 0.0 && settings->blend <= 0.5)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "settings: weight %g must be 0..1, blend %g must be 0..0.5",
+                        settings->weight, settings->blend);
+    }
+    if ((unsigned)settings->fit > UMB_CASCADE_LISPSM) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.fit %d is unknown", (int)settings->fit);
+    }
+    for (uint32_t i = 0; i < settings->count; i++) {
+        if (settings->resolution[i] < 4 || settings->resolution[i] > UMB_MAP_SIDE_MAX) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "settings.resolution[%u] is %u; it must be 4..%d", i,
+                            settings->resolution[i], UMB_MAP_SIDE_MAX);
+        }
+    }
+    return UMB_OK;
+}
+
+/* Where light space begins; fails on a box without extent or a light without direction. */
+static enum umb_status light_space_make(struct fitting *fit, const double to_light[3],
+                                        const struct umb_box *scene, struct umb_error *error)
+{
+    int ok = 1;
+    double most = 0.0;
+    for (int k = 0; k < 3; k++) {
+        ok = ok && scene->min[k] <= scene->max[k] && isfinite(scene->max[k] - scene->min[k]);
+        most = fmax(most, scene->max[k] - scene->min[k]);
+        fit->origin[k] = 0.5 * scene->min[k] + 0.5 * scene->max[k];
+        fit->axes[2][k] = -to_light[k];
+    }
+    if (!ok || !(most > 0.0) || !umb__unit(fit->axes[2])) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "the light needs a direction and the scene's box an extent");
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],
+                                  const struct umb_box *scene,
+                                  const struct umb_cascade_settings *settings,
+                                  struct umb_cascade_plan *plan, struct umb_error *error)
+{
+    struct fitting fit;
+    memset(plan, 0, sizeof *plan);
+    enum umb_status status = camera_check(camera, error);
+    if (status == UMB_OK) {
+        status = settings_check(settings, error);
+    }
+    if (status == UMB_OK) {
+        status = light_space_make(&fit, to_light, scene, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const int warp = settings->fit == UMB_CASCADE_LISPSM && axes_make(&fit, camera, 1);
+    if (!warp) {
+        (void)axes_make(&fit, camera, 0);
+    }
+    scene_measure(&fit, scene);
+    plan->camera = *camera;
+    plan->count = settings->count;
+    plan->blend = settings->blend;
+    umb_cascades_split(camera->near_m, camera->far_m, settings->count, settings->weight,
+                       plan->splits);
+    for (uint32_t i = 0; i < settings->count; i++) {
+        struct umb_map_frustum *frustum = &plan->frusta[i];
+        *frustum = (struct umb_map_frustum){
+            .width = settings->resolution[i], .height = settings->resolution[i], .directional = 1};
+        memcpy(frustum->origin, fit.origin, sizeof frustum->origin);
+        frustum->world_to_map[3][3] = 1.0;
+        for (int k = 0; k < 3; k++) {
+            frustum->light[k] = -fit.axes[2][k];
+        }
+        slice_measure(&fit, camera, plan->splits[i], plan->splits[i + 1]);
+        depth_fit(frustum, &fit);
+        plan->warped[i] = warp;
+        if (warp) {
+            lispsm_fit(frustum, &fit, camera, &plan->splits[i]);
+        } else if (settings->fit == UMB_CASCADE_SLICE) {
+            slice_fit(frustum, &fit);
+        } else {
+            scene_fit(frustum, &fit);
+        }
+    }
+    return UMB_OK;
+}

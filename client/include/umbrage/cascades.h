@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CASCADES_H
+#define UMBRAGE_CASCADES_H
+/*
+ * Cascades: several maps of a directional light for one camera, each for a slice of the view (PSSM,
+ * parallel-split shadow maps), so that texels lie where pixels are.
+ *
+ *     umb_cascades_plan(&camera, to_light, &scene_box, &settings, &plan, &error);
+ *     ... for each plan.frusta[i]: a layer of depths, umb_map_build, umb_map_prepare ...
+ *     umb_cascades_run(&plan, queries, &points, 0, count, values);
+ *
+ * Each map is built and filtered as any other (umbrage/maps.h): a VSM or EVSM a layer is PSSM +
+ * VSM. Where layers meet, texels change their size, so a filter of n texels changes its width: a
+ * seam. It is softened by `blend`, or by the contrast C of the coarser layer (umb_cascades_match).
+ *
+ * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM a layer, C a
+ * layer); Wimmer, Scherzer, Purgathofer 2004 (LiSPSM).
+ * Threads, ownership, stability: as umbrage/maps.h.
+ */
+#include "umbrage/maps.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define UMB_CASCADES_MAX 8
+
+struct umb_cascade_camera {
+    double eye[3];                      /* metres, world space */
+    double right[3], up[3], forward[3]; /* orthonormal */
+    double tan_x, tan_y;                /* of half the fields of view, > 0 */
+    double near_m, far_m;               /* along forward, 0 < near < far */
+};
+
+enum umb_cascade_fit {
+    UMB_CASCADE_SLICE = 0, /* the sphere around the slice, whatever the scene: its size stays when
+                              the camera turns, and its texels stay on a grid of the world when it
+                              moves (texel snapping), so that shadows do not swim */
+    UMB_CASCADE_SCENE,     /* what slice and scene have in common: finer, but moves with both */
+    UMB_CASCADE_LISPSM,    /* the same, warped so that texels are finer near the eye */
+};
+
+struct umb_cascade_settings {
+    uint32_t count; /* slices, 1..8 */
+    double weight;  /* of logarithmic against uniform splits, 0..1 */
+    enum umb_cascade_fit fit;
+    uint32_t resolution[UMB_CASCADES_MAX]; /* texels a side of each, 4..16384 */
+    double blend; /* share of a slice, 0..0.5, at its far end that fades into the next */
+};
+
+struct umb_cascade_plan {
+    struct umb_cascade_camera camera;
+    uint32_t count;
+    double blend;
+    double splits[UMB_CASCADES_MAX + 1]; /* metres along forward: near .. far */
+    struct umb_map_frustum frusta[UMB_CASCADES_MAX];
+    int warped[UMB_CASCADES_MAX]; /* 1 where LISPSM warped; it does not when looking along the light
+                                   */
+};
+
+/*
+ * Fills count + 1 distances: weight (n (f/n)^(i/count)) + (1 - weight) (n + (f - n) i/count).
+ * Precision: pow within 1 ulp; the ends are exactly near and far.
+ */
+UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, double weight,
+                                double *splits);
+
+/*
+ * Splits the view and fits a frustum to each slice. Depth runs from the scene's near end, so that
+ * casters before a slice are in its map.
+ *
+ * In:    to_light: any length above 0. scene: of all casters, metres, world space.
+ * Fails: E_ARGUMENT (camera, light, box or settings), naming the field.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],
+                  const struct umb_box *scene, const struct umb_cascade_settings *settings,
+                  struct umb_cascade_plan *plan, struct umb_error *error);
+
+/*
+ * Answers points, each by the map of the slice it lies in (nearer than near: the first; beyond far:
+ * the last), in the blend's part of a slice by both.
+ *
+ * In:    queries: struct umb_map_query[plan->count], prepared on maps of plan->frusta.
+ */
+UMB_API void umb_cascades_run(const struct umb_cascade_plan *plan,
+                              const struct umb_map_query *queries, const struct umb_points *points,
+                              size_t first, size_t count, float *values);
+
+/* A seam: the maps on both sides of it, asked with their filters. */
+struct umb_cascade_seam {
+    const struct umb_map *fine, *coarse;
+    struct umb_map_filter fine_filter, coarse_filter;
+    double contrast;   /* out: C for the coarse filter, 1/1024..1024 */
+    double difference; /* out: root mean square of coarse - fine with C = 1 */
+    double after;      /* out: the same with `contrast` */
+};
+
+/*
+ * Finds the contrast C of the coarser layer with which it differs least from the finer one.
+ *
+ * In:    points: along the seam, at least one. scratch: float[2 * points->count].
+ * Fails: as umb_map_prepare.
+ * Cost:  about 40 runs of the points.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_cascades_match(struct umb_cascade_seam *seam,
+                                                       const struct umb_points *points,
+                                                       float *scratch, struct umb_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
