@@ -104,24 +104,64 @@ static const char *state_name(uint32_t state)
     return state == 0 ? "shadowed" : state == 1 ? "lit" : "mixed";
 }
 
+static const char *bias_name(enum umb_bias_mode mode)
+{
+    static const char *const names[] = {"auto", "voxels", "metres", "none"};
+    return (unsigned)mode < 4 ? names[mode] : "unknown";
+}
+
+/* The window as rows of texels, first row first: '#' lit, '.' shadowed. */
+static void explain_window(FILE *file, const struct umb_explanation *e)
+{
+    char row[UMB_TAPS_MAX + 1];
+    uint32_t taps = e->taps < UMB_TAPS_MAX ? e->taps : UMB_TAPS_MAX;
+    (void)fprintf(file,
+                  "  window of %" PRIu32 " x %" PRIu32 " texels from %" PRId64 " %" PRId64
+                  " at depth %" PRId64 ":\n",
+                  taps, taps, e->window[0], e->window[1], e->cell[2]);
+    for (uint32_t j = 0; j < taps; j++) {
+        for (uint32_t i = 0; i < taps; i++) {
+            row[i] = e->rows[j] >> i & 1 ? '#' : '.';
+        }
+        row[taps] = '\0';
+        (void)fprintf(file, "    %s\n", row);
+    }
+}
+
+static void explain_steps(FILE *file, const struct umb_explanation *e)
+{
+    size_t limit = sizeof e->steps / sizeof e->steps[0];
+    for (size_t i = 0; i < e->step_count && i < limit; i++) {
+        const char *where = i == 0 ? "cell" : e->steps[i].level == 0 ? "brick" : "node";
+        (void)fprintf(file, "  level %2" PRIu32 ": %-8s %s %" PRIu64 "\n", e->steps[i].level,
+                      state_name(e->steps[i].state), where, e->steps[i].index);
+    }
+}
+
 static void explain_text(FILE *file, uint64_t number, float value, const struct umb_explanation *e)
 {
-    (void)fprintf(file,
-                  "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s\n"
-                  "  moved %.6g m to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64
-                  " %" PRId64 " %" PRId64 ") of frustum %" PRIu32 ", %.6g m a voxel, %" PRIu32
-                  " nodes and %" PRIu32 " bricks read\n",
+    (void)fprintf(file, "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s\n",
                   number, (double)value, e->lit_taps, e->taps * e->taps,
                   e->facing_away ? ", faces away" : "", e->outside ? ", outside" : "",
                   e->before ? ", before the first voxel" : "",
-                  e->behind ? ", behind the last voxel" : "", e->bias_m, e->moved[0], e->moved[1],
-                  e->moved[2], e->voxel[0], e->voxel[1], e->voxel[2], e->cell[0], e->cell[1],
-                  e->cell[2], e->frustum, e->voxel_size_m, e->nodes, e->bricks);
-    size_t limit = sizeof e->steps / sizeof e->steps[0];
-    for (size_t i = 0; i < e->step_count && i < limit; i++) {
-        (void)fprintf(file, "  level %2" PRIu32 ": %-8s %" PRIu64 "\n", e->steps[i].level,
-                      state_name(e->steps[i].state), e->steps[i].index);
+                  e->behind ? ", behind the last voxel" : "");
+    (void)fprintf(file, "  bias %s: moved %.6g m ", bias_name(e->bias_mode), e->bias_m);
+    if (e->has_normal) {
+        (void)fprintf(file, "along the normal, which faces the light at cosine %.4f\n", e->cosine);
+    } else {
+        (void)fputs("towards the light, there is no normal\n", file);
     }
+    (void)fprintf(file,
+                  "  to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64 " %" PRId64 " %" PRId64
+                  ") of frustum %" PRIu32 ", %.6g m a voxel\n",
+                  e->moved[0], e->moved[1], e->moved[2], e->voxel[0], e->voxel[1], e->voxel[2],
+                  e->cell[0], e->cell[1], e->cell[2], e->frustum, e->voxel_size_m);
+    explain_steps(file, e);
+    if (e->taps > 1 && !e->facing_away) {
+        explain_window(file, e);
+    }
+    (void)fprintf(file, "  cost: %" PRIu32 " nodes and %" PRIu32 " bricks read\n", e->nodes,
+                  e->bricks);
 }
 
 static void explain_json(struct umbc_json *json, uint64_t number, float value,
@@ -136,7 +176,10 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
+    umbc_json_text(json, "bias", bias_name(e->bias_mode));
     umbc_json_number(json, "bias_m", e->bias_m);
+    umbc_json_bool(json, "has_normal", e->has_normal != 0);
+    umbc_json_number(json, "cosine", e->cosine);
     umbc_json_vector(json, "moved", e->moved);
     umbc_json_vector(json, "voxel", e->voxel);
     umbc_json_begin(json, "cell", '[');
@@ -148,6 +191,15 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_integer(json, "frustum", e->frustum);
     umbc_json_integer(json, "nodes", e->nodes);
     umbc_json_integer(json, "bricks", e->bricks);
+    umbc_json_begin(json, "window", '[');
+    umbc_json_signed(json, NULL, e->window[0]);
+    umbc_json_signed(json, NULL, e->window[1]);
+    umbc_json_end(json, ']');
+    umbc_json_begin(json, "rows", '[');
+    for (uint32_t j = 0; j < e->taps && j < UMB_TAPS_MAX; j++) {
+        umbc_json_integer(json, NULL, e->rows[j]);
+    }
+    umbc_json_end(json, ']');
     umbc_json_begin(json, "steps", '[');
     size_t limit = sizeof e->steps / sizeof e->steps[0];
     for (size_t i = 0; i < e->step_count && i < limit; i++) {

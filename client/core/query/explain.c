@@ -4,6 +4,7 @@
 
 #include "query/perspective.h"
 #include "query/query_parts.h"
+#include "query/voxel_tree.h"
 
 static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, uint64_t index)
 {
@@ -15,33 +16,73 @@ static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, 
     }
 }
 
+static struct umb__tree tree_of(const struct umb__query *q)
+{
+    return (struct umb__tree){.grid = q->grid,
+                              .nodes = q->nodes,
+                              .bricks = q->bricks,
+                              .log2_size = q->log2_size,
+                              .grid_log2 = q->grid_log2};
+}
+
 /* Walks the centre tap from the grid to where its state is known. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
-    uint32_t g = q->grid_log2, level = q->log2_size - g;
-    uint64_t x = (uint64_t)cell[0], y = (uint64_t)cell[1], z = (uint64_t)cell[2];
-    uint64_t index = (x >> level) + ((y >> level) << g) + ((z >> level) << (2 * g));
-    uint32_t value = q->grid[index];
-    if (value < UMB__CELL_FIRST) {
-        add_step(e, level, value, index);
-        return;
-    }
-    uint32_t number = value - UMB__CELL_FIRST;
-    add_step(e, level, 2, index);
-    while (level > UMB_LEVEL_BRICK) {
-        const uint64_t *node = q->nodes + number;
+    const struct umb__tree tree = tree_of(q);
+    uint32_t g = q->grid_log2, level = umb__tree_cell_level(&tree);
+    uint32_t x = (uint32_t)cell[0], y = (uint32_t)cell[1], z = (uint32_t)cell[2];
+    uint64_t index = (uint64_t)(x >> level) + ((uint64_t)(y >> level) << g) +
+                     ((uint64_t)(z >> level) << (2 * g));
+    struct umb__link link = umb__tree_cell(&tree, x >> level, y >> level, z >> level);
+    add_step(e, level, link.mixed ? 2 : link.lit, index);
+    while (link.mixed && level > UMB_LEVEL_BRICK) {
+        uint32_t number = link.number;
         level -= 2;
-        unsigned child =
-            (unsigned)((x >> level & 3) | (y >> level & 3) << 2 | (z >> level & 3) << 4);
-        if (!(node[0] >> child & 1)) {
-            add_step(e, level, node[1] >> child & 1, number);
-            return;
-        }
-        add_step(e, level, 2, number);
-        number = umb__wide_child(node, child);
+        link = umb__tree_child(&tree, number, umb__child_at(level, x, y, z));
+        add_step(e, level, link.mixed ? 2 : link.lit, number);
     }
-    uint64_t slice = q->bricks[number][z & 7];
-    add_step(e, 0, slice >> ((x & 7) + 8 * (y & 7)) & 1, number);
+    if (link.mixed) {
+        add_step(e, 0, umb__brick_voxel(q->bricks[link.number], x, y, z), link.number);
+    }
+}
+
+/* The window texel by texel, each looked up for itself. */
+static void draw_window(const struct umb__query *q, const struct umb__window *window,
+                        struct umb_explanation *e)
+{
+    const struct umb__tree tree = tree_of(q);
+    int64_t size = (int64_t)1 << q->log2_size;
+    struct umb_volume_stats ignored = {0};
+    for (int32_t j = 0; j < q->taps; j++) {
+        for (int32_t i = 0; i < q->taps; i++) {
+            int64_t x = e->window[0] + i, y = e->window[1] + j;
+            bool lit = true;
+            if (!window->all_lit && x >= 0 && x < size && y >= 0 && y < size) {
+                struct umb__place place = umb__tree_locate(&tree, (uint32_t)x, (uint32_t)y,
+                                                           (uint32_t)window->z, &ignored);
+                lit = place.brick ? umb__brick_voxel(place.brick, (uint32_t)x, (uint32_t)y,
+                                                     (uint32_t)window->z)
+                                  : place.lit;
+            }
+            e->rows[j] |= (uint32_t)lit << i;
+        }
+    }
+}
+
+/* How the point's normal stands to the light. */
+static void add_normal(const struct umb__query *q, const struct umb_points *one,
+                       struct umb_explanation *e)
+{
+    float n[3] = {0, 0, 0};
+    if (one->normals) {
+        memcpy(n, one->normals, sizeof n);
+    }
+    double length = sqrt((double)n[0] * (double)n[0] + (double)n[1] * (double)n[1] +
+                         (double)n[2] * (double)n[2]);
+    e->has_normal = length > 0 && isfinite(length);
+    for (unsigned axis = 0; e->has_normal && axis < 3; axis++) {
+        e->cosine -= (double)n[axis] / length * q->direction[axis];
+    }
 }
 
 void umb_query_explain(const struct umb_query *query, const struct umb_points *points, size_t index,
@@ -90,6 +131,15 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
     e.bias_m = sqrt(e.bias_m);
     struct umb_query_stats ignored = {0};
     struct umb__window window = umb__window_at(&q, e.voxel, &ignored);
+    e.bias_mode = q.bias_mode;
+    add_normal(&q, &one, &e);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        /* Beyond any frustum where a double or its floor would not fit. */
+        e.window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e.voxel[axis]))) - q.taps / 2;
+    }
+    if (!e.facing_away) {
+        draw_window(&q, &window, &e);
+    }
     if (!e.facing_away && !e.outside && !e.before) {
         e.cell[0] = (int64_t)e.voxel[0];
         e.cell[1] = (int64_t)e.voxel[1];

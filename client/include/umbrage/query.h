@@ -186,6 +186,11 @@ struct umb_explanation {
     int64_t cell[3];                          /* voxel index after flooring and clamping of z */
     double voxel_size_m;                      /* mean voxel edge in metres there */
     uint32_t lit_taps, taps;                  /* of taps * taps */
+    enum umb_bias_mode bias_mode;
+    int has_normal;    /* 1: the point moved along its normal; 0: towards the light */
+    double cosine;     /* of the angle between normal and light, -1..1; 0 without a normal */
+    int64_t window[2]; /* voxel x, y of the window's first texel */
+    uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
     uint32_t nodes, bricks; /* read */
     uint32_t step_count;
