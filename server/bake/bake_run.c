@@ -154,6 +154,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     };
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
+    run->publish.threads = run->options->threads;
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     umb_octree_finish(&run->octree);
     run->report.seconds_write = umbb_clock_s() - start;

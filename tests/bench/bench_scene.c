@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "bake/analysis/light_frame.h"
+#include "bake/build/job_pool.h"
 #include "bake/build/tile_loop.h"
 #include "bake/depth/depth_raster.h"
 #include "bench_report.h"
@@ -199,7 +200,12 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     };
     memcpy(content.origin, scene->origin, sizeof content.origin);
     const struct umb_sink sink = {bytes_append, bytes};
-    bench_must(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, &error), &error, "pack");
+    struct umbb_jobs *jobs;
+    bench_must(umbb_jobs_create(umbt_processor_count(), &jobs, &error), &error, "threads");
+    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers};
+    bench_must(umb_pack_run(&job, id, &error), &error, "pack");
+    umbb_jobs_destroy(jobs);
     umb_octree_finish(&octree);
     bench_say("%s %s: baked in %.2f s, packed to %zu bytes in %.2f s", scene->name,
               closed_rule ? "closed" : "open", baked - start, bytes->size, bench_wall_s() - baked);

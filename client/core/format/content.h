@@ -62,6 +62,34 @@ umb_pack_write(const struct umb_content *content, const struct umb_octree *octre
                uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
 /*
+ * Threads that the core may use; it has none of its own.
+ *
+ * run: calls job(job_user, number, worker) once for each number below `jobs`, on any threads and in
+ * any order, and returns when all are done. worker is below `count`; no two calls under way have
+ * the same.
+ */
+struct umb_workers {
+    unsigned count; /* 1.. */
+    void (*run)(void *user, void (*job)(void *job_user, uint32_t number, unsigned worker),
+                void *job_user, uint32_t jobs);
+    void *user;
+};
+
+/* What umb_pack_write takes, and who helps. */
+struct umb_pack_job {
+    const struct umb_content *content;
+    const struct umb_octree *octree; /* with workers, its allocator must serve several threads */
+    const struct umb_sha256 *sha256; /* with workers, called from several threads */
+    const struct umb_sink *sink;
+    const struct umb_workers *workers; /* NULL: the caller's thread does everything */
+};
+
+/* umb_pack_write with helpers: they encode and compress pages. The same bytes for any number. */
+UMB_API UMB_CHECKED enum umb_status umb_pack_run(const struct umb_pack_job *job,
+                                                 uint8_t id[UMB_ID_BYTES],
+                                                 struct umb_error *error);
+
+/*
  * Writes the mapped form (.umbm) of an open asset.
  *
  * Fails: E_NO_MEMORY, or what the sink returns.

@@ -18,8 +18,19 @@
 #include "format/pack_read.h"
 #include "format/page.h"
 
-/* Within 0.2 % of level 9's bytes at half its time; outside the identity, so it may change. */
-enum { ZSTD_LEVEL = 6 };
+/* Level 6 saves 3 % more bytes and takes twice the time (docs/performance.md). Outside the
+ * identity, so it may change. */
+enum { ZSTD_LEVEL = 4 };
+
+/* What one worker has to itself. */
+struct page_worker {
+    struct umb__page_encoder encoder;
+    ZSTD_CCtx *zstd;
+    uint8_t *buffer; /* for a compressed page */
+    size_t buffer_capacity;
+    enum umb_status status; /* of the first page it failed at */
+    struct umb_error error;
+};
 
 struct writer {
     const struct umb_octree *octree;
@@ -27,65 +38,122 @@ struct writer {
     const struct umb_alloc *alloc;
     struct umb_error *error;
     struct umb__pack_order order;
-    ZSTD_CCtx *zstd;
-    uint8_t *raw;
-    size_t raw_capacity;
-    uint8_t *stored; /* all compressed pages, one after the other */
-    size_t stored_size, stored_capacity;
+    struct page_worker *workers;
+    unsigned worker_count;
+    uint8_t **stored; /* [page_count] compressed pages; lengths are in the directory */
     uint8_t *directory;
 };
 
-static enum umb_status no_memory(struct writer *w)
+static enum umb_status no_memory(struct umb_error *error)
 {
-    return umb_fail(w->error, UMB_E_NO_MEMORY, "packing: out of memory");
+    return umb_fail(error, UMB_E_NO_MEMORY, "packing: out of memory");
 }
 
-static enum umb_status write_page(struct writer *w, uint32_t page)
+/* Compresses the encoded page and keeps it. */
+static enum umb_status compress_page(const struct writer *w, struct page_worker *worker,
+                                     uint32_t page, size_t *stored_length)
 {
-    size_t size;
-    enum umb_status status = umb__page_encode(w->octree, &w->order, page, &w->raw,
-                                              &w->raw_capacity, &size, w->error);
+    const struct umb__page_encoder *e = &worker->encoder;
+    size_t bound = ZSTD_compressBound(e->raw_size);
+    if (!umb__grow(w->alloc, &worker->buffer, &worker->buffer_capacity, bound, 1)) {
+        return no_memory(&worker->error);
+    }
+    size_t length =
+        ZSTD_compressCCtx(worker->zstd, worker->buffer, bound, e->raw, e->raw_size, ZSTD_LEVEL);
+    if (ZSTD_isError(length)) {
+        const bool memory = ZSTD_getErrorCode(length) == ZSTD_error_memory_allocation;
+        return umb_fail(&worker->error, memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
+                        "packing: zstd: %s", ZSTD_getErrorName(length));
+    }
+    w->stored[page] = umb__alloc(w->alloc, length, 1);
+    if (!w->stored[page]) {
+        return no_memory(&worker->error);
+    }
+    memcpy(w->stored[page], worker->buffer, length);
+    *stored_length = length;
+    return UMB_OK;
+}
+
+static enum umb_status write_page(const struct writer *w, struct page_worker *worker, uint32_t page)
+{
+    const struct umb__page_encoder *e = &worker->encoder;
+    size_t length = 0;
+    enum umb_status status =
+        umb__page_encode(&worker->encoder, w->octree, &w->order, page, &worker->error);
+    if (status == UMB_OK) {
+        status = compress_page(w, worker, page, &length);
+    }
     if (status != UMB_OK) {
         return status;
     }
-    size_t bound = ZSTD_compressBound(size);
-    if (!umb__grow(w->alloc, &w->stored, &w->stored_capacity, w->stored_size + bound, 1)) {
-        return no_memory(w);
-    }
-    uint8_t *stored = w->stored + w->stored_size;
-    size_t stored_length = ZSTD_compressCCtx(w->zstd, stored, bound, w->raw, size, ZSTD_LEVEL);
-    if (ZSTD_isError(stored_length)) {
-        const bool no_memory = ZSTD_getErrorCode(stored_length) == ZSTD_error_memory_allocation;
-        return umb_fail(w->error, no_memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL, "packing: zstd: %s",
-                        ZSTD_getErrorName(stored_length));
-    }
     uint8_t *entry = w->directory + (size_t)page * UMB__PAGE_ENTRY;
-    umb__store64(entry + UMB__PAGE_OFFSET, w->stored_size); /* made absolute later */
-    umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)stored_length);
-    umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)size);
-    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(stored, stored_length));
-    entry[UMB__PAGE_LEVEL_HIGH] = w->raw[1];
-    entry[UMB__PAGE_LEVEL_LOW] = w->raw[2];
+    umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+    umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
+    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(w->stored[page], length));
+    entry[UMB__PAGE_LEVEL_HIGH] = e->raw[1];
+    entry[UMB__PAGE_LEVEL_LOW] = e->raw[2];
     umb__store32(entry + UMB__PAGE_RECORDS,
                  (uint32_t)(w->order.page_first[page + 1] - w->order.page_first[page]));
-    const void *part = w->raw;
-    w->sha256->digest(w->sha256->user, &part, &size, 1, entry + UMB__PAGE_HASH);
-    w->stored_size += stored_length;
-    return umb__digest_made(entry + UMB__PAGE_HASH) ? UMB_OK : no_memory(w);
+    const void *part = e->raw;
+    w->sha256->digest(w->sha256->user, &part, &e->raw_size, 1, entry + UMB__PAGE_HASH);
+    return umb__digest_made(entry + UMB__PAGE_HASH) ? UMB_OK : no_memory(&worker->error);
 }
 
-static enum umb_status write_pages(struct writer *w)
+/* One page; after a failure of its own a worker leaves the others out. */
+static void page_job(void *user, uint32_t page, unsigned number)
 {
-    w->zstd = ZSTD_createCCtx();
-    w->directory = umb__alloc_zeroed(w->alloc, w->order.page_count, UMB__PAGE_ENTRY);
-    if (!w->zstd || !w->directory) {
-        return no_memory(w);
+    const struct writer *w = user;
+    struct page_worker *worker = &w->workers[number];
+    if (worker->status == UMB_OK) {
+        worker->status = write_page(w, worker, page);
     }
-    enum umb_status status = UMB_OK;
-    for (uint32_t page = 0; page < w->order.page_count && status == UMB_OK; page++) {
-        status = write_page(w, page);
+}
+
+static enum umb_status write_pages(struct writer *w, const struct umb_workers *workers)
+{
+    const uint32_t count = w->order.page_count;
+    w->worker_count = workers ? workers->count : 1;
+    w->workers = umb__alloc_zeroed(w->alloc, w->worker_count, sizeof *w->workers);
+    w->stored = umb__alloc_zeroed(w->alloc, count, sizeof *w->stored);
+    w->directory = umb__alloc_zeroed(w->alloc, count, UMB__PAGE_ENTRY);
+    if (!w->workers || !w->stored || !w->directory) {
+        return no_memory(w->error);
     }
-    return status;
+    for (unsigned i = 0; i < w->worker_count; i++) {
+        w->workers[i].zstd = ZSTD_createCCtx();
+        if (!w->workers[i].zstd) {
+            return no_memory(w->error);
+        }
+    }
+    if (workers) {
+        workers->run(workers->user, page_job, w, count);
+    } else {
+        for (uint32_t page = 0; page < count; page++) {
+            page_job(w, page, 0);
+        }
+    }
+    for (unsigned i = 0; i < w->worker_count; i++) {
+        if (w->workers[i].status != UMB_OK) {
+            return umb_fail(w->error, w->workers[i].status, "%s", w->workers[i].error.message);
+        }
+    }
+    return UMB_OK;
+}
+
+static void writer_finish(struct writer *w)
+{
+    for (unsigned i = 0; w->workers && i < w->worker_count; i++) {
+        umb__page_encoder_finish(&w->workers[i].encoder, w->alloc);
+        ZSTD_freeCCtx(w->workers[i].zstd);
+        umb__free(w->alloc, w->workers[i].buffer);
+    }
+    for (uint32_t page = 0; w->stored && page < w->order.page_count; page++) {
+        umb__free(w->alloc, w->stored[page]);
+    }
+    umb__free(w->alloc, w->workers);
+    umb__free(w->alloc, (void *)w->stored);
+    umb__free(w->alloc, w->directory);
+    umb__pack_order_finish(&w->order);
 }
 
 /* The identity: SHA-256 over the canonical block and the page hashes. False: out of memory. */
@@ -119,7 +187,7 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
     memcpy(canonical.counts, w->order.counts, sizeof canonical.counts);
     canonical.roots = umb__alloc_zeroed(w->alloc, content->frustum_count, sizeof *canonical.roots);
     if (!canonical.roots) {
-        return no_memory(w);
+        return no_memory(w->error);
     }
     for (uint32_t i = 0; i < content->frustum_count; i++) {
         const struct umb_octree_root *root = &w->octree->roots[i];
@@ -151,23 +219,26 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
     };
     head.head_length = umb__head_length(canonical_length, head.directory_count, UMB__PAGE_ENTRY,
                                         head.info_length);
-    head.file_length = head.head_length + w->stored_size;
+    head.file_length = head.head_length;
     for (size_t page = 0; page < w->order.page_count; page++) {
         uint8_t *entry = w->directory + page * UMB__PAGE_ENTRY;
-        umb__store64(entry + UMB__PAGE_OFFSET, umb__load64(entry) + head.head_length);
+        umb__store64(entry + UMB__PAGE_OFFSET, head.file_length);
+        head.file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
     }
     if (!identify(w->sha256, &head, w->alloc, head.id)) {
-        return no_memory(w);
+        return no_memory(w->error);
     }
     uint8_t *bytes = umb__alloc(w->alloc, (size_t)head.head_length, 1);
     if (!bytes) {
-        return no_memory(w);
+        return no_memory(w->error);
     }
     umb__head_write(&head, UMB__PAGE_ENTRY, bytes);
     enum umb_status status = sink->write(sink->user, bytes, (size_t)head.head_length);
     umb__free(w->alloc, bytes);
-    if (status == UMB_OK && w->stored_size > 0) {
-        status = sink->write(sink->user, w->stored, w->stored_size);
+    for (size_t page = 0; page < w->order.page_count && status == UMB_OK; page++) {
+        const uint8_t *entry = w->directory + page * UMB__PAGE_ENTRY;
+        status = sink->write(sink->user, w->stored[page],
+                             umb__load32(entry + UMB__PAGE_STORED_LENGTH));
     }
     if (status != UMB_OK) {
         return umb_fail(w->error, status, "packing: %llu bytes of output: %s",
@@ -217,37 +288,42 @@ static enum umb_status check_roots(const struct umb_content *content,
     return UMB_OK;
 }
 
-enum umb_status umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
-                               const struct umb_sha256 *sha256, const struct umb_sink *sink,
-                               uint8_t id[UMB_ID_BYTES], struct umb_error *error)
+enum umb_status umb_pack_run(const struct umb_pack_job *job, uint8_t id[UMB_ID_BYTES],
+                             struct umb_error *error)
 {
+    const struct umb_octree *octree = job->octree;
     struct writer w = {
-        .octree = octree, .sha256 = sha256, .alloc = octree->alloc, .error = error};
+        .octree = octree, .sha256 = job->sha256, .alloc = octree->alloc, .error = error};
     uint8_t *canonical = NULL;
     uint64_t canonical_length = 0;
-    enum umb_status status = check_content(content, error);
+    enum umb_status status = check_content(job->content, error);
     if (status == UMB_OK) {
-        status = check_roots(content, octree, error);
+        status = check_roots(job->content, octree, error);
     }
     if (status == UMB_OK) {
         status = umb__pack_order(octree, &w.order, error);
     }
     if (status == UMB_OK) {
-        status = write_pages(&w);
+        status = write_pages(&w, job->workers);
     }
     if (status == UMB_OK) {
-        status = encode_canonical(&w, content, &canonical, &canonical_length);
+        status = encode_canonical(&w, job->content, &canonical, &canonical_length);
     }
     if (status == UMB_OK) {
-        status = write_file(&w, content, canonical, canonical_length, sink, id);
+        status = write_file(&w, job->content, canonical, canonical_length, job->sink, id);
     }
-    ZSTD_freeCCtx(w.zstd);
     umb__free(w.alloc, canonical);
-    umb__free(w.alloc, w.directory);
-    umb__free(w.alloc, w.stored);
-    umb__free(w.alloc, w.raw);
-    umb__pack_order_finish(&w.order);
+    writer_finish(&w);
     return status;
+}
+
+enum umb_status umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
+                               const struct umb_sha256 *sha256, const struct umb_sink *sink,
+                               uint8_t id[UMB_ID_BYTES], struct umb_error *error)
+{
+    const struct umb_pack_job job = {
+        .content = content, .octree = octree, .sha256 = sha256, .sink = sink};
+    return umb_pack_run(&job, id, error);
 }
 
 enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,

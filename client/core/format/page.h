@@ -20,6 +20,7 @@
  *     u8[w] leaf number[set bits of all runs], w: the least that holds leaf_count - 1
  */
 #include "format/pack_order.h"
+#include "format/value_set.h"
 
 /* A parsed page; pointers into its raw bytes. Level arrays are indexed by level. */
 struct umb__page {
@@ -46,13 +47,26 @@ struct umb__page {
 UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size,
                                             struct umb__page *page, struct umb_error *error);
 
+/* What encoding a page needs, kept from one page to the next. Start zeroed. */
+struct umb__page_encoder {
+    uint8_t *raw; /* [raw_size] the page encoded last */
+    size_t raw_size, raw_capacity;
+    uint32_t *nodes; /* of the page, level by level */
+    size_t nodes_capacity;
+    uint32_t *references; /* of a level */
+    size_t references_capacity;
+    struct umb__value_set table; /* a level's nodes in other pages, or leaves */
+};
+
 /*
  * Encodes page number `page` of an order.
- * Out: *raw grows as needed (umb__grow), *size is the page's length.
+ * Out: encoder->raw.
+ * Threads: any number of encoders may work on one order, if its allocator allows.
  */
-UMB_CHECKED enum umb_status umb__page_encode(const struct umb_octree *octree,
+UMB_CHECKED enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
+                                             const struct umb_octree *octree,
                                              const struct umb__pack_order *order, uint32_t page,
-                                             uint8_t **raw, size_t *capacity, size_t *size,
                                              struct umb_error *error);
+void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc);
 
 #endif

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The writing half of page.h. */
+/* The writing half of page.h: level by level from the top, the tables of each as it comes. */
 #include "format/page.h"
 
 #include <stdbool.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/bytes.h"
@@ -11,264 +10,245 @@
 #include "format/layout.h"
 
 /* The open page. */
-struct encoder {
+struct writer {
     const struct umb_octree *octree;
     const struct umb__pack_order *order;
+    struct umb__page_encoder *e;
     uint32_t page;
-    uint8_t **raw;
-    size_t *capacity;
-    size_t size;
-    bool failed;                          /* out of memory: checked at the end */
+    bool failed; /* out of memory: checked at the end */
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
-    uint64_t *externals[UMB_LEVEL_MAX + 1]; /* sorted: page << 32 | position */
-    size_t external_count[UMB_LEVEL_MAX + 1];
-    size_t external_capacity[UMB_LEVEL_MAX + 1];
-    uint64_t *leaves;                     /* sorted */
-    size_t leaf_count, leaf_capacity;
+    size_t node_first[UMB_LEVEL_MAX + 1];      /* of the level, in e->nodes */
     size_t reference_count[UMB_LEVEL_MAX + 1]; /* [3]: runs of all bricks */
 };
 
-static uint8_t *append(struct encoder *e, size_t count)
+static uint8_t *append(struct writer *w, size_t count)
 {
-    if (e->failed ||
-        !umb__grow(e->order->alloc, e->raw, e->capacity, e->size + count, sizeof **e->raw)) {
-        e->failed = true;
+    struct umb__page_encoder *e = w->e;
+    if (w->failed || !umb__grow(w->order->alloc, &e->raw, &e->raw_capacity, e->raw_size + count,
+                                sizeof *e->raw)) {
+        w->failed = true;
         return NULL;
     }
-    uint8_t *at = *e->raw + e->size;
-    e->size += count;
+    uint8_t *at = e->raw + e->raw_size;
+    e->raw_size += count;
     return at;
 }
 
-static void append32(struct encoder *e, uint32_t value)
+/* Bit z: slice z differs from slice z - 1; bit 0 is set. */
+static unsigned brick_runs(const uint64_t *brick)
 {
-    uint8_t *at = append(e, 4);
-    if (at) {
-        umb__store32(at, value);
+    unsigned bits = 1;
+    for (unsigned z = 1; z < 8; z++) {
+        bits |= (unsigned)(brick[z] != brick[z - 1]) << z;
     }
+    return bits;
 }
 
-static int compare_u64(const void *a, const void *b)
+/* Sorts the page's nodes by level, in the order of the page, and counts. False: out of memory. */
+static bool collect(struct writer *w)
 {
-    uint64_t x, y;
-    memcpy(&x, a, sizeof x);
-    memcpy(&y, b, sizeof y);
-    return (x > y) - (x < y);
-}
-
-static size_t sort_unique(uint64_t *values, size_t count)
-{
-    if (count == 0) {
-        return 0;
+    const size_t first = w->order->page_first[w->page], end = w->order->page_first[w->page + 1];
+    const struct umb__node_ref *sequence = w->order->sequence;
+    w->level_high = UMB_LEVEL_BRICK;
+    w->level_low = UMB_LEVEL_MAX;
+    for (size_t s = first; s < end; s++) {
+        const uint32_t level = sequence[s].level;
+        w->node_count[level]++;
+        w->level_high = level > w->level_high ? level : w->level_high;
+        w->level_low = level < w->level_low ? level : w->level_low;
     }
-    qsort(values, count, sizeof *values, compare_u64);
-    size_t kept = 1;
-    for (size_t i = 1; i < count; i++) {
-        if (values[i] != values[kept - 1]) {
-            values[kept++] = values[i];
-        }
+    if (!umb__grow(w->order->alloc, &w->e->nodes, &w->e->nodes_capacity, end - first,
+                   sizeof *w->e->nodes)) {
+        return false;
     }
-    return kept;
-}
-
-/* Index of a value that is there. */
-static uint32_t index_in(const uint64_t *values, size_t count, uint64_t value)
-{
-    size_t low = 0, high = count;
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        if (values[middle] < value) {
-            low = middle + 1;
+    size_t place[UMB_LEVEL_MAX + 1], next = 0;
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        place[level] = w->node_first[level] = next;
+        next += w->node_count[level];
+    }
+    for (size_t s = first; s < end; s++) {
+        const struct umb__node_ref node = sequence[s];
+        w->e->nodes[place[node.level]++] = node.index;
+        if (node.level == UMB_LEVEL_BRICK) {
+            w->reference_count[UMB_LEVEL_BRICK] +=
+                (size_t)__builtin_popcount(brick_runs(w->octree->bricks[node.index]));
         } else {
-            high = middle;
+            const uint32_t *begins = w->octree->level[node.level].first + node.index;
+            w->reference_count[node.level] += begins[1] - begins[0];
         }
     }
-    return (uint32_t)low;
+    return true;
 }
 
-static void push(struct encoder *e, uint64_t **values, size_t *count, size_t *capacity,
-                 uint64_t value)
+/* Writes what is known of the counts; the others are put in as the levels are written. */
+static void write_counts(struct writer *w)
 {
-    if (e->failed || !umb__grow(e->order->alloc, values, capacity, *count + 1, sizeof **values)) {
-        e->failed = true;
+    const size_t levels = w->level_high - w->level_low + 1;
+    const size_t tables = levels; /* external nodes of each level but bricks, which have leaves */
+    uint8_t *head = append(w, 4 + 4 * (levels + tables));
+    if (!head) {
         return;
     }
-    (*values)[(*count)++] = value;
+    head[0] = UMB__PAGE_ENCODING;
+    head[1] = (uint8_t)w->level_high;
+    head[2] = (uint8_t)w->level_low;
+    head[3] = 0;
+    for (size_t i = 0; i < levels; i++) {
+        umb__store32(head + 4 + 4 * i, w->node_count[w->level_high - i]);
+    }
 }
 
-static uint64_t external_key(const struct encoder *e, uint32_t level, uint32_t index)
+/* Puts a level's number of external nodes (or leaves) into its place among the counts. */
+static void put_table_count(struct writer *w, uint32_t level, size_t count)
 {
-    return (uint64_t)e->order->page_of[level][index] << 32 | e->order->position_of[level][index];
+    const size_t levels = w->level_high - w->level_low + 1;
+    umb__store32(w->e->raw + 4 + 4 * (levels + w->level_high - level), (uint32_t)count);
 }
 
-/* First pass: counts, nodes in other pages, distinct slices. */
-static void collect(struct encoder *e)
+/* Makes room for a level's references and an empty table. False: out of memory. */
+static bool begin_table(struct writer *w, uint32_t level)
 {
-    size_t end = e->order->page_first[e->page + 1];
-    e->level_high = UMB_LEVEL_BRICK;
-    e->level_low = UMB_LEVEL_MAX;
-    for (size_t s = e->order->page_first[e->page]; s < end; s++) {
-        struct umb__node_ref node = e->order->sequence[s];
-        e->node_count[node.level]++;
-        e->level_high = node.level > e->level_high ? node.level : e->level_high;
-        e->level_low = node.level < e->level_low ? node.level : e->level_low;
-        if (node.level == UMB_LEVEL_BRICK) {
-            const uint64_t *brick = e->octree->bricks[node.index];
-            for (size_t z = 0; z < 8; z++) {
-                if (z == 0 || brick[z] != brick[z - 1]) {
-                    push(e, &e->leaves, &e->leaf_count, &e->leaf_capacity, brick[z]);
-                    e->reference_count[UMB_LEVEL_BRICK]++;
-                }
-            }
-            continue;
+    struct umb__page_encoder *e = w->e;
+    const size_t count = w->reference_count[level];
+    if (w->failed ||
+        !umb__grow(w->order->alloc, &e->references, &e->references_capacity, count + 1,
+                   sizeof *e->references) ||
+        !umb__value_set_begin(&e->table, w->order->alloc, count)) {
+        w->failed = true;
+    }
+    return !w->failed;
+}
+
+static bool sort_table(struct writer *w)
+{
+    w->failed = w->failed || !umb__value_set_sort(&w->e->table, w->order->alloc);
+    return !w->failed;
+}
+
+/* Marks a reference to the table; the page's own nodes are numbered by position. */
+#define IN_TABLE 0x80000000U
+
+/* Lists a level's references: positions in the page, or numbers in the table. */
+static void list_children(struct writer *w, uint32_t node_level)
+{
+    const struct umb_octree_level *level = &w->octree->level[node_level];
+    const uint32_t *page_of = w->order->page_of[node_level - 1];
+    const uint32_t *position_of = w->order->position_of[node_level - 1];
+    const uint32_t *nodes = w->e->nodes + w->node_first[node_level];
+    uint32_t *reference = w->e->references;
+    for (uint32_t i = 0; i < w->node_count[node_level]; i++) {
+        for (uint32_t c = level->first[nodes[i]]; c < level->first[nodes[i] + 1]; c++) {
+            const uint32_t child = level->children[c], page = page_of[child];
+            const uint32_t position = position_of[child];
+            *reference++ =
+                page == w->page
+                    ? position
+                    : IN_TABLE | umb__value_set_add(&w->e->table, (uint64_t)page << 32 | position);
         }
-        const struct umb_octree_level *level = &e->octree->level[node.level];
-        for (uint32_t c = level->first[node.index]; c < level->first[node.index + 1]; c++) {
-            uint32_t child = level->children[c];
-            e->reference_count[node.level]++;
-            if (e->order->page_of[node.level - 1][child] != e->page) {
-                push(e, &e->externals[node.level], &e->external_count[node.level],
-                     &e->external_capacity[node.level], external_key(e, node.level - 1, child));
-            }
-        }
-    }
-    e->leaf_count = sort_unique(e->leaves, e->leaf_count);
-    for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
-        e->external_count[level] = sort_unique(e->externals[level], e->external_count[level]);
     }
 }
 
-static void write_counts(struct encoder *e)
+static void write_nodes(struct writer *w, uint32_t node_level)
 {
-    uint8_t *head = append(e, 4);
-    if (head) {
-        head[0] = UMB__PAGE_ENCODING;
-        head[1] = (uint8_t)e->level_high;
-        head[2] = (uint8_t)e->level_low;
-        head[3] = 0;
+    const struct umb__value_set *table = &w->e->table;
+    if (!begin_table(w, node_level)) {
+        return;
     }
-    for (uint32_t level = e->level_high; level >= e->level_low; level--) {
-        append32(e, e->node_count[level]);
+    list_children(w, node_level);
+    if (!sort_table(w)) {
+        return;
     }
-    for (uint32_t level = e->level_high; level >= e->level_low && level > UMB_LEVEL_BRICK;
-         level--) {
-        append32(e, (uint32_t)e->external_count[level]);
+    const size_t externals = table->count, nodes = w->node_count[node_level];
+    const uint32_t own = w->node_count[node_level - 1];
+    const unsigned width = umb__narrow_width((uint64_t)own + externals);
+    uint8_t *at = append(w, 8 * externals + 2 * nodes + width * w->reference_count[node_level]);
+    if (!at) {
+        return;
     }
-    if (e->level_low == UMB_LEVEL_BRICK) {
-        append32(e, (uint32_t)e->leaf_count);
+    put_table_count(w, node_level, externals);
+    for (size_t i = 0; i < externals; i++) {
+        umb__store32(at + 4 * i, (uint32_t)(table->values[i] >> 32));
+        umb__store32(at + 4 * (externals + i), (uint32_t)table->values[i]);
     }
-}
-
-/* Writes a node's references at `at` and returns where they end. */
-static uint8_t *write_references(const struct encoder *e, uint32_t node_level, uint32_t index,
-                                 unsigned width, uint8_t *at)
-{
-    const struct umb_octree_level *level = &e->octree->level[node_level];
-    for (uint32_t c = level->first[index]; c < level->first[index + 1]; c++) {
-        uint32_t child = level->children[c];
-        uint32_t number = e->order->position_of[node_level - 1][child];
-        if (e->order->page_of[node_level - 1][child] != e->page) {
-            number = e->node_count[node_level - 1] +
-                     index_in(e->externals[node_level], e->external_count[node_level],
-                              external_key(e, node_level - 1, child));
-        }
+    at += 8 * externals;
+    for (size_t i = 0; i < nodes; i++, at += 2) {
+        const uint32_t node = w->e->nodes[w->node_first[node_level] + i];
+        umb__store16(at, w->octree->level[node_level].masks[node]);
+    }
+    for (size_t i = 0; i < w->reference_count[node_level]; i++, at += width) {
+        const uint32_t reference = w->e->references[i];
+        const uint32_t number =
+            reference & IN_TABLE ? own + table->rank[reference & ~IN_TABLE] : reference;
         umb__store_narrow(at, number, width);
-        at += width;
     }
-    return at;
 }
 
-static void write_nodes(struct encoder *e, uint32_t node_level)
+static void write_bricks(struct writer *w)
 {
-    for (size_t i = 0; i < e->external_count[node_level]; i++) {
-        append32(e, (uint32_t)(e->externals[node_level][i] >> 32));
-    }
-    for (size_t i = 0; i < e->external_count[node_level]; i++) {
-        append32(e, (uint32_t)e->externals[node_level][i]);
-    }
-    unsigned width = umb__narrow_width((uint64_t)e->node_count[node_level - 1] +
-                                       e->external_count[node_level]);
-    size_t mask_bytes = 2 * (size_t)e->node_count[node_level];
-    uint8_t *mask = append(e, mask_bytes + width * e->reference_count[node_level]);
-    if (!mask) {
+    const struct umb__value_set *table = &w->e->table;
+    const uint32_t *nodes = w->e->nodes + w->node_first[UMB_LEVEL_BRICK];
+    const size_t bricks = w->node_count[UMB_LEVEL_BRICK];
+    if (!begin_table(w, UMB_LEVEL_BRICK)) {
         return;
     }
-    uint8_t *reference = mask + mask_bytes;
-    size_t end = e->order->page_first[e->page + 1];
-    for (size_t s = e->order->page_first[e->page]; s < end; s++) {
-        struct umb__node_ref node = e->order->sequence[s];
-        if (node.level == node_level) {
-            umb__store16(mask, e->octree->level[node_level].masks[node.index]);
-            mask += 2;
-            reference = write_references(e, node_level, node.index, width, reference);
+    uint32_t *reference = w->e->references;
+    for (size_t i = 0; i < bricks; i++) {
+        const uint64_t *brick = w->octree->bricks[nodes[i]];
+        for (unsigned runs = brick_runs(brick); runs != 0; runs &= runs - 1) {
+            *reference++ = umb__value_set_add(&w->e->table, brick[__builtin_ctz(runs)]);
         }
     }
-}
-
-/* Writes one brick's leaf numbers at `at`; returns where they end, and its runs. */
-static uint8_t *write_brick(const struct encoder *e, const uint64_t *brick, unsigned width,
-                            uint8_t *at, uint8_t *runs)
-{
-    unsigned bits = 0;
-    for (unsigned z = 0; z < 8; z++) {
-        if (z == 0 || brick[z] != brick[z - 1]) {
-            bits |= 1U << z;
-            umb__store_narrow(at, index_in(e->leaves, e->leaf_count, brick[z]), width);
-            at += width;
-        }
-    }
-    *runs = (uint8_t)bits;
-    return at;
-}
-
-static void write_bricks(struct encoder *e)
-{
-    unsigned width = umb__narrow_width(e->leaf_count);
-    size_t leaf_bytes = 8 * e->leaf_count, bricks = e->node_count[UMB_LEVEL_BRICK];
-    uint8_t *leaves = append(e, leaf_bytes + bricks + width * e->reference_count[UMB_LEVEL_BRICK]);
-    if (!leaves) {
+    if (!sort_table(w)) {
         return;
     }
-    for (size_t i = 0; i < e->leaf_count; i++) {
-        umb__store64(leaves + 8 * i, e->leaves[i]);
+    const unsigned width = umb__narrow_width(table->count);
+    const size_t references = w->reference_count[UMB_LEVEL_BRICK];
+    uint8_t *at = append(w, 8 * table->count + bricks + width * references);
+    if (!at) {
+        return;
     }
-    uint8_t *runs = leaves + leaf_bytes, *numbers = runs + bricks;
-    size_t end = e->order->page_first[e->page + 1];
-    for (size_t s = e->order->page_first[e->page]; s < end; s++) {
-        struct umb__node_ref node = e->order->sequence[s];
-        if (node.level == UMB_LEVEL_BRICK) {
-            numbers = write_brick(e, e->octree->bricks[node.index], width, numbers, runs++);
-        }
+    put_table_count(w, UMB_LEVEL_BRICK, table->count);
+    for (size_t i = 0; i < table->count; i++, at += 8) {
+        umb__store64(at, table->values[i]);
+    }
+    for (size_t i = 0; i < bricks; i++) {
+        *at++ = (uint8_t)brick_runs(w->octree->bricks[nodes[i]]);
+    }
+    for (size_t i = 0; i < references; i++, at += width) {
+        umb__store_narrow(at, table->rank[w->e->references[i]], width);
     }
 }
 
-enum umb_status umb__page_encode(const struct umb_octree *octree,
+enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb_octree *octree,
                                  const struct umb__pack_order *order, uint32_t page,
-                                 uint8_t **raw, size_t *capacity, size_t *size,
                                  struct umb_error *error)
 {
-    struct encoder e = {
-        .octree = octree, .order = order, .page = page, .raw = raw, .capacity = capacity};
-    collect(&e);
-    write_counts(&e);
-    for (uint32_t level = e.level_high; level >= e.level_low && level > UMB_LEVEL_BRICK; level--) {
-        write_nodes(&e, level);
+    struct writer w = {.octree = octree, .order = order, .e = encoder, .page = page};
+    encoder->raw_size = 0;
+    w.failed = !collect(&w);
+    write_counts(&w);
+    for (uint32_t level = w.level_high; level >= w.level_low && level > UMB_LEVEL_BRICK; level--) {
+        write_nodes(&w, level);
     }
-    if (e.level_low == UMB_LEVEL_BRICK) {
-        write_bricks(&e);
+    if (w.level_low == UMB_LEVEL_BRICK) {
+        write_bricks(&w);
     }
-    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(order->alloc, e.externals[level]);
-    }
-    umb__free(order->alloc, e.leaves);
-    *size = e.size;
-    if (e.failed) {
+    if (w.failed) {
         return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for page %u", page);
     }
-    if (e.size > UMB__PAGE_RAW_MAX) {
+    if (encoder->raw_size > UMB__PAGE_RAW_MAX) {
         return umb_fail(error, UMB_E_INTERNAL, "packing: page %u takes %zu bytes, at most %u", page,
-                        e.size, UMB__PAGE_RAW_MAX);
+                        encoder->raw_size, UMB__PAGE_RAW_MAX);
     }
     return UMB_OK;
+}
+
+void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc)
+{
+    umb__free(alloc, encoder->raw);
+    umb__free(alloc, encoder->nodes);
+    umb__free(alloc, encoder->references);
+    umb__value_set_finish(&encoder->table, alloc);
+    memset(encoder, 0, sizeof *encoder);
 }

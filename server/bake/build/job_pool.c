@@ -110,6 +110,17 @@ void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_u
     pthread_mutex_unlock(&jobs->lock);
 }
 
+static void run_all(void *user, umbb_job_fn job, void *job_user, uint32_t count)
+{
+    umbb_jobs_start(user, job, job_user, count);
+    umbb_jobs_wait(user, NULL, NULL);
+}
+
+struct umb_workers umbb_jobs_workers(struct umbb_jobs *jobs)
+{
+    return (struct umb_workers){jobs->worker_count + 1, run_all, jobs};
+}
+
 void umbb_jobs_destroy(struct umbb_jobs *jobs)
 {
     if (jobs == NULL) {

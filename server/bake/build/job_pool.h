@@ -16,6 +16,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
+#include "format/content.h"
 #include "umbrage/status.h"
 
 struct umbb_jobs; /* opaque */
@@ -39,6 +40,13 @@ void umbb_jobs_start(struct umbb_jobs *jobs, umbb_job_fn run, void *user, uint32
 
 /* Helps and waits until all started jobs are done. tick may be NULL. */
 void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_user);
+
+/*
+ * The same threads as helpers of the core, while they have nothing else to do.
+ *
+ * In: jobs: borrowed as long as the result is used.
+ */
+struct umb_workers umbb_jobs_workers(struct umbb_jobs *jobs);
 
 /* Waits for started jobs and ends the threads. NULL is allowed. */
 void umbb_jobs_destroy(struct umbb_jobs *jobs);

@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "bake/build/job_pool.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
 #include "common/sha256.h"
@@ -17,6 +18,7 @@ enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *pat
                                    struct umb_error *error)
 {
     memset(publish, 0, sizeof *publish);
+    publish->threads = 1;
     return umbs_file_begin(path, &publish->file, error);
 }
 
@@ -44,8 +46,19 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     if (error != NULL) {
         error->message[0] = '\0';
     }
-    const enum umb_status status =
-        umb_pack_write(content, octree, &umbs_sha256, &sink, publish->id, error);
+    struct umbb_jobs *jobs;
+    enum umb_status status = umbb_jobs_create(publish->threads, &jobs, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    const struct umb_pack_job job = {.content = content,
+                                     .octree = octree,
+                                     .sha256 = &umbs_sha256,
+                                     .sink = &sink,
+                                     .workers = &workers};
+    status = umb_pack_run(&job, publish->id, error);
+    umbb_jobs_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");

@@ -16,6 +16,7 @@
 
 struct umbb_publish {
     struct umbs_file file;
+    unsigned threads; /* that write may use: 1 after begin, the caller's to raise */
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;                     /* of the file */
     struct umb_asset_info info;         /* after check; its strings are gone */

@@ -121,6 +121,40 @@ static void equal_trees_under_other_numbers_give_equal_files(void **state)
     bytes_finish(&whole);
 }
 
+/* Three helpers that take the pages from the last to the first. */
+static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), void *job_user,
+                          uint32_t jobs)
+{
+    *(uint32_t *)user = jobs;
+    while (jobs-- > 0) {
+        job(job_user, jobs, jobs % 3);
+    }
+}
+
+static void helpers_in_any_order_write_the_same_bytes(void **state)
+{
+    /* Levels 8 and up have pages of their own. */
+    static const struct voxels larger = {rough, NULL, 8, 1};
+    struct bytes whole = make_packed(&larger, 0.5, origin), again = {0};
+    struct umb_octree octree;
+    struct umb_content content;
+    struct umb_sink sink = bytes_sink(&again);
+    uint32_t pages = 0;
+    const struct umb_workers workers = {3, run_backwards, &pages};
+    const struct umb_pack_job job = {&content, &octree, &test_digest, &sink, &workers};
+    uint8_t id[UMB_ID_BYTES];
+    (void)state;
+    make_octree(&larger, &octree);
+    make_content(&larger, 0.5, origin, &content);
+    assert_int_equal(umb_pack_run(&job, id, NULL), UMB_OK);
+    assert_true(pages > 1);
+    assert_int_equal(again.size, whole.size);
+    assert_memory_equal(again.data, whole.data, whole.size);
+    umb_octree_finish(&octree);
+    bytes_finish(&again);
+    bytes_finish(&whole);
+}
+
 /* Packs what `spoil` has changed and expects a refusal that names `words`. */
 static void expect_refused(void (*spoil)(struct umb_content *, struct umb_octree *),
                            const char *words)
@@ -483,6 +517,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
+        cmocka_unit_test(helpers_in_any_order_write_the_same_bytes),
         cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
         cmocka_unit_test(packing_only_reads_what_it_is_given),
         cmocka_unit_test(every_failing_allocation_of_the_writers_is_reported),
