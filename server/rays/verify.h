@@ -16,6 +16,8 @@
  * there are unspecified. A point in shadow that agrees is left out if its ray first meets the inner
  * side of a closed part; one that disagrees only if five of six rays into opposite directions find
  * it inside a solid, so that a surface that is not closed after all cannot excuse a wrong voxel.
+ * Other points are drawn instead, up to four times as many: a frustum that is nearly all solid gets
+ * fewer points compared than were asked for.
  */
 #include "rays/rays.h"
 #include "umbrage/query.h"

@@ -14,11 +14,12 @@
 #include <string.h>
 
 enum {
-    STATIONS = 32,          /* look-ups along a row before halving */
+    STATIONS = 32, /* look-ups along a row before halving */
     POINTS_A_BOUNDARY = 8,
     NEAR_VOXELS = 4,
-    TRIES_A_POINT = 24,     /* draws for each point wanted, before a block gives up on it */
-    WALKS_A_BOUNDARY = 4,   /* rows tried before another kind of boundary gets its turn */
+    TRIES_A_POINT = 24,   /* draws near boundaries for each point wanted, before giving up */
+    DRAWS_A_POINT = 4,    /* uniform ones: one inside a closed solid costs the most rays */
+    WALKS_A_BOUNDARY = 4, /* rows tried before another kind of boundary gets its turn */
 };
 
 _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES_MAX,
@@ -55,13 +56,12 @@ static int place(const struct umbr_verify_block *block, struct umbr_sample *samp
         centre[i] = floor(sample->voxel[i]) + 0.5;
     }
     return umbr_frame_world(block->frame, sample->voxel, sample->world) &&
-           umbr_frame_world(block->frame, centre, sample->centre) &&
-           is_own(block, sample->world);
+           umbr_frame_world(block->frame, centre, sample->centre) && is_own(block, sample->world);
 }
 
 void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
 {
-    uint64_t tries = wanted * TRIES_A_POINT;
+    uint64_t tries = wanted * DRAWS_A_POINT;
     while (wanted > 0 && tries > 0) {
         struct umbr_sample samples[UMBR_SAMPLES_MAX];
         const uint64_t aim = wanted < UMBR_SAMPLES_MAX ? wanted : UMBR_SAMPLES_MAX;
@@ -187,7 +187,7 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
 static int find_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;
-    for (int i = 0; i < WALKS_A_BOUNDARY && *walks > 0; i++) {
+    for (int i = 0; i<WALKS_A_BOUNDARY && * walks> 0; i++) {
         --*walks;
         if (kind < 4 ? find_surface(block, boundary)
                      : find_change(block, kind == 7 ? 2 : (int)(kind & 1), boundary)) {

@@ -40,6 +40,23 @@ static int solve(const struct umbr_frame *frame, const double voxel[3], double a
     return isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]);
 }
 
+/* The inverse of an affine matrix, once, by the same minors: points are asked for by the million.
+ */
+static void invert_parallel(struct umbr_frame *frame)
+{
+    const double(*m)[4] = frame->world_to_voxel;
+    frame->parallel = m[3][0] == 0 && m[3][1] == 0 && m[3][2] == 0 && m[3][3] == 1;
+    for (int i = 0; i < 3 && frame->parallel; i++) {
+        const double *row = m[i];
+        double *step = frame->step[i];
+        cross(m[(i + 1) % 3], m[(i + 2) % 3], step);
+        const double determinant = row[0] * step[0] + row[1] * step[1] + row[2] * step[2];
+        for (int k = 0; k < 3; k++) {
+            step[k] /= determinant;
+        }
+    }
+}
+
 double umbr_frame_w(const struct umbr_frame *frame, const double world[3])
 {
     const double *w = frame->world_to_voxel[3];
@@ -68,12 +85,24 @@ enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset
     if (!solve(frame, middle, at)) {
         return umb_fail(error, UMB_E_ARGUMENT, "the matrix of frustum %u has no inverse", frustum);
     }
+    invert_parallel(frame);
     return UMB_OK;
 }
 
 int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3])
 {
     double at[3];
+    if (frame->parallel) {
+        double along[3];
+        for (int i = 0; i < 3; i++) {
+            along[i] = voxel[i] - frame->world_to_voxel[i][3];
+        }
+        for (int k = 0; k < 3; k++) {
+            world[k] = frame->origin[k] + along[0] * frame->step[0][k] +
+                       along[1] * frame->step[1][k] + along[2] * frame->step[2][k];
+        }
+        return isfinite(world[0]) && isfinite(world[1]) && isfinite(world[2]);
+    }
     if (!solve(frame, voxel, at)) {
         return 0;
     }

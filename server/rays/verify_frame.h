@@ -9,6 +9,8 @@ struct umbr_frame {
     double origin[3];            /* metres, world */
     double size;                 /* voxels a side */
     int closed;                  /* baked under the closed rule */
+    int parallel;                /* of a directional light: the matrix is affine */
+    double step[3][3];           /* parallel: what a voxel along x, y, z is in the world, metres */
 };
 
 /*

@@ -164,6 +164,14 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
     }
     umbt_progress_end(&compared.progress);
     verify->seconds = umbt_now_s() - start;
+    for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
+        if (verify->results[i].points == 0) { /* silence must not pass for agreement */
+            status = umb_fail(error, UMB_E_BAD_SCENE,
+                              "light %u: no point can be compared: all %" PRIu64
+                              " drawn lie inside closed solids",
+                              verify->first_light + i, verify->results[i].skipped_inside);
+        }
+    }
     return status;
 }
 

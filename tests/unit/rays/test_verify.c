@@ -358,6 +358,43 @@ static void open_sheet_marked_closed_excuses_nothing(void **state)
     umbr_rays_destroy(sheet);
 }
 
+static void solid_that_fills_the_box_is_given_up_soon(void **state)
+{
+    (void)state;
+    struct gen_mesh mesh = {0};
+    uint8_t closed[12];
+    double corners[12][3][3];
+    gen_box(&mesh, (const int32_t[3]){-90000, -90000, -90000},
+            (const int32_t[3]){90000, 90000, 90000});
+    assert_int_equal(mesh.triangle_count, 12);
+    for (size_t t = 0; t < 12; t++) {
+        closed[t] = 1;
+        for (size_t k = 0; k < 9; k++) {
+            corners[t][k / 3][k % 3] =
+                scene_origin[k % 3] + 0.001 * mesh.vertices[mesh.triangles[t][k / 3]][k % 3];
+        }
+    }
+    struct umbr_rays *solid;
+    assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 12, &solid, NULL), UMB_OK);
+    struct umb_content content;
+    struct bytes bytes = {0};
+    struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
+    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
+    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    make_content(&voxels, voxel_m, scene_origin, &content);
+    set_light(&content, sun, 1);
+    struct umb_asset *asset = open_packed(&content, &octree, &bytes);
+    const struct umbr_verify_options options = {.points = 5000, .closed = closed};
+    struct umbr_verify_result result;
+    assert_int_equal(umbr_verify(asset, 0, solid, &options, &result, NULL), UMB_OK);
+    assert_int_equal(result.points, 0);
+    assert_in_range(result.skipped_inside, 5000, 5 * 5000);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+    umbr_rays_destroy(solid);
+    gen_mesh_finish(&mesh);
+}
+
 struct told {
     uint64_t points;
     unsigned calls;
@@ -430,6 +467,7 @@ int main(void)
         cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),
         cmocka_unit_test(asset_without_any_shadow_boundary_still_gets_its_points),
         cmocka_unit_test(open_sheet_marked_closed_excuses_nothing),
+        cmocka_unit_test(solid_that_fills_the_box_is_given_up_soon),
         cmocka_unit_test(progress_rises_to_the_points_compared),
         cmocka_unit_test(cancelled_verification_says_so),
         cmocka_unit_test(unknown_light_is_refused),
