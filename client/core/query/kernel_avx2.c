@@ -4,7 +4,9 @@
 #if defined(__AVX2__)
 #include "query/kernel_place_avx2.h"
 #define UMB__PLACE umb__place_block_avx2
+#define UMB__GRID  umb__grid_block_avx2
 #else
 #define UMB__PLACE umb__place_block
+#define UMB__GRID  umb__grid_block
 #endif
 #include "query/kernel_body.h"

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
- * (UMB__KERNEL) and how a block of points is placed (UMB__PLACE). No guard: each includes it once.
+ * (UMB__KERNEL) and the two stages that vector instructions are worth writing by hand for
+ * (UMB__PLACE, UMB__GRID). No guard: each includes it once.
  *
- * Points go in blocks, and a block goes stage by stage: place (voxel space, window), grid, one
- * stage for each level of wide nodes, bricks, store. A stage is a loop without branches on data:
- * what is settled and what goes on is told apart by compaction (write the index, advance the count
- * by 0 or 1). So no branch is mispredicted, where a walk point by point mispredicts one or two, and
- * the loads of many points are in flight at once, where a walk waits for each (docs/performance.md
- * has what that gives).
+ * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
+ * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
+ * point; a stage visits the bits that are set and makes the next stage's word without branching on
+ * data. So no branch is mispredicted, where a walk point by point mispredicts one or two, and each
+ * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
+ * waits once a point and stage (docs/performance.md has what that gives).
  *
  * A window is found by the level-5 cells (32 voxels) it touches, four at most: each is looked up
  * once, all its bricks are taken from that one node ("share", reference/core.md section 3). Within
@@ -18,91 +19,54 @@
  */
 #include "query/kernel_parts.h"
 
-static void prefetch_grid(const struct umb__query *q, const struct umb__block *block)
-{
-    uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2;
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k];
-        UMB__PREFETCH(q->grid + umb__grid_index(block->x[i], block->y[i], block->z[i], level, g));
-    }
-}
-
 /* One tap: cells are looked up down to the brick. */
 static void count_points(const struct umb__query *q, struct umb__block *block,
                          struct umb_query_stats *stats)
 {
-    uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2, count = 0;
-    uint32_t number[UMB__BLOCK];
+    uint32_t level = q->log2_size - q->grid_log2;
+    uint32_t number[UMB__BLOCK]; /* first a cell's value, then the node's or brick's number */
     const uint32_t *child[UMB__BLOCK];
-    uint32_t above = 0 - (uint32_t)(level > UMB_LEVEL_BRICK); /* else they are bricks' numbers */
-    prefetch_grid(q, block);
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k];
-        uint32_t value = q->grid[umb__grid_index(block->x[i], block->y[i], block->z[i], level, g)];
-        uint32_t mixed = value >= UMB__CELL_FIRST;
-        block->lit[i] = value & 1; /* of a mixed cell: said later */
-        block->list[count] = (uint16_t)i;
-        number[count] = (value - UMB__CELL_FIRST) & (0 - mixed);
-        UMB__PREFETCH(q->nodes + (number[count] & above));
-        count += mixed;
+    stats->nodes += umb__count_bits(block->todo);
+    UMB__GRID(q, block, number);
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        number[i] -= UMB__CELL_FIRST;
+        if (level > UMB_LEVEL_BRICK) {
+            UMB__PREFETCH(q->nodes + number[i]);
+        }
     }
-    stats->nodes += block->count;
     while (level > UMB_LEVEL_BRICK) {
+        uint64_t mixed = 0;
         level -= 2;
-        stats->nodes += count;
-        uint32_t left = 0;
-        for (uint32_t k = 0; k < count; k++) {
-            uint32_t i = block->list[k];
-            const uint64_t *node = q->nodes + number[k];
+        stats->nodes += umb__count_bits(block->todo);
+        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+            uint32_t i = umb__first_bit(rest);
+            const uint64_t *node = q->nodes + number[i];
             unsigned bit = umb__child_bit(block->x[i], block->y[i], block->z[i], level);
             block->lit[i] = (uint32_t)(node[1] >> bit & 1);
-            block->list[left] = (uint16_t)i;
-            child[left] = umb__child_place(node, bit);
-            UMB__PREFETCH(child[left]);
-            left += (uint32_t)(node[0] >> bit & 1);
+            child[i] = umb__child_place(node, bit);
+            UMB__PREFETCH(child[i]);
+            mixed |= (node[0] >> bit & 1) << i;
         }
-        count = left;
-        for (uint32_t k = 0; k < count; k++) {
-            number[k] = *child[k];
+        block->todo = mixed;
+        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+            uint32_t i = umb__first_bit(rest);
+            number[i] = *child[i];
             if (level > UMB_LEVEL_BRICK) {
-                UMB__PREFETCH(q->nodes + number[k]);
+                UMB__PREFETCH(q->nodes + number[i]);
             }
         }
     }
-    for (uint32_t k = 0; k < count; k++) {
-        UMB__PREFETCH(&q->bricks[number[k]][block->z[block->list[k]] & 7]);
+    stats->bricks += umb__count_bits(block->todo);
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        UMB__PREFETCH(&q->bricks[number[i]][block->z[i] & 7]);
     }
-    stats->bricks += count;
-    for (uint32_t k = 0; k < count; k++) {
-        uint32_t i = block->list[k];
-        uint64_t slice = q->bricks[number[k]][block->z[i] & 7];
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        uint64_t slice = q->bricks[number[i]][block->z[i] & 7];
         block->lit[i] = (uint32_t)(slice >> ((block->x[i] & 7) | (block->y[i] & 7) << 3)) & 1;
     }
-}
-
-/* Settles windows whose grid cells are all lit or all shadowed; the others stay in the list. */
-static void settle_uniform(const struct umb__query *q, struct umb__block *block,
-                           struct umb_query_stats *stats)
-{
-    uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2;
-    uint32_t total = (uint32_t)(q->taps * q->taps), count = 0;
-    int32_t reach = q->taps - 1;
-    prefetch_grid(q, block);
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k];
-        int32_t x0 = block->x[i], y0 = block->y[i];
-        const uint32_t *cell = q->grid + umb__grid_index(x0, y0, block->z[i], level, g);
-        size_t right = (size_t)((x0 + reach) >> level) - (size_t)(x0 >> level);
-        size_t down = ((size_t)((y0 + reach) >> level) - (size_t)(y0 >> level)) << g;
-        uint32_t value = cell[0];
-        uint32_t differ =
-            (value ^ cell[right]) | (value ^ cell[down]) | (value ^ cell[right + down]);
-        block->lit[i] = (value & 1) * total;
-        block->list[count] = (uint16_t)i;
-        count += (value >= UMB__CELL_FIRST) | (differ != 0);
-    }
-    stats->nodes += block->count - count;
-    block->count = count;
 }
 
 /* Lists the level-5 cells that the windows touch, each once. */
@@ -111,8 +75,8 @@ static uint32_t list_cells(const struct umb__query *q, const struct umb__block *
 {
     int32_t reach = q->taps - 1;
     uint32_t count = 0;
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k];
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
         int32_t cx = block->x[i] >> UMB__SHARE_LEVEL, cy = block->y[i] >> UMB__SHARE_LEVEL;
         uint32_t right = (uint32_t)(((block->x[i] + reach) >> UMB__SHARE_LEVEL) - cx);
         uint32_t down = (uint32_t)(((block->y[i] + reach) >> UMB__SHARE_LEVEL) - cy);
@@ -170,7 +134,34 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
     stats->nodes += left;
 }
 
-/* Finds the slices of all bricks that the windows touch, `side` each way; slot 16 * k + brick. */
+/* Settles windows whose bricks are all lit or all shadowed; the others stay in the list. */
+static void settle_slabs(const struct umb__query *q, struct umb__block *block,
+                         const struct umb__cells *cells)
+{
+    uint32_t total = (uint32_t)(q->taps * q->taps), reach = (uint32_t)q->taps - 1;
+    uint64_t unsettled = 0;
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest), shift = (uint32_t)block->z[i] >> 3 << 4 & 48;
+        uint32_t columns = umb__brick_range((uint32_t)block->x[i], reach);
+        uint32_t rows = umb__brick_range((uint32_t)block->y[i], reach);
+        uint32_t right = columns > 15, down = 2 * (rows > 15);
+        uint64_t mixed = 0, lit = 0, shadowed = 0;
+        for (uint32_t c = 0; c < 4; c++) {
+            const uint64_t *node = cells->node[4 * i + ((c & right) | (c & down))];
+            uint64_t bricks = (columns >> 4 * (c & 1) & 15) * UINT64_C(0x1111) &
+                              umb__rows_of_four[rows >> 2 * (c & 2) & 15];
+            mixed |= node[0] >> shift & bricks;
+            lit |= node[1] >> shift & bricks;
+            shadowed |= ~(node[1] >> shift) & bricks;
+        }
+        block->lit[i] = lit ? total : 0;
+        unsettled |= (uint64_t)((mixed != 0) | ((lit != 0) & (shadowed != 0))) << i;
+    }
+    block->todo = unsettled;
+}
+
+/* Finds the slices of all bricks that the windows touch, `side` each way; slot 16 * point + brick.
+ */
 static inline __attribute__((always_inline)) void find_slices(const struct umb__query *q,
                                                               const struct umb__block *block,
                                                               const struct umb__cells *cells,
@@ -180,25 +171,29 @@ static inline __attribute__((always_inline)) void find_slices(const struct umb__
     const uint32_t *child[9 * UMB__BLOCK];
     uint16_t slot[9 * UMB__BLOCK];
     uint32_t left = 0, reach = (uint32_t)q->taps - 1;
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k];
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
         uint32_t x = (uint32_t)block->x[i], y = (uint32_t)block->y[i], z = (uint32_t)block->z[i];
-        for (uint32_t b = 0; b < side * side; b++) {
-            uint32_t bx = umb__least((x >> 3) + b % side, (x + reach) >> 3);
-            uint32_t by = umb__least((y >> 3) + b / side, (y + reach) >> 3);
-            const uint64_t *node =
-                cells->node[4 * i + ((bx >> 2) - (x >> 5)) + 2 * ((by >> 2) - (y >> 5))];
-            unsigned bit = (bx & 3) | (by & 3) << 2 | (z >> 3 & 3) << 4;
-            slice[16 * k + b] = umb__uniform_slices + (node[1] >> bit & 1);
-            slot[left] = (uint16_t)(16 * k + b);
-            child[left] = umb__child_place(node, bit);
-            UMB__PREFETCH(child[left]);
-            left += (uint32_t)(node[0] >> bit & 1);
+        const uint64_t *const *corner = cells->node + 4 * i;
+        for (uint32_t r = 0; r < side; r++) {
+            uint32_t by = umb__least((y >> 3) + r, (y + reach) >> 3);
+            const uint64_t *const *row = corner + 2 * ((by >> 2) - (y >> 5));
+            uint32_t row_bit = (by & 3) << 2 | (z >> 3 & 3) << 4;
+            for (uint32_t c = 0; c < side; c++) {
+                uint32_t bx = umb__least((x >> 3) + c, (x + reach) >> 3);
+                const uint64_t *node = row[(bx >> 2) - (x >> 5)];
+                uint32_t bit = (bx & 3) | row_bit, to = 16 * i + side * r + c;
+                slice[to] = umb__uniform_slices + (node[1] >> bit & 1);
+                slot[left] = (uint16_t)to;
+                child[left] = umb__child_place(node, bit);
+                UMB__PREFETCH(child[left]);
+                left += (uint32_t)(node[0] >> bit & 1);
+            }
         }
     }
     stats->bricks += left;
     for (uint32_t k = 0; k < left; k++) {
-        int32_t z = block->z[block->list[slot[k] / 16]];
+        int32_t z = block->z[slot[k] / 16];
         slice[slot[k]] = q->bricks[*child[k]] + (z & 7);
         UMB__PREFETCH(slice[slot[k]]);
     }
@@ -211,26 +206,37 @@ static inline __attribute__((always_inline)) void count_slices(const struct umb_
                                                                const uint64_t *const *slice)
 {
     uint32_t window = ((uint32_t)1 << q->taps) - 1;
-    for (uint32_t k = 0; k < block->count; k++) {
-        uint32_t i = block->list[k], lit = 0;
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest), lit = 0;
         uint32_t columns = window << (block->x[i] & 7), rows = window << (block->y[i] & 7);
         for (uint32_t r = 0; r < side; r++) {
             uint64_t row_mask = umb__spread(rows >> 8 * r & 0xff);
             for (uint32_t c = 0; c < side; c++) {
                 uint64_t mask = row_mask & (columns >> 8 * c & 0xff) * UMB__EVERY_BYTE;
-                lit += (uint32_t)__builtin_popcountll(*slice[16 * k + side * r + c] & mask);
+                lit += (uint32_t)__builtin_popcountll(*slice[16 * i + side * r + c] & mask);
             }
         }
         block->lit[i] = lit;
     }
 }
 
-static void count_windows(const struct umb__query *q, struct umb__block *block,
+/* `idle`: blocks for which settle_slabs is left out, because it settled next to nothing. */
+static void count_windows(const struct umb__query *q, struct umb__block *block, uint32_t *idle,
                           struct umb_query_stats *stats)
 {
     struct umb__cells cells;
-    settle_uniform(q, block, stats);
+    uint32_t values[UMB__BLOCK];
+    uint64_t looked_up = block->todo;
+    UMB__GRID(q, block, values);
+    stats->nodes += umb__count_bits(looked_up & ~block->todo);
     find_cells(q, block, list_cells(q, block, &cells), &cells, stats);
+    if (*idle > 0) {
+        --*idle;
+    } else {
+        uint64_t before = umb__count_bits(block->todo);
+        settle_slabs(q, block, &cells);
+        *idle = umb__count_bits(block->todo) > before - before / 8 ? UMB__IDLE_BLOCKS : 0;
+    }
     const uint64_t *slice[16 * UMB__BLOCK];
     if (q->taps <= 9) {
         find_slices(q, block, &cells, 2, slice, stats);
@@ -246,13 +252,14 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
 {
     struct umb__block block;
     struct umb_query_stats stats = {.points = count};
+    uint32_t idle = 0;
     for (size_t end = first + count; first < end; first += block.size) {
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(query, points, first, &block, &stats);
         if (query->taps == 1) {
             count_points(query, &block, &stats);
         } else {
-            count_windows(query, &block, &stats);
+            count_windows(query, &block, &idle, &stats);
         }
         umb__store_block(query, &block, first, answers->values);
     }

@@ -4,19 +4,19 @@
 /* What the stages of a kernel hand one another, and the steps that several of them take. */
 #include "query/query_parts.h"
 
-#define UMB__BLOCK       64 /* points in flight: more would not fit the first-level cache */
+#define UMB__BLOCK       64 /* points in flight: a bit of a word each */
 #define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
+#define UMB__IDLE_BLOCKS 15 /* blocks before a stage that settled nothing is tried again */
 #define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
 
 /* A block of points on its way through the stages. */
 struct umb__block {
-    uint32_t size;                 /* points, at most UMB__BLOCK */
-    uint32_t count;                /* of them still to be looked up: list[0 .. count - 1] */
-    uint16_t list[UMB__BLOCK + 1]; /* room for a write that does not count */
-    int32_t x[UMB__BLOCK];         /* first texel of the window: the window lies in the frustum */
-    int32_t y[UMB__BLOCK];
+    uint32_t size;         /* points, at most UMB__BLOCK */
+    uint64_t todo;         /* bit i: point i is still to be looked up */
+    int32_t x[UMB__BLOCK]; /* first texel of the window; the window lies in the frustum */
+    int32_t y[UMB__BLOCK]; /* (0, 0, 0 for points that are not to be looked up) */
     int32_t z[UMB__BLOCK];
-    uint32_t lit[UMB__BLOCK]; /* lit texels of the window; final for points not in the list */
+    uint32_t lit[UMB__BLOCK]; /* lit texels of the window; final where todo's bit is 0 */
 };
 
 /* The level-5 cells of a block's windows: slot 4 * point + right + 2 * down. */
@@ -38,6 +38,16 @@ static const uint64_t umb__uniform_slices[2] = {0, UINT64_MAX};
 static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t level, uint32_t g)
 {
     return ((size_t)x >> level) + (((size_t)y >> level) << g) + (((size_t)z >> level) << (2 * g));
+}
+
+static inline uint32_t umb__first_bit(uint64_t bits)
+{
+    return (uint32_t)__builtin_ctzll(bits);
+}
+
+static inline uint32_t umb__count_bits(uint64_t bits)
+{
+    return (uint32_t)__builtin_popcountll(bits);
 }
 
 /* Bit of a wide node's child of `level` around a voxel. */
@@ -78,6 +88,19 @@ static inline struct umb__voxel umb__cell_corner(const struct umb__block *block,
     };
 }
 
+/* Bit k is set if the texels first .. first + reach touch brick k of two cells side by side. */
+static inline uint32_t umb__brick_range(uint32_t first, uint32_t reach)
+{
+    uint32_t low = first >> 3 & 3, high = ((first + reach) >> 3) - (first >> 3) + low;
+    return (2U << high) - (1U << low);
+}
+
+/* The rows of a 4x4 square of bits whose bits are set in the index. */
+static const uint16_t umb__rows_of_four[16] = {
+    0x0000, 0x000f, 0x00f0, 0x00ff, 0x0f00, 0x0f0f, 0x0ff0, 0x0fff,
+    0xf000, 0xf00f, 0xf0f0, 0xf0ff, 0xff00, 0xff0f, 0xfff0, 0xffff,
+};
+
 /* Byte k of the result is 0xff where bit k of eight is 1. */
 static inline uint64_t umb__spread(uint32_t bits)
 {
@@ -99,6 +122,7 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
 {
     double p[3], v[3];
     block->lit[i] = 0;
+    block->x[i] = block->y[i] = block->z[i] = 0;
     for (unsigned axis = 0; axis < 3; axis++) {
         p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, index, axis);
     }
@@ -114,7 +138,7 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
         block->x[i] = window.x0;
         block->y[i] = window.y0;
         block->z[i] = window.z;
-        block->list[block->count++] = (uint16_t)i;
+        block->todo |= (uint64_t)1 << i;
     } else {
         block->lit[i] = window.outside + umb__count_window(q, &window, stats);
     }
@@ -125,10 +149,40 @@ static inline void umb__place_block(const struct umb__query *q, const struct umb
                                     size_t first, struct umb__block *block,
                                     struct umb_query_stats *stats)
 {
-    block->count = 0;
+    block->todo = 0;
     for (uint32_t i = 0; i < block->size; i++) {
         umb__place_point(q, points, first + i, block, i, stats);
     }
+}
+
+/*
+ * The grid stage: settles windows whose cells are all lit or all shadowed, and takes them out of
+ * todo. For one tap, value[i] of the others becomes their cell's value.
+ */
+static inline void umb__grid_block(const struct umb__query *q, struct umb__block *block,
+                                   uint32_t value[UMB__BLOCK])
+{
+    uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2;
+    uint32_t total = (uint32_t)(q->taps * q->taps);
+    int32_t reach = q->taps - 1;
+    uint64_t mixed = 0;
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        UMB__PREFETCH(q->grid + umb__grid_index(block->x[i], block->y[i], block->z[i], level, g));
+    }
+    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        int32_t x = block->x[i], y = block->y[i];
+        const uint32_t *cell = q->grid + umb__grid_index(x, y, block->z[i], level, g);
+        size_t right = (size_t)((x + reach) >> level) - (size_t)(x >> level);
+        size_t down = ((size_t)((y + reach) >> level) - (size_t)(y >> level)) << g;
+        uint32_t differ =
+            (cell[0] ^ cell[right]) | (cell[0] ^ cell[down]) | (cell[0] ^ cell[right + down]);
+        value[i] = cell[0];
+        block->lit[i] = (cell[0] & 1) * total;
+        mixed |= (uint64_t)((cell[0] >= UMB__CELL_FIRST) | (differ != 0)) << i;
+    }
+    block->todo = mixed;
 }
 
 static inline void umb__store_block(const struct umb__query *q, const struct umb__block *block,
