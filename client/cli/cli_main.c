@@ -35,6 +35,13 @@ static int run_points(int argc, char **argv)
     return umbc_start_program("points", "umbrage-study", prefix, argv + 1);
 }
 
+static int run_aliasing(int argc, char **argv)
+{
+    static const char *const prefix[] = {"aliasing", NULL};
+    (void)argc;
+    return umbc_start_program("aliasing", "umbrage-study", prefix, argv + 1);
+}
+
 static int run_help(int argc, char **argv);
 
 static int run_version(int argc, char **argv)
@@ -62,6 +69,7 @@ static const struct command COMMANDS[] = {
     {"study", run_study, "measure techniques against rays (starts umbrage-study)"},
     {"render", run_render, "a picture of a scene with its shadows (starts umbrage-study)"},
     {"points", run_points, "sample points of a scene, for load tests (starts umbrage-study)"},
+    {"aliasing", run_aliasing, "texels of shadow maps against pixels (starts umbrage-study)"},
     {"help", run_help, "this text, or the help of a command"},
     {"version", run_version, "print the version"},
 };

@@ -11,5 +11,6 @@ int umbt_verify_command(int argc, char **argv);
 int umbt_points_command(int argc, char **argv);
 int umbt_trade_command(int argc, char **argv);
 int umbt_techniques_command(int argc, char **argv);
+int umbt_aliasing_command(int argc, char **argv);
 
 #endif

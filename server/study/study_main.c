@@ -17,6 +17,7 @@ static const char help[] =
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"
     "  points SCENE -o FILE                         sample points, for load tests\n"
     "  techniques SCENE                             shadow maps of the literature against rays\n"
+    "  aliasing SCENE                               texels of shadow maps against pixels\n"
     "\n"
     "`umbrage-study COMMAND --help` lists a command's options.\n"
     "  --version   --help\n";
@@ -30,6 +31,7 @@ static const struct command {
     {"points", umbt_points_command},
     {"study", umbt_trade_command},
     {"techniques", umbt_techniques_command},
+    {"aliasing", umbt_aliasing_command},
 };
 
 /* Data that did not reach stdout must not look like success. */

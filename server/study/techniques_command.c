@@ -6,15 +6,14 @@
 #include "study/study_command.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "common/json_text.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
-#include "study/study_vec.h"
 #include "study/technique_view.h"
+#include "study/view_options.h"
 
 #define COLUMNS 5U
 #define GAP     4U /* pixels between tiles */
@@ -45,11 +44,11 @@ static const char help[] =
 
 struct study {
     const char *scene_path, *output;
-    const char *sun, *camera, *size, *up, *light_size;
+    const char *light_size;
+    struct umbt_view_options options;
     uint64_t resolution, taps, threads;
     int json, help;
-    struct umbt_camera_request request;
-    struct umbt_scene scene;
+    struct umbt_view opened;
     struct umbt_technique_view view;
     struct umbt_picture sheet;
     float *values;
@@ -59,7 +58,6 @@ struct study {
 static enum umb_status options_check(struct study *study, struct umb_error *error)
 {
     struct umbt_technique_view *view = &study->view;
-    enum umb_status status = UMB_OK;
     if ((study->resolution & (study->resolution - 1)) != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--resolution: %" PRIu64 " is no power of two",
                         study->resolution);
@@ -70,8 +68,6 @@ static enum umb_status options_check(struct study *study, struct umb_error *erro
     view->resolution = (uint32_t)study->resolution;
     view->taps = (uint32_t)study->taps;
     view->threads = (unsigned)study->threads;
-    view->width = 256;
-    view->height = 160;
     view->light_rad = 0.53 * degree;
     if (study->light_size != NULL) {
         const char *at = study->light_size;
@@ -83,17 +79,7 @@ static enum umb_status options_check(struct study *study, struct umb_error *erro
         }
         view->light_rad = value * degree;
     }
-    if (study->size != NULL) {
-        status = umbt_size_parse(study->size, &view->width, &view->height, error);
-    }
-    if (status == UMB_OK && (view->width > 2048 || view->height > 2048)) {
-        status =
-            umb_fail(error, UMB_E_ARGUMENT, "--size: '%.60s' is above 2048 a side", study->size);
-    }
-    if (status == UMB_OK && study->camera != NULL) {
-        status = umbt_camera_parse(study->camera, &study->request, error);
-    }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status options_parse(int argc, char **argv, struct study *study,
@@ -105,10 +91,10 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
         {"--resolution", UMBT_COUNT, &study->resolution, 64, 4096},
         {"--taps", UMBT_COUNT, &study->taps, 1, 17},
         {"--light-size", UMBT_TEXT, &study->light_size, 0, 0},
-        {"--sun", UMBT_TEXT, &study->sun, 0, 0},
-        {"--camera", UMBT_TEXT, &study->camera, 0, 0},
-        {"--size", UMBT_TEXT, &study->size, 0, 0},
-        {"--up", UMBT_TEXT, &study->up, 0, 0},
+        {"--sun", UMBT_TEXT, &study->options.sun, 0, 0},
+        {"--camera", UMBT_TEXT, &study->options.camera, 0, 0},
+        {"--size", UMBT_TEXT, &study->options.size, 0, 0},
+        {"--up", UMBT_TEXT, &study->options.up, 0, 0},
         {"--threads", UMBT_COUNT, &study->threads, 1, 256},
         {"--json", UMBT_FLAG, &study->json, 0, 0},
         {"--help", UMBT_FLAG, &study->help, 0, 0},
@@ -117,6 +103,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     study->resolution = 1024;
     study->taps = 9;
     study->threads = umbt_processor_count();
+    study->options = (struct umbt_view_options){.width = 256, .height = 160, .size_max = 2048};
     const enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
     if (status != UMB_OK || study->help) {
@@ -129,61 +116,21 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     return options_check(study, error);
 }
 
-static enum umb_status sun_choose(struct study *study, struct umb_error *error)
-{
-    const struct umbs_scene_view *scene = &study->scene.scene->view;
-    struct umbt_technique_view *view = &study->view;
-    view->z_up = scene->z_up;
-    if (study->up != NULL) {
-        const enum umb_status status = umbt_up_parse(study->up, &view->z_up, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-    }
-    if (study->sun != NULL) {
-        const char *at = study->sun;
-        double azimuth = 0.0, elevation = 0.0;
-        int ok = umbt_number_read(&at, &azimuth) && *at++ == ',' &&
-                 umbt_number_read(&at, &elevation) && *at == '\0';
-        if (!ok || !(elevation > 0.0 && elevation <= 90.0)) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--sun: '%.60s' is not AZIMUTH,ELEVATION with elevation above 0 to 90",
-                            study->sun);
-        }
-        umbt_compass_vector(azimuth, elevation, view->z_up, view->to_light);
-        return UMB_OK;
-    }
-    umbt_compass_vector(135.0, 45.0, view->z_up, view->to_light);
-    if (scene->light_count > 0 && scene->lights[0].kind == UMB_LIGHT_DIRECTIONAL) {
-        for (int k = 0; k < 3; k++) {
-            view->to_light[k] = -scene->lights[0].direction[k];
-        }
-        (void)umbt_normalize(view->to_light);
-    }
-    return UMB_OK;
-}
-
 static enum umb_status view_open(struct study *study, struct umb_error *error)
 {
     struct umbt_technique_view *view = &study->view;
-    enum umb_status status = umbt_scene_init(&study->scene, study->scene_path, error);
-    if (status == UMB_OK) {
-        status = sun_choose(study, error);
-    }
+    const enum umb_status status =
+        umbt_view_open(&study->options, study->scene_path, &study->opened, error);
     if (status != UMB_OK) {
         return status;
     }
-    view->scene = &study->scene;
-    struct umbt_camera_subject subject = {
-        .points = (const double(*)[3])study->scene.corners,
-        .count = 3 * study->scene.count,
-        .box = study->scene.box,
-        .z_up = view->z_up,
-    };
-    memcpy(subject.to_light, view->to_light, sizeof subject.to_light);
-    status = umbt_camera_make(&study->request, &subject, view->width, view->height, &view->camera,
-                              error);
-    return status == UMB_OK ? umbt_technique_view_make(view, error) : status;
+    view->scene = &study->opened.scene;
+    view->camera = study->opened.camera;
+    view->z_up = study->opened.z_up;
+    view->width = study->options.width;
+    view->height = study->options.height;
+    memcpy(view->to_light, study->opened.to_light, sizeof view->to_light);
+    return umbt_technique_view_make(view, error);
 }
 
 static void tile_draw(struct study *study, size_t tile, const float *values)
@@ -229,7 +176,7 @@ static void report_text(const struct study *study)
 {
     const struct umbt_technique_view *view = &study->view;
     printf("%s: %zu triangles, %u texels a side, filter %u, %zu points\n", study->scene_path,
-           study->scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+           study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
     printf("%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean", "lighter",
            "darker", "over 0.5", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < umbt_technique_row_count; i++) {
@@ -246,7 +193,7 @@ static void report_json(const struct study *study)
     printf("{\"scene\":");
     umbs_json_text(stdout, study->scene_path);
     printf(",\"triangles\":%zu,\"resolution\":%u,\"taps\":%u,\"points\":%zu,\"techniques\":[",
-           study->scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+           study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
     for (size_t i = 0; i < umbt_technique_row_count; i++) {
         const struct umbt_technique_result *r = &study->results[i];
         printf("%s{\"name\":\"%s\",\"truth\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g"
@@ -284,7 +231,7 @@ int umbt_techniques_command(int argc, char **argv)
     free(study.results);
     umbt_picture_finish(&study.sheet);
     umbt_technique_view_finish(&study.view);
-    umbt_scene_finish(&study.scene);
+    umbt_view_close(&study.opened);
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage-study techniques: %s\n", error.message);
     }

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-`umbrage-study techniques`: every technique on the same points of a generated scene against rays.
+`umbrage-study techniques` and `umbrage aliasing`: every technique on the same points of a generated scene against rays.
 
 Bounds: PCF is off only by texels that an edge crosses; the orders of techniques are those of
 docs/techniques.md, which every scene there shows.
@@ -60,5 +60,25 @@ with test.check("what is out of range is named"):
                             (["--sun", "1,-5"], "--sun"), (["--light-size", "0"], "--light-size")):
         bad = study(*arguments)
         assert bad.returncode == 2 and name.encode() in bad.stderr, (arguments, bad)
+
+heat = os.path.join(test.folder, "heat.png")
+run = subprocess.run([ut.program("umbrage"), "aliasing", scene, "--size", "160x90", "--resolution", "512",
+                      "--way", "lispsm", "-o", heat, "--json"], capture_output=True, timeout=120)
+
+with test.check("`umbrage aliasing` says how many pixels a texel covers, for each way"):
+    assert run.returncode == 0, run.stderr
+    ways = {way["way"]: way for way in json.loads(run.stdout)["ways"]}
+    assert sorted(ways) == ["lispsm", "scene", "slice", "uniform"]
+    for way in ways.values():
+        assert sum(way["histogram"]) == way["points"] == sum(s["points"] for s in way["slices"]), way
+    assert ways["scene"]["median"] <= ways["slice"]["median"], ways
+    with open(heat, "rb") as png:
+        assert png.read(8) == b"\x89PNG\r\n\x1a\n"
+
+with test.check("twice the resolution halves the pixels of a texel"):
+    twice = subprocess.run([ut.program("umbrage"), "aliasing", scene, "--size", "160x90",
+                            "--resolution", "1022", "--json"], capture_output=True, timeout=120)
+    fine = json.loads(twice.stdout)["ways"][0]
+    assert abs(fine["median"] / ways["uniform"]["median"] - 0.5) < 1e-6, (fine, ways["uniform"])
 
 test.finish()

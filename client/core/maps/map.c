@@ -62,6 +62,16 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
     return techniques[settings->technique]->check(settings, error);
 }
 
+static double nearest_depth(const struct umb_map_frustum *frustum,
+                            const struct umb_map_layer *layer)
+{
+    float nearest = 1.0F;
+    for (size_t i = 0; i < (size_t)frustum->width * frustum->height; i++) {
+        nearest = layer->depth[i] < nearest ? layer->depth[i] : nearest;
+    }
+    return (double)nearest;
+}
+
 /* An empty map. Fails: E_NO_MEMORY. */
 static enum umb_status map_create(const struct umb_map_frustum *frustum,
                                   const struct umb_alloc *alloc, struct umb_map **out,
@@ -103,6 +113,7 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
     }
     map->technique = techniques[settings->technique];
     map->settings = *settings;
+    map->nearest = nearest_depth(frustum, layer);
     status = map->technique->filterable ? umb__channels_init(&map->channels, map, layer, error)
                                         : umb__depths_init(&map->depths, map, layer->depth, error);
     if (status != UMB_OK) {

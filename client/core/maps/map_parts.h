@@ -43,6 +43,7 @@ struct umb_map {
     int own_alloc; /* 1: `alloc` holds, 0: malloc */
     struct umb_map_frustum frustum;
     struct umb_map_settings settings;
+    double nearest; /* depth of the nearest caster: no penumbra is wider than its */
     struct umb__depths depths;
     struct umb__channels channels;
     struct umb__deep *deep; /* DEEP */

@@ -78,8 +78,8 @@ static double plane_depth(const struct umb__map_query *query, const struct umb__
 static int blockers_find(const struct umb__map_query *query, const struct umb__receiver *receiver,
                          double *mean)
 {
-    /* A blocker at depth 0 has the widest penumbra of all. */
-    const double width = umb__penumbra_texels(query, receiver, 0.0);
+    /* The nearest caster has the widest penumbra of all. */
+    const double width = umb__penumbra_texels(query, receiver, query->map->nearest);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     double sum = 0.0;
     int64_t count = 0;

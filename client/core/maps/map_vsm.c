@@ -74,7 +74,7 @@ static double penumbra_width(const struct umb__map_query *query,
                              const struct umb__receiver *receiver)
 {
     double at[2];
-    const double width = umb__penumbra_texels(query, receiver, 0.0);
+    const double width = umb__penumbra_texels(query, receiver, query->map->nearest);
     const double depth = 2.0 * receiver->depth - 1.0;
     umb__channels_fetch(&query->map->channels, receiver->x, receiver->y, 0.0, width, at);
     const double lit = bound(query, at, depth);
@@ -82,7 +82,7 @@ static double penumbra_width(const struct umb__map_query *query,
         return 1.0;
     }
     const double blockers = (at[0] - lit * depth) / (1.0 - lit);
-    return umb__penumbra_texels(query, receiver, fmax(0.5 * blockers + 0.5, 0.0));
+    return umb__penumbra_texels(query, receiver, fmax(0.5 * blockers + 0.5, query->map->nearest));
 }
 
 static double vsm_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,

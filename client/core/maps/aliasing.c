@@ -1,0 +1,130 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Texels against pixels; see umbrage/aliasing.h. */
+#include "umbrage/aliasing.h"
+
+#include <math.h>
+#include <string.h>
+#include "maps/map_receiver.h"
+#include "maps/map_vec.h"
+
+/* Gradients of pixel coordinates, per metre; 0 behind the camera. */
+static int pixel_gradients(const struct umb_cascade_camera *camera, const double size[2],
+                           const double world[3], double gradient[2][3], double *distance)
+{
+    const double *axes[2] = {camera->right, camera->up};
+    const double tangents[2] = {camera->tan_x, camera->tan_y};
+    double p[3];
+    umb__subtract(world, camera->eye, p);
+    const double z = umb__dot(p, camera->forward);
+    if (!(z > 0.0)) {
+        return 0;
+    }
+    for (int i = 0; i < 2; i++) {
+        const double scale = 0.5 * size[i] / (tangents[i] * z);
+        const double at = umb__dot(p, axes[i]) / z;
+        for (int k = 0; k < 3; k++) {
+            gradient[i][k] = scale * (axes[i][k] - at * camera->forward[k]);
+        }
+    }
+    *distance = umb__length(p);
+    return 1;
+}
+
+/* Two unit vectors within the plane of a unit normal. */
+static void plane_axes(const double normal[3], double axes[2][3])
+{
+    double helper[3] = {0.0, 0.0, 0.0};
+    int least = 0;
+    for (int i = 1; i < 3; i++) {
+        least = fabs(normal[i]) < fabs(normal[least]) ? i : least;
+    }
+    helper[least] = 1.0;
+    umb__cross(helper, normal, axes[0]);
+    (void)umb__unit(axes[0]);
+    umb__cross(normal, axes[0], axes[1]);
+}
+
+/* Coordinates' change along both axes of the plane. */
+static void along_plane(double gradient[2][3], double axes[2][3], double out[2][2])
+{
+    for (int i = 0; i < 2; i++) {
+        for (int k = 0; k < 2; k++) {
+            out[i][k] = umb__dot(gradient[i], axes[k]);
+        }
+    }
+}
+
+/*
+ * Singular values of a 2 x 2 matrix: hypotenuses of its rotation and its reflection parts add and
+ * subtract. Exact in form; nothing cancels in the greater one.
+ */
+static void singular_values(double m[2][2], double *most, double *least)
+{
+    const double turn = hypot(m[0][0] + m[1][1], m[1][0] - m[0][1]);
+    const double mirror = hypot(m[0][0] - m[1][1], m[1][0] + m[0][1]);
+    *most = 0.5 * (turn + mirror);
+    *least = 0.5 * fabs(turn - mirror);
+}
+
+static void to_light(const struct umb_map_frustum *frustum, const double world[3], double out[3])
+{
+    if (frustum->directional) {
+        memcpy(out, frustum->light, 3 * sizeof *out);
+    } else {
+        umb__subtract(frustum->light, world, out);
+    }
+    (void)umb__unit(out);
+}
+
+static void all_infinite(struct umb_aliasing *a)
+{
+    *a = (struct umb_aliasing){INFINITY, INFINITY, {INFINITY, INFINITY}, INFINITY, INFINITY};
+}
+
+int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_cascade_camera *camera,
+                    uint32_t width, uint32_t height, const double world[3], const double normal[3],
+                    struct umb_aliasing *aliasing)
+{
+    const double size[2] = {(double)width, (double)height};
+    double n[3] = {normal[0], normal[1], normal[2]}, light[3], eye[3], distance = 0.0;
+    double pixel[2][3], axes[2][3], a[2][2], b[2][2], m[2][2];
+    struct umb__map_point point;
+    memset(aliasing, 0, sizeof *aliasing);
+    if (!umb__unit(n) || !pixel_gradients(camera, size, world, pixel, &distance) ||
+        !umb__frustum_map(frustum, world, &point)) {
+        return 0;
+    }
+    to_light(frustum, world, light);
+    umb__subtract(camera->eye, world, eye);
+    const double cos_a = umb__dot(n, eye) / distance, cos_b = umb__dot(n, light);
+    if (!(cos_a > 0.0 && cos_b >= 0.0)) {
+        return 0;
+    }
+    plane_axes(n, axes);
+    along_plane(point.gradient, axes, a);
+    along_plane(pixel, axes, b);
+    const double determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
+    /* Patches above 1e300 pixels have no end that a double knows. */
+    if (!(cos_b > 0.0 && fabs(determinant) > 1e-300)) {
+        all_infinite(aliasing);
+        return 1;
+    }
+    const double inverse[2][2] = {{a[1][1] / determinant, -a[0][1] / determinant},
+                                  {-a[1][0] / determinant, a[0][0] / determinant}};
+    for (int i = 0; i < 2; i++) {
+        for (int k = 0; k < 2; k++) {
+            m[i][k] = b[i][0] * inverse[0][k] + b[i][1] * inverse[1][k];
+        }
+    }
+    singular_values(m, &aliasing->most, &aliasing->least);
+    for (int k = 0; k < 2; k++) {
+        aliasing->along[k] = hypot(m[0][k], m[1][k]);
+    }
+    const double pixels_a_metre =
+        0.5 * sqrt(size[0] * size[1] / (camera->tan_x * camera->tan_y)) / distance;
+    const double texels_a_metre =
+        sqrt(umb__length(point.gradient[0]) * umb__length(point.gradient[1]));
+    aliasing->perspective = pixels_a_metre / texels_a_metre;
+    aliasing->projection = cos_a / cos_b;
+    return 1;
+}

@@ -1,0 +1,418 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * `aliasing`: how well the texels of a shadow map, or of a camera's cascades, fit the pixels of a
+ * view: pixels a texel covers, for each visible point; a histogram, the resolution that would do,
+ * a heat map.
+ */
+#include "study/study_command.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "common/json_text.h"
+#include "study/gbuffer.h"
+#include "study/parallel_for.h"
+#include "study/picture.h"
+#include "study/shading.h"
+#include "study/study_args.h"
+#include "study/study_vec.h"
+#include "study/view_options.h"
+#include "umbrage/aliasing.h"
+
+#define BINS     12 /* of log2 of pixels a texel: below -4, .., 6 and above */
+#define BIN_LOW  (-5)
+#define WAYS     4
+#define NEAR_MIN 1e-3 /* of the farthest visible point: cascades begin no nearer */
+
+static const char help[] =
+    "usage: umbrage aliasing SCENE [options]\n"
+    "\n"
+    "Says for every visible point how many pixels a texel of the sun's shadow map covers there,\n"
+    "in its longest direction: above 1 the map is undersampled, and edges show steps. Four ways\n"
+    "to spend texels are compared: one map of the scene (uniform); and cascades around each slice\n"
+    "(slice), around what slice and scene share (scene), and the same warped (lispsm).\n"
+    "\n"
+    "  -o, --output FILE   a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16\n"
+    "  --way WAY           of the heat map: uniform, slice, scene, lispsm (default uniform)\n"
+    "  --resolution N      texels a side of each map, 16 to 16384 (default 1024)\n"
+    "  --cascades N        slices, 1 to 8 (default 4)\n"
+    "  --weight W          of logarithmic against uniform splits, 0 to 1 (default 0.7)\n"
+    "  --sun AZ,EL         degrees (default: the scene's first sun, else 135,45)\n"
+    "  --camera WHERE      as `umbrage render` takes it (default: fitted)\n"
+    "  --size WxH          pixels (default 1280x720)\n"
+    "  --up y|z            the scene's up axis (default: by its format)\n"
+    "  --threads N         default: all processors\n"
+    "  --json              print one JSON object\n"
+    "  --help\n"
+    "\n"
+    "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad data,\n"
+    "66 no input, 73 cannot create, 74 I/O, 75 temporary.\n";
+
+static const char *const way_names[WAYS] = {"uniform", "slice", "scene", "lispsm"};
+
+/* What one way, or one of its cascades, comes to. */
+struct summary {
+    size_t count;
+    double under;                   /* share above 1 pixel a texel */
+    double median, p95, p99;        /* pixels a texel */
+    double perspective, projection; /* medians of the factors */
+    size_t bins[BINS];
+};
+
+struct aliasing {
+    const char *scene_path, *output, *way, *weight_text;
+    struct umbt_view_options options;
+    uint64_t resolution, cascades, threads;
+    int json, help, way_index;
+    double weight;
+    struct umbt_view view;
+    struct umbt_gbuffer buffer;
+    struct umb_cascade_plan plans[WAYS]; /* [0]: one frustum of the scene */
+    float *most;                         /* [receivers] of the heat map's way; NaN: left out */
+    double *sorted;                      /* [3][receivers] scratch */
+    struct summary summaries[WAYS];
+    struct summary slices[WAYS][UMB_CASCADES_MAX];
+};
+
+static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
+                                     struct umb_error *error)
+{
+    const struct umbt_option table[] = {
+        {"-o", UMBT_TEXT, &a->output, 0, 0},
+        {"--output", UMBT_TEXT, &a->output, 0, 0},
+        {"--way", UMBT_TEXT, &a->way, 0, 0},
+        {"--resolution", UMBT_COUNT, &a->resolution, 16, UMB_MAP_SIDE_MAX},
+        {"--cascades", UMBT_COUNT, &a->cascades, 1, UMB_CASCADES_MAX},
+        {"--weight", UMBT_TEXT, &a->weight_text, 0, 0},
+        {"--sun", UMBT_TEXT, &a->options.sun, 0, 0},
+        {"--camera", UMBT_TEXT, &a->options.camera, 0, 0},
+        {"--size", UMBT_TEXT, &a->options.size, 0, 0},
+        {"--up", UMBT_TEXT, &a->options.up, 0, 0},
+        {"--threads", UMBT_COUNT, &a->threads, 1, 256},
+        {"--json", UMBT_FLAG, &a->json, 0, 0},
+        {"--help", UMBT_FLAG, &a->help, 0, 0},
+    };
+    struct umbt_positionals positionals = {.max = 1};
+    a->resolution = 1024;
+    a->cascades = 4;
+    a->weight = 0.7;
+    a->threads = umbt_processor_count();
+    a->options = (struct umbt_view_options){.width = 1280, .height = 720, .size_max = 4096};
+    const enum umb_status status =
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+    if (status != UMB_OK || a->help) {
+        return status;
+    }
+    if (positionals.count != 1) {
+        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
+    }
+    a->scene_path = positionals.values[0];
+    if (a->weight_text != NULL) {
+        const char *at = a->weight_text;
+        if (!umbt_number_read(&at, &a->weight) || *at != '\0' ||
+            !(a->weight >= 0.0 && a->weight <= 1.0)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "--weight: '%.60s' is not a number of 0 to 1",
+                            a->weight_text);
+        }
+    }
+    while (a->way != NULL && strcmp(a->way, way_names[a->way_index]) != 0) {
+        if (++a->way_index == WAYS) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--way: '%.60s' is none of uniform, slice, scene, lispsm", a->way);
+        }
+    }
+    return UMB_OK;
+}
+
+static double view_depth(const struct umbt_camera *camera, const double position[3])
+{
+    double p[3];
+    umbt_subtract(position, camera->eye, p);
+    return umbt_dot(p, camera->forward);
+}
+
+/* The view's pixels, and the four plans for what they see. */
+static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
+{
+    const struct umbt_camera *camera = &a->view.camera;
+    struct umb_cascade_camera c = {.tan_x = camera->tan_x, .tan_y = camera->tan_y};
+    double near = INFINITY, far = 0.0;
+    memcpy(c.eye, camera->eye, sizeof c.eye);
+    memcpy(c.right, camera->right, sizeof c.right);
+    memcpy(c.up, camera->up, sizeof c.up);
+    memcpy(c.forward, camera->forward, sizeof c.forward);
+    for (size_t i = 0; i < a->buffer.receiver_count; i++) {
+        const double z = view_depth(camera, &a->buffer.positions[3 * i]);
+        near = fmin(near, z);
+        far = fmax(far, z);
+    }
+    if (!(far > 0.0)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--camera: sees nothing of the scene");
+    }
+    c.far_m = far * (1.0 + 1e-9);
+    c.near_m = fmin(fmax(near, NEAR_MIN * far), 0.999 * far);
+    struct umb_cascade_settings settings = {.count = (uint32_t)a->cascades, .weight = a->weight};
+    for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
+        settings.resolution[i] = (uint32_t)a->resolution;
+    }
+    enum umb_status status = UMB_OK;
+    for (int way = 1; way < WAYS && status == UMB_OK; way++) {
+        settings.fit = (enum umb_cascade_fit)(way - 1);
+        status = umb_cascades_plan(&c, a->view.to_light, &a->view.scene.box, &settings,
+                                   &a->plans[way], error);
+    }
+    a->plans[0] = (struct umb_cascade_plan){.camera = c, .count = 1, .splits = {c.near_m, c.far_m}};
+    return status == UMB_OK
+               ? umb_map_frustum_fit(a->view.to_light, &a->view.scene.box, settings.resolution[0],
+                                     settings.resolution[0], &a->plans[0].frusta[0], error)
+               : status;
+}
+
+static int compare_doubles(const void *x, const void *y)
+{
+    const double a = *(const double *)x, b = *(const double *)y;
+    return (a > b) - (a < b);
+}
+
+/* Value below which a share of the sorted numbers lies. */
+static double quantile(const double *sorted, size_t count, double share)
+{
+    const size_t at = (size_t)(share * (double)count);
+    return count > 0 ? sorted[at < count ? at : count - 1] : 0.0;
+}
+
+/* Sorts three lists of `count` numbers and sums them up. */
+static void summarise(double *lists[3], size_t count, struct summary *s)
+{
+    memset(s, 0, sizeof *s);
+    s->count = count;
+    for (size_t i = 0; i < count; i++) {
+        const double pixels = lists[0][i];
+        const double bin = pixels > 0.0 ? floor(log2(pixels)) - BIN_LOW : 0.0;
+        s->bins[(size_t)fmin(fmax(bin, 0.0), BINS - 1)]++;
+        s->under += pixels > 1.0;
+    }
+    s->under /= count > 0 ? (double)count : 1.0;
+    for (int k = 0; k < 3; k++) {
+        qsort(lists[k], count, sizeof(double), compare_doubles);
+    }
+    s->median = quantile(lists[0], count, 0.5);
+    s->p95 = quantile(lists[0], count, 0.95);
+    s->p99 = quantile(lists[0], count, 0.99);
+    s->perspective = quantile(lists[1], count, 0.5);
+    s->projection = quantile(lists[2], count, 0.5);
+}
+
+/* Analyses one way; slice < 0: all its slices. */
+static void way_run(struct aliasing *a, int way, int only, struct summary *summary)
+{
+    const struct umb_cascade_plan *plan = &a->plans[way];
+    double *lists[3] = {a->sorted, a->sorted + a->buffer.receiver_count,
+                        a->sorted + 2 * a->buffer.receiver_count};
+    size_t count = 0;
+    for (size_t i = 0; i < a->buffer.receiver_count; i++) {
+        const double *position = &a->buffer.positions[3 * i];
+        const double z = view_depth(&a->view.camera, position);
+        double normal[3];
+        struct umb_aliasing result;
+        int slice = 0;
+        for (size_t k = 0; k < 3; k++) {
+            normal[k] = (double)a->buffer.normals[3 * i + k];
+        }
+        while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
+            slice++;
+        }
+        const int known = umb_aliasing_at(&plan->frusta[slice], &plan->camera, a->options.width,
+                                          a->options.height, position, normal, &result);
+        if (only < 0 && way == a->way_index) {
+            a->most[i] = known ? (float)fmin(result.most, 1e30) : NAN;
+        }
+        if (known && (only < 0 || slice == only)) {
+            lists[0][count] = result.most;
+            lists[1][count] = result.perspective;
+            lists[2][count++] = result.projection;
+        }
+    }
+    summarise(lists, count, summary);
+}
+
+static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
+{
+    enum umb_status status = umbt_view_open(&a->options, a->scene_path, &a->view, error);
+    if (status == UMB_OK) {
+        status = umbt_gbuffer_init(&a->buffer, a->options.width, 1, a->options.height, error);
+    }
+    if (status == UMB_OK) {
+        status = umbt_gbuffer_fill(&a->buffer, &a->view.scene, &a->view.camera, a->options.height,
+                                   0, a->options.height, (unsigned)a->threads, error);
+    }
+    if (status == UMB_OK) {
+        status = plans_make(a, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const size_t count = a->buffer.receiver_count;
+    a->most = malloc(count * sizeof *a->most);
+    a->sorted = malloc(3 * count * sizeof *a->sorted);
+    if (a->most == NULL || a->sorted == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
+    }
+    for (int way = 0; way < WAYS; way++) {
+        way_run(a, way, -1, &a->summaries[way]);
+        for (int slice = 0; slice < (int)a->plans[way].count; slice++) {
+            way_run(a, way, slice, &a->slices[way][slice]);
+        }
+    }
+    return UMB_OK;
+}
+
+/* Blue below 1, white at 1, red above; full at a factor of 16. Grey where nothing is to say. */
+static void heat_color(float most, uint8_t out[3])
+{
+    if (isnan(most)) {
+        memset(out, 90, 3);
+        return;
+    }
+    const double heat = fmin(fmax(log2(fmax((double)most, 1e-9)) / 4.0, -1.0), 1.0);
+    const double fade = 1.0 - fabs(heat);
+    out[0] = umbt_srgb8(heat > 0.0 ? 0.9 : 0.9 * fade);
+    out[1] = umbt_srgb8(0.9 * fade);
+    out[2] = umbt_srgb8(heat < 0.0 ? 0.9 : 0.9 * fade);
+}
+
+static enum umb_status heat_write(const struct aliasing *a, struct umb_error *error)
+{
+    struct umbt_picture picture;
+    enum umb_status status =
+        umbt_picture_init(&picture, a->options.width, a->options.height, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < (size_t)picture.width * picture.height; i++) {
+        const uint32_t slot = a->buffer.slots[i];
+        memset(&picture.pixels[3 * i], 30, 3);
+        if (slot != UMBT_SKY) {
+            heat_color(a->most[slot], &picture.pixels[3 * i]);
+        }
+    }
+    status = umbt_picture_write(&picture, a->output, error);
+    umbt_picture_finish(&picture);
+    return status;
+}
+
+static void line_text(const char *name, const struct summary *s, uint64_t resolution)
+{
+    printf("%-11s %8zu %7.2f%% %8.3f %8.3f %8.3f %8.3f %8.3f %9.0f\n", name, s->count,
+           100.0 * s->under, s->median, s->p95, s->p99, s->perspective, s->projection,
+           ceil((double)resolution * s->p99));
+}
+
+static void report_text(const struct aliasing *a)
+{
+    printf("%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n", a->scene_path,
+           a->options.width, a->options.height, a->buffer.receiver_count, a->resolution);
+    printf("%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median", "95%",
+           "99%", "persp.", "proj.", "texels*");
+    for (int way = 0; way < WAYS; way++) {
+        line_text(way_names[way], &a->summaries[way], a->resolution);
+        for (uint32_t i = 0; i < a->plans[way].count && a->plans[way].count > 1; i++) {
+            char name[32];
+            (void)snprintf(name, sizeof name, "  to %.4gm", a->plans[way].splits[i + 1]);
+            line_text(name, &a->slices[way][i], a->resolution);
+        }
+    }
+    printf("* a side, at which 99 of 100 points are no longer undersampled\n\npixels a texel:");
+    for (int bin = 0; bin < BINS; bin++) {
+        printf(" %s2^%d", bin == 0 ? "<" : "", BIN_LOW + bin + (bin == 0));
+    }
+    printf("\n");
+    for (int way = 0; way < WAYS; way++) {
+        printf("%-15s", way_names[way]);
+        for (int bin = 0; bin < BINS; bin++) {
+            printf(" %zu", a->summaries[way].bins[bin]);
+        }
+        printf("\n");
+    }
+}
+
+static void summary_json(const struct summary *s, uint64_t resolution)
+{
+    printf("\"points\":%zu,\"undersampled\":%.9g", s->count, s->under);
+    /* A light that grazes more than the share of points has no resolution that would do. */
+    const struct {
+        const char *name;
+        double value;
+    } numbers[] = {{"median", s->median},
+                   {"p95", s->p95},
+                   {"p99", s->p99},
+                   {"perspective", s->perspective},
+                   {"projection", s->projection},
+                   {"resolution_for_p99", ceil((double)resolution * s->p99)}};
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        if (isfinite(numbers[i].value)) {
+            printf(",\"%s\":%.9g", numbers[i].name, numbers[i].value);
+        } else {
+            printf(",\"%s\":null", numbers[i].name);
+        }
+    }
+}
+
+static void report_json(const struct aliasing *a)
+{
+    printf("{\"scene\":");
+    umbs_json_text(stdout, a->scene_path);
+    printf(",\"width\":%u,\"height\":%u,\"resolution\":%" PRIu64 ",\"ways\":[", a->options.width,
+           a->options.height, a->resolution);
+    for (int way = 0; way < WAYS; way++) {
+        printf("%s{\"way\":\"%s\",", way > 0 ? "," : "", way_names[way]);
+        summary_json(&a->summaries[way], a->resolution);
+        printf(",\"histogram_from_log2\":%d,\"histogram\":[", BIN_LOW);
+        for (int bin = 0; bin < BINS; bin++) {
+            printf("%s%zu", bin > 0 ? "," : "", a->summaries[way].bins[bin]);
+        }
+        printf("],\"slices\":[");
+        for (uint32_t i = 0; i < a->plans[way].count; i++) {
+            printf("%s{\"to_m\":%.9g,", i > 0 ? "," : "", a->plans[way].splits[i + 1]);
+            summary_json(&a->slices[way][i], a->resolution);
+            printf("}");
+        }
+        printf("]}");
+    }
+    printf("]}\n");
+}
+
+int umbt_aliasing_command(int argc, char **argv)
+{
+    struct umb_error error = {0};
+    struct aliasing *a = calloc(1, sizeof *a); /* plans and summaries: too large for a stack */
+    if (a == NULL) {
+        fputs("umbrage aliasing: out of memory\n", stderr);
+        return umb_status_exit(UMB_E_NO_MEMORY);
+    }
+    enum umb_status status = options_parse(argc, argv, a, &error);
+    const int help_wanted = status == UMB_OK && a->help;
+    if (status == UMB_OK && !help_wanted) {
+        status = view_analyse(a, &error);
+    }
+    if (status == UMB_OK && !help_wanted && a->output != NULL) {
+        status = heat_write(a, &error);
+    }
+    if (help_wanted) {
+        fputs(help, stdout);
+    } else if (status == UMB_OK && a->json) {
+        report_json(a);
+    } else if (status == UMB_OK) {
+        report_text(a);
+    } else {
+        fprintf(stderr, "umbrage aliasing: %s\n", error.message);
+    }
+    free(a->most);
+    free(a->sorted);
+    umbt_gbuffer_finish(&a->buffer);
+    umbt_view_close(&a->view);
+    free(a);
+    return umb_status_exit(status);
+}
