@@ -94,7 +94,7 @@ static struct umb_asset *make_asset(const struct plane *plane)
     struct bytes bytes = {0};
     struct umb_octree octree;
     struct umb_content content;
-    struct umb_asset *asset;
+    struct umb_asset *asset = NULL;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
