@@ -53,8 +53,8 @@ const char umbb_options_help[] =
     "The output appears only when it is complete and has passed the comparison. An interrupt\n"
     "(SIGINT, SIGTERM) leaves the old file as it was and ends with 75.\n"
     "\n"
-    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 unsupported light or missing\n"
-    "importer, 70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary: "
+    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer,\n"
+    "70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary: "
     "over\n"
     "--memory, out of memory, or interrupted.\n";
 

@@ -303,6 +303,61 @@ static void wild_points_do_no_harm(void **state)
     umb_asset_close(asset);
 }
 
+/* Whatever matrix a file may hold and still be opened, queries stay inside and answer. */
+static void hostile_matrices_are_refused_or_harmless(void **state)
+{
+    (void)state;
+    static const double wild[] = {0, -0.0, 1e-320, 1e-160, -1e-9, 1, -1, 1e9, 1e160, -1e300};
+    const struct plane plane = {.normal = {0, 0, 1}, .distance = 4};
+    const struct voxels voxels = {before_plane, &plane, LOG2, FACES};
+    struct umb_octree octree;
+    uint64_t seed = 4242;
+    int opened = 0;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    make_octree(&voxels, &octree);
+    for (size_t i = 0; i < POINTS; i++) {
+        plane_point(&plane, 0.5, &seed, storage[i]);
+        for (int k = 0; k < 3; k++) {
+            normals[i][k] = (float)(random_unit(&seed) * 2 - 1);
+        }
+    }
+    for (int n = 0; n < 300; n++) {
+        struct bytes bytes = {0};
+        struct umb_content content;
+        struct umb_asset *asset = NULL;
+        uint8_t id[UMB_ID_BYTES];
+        make_content(&voxels, 1, origin, &content);
+        set_content(&content);
+        for (uint32_t face = 0; face < FACES; face++) {
+            double *m = &content.frusta[face].world_to_voxel[0][0];
+            const uint64_t what = next_random(&seed);
+            const double factor = wild[what % 10];
+            for (size_t k = 0; k < 16; k++) { /* one number, or a row as a whole */
+                const int chosen = n % 2 == 0 ? k == what / 16 % 16 : k / 4 == what / 16 % 4;
+                m[k] = !chosen ? m[k] : n % 3 == 0 ? m[k] * factor : factor;
+            }
+        }
+        content.lights[0].position[n % 3] += n % 5 == 0 ? 1e300 : 0;
+        struct umb_sink sink = bytes_sink(&bytes);
+        if (umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK) {
+            assert_int_equal(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, NULL),
+                             UMB_OK);
+            float values[POINTS];
+            struct umb_answers answers = {.values = values};
+            const struct umb_points points = batch(n % 2);
+            run(asset, &(struct umb_query_settings){.taps = 5}, &points, &answers);
+            for (size_t i = 0; i < POINTS; i++) {
+                assert_true(values[i] >= 0 && values[i] <= 1);
+            }
+            opened++;
+        }
+        umb_asset_close(asset);
+        bytes_finish(&bytes);
+    }
+    assert_true(opened > 10 && opened < 290);
+    umb_octree_finish(&octree);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -310,6 +365,7 @@ int main(void)
         cmocka_unit_test(sides_of_a_plane_are_told_apart_in_every_face),
         cmocka_unit_test(splits_formats_and_explanations_agree),
         cmocka_unit_test(wild_points_do_no_harm),
+        cmocka_unit_test(hostile_matrices_are_refused_or_harmless),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
