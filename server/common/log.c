@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The daemon's log: key=value lines, each in one write. Never fails its caller. */
 #include "common/log.h"
+#include "common/log_json.h"
 
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -15,7 +17,18 @@ static const char *const level_names[] = {"error", "warn", "info", "debug"};
 void umbs_log_init(struct umbs_log *log, int fd, enum umb_log_level level)
 {
     log->fd = fd;
-    log->level = level;
+    atomic_store(&log->level, (int)level);
+    log->format = UMBS_LOG_TEXT;
+}
+
+void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level)
+{
+    atomic_store(&log->level, (int)level);
+}
+
+const char *umbs_log_level_name(enum umb_log_level level)
+{
+    return level_names[level];
 }
 
 /* Adds what vsnprintf would have written, never moving beyond the room. */
@@ -30,7 +43,7 @@ static size_t clamp(int written, size_t room)
 void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const char *event,
                     const char *format, ...)
 {
-    if (log == NULL || log->fd < 0 || level > log->level) {
+    if (log == NULL || log->fd < 0 || (int)level > atomic_load(&log->level)) {
         return;
     }
     char line[UMBS_LOG_LINE_MAX];
@@ -52,9 +65,18 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
         length += clamp(vsnprintf(line + length, room - length, format, arguments), room - length);
         va_end(arguments);
     }
-    line[length++] = '\n';
+    char json[UMBS_LOG_LINE_MAX * 2];
+    const char *out = line;
+    if (log->format == UMBS_LOG_JSON) {
+        line[length] = '\0';
+        length = umbs__log_json(line, json, sizeof json - 1);
+        json[length++] = '\n';
+        out = json;
+    } else {
+        line[length++] = '\n';
+    }
     /* A log that cannot be written has nowhere to say so; the event is lost, the daemon goes on. */
-    ssize_t ignored = write(log->fd, line, length);
+    ssize_t ignored = write(log->fd, out, length);
     (void)ignored;
 }
 

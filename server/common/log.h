@@ -5,23 +5,31 @@
  * The log of the daemon: one `key=value` line an event, to a file descriptor (stderr).
  *
  *     ts=2026-01-31T12:00:00.123Z level=info event=listening address="tcp:127.0.0.1:7420"
+ *     {"ts":"2026-01-31T12:00:00.123Z","level":"info","event":"listening","address":"..."}
  *
  * Life: umbs_log_init, then umbs_log_event from any thread; nothing to destroy.
  * Threads: a line is formatted on the caller's stack and leaves in one write(2), so lines of
- * different threads do not mix. The struct is read-only after init.
+ * different threads do not mix. Only the level may change after init.
  * Trust: text that comes from outside goes through umbs_log_quote, which escapes and caps it.
  */
 #include <stddef.h>
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
-#define UMBS_LOG_LINE_MAX   2048 /* bytes of a line; longer ones are cut */
-#define UMBS_LOG_QUOTE_SIZE 520  /* enough for any quoted value: 128 bytes as \xNN, quotes and NUL \
-                                  */
+#define UMBS_LOG_LINE_MAX 2048 /* bytes of a line; longer ones are cut */
+#define UMBS_LOG_QUOTE_SIZE                                                                        \
+    520 /* enough for any quoted value: 128 bytes as \xNN, quotes and NUL                          \
+         */
+
+enum umbs_log_format {
+    UMBS_LOG_TEXT = 0, /* key=value */
+    UMBS_LOG_JSON,     /* one object a line, the same keys */
+};
 
 struct umbs_log {
-    int fd;                   /* -1 = silent */
-    enum umb_log_level level; /* events above it are dropped */
+    int fd;                      /* -1 = silent */
+    _Atomic int level;           /* enum umb_log_level; events above it are dropped */
+    enum umbs_log_format format; /* read-only after init */
 };
 
 void umbs_log_init(struct umbs_log *log, int fd, enum umb_log_level level);
@@ -38,6 +46,12 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
 /* Writes text in double quotes, at most 128 bytes of it, control bytes, quotes and bytes above
  * 0x7e as \xNN. Returns out, which has UMBS_LOG_QUOTE_SIZE bytes. */
 const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE]);
+
+/* Changes the level; any thread, at once. */
+void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level);
+
+/* "error", "warn", "info" or "debug". */
+const char *umbs_log_level_name(enum umb_log_level level);
 
 /* Reads "error", "warn", "info" or "debug". Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbs_log_level_parse(const char *text, enum umb_log_level *level);

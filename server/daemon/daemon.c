@@ -3,6 +3,7 @@
 #include "daemon/daemon.h"
 
 #include "daemon/loop.h"
+#include "daemon/service_manager.h"
 
 #include <string.h>
 #include <unistd.h>
@@ -14,6 +15,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     daemon->options = *options;
     atomic_store(&daemon->next_serial, 1);
     umbs_log_init(&daemon->log, STDERR_FILENO, options->log_level);
+    daemon->log.format = options->log_format;
+    daemon->watchdog_ms = umbd_watchdog_ms();
     enum umb_status status =
         umbd_store_watch_create(&daemon->metrics, &daemon->log, &daemon->watch, error);
     if (status == UMB_OK) {
@@ -105,4 +108,12 @@ void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
     gauges->queue_depth = umbd_pool_depth(daemon->pool);
     gauges->buffered_bytes = atomic_load(&daemon->buffered);
     gauges->ready = !atomic_load(&daemon->draining);
+}
+
+void umbd_daemon_alive(struct umbd_daemon *daemon, uint64_t now_ms)
+{
+    if (daemon->watchdog_ms > 0 && now_ms >= daemon->watchdog_at_ms) {
+        daemon->watchdog_at_ms = now_ms + daemon->watchdog_ms;
+        umbd_notify("WATCHDOG=1");
+    }
 }

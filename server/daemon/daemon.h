@@ -33,7 +33,9 @@ struct umbd_daemon {
     struct umbd_loop *loops;          /* [loop_count], see loop_group.h */
     uint32_t loop_count;
     atomic_uint loops_running;
-    atomic_int draining; /* health says NOT_SERVING */
+    atomic_int draining;     /* health says NOT_SERVING */
+    uint64_t watchdog_ms;    /* a sign of life so often, 0 = none wanted */
+    uint64_t watchdog_at_ms; /* the next one; the first loop's */
 };
 
 /* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then as
@@ -49,6 +51,17 @@ int umbd_daemon_finish(struct umbd_daemon *daemon);
 /* Counts bytes held; returns 1, or 0 (nothing counted) if --max-buffer would be passed. */
 int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes);
 void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes);
+
+/* Gives the service manager its sign of life when it is due. The first loop's tick calls it, so
+ * that a loop that hangs is noticed. */
+void umbd_daemon_alive(struct umbd_daemon *daemon, uint64_t now_ms);
+
+/*
+ * Reads command line and config file again (SIGHUP): log level and scrub interval are taken over,
+ * for every other setting that changed the log says that it takes a restart. What cannot be read
+ * changes nothing. Blocks for a small file.
+ */
+void umbd_daemon_reload(struct umbd_daemon *daemon);
 
 /* Reads what a scrape needs besides the counters. */
 void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges);

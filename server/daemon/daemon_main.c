@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sysexits.h>
 #include <unistd.h>
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -17,12 +18,14 @@
 #include "daemon/admin.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
+#include "daemon/service_manager.h"
 
 /* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
 #define KEEP_BYTES (32 * 1024 * 1024) /* the most that glibc takes */
 
-#define OTHER_DESCRIPTORS 128 /* beside connections: listeners, the store, the admin port */
+#define OTHER_DESCRIPTORS 128   /* beside connections: listeners, the store, the admin port */
+#define ASSET_DESCRIPTORS 16384 /* one for each mapped asset */
 
 #if defined(__SANITIZE_THREAD__)
 #define UMBD_UNDER_TSAN 1
@@ -53,25 +56,26 @@ static void keep_pages(void)
 #endif
 }
 
-/* Each connection takes a descriptor, and the soft limit of many systems is 1024. */
+/*
+ * Each connection takes a descriptor, and the soft limit of many systems is 1024. Where it is far
+ * more it is lowered: the loops' tables are made for as many as there can be (loop_reserve.h).
+ */
 static void raise_descriptors(const struct umbd_daemon *daemon)
 {
     struct rlimit limit;
-    uint64_t wanted = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
+    uint64_t needed = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
+    uint64_t wanted = needed + ASSET_DESCRIPTORS;
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) {
         return;
     }
-    if (limit.rlim_cur != RLIM_INFINITY && limit.rlim_cur < wanted) {
-        limit.rlim_cur = limit.rlim_max == RLIM_INFINITY || limit.rlim_max > wanted
-                             ? (rlim_t)wanted
-                             : limit.rlim_max;
-        (void)setrlimit(RLIMIT_NOFILE, &limit); /* read again below */
-        (void)getrlimit(RLIMIT_NOFILE, &limit);
-    }
-    if (limit.rlim_cur != RLIM_INFINITY && limit.rlim_cur < wanted) {
+    limit.rlim_cur = limit.rlim_max == RLIM_INFINITY || limit.rlim_max > wanted ? (rlim_t)wanted
+                                                                                : limit.rlim_max;
+    (void)setrlimit(RLIMIT_NOFILE, &limit); /* read again */
+    (void)getrlimit(RLIMIT_NOFILE, &limit);
+    if (limit.rlim_cur < needed) {
         umbs_log_event(&daemon->log, UMB_LOG_WARN, "descriptors_limited",
                        "limit=%llu wanted=%llu option=--max-connections",
-                       (unsigned long long)limit.rlim_cur, (unsigned long long)wanted);
+                       (unsigned long long)limit.rlim_cur, (unsigned long long)needed);
     }
 }
 
@@ -148,6 +152,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
     if (status == UMB_OK) {
         umbs_log_event(&daemon.log, UMB_LOG_INFO, "ready", "version=%s loops=%u workers=%u pid=%ld",
                        UMB_VERSION, options->loops, options->workers, (long)getpid());
+        umbd_notify("READY=1\nSTATUS=serving");
         status = umbd_loops_run(&daemon, error);
     }
     umbd_loops_finish(&daemon);
@@ -163,22 +168,24 @@ int main(int argc, char **argv)
     struct umbd_options options;
     struct umb_error error = {0};
     enum umb_status status = umbd_options_parse(argc, argv, &options, &error);
+    int code = 0;
     if (status != UMB_OK) {
-        return complain(status, &error);
-    }
-    if (options.help) {
+        code = complain(status, &error);
+        code = options.config_bad ? EX_CONFIG : code;
+    } else if (options.help) {
         umbd_options_usage(stdout);
-        return 0;
-    }
-    if (options.version) {
+    } else if (options.version) {
         printf("umbraged %s\n", UMB_VERSION);
-        return 0;
+    } else if (options.print_config) {
+        umbd_options_print(&options, stdout);
+    } else if (!options.check) {
+        signal(SIGPIPE, SIG_IGN);
+        keep_pages();
+        options.argc = argc;
+        options.argv = argv;
+        status = serve(&options, &error);
+        code = status == UMB_OK ? 0 : umb_status_exit(status);
     }
-    if (options.check) {
-        return 0;
-    }
-    signal(SIGPIPE, SIG_IGN);
-    keep_pages();
-    status = serve(&options, &error);
-    return status == UMB_OK ? 0 : umb_status_exit(status);
+    umbd_options_finish(&options);
+    return code;
 }

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "common/log.h"
+#include "daemon/config_file.h"
 #include "daemon/loop_group.h"
 #include "daemon/net_address.h"
 
@@ -22,6 +23,7 @@ enum kind {
     KIND_BYTES, /* uint64 */
     KIND_TIME,  /* uint64, milliseconds */
     KIND_LEVEL,
+    KIND_LOG_FORMAT,
     KIND_FLAG,
 };
 
@@ -79,6 +81,8 @@ static const struct option table[] = {
      "batches that may wait for a worker; default 1024"},
     {"--log-level", KIND_LEVEL, AT(log_level), 0, 0, "LEVEL",
      "error, warn, info or debug; default info"},
+    {"--log-format", KIND_LOG_FORMAT, AT(log_format), 0, 0, "FORMAT",
+     "text (key=value) or json, one line an event; default text"},
     {"--drain-delay", KIND_TIME, AT(drain_delay_ms), 0, HOUR_MS, "TIME",
      "from SIGTERM to the end of listening; default 5s"},
     {"--drain-timeout", KIND_TIME, AT(drain_timeout_ms), 0, HOUR_MS, "TIME",
@@ -93,8 +97,12 @@ static const struct option table[] = {
      "for a reply that the peer does not take, or takes at below 16 KiB/s; default 30s"},
     {"--address-file", KIND_TEXT, AT(address_file), 0, 0, "FILE",
      "gets the addresses listened on, one a line, once they are open"},
+    {"--config", KIND_TEXT, AT(config), 0, 0, "FILE",
+     "options as lines of name = value; the command line goes before it"},
     {"--check", KIND_FLAG, AT(check), 0, 0, NULL, "check the options and exit"},
     {"--check-config", KIND_FLAG, AT(check), 0, 0, NULL, "the same"},
+    {"--print-config", KIND_FLAG, AT(print_config), 0, 0, NULL,
+     "print every setting as a config file and exit"},
     {"--help", KIND_FLAG, AT(help), 0, 0, NULL, "this text"},
     {"--version", KIND_FLAG, AT(version), 0, 0, NULL, "the version"},
 };
@@ -215,6 +223,13 @@ static enum umb_status set_option(const struct option *option, const char *text,
                             text);
         }
         return UMB_OK;
+    case KIND_LOG_FORMAT:
+        options->log_format = strcmp(text, "json") == 0 ? UMBS_LOG_JSON : UMBS_LOG_TEXT;
+        if (options->log_format == UMBS_LOG_TEXT && strcmp(text, "text") != 0) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.80s' is not text or json", option->name,
+                            text);
+        }
+        return UMB_OK;
     default:
         return set_number(option, text, options, error);
     }
@@ -292,37 +307,208 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     return UMB_OK;
 }
 
+/* A text of the config file, kept as long as the options. */
+struct umbd_option_text {
+    struct umbd_option_text *next;
+    char text[];
+};
+
+void umbd_options_finish(struct umbd_options *options)
+{
+    while (options->texts != NULL) {
+        struct umbd_option_text *text = options->texts;
+        options->texts = text->next;
+        free(text);
+    }
+}
+
+/* Options that ask for something else than serving make no sense in a file. */
+static int is_for_files(const struct option *option)
+{
+    static const char *const others[] = {"--config",       "--check", "--check-config",
+                                         "--print-config", "--help",  "--version"};
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        if (strcmp(option->name, others[i]) == 0) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int is_list(const struct option *option)
+{
+    return option->kind == KIND_LISTEN || option->kind == KIND_STORE;
+}
+
+struct file_reading {
+    struct umbd_options *options;
+    unsigned char seen[OPTION_COUNT];
+};
+
+static enum umb_status set_flag(const struct option *option, const char *text,
+                                struct umbd_options *options, struct umb_error *error)
+{
+    int value = strcmp(text, "true") == 0;
+    if (!value && strcmp(text, "false") != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.80s' is not true or false", option->name,
+                        text);
+    }
+    memcpy((char *)options + option->offset, &value, sizeof value);
+    return UMB_OK;
+}
+
+/* Takes one line of the file. */
+static enum umb_status set_from_file(void *user, const char *name, const char *value,
+                                     struct umb_error *error)
+{
+    struct file_reading *reading = user;
+    char dashed[80];
+    (void)snprintf(dashed, sizeof dashed, "--%s", name);
+    const struct option *option = find_option(dashed, strlen(dashed));
+    if (option == NULL || !is_for_files(option)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "unknown setting '%.60s'", name);
+    }
+    if (reading->seen[option - table] && !is_list(option)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "'%s' is given twice", name);
+    }
+    reading->seen[option - table] = 1;
+    if (option->kind == KIND_FLAG) {
+        return set_flag(option, value, reading->options, error);
+    }
+    size_t size = strlen(value) + 1;
+    struct umbd_option_text *text = malloc(sizeof *text + size);
+    if (text == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the config file");
+    }
+    memcpy(text->text, value, size);
+    text->next = reading->options->texts;
+    reading->options->texts = text;
+    return set_option(option, text->text, reading->options, error);
+}
+
+/* Empties a list that the file filled, before the first of the command line's. */
+static void clear_list(const struct option *option, struct umbd_options *options)
+{
+    if (option->kind == KIND_LISTEN) {
+        options->listen_count = 0;
+    } else if (option->kind == KIND_STORE) {
+        memset(options->stores, 0, sizeof options->stores);
+    }
+}
+
+/* Takes argv[*at] and its value; *at is then the last word taken. only_config: looks for --config
+ * and passes everything else over. */
+static enum umb_status take_word(char **argv, int argc, int *at, int only_config,
+                                 struct file_reading *reading, struct umb_error *error)
+{
+    const char *text = strcmp(argv[*at], "-h") == 0 ? "--help" : argv[*at];
+    const char *equals = strncmp(text, "--", 2) == 0 ? strchr(text, '=') : NULL;
+    size_t length = equals != NULL ? (size_t)(equals - text) : strlen(text);
+    const struct option *option = find_option(text, length);
+    if (option == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "unknown argument '%.80s' (see --help)", text);
+    }
+    if (option->kind == KIND_FLAG) {
+        if (equals != NULL) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s takes no value", option->name);
+        }
+        return only_config ? UMB_OK : set_flag(option, "true", reading->options, error);
+    }
+    const char *value = equals != NULL ? equals + 1 : *at + 1 < argc ? argv[++*at] : NULL;
+    if (value == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s needs a value: %s", option->name, option->value);
+    }
+    if (only_config != (option->offset == AT(config) && option->kind == KIND_TEXT)) {
+        return UMB_OK;
+    }
+    if (!reading->seen[option - table]) {
+        clear_list(option, reading->options);
+        reading->seen[option - table] = 1;
+    }
+    return set_option(option, value, reading->options, error);
+}
+
 enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
                                    struct umb_error *error)
 {
     set_defaults(options);
-    for (int i = 1; i < argc; i++) {
-        const char *text = strcmp(argv[i], "-h") == 0 ? "--help" : argv[i];
-        const char *equals = strncmp(text, "--", 2) == 0 ? strchr(text, '=') : NULL;
-        size_t length = equals != NULL ? (size_t)(equals - text) : strlen(text);
-        const struct option *option = find_option(text, length);
-        if (option == NULL) {
-            return umb_fail(error, UMB_E_ARGUMENT, "unknown argument '%.80s' (see --help)", text);
-        }
-        if (option->kind == KIND_FLAG) {
-            if (equals != NULL) {
-                return umb_fail(error, UMB_E_ARGUMENT, "%s takes no value", option->name);
+    for (int only_config = 1; only_config >= 0; only_config--) {
+        struct file_reading reading = {.options = options};
+        for (int i = 1; i < argc; i++) {
+            enum umb_status status = take_word(argv, argc, &i, only_config, &reading, error);
+            if (status != UMB_OK) {
+                return status;
             }
-            int one = 1;
-            memcpy((char *)options + option->offset, &one, sizeof one);
-            continue;
         }
-        const char *value = equals != NULL ? equals + 1 : i + 1 < argc ? argv[++i] : NULL;
-        if (value == NULL) {
-            return umb_fail(error, UMB_E_ARGUMENT, "%s needs a value: %s", option->name,
-                            option->value);
-        }
-        enum umb_status status = set_option(option, value, options, error);
-        if (status != UMB_OK) {
-            return status;
+        if (only_config && options->config != NULL) {
+            enum umb_status status =
+                umbd_config_read(options->config, set_from_file, &reading, error);
+            if (status != UMB_OK) {
+                options->config_bad = status == UMB_E_ARGUMENT;
+                return status;
+            }
         }
     }
     return options->help || options->version ? UMB_OK : check_whole(options, error);
+}
+
+/* Prints one setting; a list as one line each, a text that is not set as a comment. */
+static void print_option(const struct option *option, const struct umbd_options *options, FILE *out)
+{
+    const char *name = option->name + 2;
+    const char *field = (const char *)options + option->offset;
+    const char *text = NULL;
+    uint64_t number = 0;
+    uint32_t narrow = 0;
+    switch (option->kind) {
+    case KIND_TEXT:
+        memcpy(&text, field, sizeof text);
+        (void)fprintf(out, "%s%s = %s\n", text != NULL ? "" : "; ", name, text != NULL ? text : "");
+        break;
+    case KIND_LISTEN:
+        for (size_t i = 0; i < options->listen_count; i++) {
+            (void)fprintf(out, "%s = %s\n", name, options->listen[i]);
+        }
+        break;
+    case KIND_STORE:
+        for (size_t i = 0; i < UMBS_STORE_FOLDERS_MAX && options->stores[i] != NULL; i++) {
+            (void)fprintf(out, "%s = %s\n", name, options->stores[i]);
+        }
+        break;
+    case KIND_COUNT:
+    case KIND_FLAG:
+        memcpy(&narrow, field, sizeof narrow);
+        if (option->kind == KIND_FLAG) {
+            (void)fprintf(out, "%s = %s\n", name, narrow ? "true" : "false");
+        } else {
+            (void)fprintf(out, "%s = %u\n", name, narrow);
+        }
+        break;
+    case KIND_TOTAL:
+    case KIND_BYTES:
+    case KIND_TIME:
+        memcpy(&number, field, sizeof number);
+        (void)fprintf(out, "%s = %llu%s\n", name, (unsigned long long)number,
+                      option->kind == KIND_TIME ? "ms" : "");
+        break;
+    case KIND_LEVEL:
+        (void)fprintf(out, "%s = %s\n", name, umbs_log_level_name(options->log_level));
+        break;
+    case KIND_LOG_FORMAT:
+        (void)fprintf(out, "%s = %s\n", name,
+                      options->log_format == UMBS_LOG_JSON ? "json" : "text");
+        break;
+    }
+}
+
+void umbd_options_print(const struct umbd_options *options, FILE *out)
+{
+    (void)fprintf(out, "[umbraged]\n");
+    for (size_t i = 0; i < OPTION_COUNT; i++) {
+        if (is_for_files(&table[i])) {
+            print_option(&table[i], options, out);
+        }
+    }
 }
 
 void umbd_options_usage(FILE *out)
@@ -336,5 +522,6 @@ void umbd_options_usage(FILE *out)
         fprintf(out, "  %-28s %s\n", left, table[i].help);
     }
     fprintf(out,
-            "\nSIGTERM drains and exits, a second one exits at once; SIGHUP rescans the store.\n");
+            "\nSIGTERM drains and exits, a second one exits at once; SIGHUP reads the config file\n"
+            "again and rescans the store.\n");
 }

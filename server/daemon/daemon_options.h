@@ -2,17 +2,22 @@
 #ifndef UMBRAGE_SERVER_DAEMON_DAEMON_OPTIONS_H
 #define UMBRAGE_SERVER_DAEMON_DAEMON_OPTIONS_H
 /*
- * The command line of umbraged, checked. Text fields point into argv.
+ * The command line and the config file of umbraged, checked. Text fields point into argv, or into
+ * memory of the options. What the command line says goes before what the file says; a list (store,
+ * listen) of the command line replaces the file's.
  * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is seconds).
  */
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include "common/log.h"
 #include "common/store.h"
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
 #define UMBD_LISTEN_MAX 16
+
+struct umbd_option_text; /* opaque */
 
 struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL behind the last */
@@ -37,15 +42,28 @@ struct umbd_options {
     uint64_t scrub_interval_ms; /* 0 = never */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
     enum umb_log_level log_level;
-    int check, help, version; /* asked for instead of serving */
+    enum umbs_log_format log_format;
+    const char *config;                     /* file or NULL */
+    int config_bad;                         /* the failure was a line of the file */
+    int check, print_config, help, version; /* asked for instead of serving */
+    struct umbd_option_text *texts;         /* of the file; owned */
+    int argc;                               /* the command line, to be read again on SIGHUP */
+    char **argv;
 };
 
 /*
- * Reads argv. Fails: E_ARGUMENT with a message that names the option, the value and what it takes.
- * With help or version set nothing else is required.
+ * Reads argv, and the file that it names. Fails: E_ARGUMENT with a message that names the option,
+ * the value and what it takes, and the file's line; umbd_config_read's. With help or version set
+ * nothing else is required. Finish the options also after a failure.
  */
 UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
                                                struct umb_error *error);
+
+/* Frees what the options own. */
+void umbd_options_finish(struct umbd_options *options);
+
+/* Prints every setting as a config file has it, in the order of the usage. */
+void umbd_options_print(const struct umbd_options *options, FILE *out);
 
 /* Prints the usage. */
 void umbd_options_usage(FILE *out);

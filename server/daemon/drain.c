@@ -11,6 +11,7 @@
 #include "daemon/call.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
+#include "daemon/service_manager.h"
 
 #define NOTICE_MS 200 /* more than a round trip, for requests sent before the first GOAWAY came */
 
@@ -86,6 +87,7 @@ void umbd_loop_drain(struct umbd_loop *loop)
         return;
     }
     atomic_store(&loop->daemon->draining, 1);
+    umbd_notify("STOPPING=1\nSTATUS=draining");
     enter(loop, UMBD_DRAIN_DELAY, "delay");
     each_conn(loop, tell_watchers);
     umbd_loop_drain_step(loop);

@@ -17,6 +17,7 @@
 #include "daemon/call.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
+#include "daemon/loop_reserve.h"
 
 #define LOG_BURST 20 /* warnings about peers at once */
 #define LOG_RATE  5  /* and a second */
@@ -165,6 +166,9 @@ static void on_tick(uv_timer_t *timer)
     umbd_listeners_tick(loop);
     umbd_admin_tick(loop, now_ms);
     umbd_loop_drain_step(loop);
+    if (loop->index == 0) {
+        umbd_daemon_alive(loop->daemon, now_ms);
+    }
 }
 
 static void log_reload(const struct umbd_daemon *daemon, const char *what, enum umb_status status,
@@ -195,6 +199,7 @@ static void on_signal(uv_signal_t *signal, int number)
     struct umbd_loop *loop = signal->data;
     umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "signal", "number=%d", number);
     if (number == SIGHUP) {
+        umbd_daemon_reload(loop->daemon);
         reload_secrets(loop->daemon);
         umbd_store_watch_kick(loop->daemon->watch);
     } else {
@@ -235,6 +240,13 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
         free(loop->read_buffer);
         free(loop->out);
         return umb_fail(error, UMB_E_NO_MEMORY, "cannot start a loop: %s", uv_strerror(code));
+    }
+    enum umb_status status = umbd_loop_reserve(&loop->uv, error);
+    if (status != UMB_OK) {
+        uv_loop_close(&loop->uv);
+        free(loop->read_buffer);
+        free(loop->out);
+        return status;
     }
     pthread_mutex_init(&loop->done_mutex, NULL);
     umbd_bucket_init(&loop->log_budget, LOG_BURST, LOG_RATE, uv_hrtime());

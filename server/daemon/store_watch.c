@@ -12,6 +12,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,7 +37,7 @@ struct umbd_store_watch {
     int folders; /* inotify, or -1 */
     struct umbs_store *store;
     const char *const *paths; /* the store's folders, up to a NULL */
-    uint64_t scrub_interval_ms;
+    atomic_uint_fast64_t scrub_interval_ms;
     uint64_t rescan_at_ms, scrub_at_ms; /* the thread's */
     struct umbd_metrics *metrics;
     const struct umbs_log *log;
@@ -108,8 +109,8 @@ static void scrub(struct umbd_store_watch *watch)
 {
     uint64_t bytes = 0;
     uint64_t pause_ms = UMBD_SCRUB_PAUSE_MS;
-    if (watch->scrub_interval_ms > 0 &&
-        umbs_store_scrub(watch->store, watch->scrub_interval_ms, &bytes)) {
+    uint64_t interval_ms = atomic_load(&watch->scrub_interval_ms);
+    if (interval_ms > 0 && umbs_store_scrub(watch->store, interval_ms, &bytes)) {
         pause_ms = 1 + bytes / UMBD_SCRUB_BYTES_PER_MS;
     }
     watch->scrub_at_ms = now_ms() + pause_ms;
@@ -200,13 +201,18 @@ enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics, const stru
     return UMB_OK;
 }
 
+void umbd_store_watch_set_scrub(struct umbd_store_watch *watch, uint64_t interval_ms)
+{
+    atomic_store(&watch->scrub_interval_ms, interval_ms);
+}
+
 enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct umbs_store *store,
                                        const char *const *folders, uint64_t scrub_interval_ms,
                                        struct umb_error *error)
 {
     watch->store = store;
     watch->paths = folders;
-    watch->scrub_interval_ms = scrub_interval_ms;
+    umbd_store_watch_set_scrub(watch, scrub_interval_ms);
     watch->rescan_at_ms = now_ms(); /* at once: for what came between the first scan and now */
     watch->scrub_at_ms = now_ms() + UMBD_SCRUB_PAUSE_MS;
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);

@@ -37,6 +37,9 @@ UMB_CHECKED enum umb_status umbd_store_watch_start(struct umbd_store_watch *watc
                                                    uint64_t scrub_interval_ms,
                                                    struct umb_error *error);
 
+/* Changes the interval of checks; any thread. */
+void umbd_store_watch_set_scrub(struct umbd_store_watch *watch, uint64_t interval_ms);
+
 /* Asks for a scan soon. Any thread, at once. */
 void umbd_store_watch_kick(struct umbd_store_watch *watch);
 

@@ -43,7 +43,7 @@ names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
 all_in "every option of --help is in docs/operations.md or docs/protocol.md" "$folder/options" "$folder/told"
 all_in "every option in the two pages is in --help" "$folder/told" "$folder/options"
 names '^\| `--[a-z-]+[^|]*' "$operations" | grep -oE -- '--[a-z-]+' | sort -u >"$folder/table"
-printf '%s\n' --check --check-config --help --version | sort >"$folder/flags"
+printf '%s\n' --check --check-config --help --print-config --version | sort >"$folder/flags"
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
 all_in "every option has a row in the table of docs/operations.md" "$folder/options" "$folder/listed"
 

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading the settings again while the daemon serves. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/daemon.h"
+#include "daemon/service_manager.h"
+
+/* The settings as a config file, in memory; free() it. NULL: out of memory. */
+static char *settings_text(const struct umbd_options *options)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    if (out == NULL) {
+        return NULL;
+    }
+    umbd_options_print(options, out);
+    if (fclose(out) != 0) {
+        free(text);
+        return NULL;
+    }
+    return text;
+}
+
+/* Cuts the next line off; NULL at the end. */
+static char *next_line(char **rest)
+{
+    char *line = *rest;
+    char *end = strchr(line, '\n');
+    if (end == NULL) {
+        return NULL;
+    }
+    *end = '\0';
+    *rest = end + 1;
+    return line;
+}
+
+static int has_line(const char *text, const char *line)
+{
+    size_t length = strlen(line);
+    const char *at = strstr(text, line);
+    while (at != NULL && ((at != text && at[-1] != '\n') || at[length] != '\n')) {
+        at = strstr(at + 1, line);
+    }
+    return at != NULL;
+}
+
+/* Says for each setting of after that is not in before, that it waits for a restart. */
+static void log_waiting(const struct umbs_log *log, const char *before, char *after)
+{
+    for (char *line = next_line(&after); line != NULL; line = next_line(&after)) {
+        if (!has_line(before, line)) {
+            char quoted[UMBS_LOG_QUOTE_SIZE];
+            umbs_log_event(log, UMB_LOG_WARN, "restart_needed", "setting=%s",
+                           umbs_log_quote(line, quoted));
+        }
+    }
+}
+
+static void take_over(struct umbd_daemon *daemon, const struct umbd_options *now)
+{
+    struct umbd_options *old = &daemon->options;
+    old->log_level = now->log_level;
+    old->scrub_interval_ms = now->scrub_interval_ms;
+    umbs_log_set_level(&daemon->log, now->log_level);
+    umbd_store_watch_set_scrub(daemon->watch, now->scrub_interval_ms);
+    char *before = settings_text(old);
+    char *after = settings_text(now);
+    if (before != NULL && after != NULL) {
+        log_waiting(&daemon->log, before, after);
+    }
+    free(before);
+    free(after);
+    umbs_log_event(&daemon->log, UMB_LOG_INFO, "reloaded", "what=config");
+}
+
+void umbd_daemon_reload(struct umbd_daemon *daemon)
+{
+    struct umbd_options now;
+    struct umb_error error;
+    if (daemon->options.argv == NULL) {
+        return;
+    }
+    umbd_notify("RELOADING=1");
+    if (umbd_options_parse(daemon->options.argc, daemon->options.argv, &now, &error) == UMB_OK) {
+        take_over(daemon, &now);
+    } else {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(&daemon->log, UMB_LOG_ERROR, "not_reloaded", "what=config reason=%s",
+                       umbs_log_quote(error.message, quoted));
+    }
+    umbd_options_finish(&now);
+    umbd_notify("READY=1");
+}

@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See service_manager.h. A name of the notify socket that begins with '@' is an abstract one. */
+#include "daemon/service_manager.h"
+
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+void umbd_notify(const char *state)
+{
+    const char *path = getenv("NOTIFY_SOCKET");
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    size_t length = path != NULL ? strlen(path) : 0;
+    if (length < 2 || length >= sizeof address.sun_path || (path[0] != '/' && path[0] != '@')) {
+        return;
+    }
+    memcpy(address.sun_path, path, length);
+    if (path[0] == '@') {
+        address.sun_path[0] = '\0';
+    }
+    int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (fd >= 0) {
+        (void)sendto(fd, state, strlen(state), MSG_NOSIGNAL | MSG_DONTWAIT,
+                     (struct sockaddr *)&address,
+                     (socklen_t)(offsetof(struct sockaddr_un, sun_path) + length));
+        (void)close(fd);
+    }
+}
+
+/* A decimal number of the environment, or 0. */
+static unsigned long long number_of(const char *name)
+{
+    const char *text = getenv(name);
+    char *end;
+    if (text == NULL || text[0] < '0' || text[0] > '9') {
+        return 0;
+    }
+    unsigned long long value = strtoull(text, &end, 10);
+    return *end == '\0' ? value : 0;
+}
+
+uint64_t umbd_watchdog_ms(void)
+{
+    unsigned long long pid = number_of("WATCHDOG_PID");
+    if (pid != 0 && pid != (unsigned long long)getpid()) {
+        return 0;
+    }
+    uint64_t half_ms = number_of("WATCHDOG_USEC") / 2000;
+    return half_ms;
+}
