@@ -14,13 +14,45 @@ demo: deps ## build, bake a city, serve it, query it, draw it: two minutes
 bindir ?= $(PREFIX)/bin
 libdir ?= $(PREFIX)/lib
 includedir ?= $(PREFIX)/include
+mandir ?= $(PREFIX)/share/man
 docdir ?= $(PREFIX)/share/doc/umbrage
+datadir ?= $(PREFIX)/share/umbrage
+unitdir ?= $(PREFIX)/lib/systemd/system
+sysusersdir ?= $(PREFIX)/lib/sysusers.d
+tmpfilesdir ?= $(PREFIX)/lib/tmpfiles.d
+sysconfdir ?= $(if $(filter /usr,$(PREFIX)),/etc,$(PREFIX)/etc)
 
-install: all ## install programs, libraries and headers under DESTDIR and PREFIX
+MAN_PAGES := $(patsubst deploy/man/%.in,$(BUILD)/man/%,$(wildcard deploy/man/*.in))
+UNIT := $(BUILD)/systemd/umbraged.service
+
+# Pages quote what the programs print.
+$(MAN_PAGES): $(BUILD)/man/%: deploy/man/%.in deploy/man/man.sh $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake)
+	@mkdir -p $(@D)
+	$(call say,MAN,$@)
+	$(Q)BUILD=$(BUILD) sh deploy/man/man.sh <$< >$@
+
+man: $(MAN_PAGES) ## the manual pages
+
+# The unit names where things are installed, so it is made anew each time.
+$(UNIT): deploy/systemd/umbraged.service.in FORCE
+	@mkdir -p $(@D)
+	$(Q)sed -e 's|@bindir@|$(bindir)|; s|@sysconfdir@|$(sysconfdir)|' $< >$@
+
+install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir) $(DESTDIR)$(libdir) $(DESTDIR)$(includedir)/umbrage $(DESTDIR)$(docdir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	install -m 0644 $(CORE_LIB) $(RPC_LIB) $(WIRE_LIB) $(DESTDIR)$(libdir)
 	install -m 0644 client/include/umbrage/*.h $(DESTDIR)$(includedir)/umbrage
 	install -m 0644 README.md LICENSE $(wildcard docs/*.md) $(DESTDIR)$(docdir)
+	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
+	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
+	install -D -m 0644 deploy/systemd/umbrage.sysusers $(DESTDIR)$(sysusersdir)/umbrage.conf
+	install -D -m 0644 deploy/systemd/umbrage.tmpfiles $(DESTDIR)$(tmpfilesdir)/umbrage.conf
+	install -d $(DESTDIR)$(datadir)
+	install -m 0644 deploy/haproxy/haproxy.cfg deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json $(DESTDIR)$(datadir)
+	install -d $(DESTDIR)$(sysconfdir)/umbraged
+	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
 
-.PHONY: deps deps-full demo install
+FORCE:
+
+.PHONY: deps deps-full demo man install FORCE

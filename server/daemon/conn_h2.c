@@ -3,11 +3,13 @@
  * The HTTP/2 session of a connection: settings, limits, and nghttp2's call-backs, which turn frames
  * into calls (call.h).
  *
- * Limits set here, and why (measured on nghttp2 1.52): header table 512, because one block of
- * references costs 1.5 s of CPU at 4096 and 0.3 s at 512; streams 256; frames of 1 MiB, so that a
- * batch of points is one frame; windows of 64 MiB a connection and 16 MiB a stream, opened again by
- * hand as bytes are taken. What the library does not count is counted by h2_guard.h: decoded header
- * bytes, cheap frames, and streams that the peer makes us reset.
+ * Limits set here, and why (measured on nghttp2 1.52): frames with headers of 32 KiB, because one
+ * block of 1 MiB of references costs 1.5 s of CPU; the header table stays at 4096, because HAProxy
+ * 2.6 does not announce that it lowers its own, which the library answers with COMPRESSION_ERROR;
+ * streams 256; frames of 1 MiB, so that a batch of points is one frame; windows of 64 MiB a
+ * connection and 16 MiB a stream, opened again by hand as bytes are taken. What the library does
+ * not count is counted by h2_guard.h: decoded header bytes, cheap frames, and streams that the peer
+ * makes us reset.
  *
  * Call-backs only queue frames; sending, receiving and closing happen outside of them.
  */
@@ -18,7 +20,7 @@
 #define WINDOW_BYTES         (64 * 1024 * 1024) /* of the connection */
 #define STREAM_WINDOW_BYTES  (16 * 1024 * 1024)
 #define FRAME_BYTES          (1024 * 1024)
-#define HEADER_TABLE_BYTES   512
+#define HEADER_FRAME_BYTES   32768 /* encoded; decoded lists are UMBD_HEADER_BYTES_MAX at most */
 #define RESET_BURST          1000 /* resets by the peer; a cancelled call is cheap here */
 #define RESET_RATE           200
 #define CONTINUATIONS_MAX    8
@@ -58,6 +60,11 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
     struct umbd_conn *conn = user;
     if (!conn->doomed && is_control(frame) && !umbd_bucket_take(&conn->control, uv_hrtime())) {
         umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many control frames");
+    }
+    if (frame->length > HEADER_FRAME_BYTES &&
+        (frame->type == NGHTTP2_HEADERS || frame->type == NGHTTP2_CONTINUATION)) {
+        umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
+        return NGHTTP2_ERR_CALLBACK_FAILURE; /* before a byte of it is decoded */
     }
     /* Answers that a peer causes and does not take would pile up in the library without end. */
     if (!conn->doomed && nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
@@ -287,7 +294,6 @@ static int queue_settings(nghttp2_session *session)
         {NGHTTP2_SETTINGS_MAX_CONCURRENT_STREAMS, UMBD_STREAMS_MAX},
         {NGHTTP2_SETTINGS_INITIAL_WINDOW_SIZE, STREAM_WINDOW_BYTES},
         {NGHTTP2_SETTINGS_MAX_FRAME_SIZE, FRAME_BYTES},
-        {NGHTTP2_SETTINGS_HEADER_TABLE_SIZE, HEADER_TABLE_BYTES},
         {NGHTTP2_SETTINGS_MAX_HEADER_LIST_SIZE, UMBD_HEADER_BYTES_MAX},
     };
     int code = nghttp2_submit_settings(session, NGHTTP2_FLAG_NONE, settings,

@@ -266,6 +266,20 @@ with test.check("a connection that goes on sending header bombs is cut"):
     goaway = cut(connection)
     assert goaway == CALM, goaway
     still_well()
+with test.check("a header frame of a megabyte is cut before it is decoded"):
+    connection, block = bomb(1000000)
+    connection.send(h2.frame(h2.HEADERS, h2.END_HEADERS, 1, block))
+    cut(connection)
+    still_well()
+with test.check("a peer that keeps its own header table, as HAProxy 2.6 does, is understood"):
+    connection = connect()
+    block = connection.request_headers(QUERY)
+    block = block[len(h2.integer(512, 5, 0x20)):]
+    connection.replies[1] = h2.Reply()
+    connection.settle()
+    connection.send(h2.frame(h2.HEADERS, h2.END_HEADERS, 1, block))
+    connection.data(1, message, end=True)
+    assert visibility(connection.reply(1)) == EXPECTED
 with test.check("an endless header block is cut"):
     connection = connect()
     connection.send(h2.frame(h2.HEADERS, 0, 1, connection.request_headers(QUERY)))

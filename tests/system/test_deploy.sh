@@ -1,0 +1,87 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# What deploy/ ships is whole: an installation runs, man pages say what --help says, the unit is
+# hardened, and what Prometheus and Grafana ask for is what the daemon serves.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+cd "$root" || exit 1
+
+# Under make its variables come along; by hand the build folder tells which build it is.
+config=$(basename "$BUILD")
+case $config in
+release | debug | asan | tsan) set -- "config=$config" ;;
+*) set -- ;;
+esac
+[ -z "${MAKEFLAGS:-}" ] || set --
+set -- make --no-print-directory "$@" BUILD="$BUILD" install DESTDIR="$folder/root" PREFIX=/usr
+if "$@" >"$folder/make" 2>&1; then
+    ok "make install"
+else
+    bad "make install" "$(tail -n 5 "$folder/make")"
+fi
+installed=$folder/root/usr
+for file in bin/umbraged bin/umbrage bin/umbrage-bake bin/umbrage-study lib/libumbrage-core.a \
+    include/umbrage/query.h share/man/man8/umbraged.8 share/man/man1/umbrage.1 share/man/man1/umbrage-bake.1 \
+    share/man/man5/umbraged.conf.5 lib/systemd/system/umbraged.service lib/sysusers.d/umbrage.conf \
+    lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/umbrage-alerts.yml ../etc/umbraged/umbraged.conf; do
+    [ -s "$installed/$file" ] || bad "$file is installed" ""
+done
+echo changed >>"$folder/root/etc/umbraged/umbraged.conf"
+"$@" >/dev/null 2>&1
+same "a configuration that is there stays" changed "$(tail -n 1 "$folder/root/etc/umbraged/umbraged.conf")"
+same "the installed daemon runs" "umbraged" "$("$installed/bin/umbraged" --version | cut -d ' ' -f 1)"
+"$installed/bin/umbraged" --config deploy/umbraged.conf --check-config 2>"$folder/err"
+same "the shipped configuration is good" "" "$(cat "$folder/err")"
+
+# Man pages: every option and every command of --help, as a reader sees it.
+if command -v man >/dev/null; then
+    for page in man8/umbraged.8 man1/umbrage-bake.1 man1/umbrage.1 man5/umbraged.conf.5; do
+        MANWIDTH=160 man --warnings -E ascii -l "$installed/share/man/$page" 2>"$folder/warnings" | col -b >"$folder/$(basename $page)"
+        same "$page has no errors" "" "$(cat "$folder/warnings")"
+    done
+    for pair in umbraged:umbraged.8 umbrage-bake:umbrage-bake.1 umbrage:umbrage.1; do
+        "$BUILD/${pair%%:*}" --help | grep -oE -- '--[a-z][a-z-]+' | sort -u >"$folder/options"
+        grep -oE -- '--[a-z][a-z-]+' "$folder/${pair##*:}" | sort -u >"$folder/told"
+        same "${pair##*:} has every option" "" "$(comm -23 "$folder/options" "$folder/told" | tr '\n' ' ')"
+    done
+    "$BUILD/umbraged" --store x --print-config | sed -n 's/^;* *\([a-z-]*\) =.*/\1/p' | while read -r name; do
+        grep -qE "^ *;? ?$name =" "$folder/umbraged.conf.5" || echo "$name"
+    done >"$folder/missing"
+    same "umbraged.conf.5 has every setting" "" "$(cat "$folder/missing")"
+else
+    echo "skipped: man is not installed"
+fi
+
+if command -v systemd-analyze >/dev/null; then
+    exposure=$(systemd-analyze security --offline=true "$installed/lib/systemd/system/umbraged.service" 2>/dev/null |
+        sed -n 's/.*exposure level.*: \([0-9.]*\) .*/\1/p')
+    echo "exposure $exposure"
+    same "the unit's exposure is 2.0 at most" yes "$(awk "BEGIN { print (\"$exposure\" != \"\" && $exposure <= 2.0) ? \"yes\" : \"no\" }")"
+else
+    echo "skipped: systemd-analyze is not installed"
+fi
+if command -v promtool >/dev/null; then
+    promtool check config deploy/prometheus/umbrage.yml >"$folder/out" 2>&1
+    same "promtool takes the rules" 0 $?
+else
+    echo "skipped: promtool is not installed"
+fi
+if command -v haproxy >/dev/null; then
+    UMBRAGE_FRONTEND=127.0.0.1:1 UMBRAGE_R1=127.0.0.1:2 UMBRAGE_R2=127.0.0.1:3 UMBRAGE_R3=127.0.0.1:4 \
+        haproxy -c -f deploy/haproxy/haproxy.cfg >"$folder/out" 2>&1
+    same "haproxy takes its configuration" 0 $?
+else
+    echo "skipped: haproxy is not installed"
+fi
+
+# Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
+# that list with what is served).
+grep -ohE '(umbrage|grpc_server|process)_[a-z0-9_]+' deploy/prometheus/*.yml deploy/grafana/*.json |
+    sed 's/_bucket$//' | grep -v '^umbrage_alerts' | sort -u >"$folder/asked"
+grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' docs/operations.md | tr -d '`' | sort -u >"$folder/listed"
+same "alerts and panels ask for metrics that exist" "" "$(comm -23 "$folder/asked" "$folder/listed" | tr '\n' ' ')"
+sed -n 's/.*- alert: //p' deploy/prometheus/umbrage-alerts.yml | sort >"$folder/alerts"
+grep -oE '^\| `Umbrage[A-Za-z]+' docs/operations.md | tr -d '|` ' | sort >"$folder/explained"
+same "every alert is explained in docs/operations.md" "$(cat "$folder/alerts")" "$(cat "$folder/explained")"
+/usr/bin/python3 -m json.tool deploy/grafana/umbrage.json >/dev/null
+same "the dashboard is JSON" 0 $?
+finish
