@@ -73,6 +73,16 @@ UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const u
                                              size_t count, umbw_message_fn on_message, void *user,
                                              struct umb_error *error);
 
+/*
+ * Gives the place where the next bytes of the message under way belong, so that they can be read
+ * right there; fed from there, they are not copied.
+ *
+ * In:  most: bytes at most. Out: place: valid until the reader is fed or finished. Returns how many
+ *      bytes may be put there: at most the rest of the message; 0 between messages, near a
+ * message's beginning or without memory.
+ */
+size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place);
+
 /* 1 if the stream may end here, 0 inside a message. */
 int umbw_reader_at_boundary(const struct umbw_reader *reader);
 void umbw_reader_finish(struct umbw_reader *reader);

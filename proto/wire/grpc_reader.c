@@ -4,7 +4,8 @@
  *
  * Invariants: prefix_bytes < 5 between messages and while a prefix is incomplete; once it is 5,
  * message_size <= max_message and received < message_size. Memory grows with the bytes that came,
- * at most doubling, never from the declared length alone, so that a liar pays for what it takes.
+ * at most doubling, or to 1 MiB for the 16 KiB that came, never from the declared length alone, so
+ * that a liar pays for what it takes.
  * A message that lies whole in one piece of input is handed out from there without a copy.
  */
 #include "wire/grpc.h"
@@ -12,7 +13,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FIRST_CAPACITY 4096 /* bytes of the first allocation */
+#define FIRST_CAPACITY 4096       /* bytes of the first allocation */
+#define AHEAD_FROM     (16 << 10) /* who has sent so much gets room for a usual message at once */
+#define AHEAD_CAPACITY (1 << 20)
 
 void umbw_reader_init(struct umbw_reader *reader, size_t max_message)
 {
@@ -54,6 +57,9 @@ static enum umb_status reserve(struct umbw_reader *reader, size_t needed, struct
         return UMB_OK;
     }
     size_t capacity = reader->capacity == 0 ? FIRST_CAPACITY : reader->capacity;
+    if (needed >= AHEAD_FROM && capacity < AHEAD_CAPACITY) {
+        capacity = AHEAD_CAPACITY; /* cut to the message's size below */
+    }
     while (capacity < needed) {
         capacity = capacity > SIZE_MAX / 2 ? needed : capacity * 2;
     }
@@ -92,7 +98,9 @@ static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *byte
     if (status != UMB_OK) {
         return status;
     }
-    memcpy(reader->message + reader->received, bytes, *taken);
+    if (bytes != reader->message + reader->received) { /* else read in place: umbw_reader_room */
+        memcpy(reader->message + reader->received, bytes, *taken);
+    }
     reader->received += *taken;
     if (*taken < missing) {
         return UMB_OK;
@@ -129,6 +137,23 @@ enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *byte
         }
     }
     return UMB_OK;
+}
+
+size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place)
+{
+    if (reader->prefix_bytes < sizeof reader->prefix || reader->received < AHEAD_FROM) {
+        return 0;
+    }
+    size_t missing = reader->message_size - reader->received;
+    size_t room = missing < most ? missing : most;
+    /* What came already says how far one may go. */
+    size_t ahead = reader->received > AHEAD_CAPACITY ? reader->received : AHEAD_CAPACITY;
+    room = room < ahead ? room : ahead;
+    if (reserve(reader, reader->received + room, NULL) != UMB_OK) {
+        return 0;
+    }
+    *place = reader->message + reader->received;
+    return room;
 }
 
 int umbw_reader_at_boundary(const struct umbw_reader *reader)

@@ -341,12 +341,23 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
                                                 : keep_message(call, bytes, size, owned);
 }
 
+/* 1 if body bytes are thrown away. */
+static int is_deaf(const struct umbd_call *call)
+{
+    return call->discarding || call->reset_early || call->reply_ended ||
+           call->refusal != UMBD_REFUSE_NOTHING;
+}
+
+size_t umbd_call_room(struct umbd_call *call, size_t most, uint8_t **place)
+{
+    return is_deaf(call) ? 0 : umbw_reader_room(&call->reader, most, place);
+}
+
 void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
 {
     struct umb_error error = {0};
     call->body_bytes += count;
-    if (call->discarding || call->reset_early || call->reply_ended ||
-        call->refusal != UMBD_REFUSE_NOTHING) {
+    if (is_deaf(call)) {
         return;
     }
     if (umbw_reader_at_boundary(&call->reader)) {

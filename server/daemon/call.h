@@ -117,6 +117,9 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
 /* All headers are there: checks them. */
 void umbd_call_headers_end(struct umbd_call *call);
 
+/* Where the next body bytes may be read to, at most `most`; 0 if not in place. */
+size_t umbd_call_room(struct umbd_call *call, size_t most, uint8_t **place);
+
 /* Takes body bytes. */
 void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count);
 

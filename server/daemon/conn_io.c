@@ -11,7 +11,8 @@
 #include "daemon/call.h"
 #include "daemon/conn_tls.h"
 
-#define FLUSH_BYTES (1 << 20) /* of one flush, then it is the turn of others */
+#define IN_PLACE_BYTES (64 << 10) /* a piece that is worth being read where it belongs */
+#define FLUSH_BYTES    (1 << 20)  /* of one flush, then it is the turn of others */
 
 /* One write under way; the block follows. */
 struct pending_write {
@@ -135,10 +136,28 @@ void umbd_conn_flush(struct umbd_conn *conn)
     }
 }
 
+/*
+ * Where the next bytes go: right into the message that they belong to, if a large piece of one DATA
+ * frame is still to come, else into the loop's buffer. Bytes read in place belong to that frame and
+ * nothing behind it, so nobody looks at them after the call has been given them, even if it then
+ * gives its message up. libuv reads and calls back at once: the call cannot go in between.
+ */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
     struct umbd_conn *conn = handle->data;
+    uint32_t stream_id = 0;
+    uint32_t left = umbd_h2_filter_data_left(&conn->filter, &stream_id);
     (void)suggested;
+    if (conn->tls == NULL && left >= IN_PLACE_BYTES) {
+        struct umbd_call *call =
+            nghttp2_session_get_stream_user_data(conn->session, (int32_t)stream_id);
+        uint8_t *place = NULL;
+        size_t room = call != NULL ? umbd_call_room(call, left, &place) : 0;
+        if (room >= IN_PLACE_BYTES) {
+            *buffer = uv_buf_init((char *)place, (unsigned)room);
+            return;
+        }
+    }
     *buffer = uv_buf_init((char *)conn->loop->read_buffer, UMBD_READ_BYTES);
 }
 

@@ -10,8 +10,10 @@
 
 #define PREFACE_BYTES   24
 #define HEAD_BYTES      9
+#define TYPE_DATA       0
 #define TYPE_HEADERS    1
 #define TYPE_RST_STREAM 3
+#define FLAG_PADDED     8
 #define TYPE_LAST_KNOWN 9 /* CONTINUATION */
 
 void umbd_h2_filter_init(struct umbd_h2_filter *filter)
@@ -29,6 +31,7 @@ static void begin_frame(struct umbd_h2_filter *filter)
     filter->payload_left = (uint32_t)h[0] << 16 | (uint32_t)h[1] << 8 | h[2];
     filter->head_bytes = 0;
     filter->dropping = 0;
+    filter->data_stream = h[3] == TYPE_DATA && (h[4] & FLAG_PADDED) == 0 ? stream : 0;
     if (h[3] == TYPE_HEADERS && stream > filter->highest) {
         filter->highest = stream;
     } else if (h[3] == TYPE_RST_STREAM && filter->payload_left == 4 && stream % 2 == 1 &&
@@ -101,6 +104,14 @@ int umbd_h2_filter_feed(struct umbd_h2_filter *filter, const uint8_t *bytes, siz
         }
     }
     return code != 0 ? code : pass(bytes, run, count, emit, user);
+}
+
+uint32_t umbd_h2_filter_data_left(const struct umbd_h2_filter *filter, uint32_t *stream_id)
+{
+    *stream_id = filter->data_stream;
+    return filter->preface_left == 0 && filter->data_stream != 0 && filter->head_bytes == 0
+               ? filter->payload_left
+               : 0;
 }
 
 int umbd_h2_filter_was_reset(struct umbd_h2_filter *filter, uint32_t stream_id)

@@ -21,9 +21,10 @@ struct umbd_h2_filter {
     unsigned preface_left; /* bytes of the client preface to come */
     uint8_t head[9];       /* of the frame that is beginning */
     unsigned head_bytes;
-    uint32_t payload_left;             /* of the current frame */
-    int dropping;                      /* the current frame */
-    uint32_t highest;                  /* stream opened by HEADERS */
+    uint32_t payload_left; /* of the current frame */
+    int dropping;          /* the current frame */
+    uint32_t data_stream;  /* of the current frame if it is DATA without padding, or 0 */
+    uint32_t highest;      /* stream opened by HEADERS */
     uint32_t early[UMBD_EARLY_RESETS]; /* 0 = none */
     unsigned next_early;
     unsigned
@@ -39,6 +40,10 @@ void umbd_h2_filter_init(struct umbd_h2_filter *filter);
 /* Passes bytes on, in one or more pieces. Returns 0 or what emit returned to stop. */
 int umbd_h2_filter_feed(struct umbd_h2_filter *filter, const uint8_t *bytes, size_t count,
                         umbd_emit_fn emit, void *user);
+
+/* If a DATA frame is under way, the bytes of it that are to come, and its stream; else 0. The frame
+ * holds nothing else. */
+uint32_t umbd_h2_filter_data_left(const struct umbd_h2_filter *filter, uint32_t *stream_id);
 
 /* 1 if that stream was reset before it was opened; said once. */
 int umbd_h2_filter_was_reset(struct umbd_h2_filter *filter, uint32_t stream_id);

@@ -21,7 +21,7 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 
 # The service's races: one client, bare frames and gRPC's C++ library as peers.
 PEER_OBJ := $(BUILD)/tests/bench/peer_work.o
-$(BUILD)/bench_service: $(BUILD)/tests/bench/bench_caller.o $(BUILD)/tests/bench/bench_protocol.o
+$(BUILD)/bench_service: $(BUILD)/tests/bench/bench_caller.o $(BUILD)/tests/bench/bench_protocol.o $(PEER_OBJ)
 
 $(BUILD)/peer_raw: $(BUILD)/tests/bench/peer_raw.o $(PEER_OBJ) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

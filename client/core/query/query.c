@@ -75,14 +75,14 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
         /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
-        q->no_normal_m = UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) *
-                         length3(q->voxel_step[2]);
+        q->no_normal_m =
+            UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * length3(q->voxel_step[2]);
         break;
     case UMB_BIAS_VOXELS:
-        q->bias_m = settings->bias *
-                    (length3(q->voxel_step[0]) + length3(q->voxel_step[1]) +
-                     length3(q->voxel_step[2])) /
-                    3.0;
+        q->bias_m =
+            settings->bias *
+            (length3(q->voxel_step[0]) + length3(q->voxel_step[1]) + length3(q->voxel_step[2])) /
+            3.0;
         q->no_normal_m = q->bias_m;
         break;
     case UMB_BIAS_METRES:
@@ -131,6 +131,51 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     return UMB_OK;
 }
 
+/*
+ * 1 if none of CHECK_WORDS numbers is infinite or NaN: adding one to the exponent's lowest bit then
+ * never reaches the sign bit. Without branches and of fixed length, so compilers make vectors of
+ * it.
+ */
+#define CHECK_WORDS 96 /* divides into whole points */
+
+static int all_finite_f32(const uint8_t *bytes)
+{
+    uint32_t carry = 0;
+    for (size_t i = 0; i < CHECK_WORDS; i++) {
+        uint32_t bits;
+        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
+        carry |= (bits & 0x7f800000U) + 0x00800000U;
+    }
+    return carry >> 31 == 0;
+}
+
+static int all_finite_f64(const uint8_t *bytes)
+{
+    uint64_t carry = 0;
+    for (size_t i = 0; i < CHECK_WORDS; i++) {
+        uint64_t bits;
+        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
+        carry |= (bits & 0x7ff0000000000000U) + 0x0010000000000000U;
+    }
+    return carry >> 63 == 0;
+}
+
+/* Points of the front that are proven finite, in whole blocks. */
+static size_t count_finite(const struct umb_points *points)
+{
+    const size_t block = CHECK_WORDS / 3;
+    const int wide = points->format == UMB_POINT_F64;
+    const size_t stride = CHECK_WORDS * (wide ? sizeof(double) : sizeof(float));
+    const uint8_t *bytes = points->positions;
+    size_t count = 0;
+    while (points->count - count >= block &&
+           (wide ? all_finite_f64(bytes) : all_finite_f32(bytes))) {
+        bytes += stride;
+        count += block;
+    }
+    return count;
+}
+
 enum umb_status umb_points_check(const struct umb_points *points, struct umb_error *error)
 {
     static const char axes[] = "xyz";
@@ -143,7 +188,7 @@ enum umb_status umb_points_check(const struct umb_points *points, struct umb_err
     if (points->format != UMB_POINT_F32 && points->format != UMB_POINT_F64) {
         return umb_fail(error, UMB_E_ARGUMENT, "points: unknown format %d", (int)points->format);
     }
-    for (size_t i = 0; i < points->count; i++) {
+    for (size_t i = count_finite(points); i < points->count; i++) {
         for (unsigned axis = 0; axis < 3; axis++) {
             double value = umb__coordinate(points, i, axis);
             if (!isfinite(value)) {

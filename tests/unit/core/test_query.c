@@ -5,13 +5,20 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <float.h>
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "make_asset.h"
 #include "query/query_parts.h"
 
-enum { LOG2 = 8, SIZE = 1 << LOG2, POINTS = 4000 };
+enum {
+    LOG2 = 8,
+    SIZE = 1 << LOG2,
+    POINTS = 4000
+};
 
 static const double voxel_m = 0.25;
 static const double origin[3] = {1000000.5, -5, 12};
@@ -356,6 +363,37 @@ static void points_that_are_not_finite_are_named_and_do_no_harm(void **state)
     assert_non_null(strstr(error.message, "origin.z"));
 }
 
+static void one_bad_number_is_found_wherever_it_lies(void **state)
+{
+    enum {
+        COUNT = 75
+    }; /* two blocks and a rest */
+    static const double bads[] = {NAN, -NAN, INFINITY, -INFINITY};
+    (void)state;
+    for (int wide = 0; wide < 2; wide++) {
+        /* Exact-size blocks, one byte off, with the largest finite numbers around. */
+        size_t word = wide ? sizeof(double) : sizeof(float);
+        uint8_t *bytes = malloc(3 * COUNT * word + 1);
+        assert_non_null(bytes);
+        struct umb_points points = {
+            .positions = bytes + 1, .format = wide ? UMB_POINT_F64 : UMB_POINT_F32, .count = COUNT};
+        for (size_t at = 0; at <= 3 * COUNT; at++) {
+            for (size_t i = 0; i < 3 * COUNT; i++) {
+                double number = i == at ? bads[at % 4] : i % 2 == 0 ? -DBL_MAX : DBL_MIN / 4;
+                float narrow = i == at ? (float)number : i % 2 == 0 ? FLT_MAX : FLT_MIN / 4;
+                memcpy(bytes + 1 + i * word, wide ? (const void *)&number : (const void *)&narrow, word);
+            }
+            struct umb_error error = {0};
+            char place[32];
+            snprintf(place, sizeof place, "points[%zu].%c:", at / 3, "xyz"[at % 3]);
+            enum umb_status status = umb_points_check(&points, &error);
+            assert_int_equal(status, at < 3 * COUNT ? UMB_E_ARGUMENT : UMB_OK);
+            assert_true(at == 3 * COUNT || strstr(error.message, place) != NULL);
+        }
+        free(bytes);
+    }
+}
+
 static void explanation_agrees_with_the_answer(void **state)
 {
     const struct fixture *f = *state;
@@ -390,6 +428,7 @@ int main(void)
         cmocka_unit_test(automatic_bias_leaves_no_acne_on_planes),
         cmocka_unit_test(bad_settings_name_field_value_and_limit),
         cmocka_unit_test(points_that_are_not_finite_are_named_and_do_no_harm),
+        cmocka_unit_test(one_bad_number_is_found_wherever_it_lies),
         cmocka_unit_test(explanation_agrees_with_the_answer),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -122,6 +122,33 @@ static int refuse(void *user, const uint8_t *bytes, size_t count)
     return -7;
 }
 
+static void filter_says_what_is_left_of_a_data_frame_and_nothing_else(void **state)
+{
+    struct umbd_h2_filter filter;
+    struct text in = {.size = 0}, out = {.size = 0};
+    uint32_t stream;
+    (void)state;
+    add_preface(&in);
+    add_frame(&in, 1, 1, 20);
+    size_t data = in.size;
+    add_frame(&in, 0, 1, 300);
+    size_t padded = in.size;
+    add_frame(&in, 0, 3, 50);
+    in.bytes[padded + 4] = 8; /* PADDED */
+    add_frame(&in, 4, 0, 6);
+    umbd_h2_filter_init(&filter);
+    for (size_t i = 0; i < in.size; i++) {
+        uint32_t left = umbd_h2_filter_data_left(&filter, &stream);
+        if (i >= data + 9 && i < padded) {
+            assert_int_equal(left, padded - i);
+            assert_int_equal(stream, 1);
+        } else {
+            assert_int_equal(left, 0);
+        }
+        assert_int_equal(umbd_h2_filter_feed(&filter, in.bytes + i, 1, keep, &out), 0);
+    }
+}
+
 static void filter_stops_when_told(void **state)
 {
     struct umbd_h2_filter filter;
@@ -140,6 +167,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(filter_drops_early_resets_however_the_bytes_are_cut),
         cmocka_unit_test(filter_forgets_the_oldest_of_too_many),
+        cmocka_unit_test(filter_says_what_is_left_of_a_data_frame_and_nothing_else),
         cmocka_unit_test(filter_stops_when_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -148,6 +148,49 @@ static void reader_allocates_no_more_than_twice_what_came(void **state)
     umbw_reader_finish(&reader);
 }
 
+static void reader_gives_room_for_its_message_and_takes_it_from_there(void **state)
+{
+    enum {
+        SIZE = 3000000,
+        FIRST = 20000
+    };
+    static uint8_t expected[SIZE];
+    static struct {
+        uint8_t *message;
+        size_t size;
+    } got;
+    (void)state;
+    for (size_t i = 0; i < SIZE; i++) {
+        expected[i] = (uint8_t)(i * 7 + i / 251);
+    }
+    const uint8_t prefix[] = {0, SIZE >> 24, SIZE >> 16 & 255, SIZE >> 8 & 255, SIZE & 255};
+    struct umbw_reader reader;
+    uint8_t *place;
+    struct log log = {.answer = UMB_OK};
+    umbw_reader_init(&reader, SIZE);
+    assert_int_equal(umbw_reader_room(&reader, SIZE, &place), 0);
+    assert_int_equal(feed_piece(&reader, prefix, sizeof prefix, &log), UMB_OK);
+    assert_int_equal(umbw_reader_room(&reader, SIZE, &place), 0);
+    assert_int_equal(feed_piece(&reader, expected, FIRST, &log), UMB_OK);
+    size_t at = FIRST;
+    while (at < SIZE) {
+        size_t room = umbw_reader_room(&reader, 700001, &place);
+        assert_true(room > 0 && room <= 700001 && room <= SIZE - at);
+        assert_true(reader.capacity <= 2 * at + (1 << 20));
+        memcpy(place, expected + at, room);
+        at += room;
+        if (at < SIZE) {
+            assert_int_equal(umbw_reader_feed(&reader, place, room, note, &log, NULL), UMB_OK);
+        } else {
+            got.message = reader.message;
+            got.size = reader.message_size;
+        }
+    }
+    assert_int_equal(got.size, SIZE);
+    assert_memory_equal(got.message, expected, SIZE);
+    umbw_reader_finish(&reader);
+}
+
 static void reader_stops_when_the_callback_says_so(void **state)
 {
     struct umbw_reader reader;
@@ -169,6 +212,7 @@ int main(void)
         cmocka_unit_test(reader_accepts_message_at_the_limit),
         cmocka_unit_test(reader_rejects_unknown_flags),
         cmocka_unit_test(reader_allocates_no_more_than_twice_what_came),
+        cmocka_unit_test(reader_gives_room_for_its_message_and_takes_it_from_there),
         cmocka_unit_test(reader_stops_when_the_callback_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
