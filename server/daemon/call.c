@@ -324,6 +324,7 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
         return UMB_E_PROTOCOL;
     }
     call->message_count = 1;
+    umbd_bucket_credit(&call->conn->control, 1); /* a tiny frame with a whole request is work */
     call->message_ms = uv_now(&call->conn->loop->uv);
     if (compressed) {
         enum umb_status status = inflate_message(call, message, size, &bytes, &size);

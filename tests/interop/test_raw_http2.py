@@ -199,6 +199,16 @@ with test.check("a message cut off by END_STREAM is INTERNAL"):
     connection = connect()
     for at in (1, 4, 5, len(message) - 1):
         assert ask(connection, message[:at]).status == INTERNAL, at
+with test.check("a stream of thousands of tiny requests, a frame each, is no abuse"):
+    connection = connect()
+    stream = connection.open("/umbrage.v1.Shadows/QueryStream")
+    tiny = h2.prefixed(M.QueryRequest(asset="city", points=bytes(12)).SerializeToString())
+    connection.send(h2.frame(h2.DATA, 0, stream, tiny) * 4000)
+    connection.data(stream, b"", end=True)
+    reply = connection.reply(stream, 30)
+    assert reply.status == OK, reply
+    size = struct.unpack(">I", reply.body[1:5])[0] + 5
+    assert len(reply.body) == 4000 * size and reply.body == reply.body[:size] * 4000
 with test.check("two messages or none in a unary call are refused"):
     connection = connect()
     assert ask(connection, message + message).status in (INTERNAL, UNIMPLEMENTED)

@@ -381,7 +381,7 @@ static void one_bad_number_is_found_wherever_it_lies(void **state)
             for (size_t i = 0; i < 3 * COUNT; i++) {
                 double number = i == at ? bads[at % 4] : i % 2 == 0 ? -DBL_MAX : DBL_MIN / 4;
                 float narrow = i == at ? (float)number : i % 2 == 0 ? FLT_MAX : FLT_MIN / 4;
-                memcpy(bytes + 1 + i * word, wide ? (const void *)&number : (const void *)&narrow, word);
+                memcpy(bytes + 1 + i * word, wide ? (void *)&number : (void *)&narrow, word);
             }
             struct umb_error error = {0};
             char place[32];
