@@ -100,6 +100,11 @@ static enum umb_status keep_item(const struct umbw_item *item, const struct umbw
     if (item->type == UMBW_WIRE_VARINT) {
         const uint8_t *at = item->payload;
         (void)read_varint(&at, item_end, &found->number); /* read before, so it is one */
+    } else if (item->type == UMBW_WIRE_FIXED64) {
+        found->number = 0;
+        for (unsigned i = 0; i < 8; i++) {
+            found->number |= (uint64_t)item->payload[i] << (8 * i);
+        }
     }
     if (scratch == NULL) {
         return UMB_OK;
@@ -129,8 +134,12 @@ enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
     }
     const uint8_t *at = message;
     const uint8_t *end = message + size;
-    while (at < end) {
+    for (size_t fields_seen = 0; at < end; fields_seen++) {
         struct umbw_item item = {0};
+        if (fields_seen == UMBW_FIELDS_MAX) {
+            return umb_fail(error, UMB_E_ARGUMENT, "message: has more than %d fields",
+                            UMBW_FIELDS_MAX);
+        }
         enum umb_status status = umbw_item_read(message, &at, end, &item, error);
         for (size_t i = 0; status == UMB_OK && i < field_count; i++) {
             if (fields[i].number == item.number) {

@@ -20,6 +20,7 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
+#define UMBW_FIELDS_MAX  65536 /* in one message, unknown ones too: a millisecond of looking */
 #define UMBW_SCRATCH_MAX 4096 /* bytes of small fields in one message; a full request needs 400 */
 
 enum umbw_wire_type {
@@ -48,7 +49,7 @@ struct umbw_field_found {
     const uint8_t *bytes; /* in place: the last occurrence, NULL if absent */
     size_t size;
     size_t count;    /* occurrences */
-    uint64_t number; /* of a varint: the last one */
+    uint64_t number; /* of a varint or fixed64: the last one */
 };
 
 /* Fixed storage for the fields that protobuf-c decodes. */
@@ -63,7 +64,8 @@ struct umbw_scratch {
  * In:    fields, field_count: the table. scratch: may be NULL, then scalars and sub-messages are
  *        only checked and counted (the caller gives the whole message to protobuf-c).
  * Out:   found: [field_count].
- * Fails: E_ARGUMENT (not a protobuf message, a wrong wire type, more than the scratch holds).
+ * Fails: E_ARGUMENT (not a protobuf message, a wrong wire type, more than the scratch holds, more
+ *        than UMBW_FIELDS_MAX fields).
  */
 UMB_CHECKED enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
                                             const struct umbw_field *fields, size_t field_count,

@@ -2,9 +2,10 @@
 /*
  * umbrage.v1.QueryRequest between its bytes and struct umbw_query_request.
  *
- * The points and normals stay where they are in the message; everything small goes through
- * protobuf-c. Both directions apply the same checks, so that a client says what is wrong before it
- * sends, in the words the server would use.
+ * The points and normals stay where they are in the message; the few numbers are read by the scan
+ * itself, without an allocation, since a frame loop asks many times for few points. Both directions
+ * apply the same checks, so that a client says what is wrong before it sends, in the words the
+ * server would use.
  */
 #include "wire/messages.h"
 
@@ -125,27 +126,76 @@ static enum umb_status check_origin(const double origin[3], struct umb_error *er
     return UMB_OK;
 }
 
-static enum umb_status take_settings(const Umbrage__V1__QueryRequest *message,
+static double double_of(uint64_t bits)
+{
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static uint64_t load64(const uint8_t *bytes)
+{
+    uint64_t value = 0;
+    for (unsigned i = 0; i < 8; i++) {
+        value |= (uint64_t)bytes[i] << (8 * i);
+    }
+    return value;
+}
+
+/* Collects a repeated double, packed or not; few requests have one, so it is a walk of its own. */
+static enum umb_status take_origin(const uint8_t *message, size_t size, double origin[3],
+                                   struct umb_error *error)
+{
+    const uint8_t *at = message;
+    const uint8_t *end = message + size;
+    double values[3] = {0};
+    size_t count = 0;
+    while (at < end) {
+        struct umbw_item item;
+        enum umb_status status = umbw_item_read(message, &at, end, &item, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (item.number != REQUEST_FIELDS[FIELD_ORIGIN].number) {
+            continue;
+        }
+        if (item.payload_size % sizeof(double) != 0) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "origin: length is %zu bytes, must be a multiple of 8",
+                            item.payload_size);
+        }
+        for (size_t i = 0; i < item.payload_size; i += sizeof(double), count++) {
+            values[count % 3] = double_of(load64(item.payload + i));
+        }
+    }
+    return umbw_vector_copy("origin", values, count, origin, error);
+}
+
+/* Numbers as protobuf has them: the last of a field counts, and no more bits than its type has. */
+static enum umb_status take_settings(const struct umbw_field_found found[FIELD_COUNT],
+                                     const uint8_t *message, size_t size,
                                      struct umbw_query_request *request, struct umb_error *error)
 {
     struct umb_query_settings *settings = &request->settings;
-    settings->light = message->light;
-    settings->taps = message->taps == 0 ? 1 : message->taps;
-    settings->bias = message->bias;
-    request->want_stats = message->want_stats != 0;
+    uint32_t taps = (uint32_t)found[FIELD_TAPS].number;
+    settings->light = (uint32_t)found[FIELD_LIGHT].number;
+    settings->taps = taps == 0 ? 1 : taps;
+    settings->bias = double_of(found[FIELD_BIAS].number);
+    request->want_stats = found[FIELD_WANT_STATS].number != 0;
     enum umb_status status = check_taps(settings->taps, error);
     if (status == UMB_OK) {
-        status = bias_mode_from_wire((int)message->bias_mode, &settings->bias_mode, error);
+        status = bias_mode_from_wire((int)(uint32_t)found[FIELD_BIAS_MODE].number,
+                                     &settings->bias_mode, error);
     }
     if (status == UMB_OK) {
         status = check_bias(settings->bias, error);
     }
     if (status == UMB_OK) {
-        status = format_from_wire((int)message->format, &settings->format, error);
+        status =
+            format_from_wire((int)(uint32_t)found[FIELD_FORMAT].number, &settings->format, error);
     }
-    if (status == UMB_OK) {
-        status = umbw_vector_copy("origin", message->origin, message->n_origin,
-                                  request->points.origin, error);
+    if (status == UMB_OK && found[FIELD_ORIGIN].count > 0) {
+        status = take_origin(message, size, request->points.origin, error);
     }
     return status == UMB_OK ? check_origin(request->points.origin, error) : status;
 }
@@ -247,24 +297,16 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
                                           struct umb_error *error)
 {
     struct umbw_field_found found[FIELD_COUNT];
-    struct umbw_scratch scratch;
     memset(request, 0, sizeof *request);
     enum umb_status status =
-        umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, &scratch, error);
+        umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, NULL, error);
     if (status == UMB_OK) {
         status = take_names(found, message, size, request, error);
     }
     if (status != UMB_OK) {
         return status;
     }
-    ProtobufCMessage *rest;
-    status = umbw_message_unpack(&umbrage__v1__query_request__descriptor, scratch.bytes,
-                                 scratch.size, &rest, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = take_settings((const Umbrage__V1__QueryRequest *)rest, request, error);
-    umbw_message_free(rest);
+    status = take_settings(found, message, size, request, error);
     return status == UMB_OK ? take_points(found, max_points, &request->points, error) : status;
 }
 

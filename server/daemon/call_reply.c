@@ -22,18 +22,28 @@ static nghttp2_nv field(const char *name, const char *value)
     };
 }
 
+/* What the status fields point to while they are copied. */
+struct status_text {
+    char code[4], pushback[12];
+};
+
 /* Appends grpc-status and what goes with it. */
-static size_t add_status(const struct umbd_call *call, char digits[24], nghttp2_nv *fields,
+static size_t add_status(const struct umbd_call *call, struct status_text *text, nghttp2_nv *fields,
                          size_t count)
 {
-    snprintf(digits, 12, "%d", call->code);
-    snprintf(digits + 12, 12, "%u", call->pushback_ms);
-    fields[count++] = field("grpc-status", digits);
+    size_t at = 0;
+    if (call->code >= 10) {
+        text->code[at++] = (char)('0' + call->code / 10);
+    }
+    text->code[at++] = (char)('0' + call->code % 10);
+    text->code[at] = '\0';
+    fields[count++] = field("grpc-status", text->code);
     if (call->text[0] != '\0') {
         fields[count++] = field("grpc-message", call->text);
     }
     if (call->pushback_ms > 0) {
-        fields[count++] = field("grpc-retry-pushback-ms", digits + 12);
+        snprintf(text->pushback, sizeof text->pushback, "%u", call->pushback_ms);
+        fields[count++] = field("grpc-retry-pushback-ms", text->pushback);
     }
     return count;
 }
@@ -62,8 +72,8 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
         *flags |= NGHTTP2_DATA_FLAG_EOF;
         if (!call->plain) {
             nghttp2_nv fields[3];
-            char digits[24];
-            size_t field_count = add_status(call, digits, fields, 0);
+            struct status_text status;
+            size_t field_count = add_status(call, &status, fields, 0);
             *flags |= NGHTTP2_DATA_FLAG_NO_END_STREAM;
             if (nghttp2_submit_trailer(session, stream_id, fields, field_count) != 0) {
                 return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
@@ -147,14 +157,14 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     }
     (void)umbd_call_charge(call, 0);
     nghttp2_nv fields[7];
-    char digits[24];
+    struct status_text status;
     size_t count = 0;
     fields[count++] = field(":status", "200");
     fields[count++] = field("content-type", "application/grpc");
     if (call->offer_encodings) {
         fields[count++] = field("grpc-accept-encoding", "identity,gzip");
     }
-    count = add_status(call, digits, fields, count);
+    count = add_status(call, &status, fields, count);
     umbd_call_count(call, code);
     submit(call, fields, count, 0);
 }
@@ -194,6 +204,9 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
     }
     if (out->capacity - out->size < bytes) {
         size_t capacity = out->size + bytes;
+        if (umbd_method_gives_many(call->method)) {
+            capacity += capacity / 2; /* more replies are to come */
+        }
         uint8_t *block = realloc(out->bytes, capacity);
         if (block == NULL) {
             umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);

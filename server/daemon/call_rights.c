@@ -17,7 +17,7 @@ static enum umbd_scope scope_of(enum umbd_method method)
     case UMBD_METHOD_CHECK:
     case UMBD_METHOD_WATCH:
     case UMBD_METHOD_UNKNOWN:
-        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens */
+        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens, and are never held up */
     default:
         return UMBD_SCOPE_QUERY;
     }
@@ -106,7 +106,8 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
     struct umbd_conn *conn = call->conn;
     const struct umbd_options *options = &conn->loop->daemon->options;
     uint64_t wait_ns = 0;
-    if (options->address_rate == 0 && conn->token == NULL) {
+    if ((options->address_rate == 0 && conn->token == NULL) ||
+        scope_of(call->method) == UMBD_SCOPE_NONE) {
         return 1;
     }
     uint64_t now_ns = umbd_now_ns();

@@ -355,7 +355,7 @@ static void wrong_wire_types_are_named(void **state)
 
 static void repeated_small_fields_meet_a_limit(void **state)
 {
-    size_t size = 3 + 2 * 4096;
+    size_t size = 3 + 2 * 65536;
     uint8_t *message = malloc(size);
     struct umbw_query_request request;
     struct umb_error error = {.status = UMB_OK};
@@ -369,8 +369,11 @@ static void repeated_small_fields_meet_a_limit(void **state)
         message[i] = 0x18;
         message[i + 1] = 1;
     }
+    message[size - 3] = 5; /* of two that are within the limit the last one counts */
+    assert_int_equal(umbw_decode_query_request(message, size - 2, 1, &request, &error), UMB_OK);
+    assert_int_equal(request.settings.taps, 5);
     assert_int_equal(umbw_decode_query_request(message, size, 1, &request, &error), UMB_E_ARGUMENT);
-    assert_non_null(strstr(error.message, "4096"));
+    assert_non_null(strstr(error.message, "65536"));
     free(message);
 }
 
