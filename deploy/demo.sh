@@ -85,6 +85,10 @@ while read -r name scene; do
     cmp "$work/file.u8" "$work/grpc.u8" # the same bits from file and service
     "$BUILD/umbrage" verify "$work/store/$name.umb" --scene "$scene" --points 200000 --json >"$work/$name.verify"
     "$BUILD/umbrage" render "$scene" --asset "$name" -o "$OUT/$name.png" --quiet
+    if [ "$name" = city ]; then
+        "$BUILD/umbrage" render "$scene" --asset "$name" -o "$OUT/city-street.png" --quiet \
+            --camera eye=-170,60,190,target=0,5,0,fov=50
+    fi
 done <"$work/scenes"
 cp "$work/store/"*.umb "$OUT/"
 

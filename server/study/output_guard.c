@@ -15,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-static const int guarded_signals[] = {SIGINT, SIGTERM, SIGHUP};
+static const int guarded_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
 
 enum {
     SIGNAL_COUNT = sizeof guarded_signals / sizeof guarded_signals[0]

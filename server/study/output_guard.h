@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
 #define UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
 /*
- * Replacing a file as umbs_file does, and SIGINT, SIGTERM or SIGHUP meanwhile end the process as
- * usual but take the temporary with them. One output at a time, by one thread.
+ * Replacing a file as umbs_file does; SIGINT, SIGTERM, SIGHUP or SIGXCPU meanwhile end the process
+ * as usual but take the temporary with them. One output at a time, by one thread.
  * A signal that was ignored when the program started (nohup) stays so.
  */
 #include "common/file.h"

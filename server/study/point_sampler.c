@@ -20,9 +20,10 @@
 #define HOPELESS      1000000U /* candidates after which ... */
 #define HOPELESS_RATE 1000U    /* ... fewer than one in so many is given up on */
 #define CLEARANCE                                                                                  \
-    1e-6                /* off a surface before asking where that is, of the diagonal: ten         \
-                           times the ray tracer's float rounding */
-#define SIDE_MAX 16384U /* pixels of a view */
+    1e-6                     /* off a surface before asking where that is, of the diagonal: ten    \
+                                times the ray tracer's float rounding */
+#define SIDE_MAX   16384U    /* pixels of a view */
+#define PIXELS_MAX 67108864U /* the same; 64 Mi, as of a picture */
 
 /* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
@@ -310,11 +311,11 @@ enum umb_status umbt_points_view(const struct umbt_point_view *view, struct umbt
         }
         const double grow = sqrt((double)count / (double)hits) * 1.01;
         const double wide = ceil((double)width * grow), tall = ceil((double)height * grow);
-        if (wide > SIDE_MAX || tall > SIDE_MAX) {
+        if (wide > SIDE_MAX || tall > SIDE_MAX || wide * tall > PIXELS_MAX) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "--camera: %ux%u pixels see only %zu points of the scene; %zu points "
-                            "would need a picture above %u pixels a side",
-                            width, height, hits, count, SIDE_MAX);
+                            "would need a picture above %u pixels a side or %u in all",
+                            width, height, hits, count, SIDE_MAX, PIXELS_MAX);
         }
         width = (uint32_t)wide;
         height = (uint32_t)tall;

@@ -262,13 +262,20 @@ static enum umb_status random_sample(struct points_run *run, struct umb_error *e
     return umbt_points_sample(&request, &run->set, error);
 }
 
-/* Floats far from the origin are coarser than a voxel; said, not forbidden. */
-static void floats_judge(const struct points_run *run)
+/* Floats far from the origin are coarser than a voxel; said, and forbidden only where there are
+ * none. */
+static enum umb_status floats_judge(const struct points_run *run, struct umb_error *error)
 {
     double reach = 0.0;
     for (int k = 0; k < 3; k++) {
         reach = fmax(reach, fmax(fabs(run->scene.box.min[k] - run->file.origin[k]),
                                  fabs(run->scene.box.max[k] - run->file.origin[k])));
+    }
+    if (run->file.format == UMBT_POINT_FILE_F32 && reach > (double)FLT_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--origin: coordinates reach %.6g m, beyond floats; --format f64 or text "
+                        "keeps them",
+                        reach);
     }
     if (run->file.format == UMBT_POINT_FILE_F32 && reach * FLT_EPSILON > COARSE_M && !run->quiet) {
         fprintf(stderr,
@@ -277,6 +284,7 @@ static void floats_judge(const struct points_run *run)
                 reach, reach * FLT_EPSILON, floor(run->scene.box.min[0]),
                 floor(run->scene.box.min[1]), floor(run->scene.box.min[2]));
     }
+    return UMB_OK;
 }
 
 static void report(const struct points_run *run)
@@ -316,7 +324,9 @@ static enum umb_status points_make(struct points_run *run, struct umb_error *err
         run->sample_s = umbt_now_s() - loaded;
     }
     if (status == UMB_OK) {
-        floats_judge(run);
+        status = floats_judge(run, error);
+    }
+    if (status == UMB_OK) {
         status = umbt_point_file_write(&run->file, &run->set, &run->bytes, error);
     }
     return status;

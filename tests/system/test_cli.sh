@@ -116,6 +116,10 @@ for number in INT TERM; do
         "$(find . -name '*big.umb*' -o -name '*.tmp*' -o -name '*.part*')"
 done
 
+(ulimit -S -t 1 && exec "$BUILD/umbrage-bake" big.ply -o big.umb --resolution 131072 --verify 0 --threads 1) >out 2>err
+same "a bake over its CPU time ends with 75" 75 $?
+same "and leaves nothing" "" "$(find . -name '*big.umb*' -o -name '*.tmp*')"
+
 # --- so do interrupted points; a place that cannot be written shows before the work ---
 for number in TERM HUP; do
     echo old >big.pts
@@ -127,6 +131,9 @@ for number in TERM HUP; do
     same "SIG$number ends umbrage points" "$(kill -l $?)" $number
     same "no temporary after SIG$number" "old " "$(cat big.pts) $(find . -name '*.tmp*')"
 done
+try 2 umbrage points city.glb -o far.f32 --count 10 --origin 1e300,0,0
+one_sentence "--origin: coordinates reach 1e+300 m"
+try 0 umbrage points city.glb -o far.f64 --count 10 --origin 1e300,0,0 --format f64
 try 73 umbrage-bake bad.ply -o missing/bad.umb
 try 73 umbrage points bad.ply -o missing/bad.f32
 try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
