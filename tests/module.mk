@@ -54,7 +54,7 @@ PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/um
 check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check ## real processes on loopback, agreement, interop
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full.

@@ -41,6 +41,11 @@ else
 BENCH_PEERS := $(BUILD)/peer_raw
 endif
 
+# Counted by tests/system/test_kernel_counts.sh.
+$(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_core) -lcmocka -o $@
+
 bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
 	@$(BUILD)/bench_bake --size $(SIZE)
 

@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What tests/system/test_kernel_counts.sh lets valgrind count: one kernel over one small batch.
+ *
+ *     kernel_count write FILE             makes the asset, in its mapped form
+ *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base or avx2
+ *
+ * The ground repeats every 32 texels, so that the asset is small, its grid coarse and every stage
+ * of a kernel has work; the points run over it line by line, a few voxels above and below.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "make_asset.h"
+#include "query/query_parts.h"
+
+enum {
+    LOG2 = 8,
+    SIZE = 1 << LOG2,
+    SIDE = 64
+};
+
+static const double voxel_m = 0.5;
+static const double origin[3] = {0, 0, 0};
+
+static uint32_t height(uint32_t x, uint32_t y)
+{
+    return SIZE / 2 + (x % 32 * 5 + y % 32 * 3) % 11 + 8 * (x % 32 / 20);
+}
+
+static int ground(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    (void)frustum;
+    return z < height(x, y);
+}
+
+static int write_asset(const char *path)
+{
+    struct voxels voxels = {ground, NULL, LOG2, 1};
+    struct bytes packed = make_packed(&voxels, voxel_m, origin);
+    struct bytes mapped = make_mapped(&packed);
+    FILE *file = fopen(path, "wb");
+    int ok = file && fwrite(mapped.data, 1, mapped.size, file) == mapped.size;
+    ok = file && fclose(file) == 0 && ok;
+    bytes_finish(&mapped);
+    bytes_finish(&packed);
+    return ok ? 0 : 1;
+}
+
+static void make_points(float points[][3])
+{
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        uint32_t x = 12 + i % SIDE * 7 / 2, y = 12 + i / SIDE * 7 / 2;
+        float above = (float)(i * 2654435761U >> 28) - 12; /* voxels */
+        points[i][0] = ((float)x + 0.5F) * (float)voxel_m;
+        points[i][1] = ((float)y + 0.5F) * (float)voxel_m;
+        points[i][2] = ((float)height(x, y) + above) * (float)voxel_m;
+    }
+}
+
+static int run(const char *path, const char *kernel, uint32_t taps)
+{
+    static float points[SIDE * SIDE][3], values[SIDE * SIDE];
+    struct umb_open_options options = {.trust = UMB_TRUST_VALIDATED};
+    struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
+    struct umb_asset *asset;
+    struct umb_query query;
+    struct umb_error error;
+    if (umb_asset_open_file(path, &options, &asset, &error) != UMB_OK ||
+        umb_query_prepare(asset, &settings, &query, &error) != UMB_OK) {
+        (void)fprintf(stderr, "%s\n", error.message);
+        return 1;
+    }
+    make_points(points);
+    struct umb_points batch = {.positions = points, .count = SIDE * SIDE};
+    struct umb_answers answers = {.values = values};
+    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    umb__kernel_fn fn = strcmp(kernel, "avx2") == 0 ? umb__kernel_avx2 : umb__kernel_base;
+    fn(q, &batch, 0, batch.count, &answers);
+    printf("points=%llu bricks=%llu\n", (unsigned long long)answers.stats.points,
+           (unsigned long long)answers.stats.bricks);
+    umb_asset_close(asset);
+    return 0;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 3 && strcmp(argv[1], "write") == 0) {
+        return write_asset(argv[2]);
+    }
+    if (argc == 5 && strcmp(argv[1], "run") == 0) {
+        return run(argv[2], argv[3], (uint32_t)strtoul(argv[4], NULL, 10));
+    }
+    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE base|avx2 TAPS\n");
+    return 2;
+}
