@@ -148,11 +148,15 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
         from_light[axis] = p[axis] - q->position[axis];
     }
     int has_normal = normal_of(points, i, n);
-    if (has_normal && dot(n, from_light) >= 0) {
-        s->facing_away = 1;
+    double distance = length3(from_light);
+    s->has_normal = has_normal;
+    if (has_normal) {
+        s->facing_away = dot(n, from_light) >= 0;
+        s->cosine = distance > 0 ? -dot(n, from_light) / distance : 0;
+    }
+    if (s->facing_away) {
         return;
     }
-    double distance = length3(from_light);
     s->face = face_of(q, p, &w);
     for (unsigned axis = 0; axis < 3; axis++) {
         direction[axis] = has_normal ? n[axis] : -from_light[axis] / distance;
@@ -278,6 +282,9 @@ void umb__perspective_explain(const struct umb__query *q, const struct umb_point
     if (s.facing_away) {
         *explanation = (struct umb_explanation){.facing_away = 1, .taps = explanation->taps};
     }
+    explanation->bias_mode = q->bias_mode;
+    explanation->has_normal = s.has_normal;
+    explanation->cosine = s.cosine;
     double p[3];
     for (unsigned axis = 0; axis < 3; axis++) {
         p[axis] = (points->origin[axis] - q->origin[axis]) + umb__coordinate(points, index, axis);

@@ -13,6 +13,8 @@
 
 /* A point in front of a spot or point light. */
 struct umb__sighting {
+    int has_normal;
+    double cosine;   /* of the angle between normal and the way to the light; 0 without a normal */
     int facing_away; /* its normal says that it is in shadow; nothing below is set */
     uint32_t face;   /* of the query's, 0 if none sees it */
     double moved[3]; /* metres, relative to the asset's origin */

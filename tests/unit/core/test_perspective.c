@@ -263,6 +263,9 @@ static void splits_formats_and_explanations_agree(void **state)
         assert_int_equal(bits[i / 8] >> (i % 8) & 1, whole[i] >= 0.5F);
         assert_true((float)e.lit_taps / 81.0F == whole[i]);
         used |= 1U << e.frustum;
+        assert_int_equal(e.has_normal, i % 5 != 0);
+        assert_true(e.has_normal ? e.facing_away == !(e.cosine > 0) : e.cosine == 0);
+        assert_true(e.cosine >= -1.001 && e.cosine <= 1.001 && e.bias_mode == UMB_BIAS_AUTO);
         if (!e.facing_away && !e.outside) {
             assert_true(e.voxel[0] >= 0 && e.voxel[0] < SIZE && e.voxel[1] >= 0);
         }
