@@ -41,21 +41,24 @@ static int fragment_compare(const void *a, const void *b)
  * n factors are off by n 2^-53. Fragments that take nothing are left out; the first node that
  * leaves less than epsilon, or nothing, is the last.
  */
-static uint32_t list_write(struct umb_map_fragment *sorted, size_t count, double epsilon,
-                           struct umb__deep_node *nodes)
+static uint32_t list_write(struct umb_map_fragment *sorted, size_t count,
+                           const struct umb__deep *deep, uint8_t *nodes)
 {
+    const double epsilon = deep->settings.epsilon;
     double left = 1.0;
     uint32_t length = 0;
+    struct umb__deep_node *last = NULL;
     qsort(sorted, count, sizeof *sorted, fragment_compare);
     for (size_t i = 0; i < count; i++) {
         if (sorted[i].alpha == 0.0F) {
             continue;
         }
         left *= 1.0 - (double)sorted[i].alpha;
-        if (length == 0 || nodes[length - 1].depth != sorted[i].depth) {
-            nodes[length++].depth = sorted[i].depth;
+        if (last == NULL || last->depth != sorted[i].depth) {
+            last = (struct umb__deep_node *)(void *)(nodes + length++ * deep->stride);
+            last->depth = sorted[i].depth;
         }
-        nodes[length - 1].left = (float)left;
+        last->left = (float)left;
         const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
         if (!more_here && (left < epsilon || left == 0.0)) {
             break;
@@ -84,45 +87,53 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
             memcpy(sorted, &in->fragments[in->first[i]], count * sizeof *sorted);
         }
         deep->first[i] = used;
-        used += list_write(sorted, count, deep->settings.epsilon, deep->nodes + used);
+        used += list_write(sorted, count, deep, deep->nodes + used * deep->stride);
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
     /* What truncation saved is given back; a refusal to shrink changes nothing. */
-    void *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * sizeof *deep->nodes);
+    uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
-    deep->bytes = (texels + 1) * sizeof *deep->first + used * sizeof *deep->nodes;
+    deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
     return UMB_OK;
+}
+
+static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t i)
+{
+    return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
 /* Node of list `to` whose depth is nearest to that of each node of list `from`: both rise. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
-    const struct umb__deep_node *other = deep->nodes + deep->first[to];
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
     uint32_t near = 0;
     for (uint64_t i = deep->first[from]; i < deep->first[from + 1]; i++) {
-        const float depth = deep->nodes[i].depth;
-        while (near + 1 < count &&
-               fabsf(other[near + 1].depth - depth) < fabsf(other[near].depth - depth)) {
+        struct umb__deep_linked *node = linked_at(deep, i);
+        const float depth = node->node.depth;
+        while (near + 1 < count) {
+            const float here = linked_at(deep, deep->first[to] + near)->node.depth;
+            const float next = linked_at(deep, deep->first[to] + near + 1)->node.depth;
+            if (!(fabsf(next - depth) < fabsf(here - depth))) {
+                break;
+            }
             near++;
         }
         if (upper) {
-            deep->links[i].upper = near;
+            node->upper = near;
         } else {
-            deep->links[i].right = near;
+            node->right = near;
         }
     }
 }
 
-static enum umb_status links_make(struct umb__deep *deep, const struct umb_alloc *alloc,
-                                  struct umb_error *error)
+/* Links of texels without such a neighbour stay 0; nobody follows them. */
+static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
-    deep->links = umb__alloc_zeroed(alloc, used, sizeof *deep->links);
-    if (deep->links == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu links do not fit in memory",
-                        (unsigned long long)used);
+    for (uint64_t i = 0; i < used; i++) {
+        linked_at(deep, i)->right = 0;
+        linked_at(deep, i)->upper = 0;
     }
     for (uint32_t y = 0; y < deep->height; y++) {
         for (uint32_t x = 0; x < deep->width; x++) {
@@ -135,8 +146,6 @@ static enum umb_status links_make(struct umb__deep *deep, const struct umb_alloc
             }
         }
     }
-    deep->bytes += used * sizeof *deep->links;
-    return UMB_OK;
 }
 
 enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
@@ -158,7 +167,9 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
         deep->width = frustum->width;
         deep->height = frustum->height;
         deep->first = umb__alloc_zeroed(alloc, texels + 1, sizeof *deep->first);
-        deep->nodes = umb__alloc(alloc, total, sizeof *deep->nodes);
+        deep->stride =
+            settings->links ? sizeof(struct umb__deep_linked) : sizeof(struct umb__deep_node);
+        deep->nodes = umb__alloc(alloc, total, deep->stride);
     }
     if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
         umb__deep_destroy(deep, alloc);
@@ -166,12 +177,12 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
                         (unsigned long long)total);
     }
     status = lists_make(deep, fragments, alloc, error);
-    if (status == UMB_OK && settings->links) {
-        status = links_make(deep, alloc, error);
-    }
     if (status != UMB_OK) {
         umb__deep_destroy(deep, alloc);
         return status;
+    }
+    if (settings->links) {
+        links_make(deep);
     }
     *out = deep;
     return UMB_OK;
@@ -184,6 +195,5 @@ void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc)
     }
     umb__free(alloc, deep->first);
     umb__free(alloc, deep->nodes);
-    umb__free(alloc, deep->links);
     umb__free(alloc, deep);
 }

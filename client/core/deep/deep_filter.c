@@ -3,12 +3,17 @@
 #include <math.h>
 #include "deep/deep_parts.h"
 
-uint32_t umb__deep_search(const struct umb__deep_node *nodes, uint32_t count, double depth)
+static int is_nearer(const struct umb__deep_list *list, uint32_t i, double depth)
 {
-    uint32_t low = 0, high = count;
+    return (double)umb__deep_at(list, i)->depth < depth;
+}
+
+uint32_t umb__deep_search(const struct umb__deep_list *list, double depth)
+{
+    uint32_t low = 0, high = list->count;
     while (low < high) {
         const uint32_t middle = low + (high - low) / 2;
-        if ((double)nodes[middle].depth < depth) {
+        if (is_nearer(list, middle, depth)) {
             low = middle + 1;
         } else {
             high = middle;
@@ -17,61 +22,66 @@ uint32_t umb__deep_search(const struct umb__deep_node *nodes, uint32_t count, do
     return low;
 }
 
-uint32_t umb__deep_walk(const struct umb__deep_node *nodes, uint32_t count, uint32_t guess,
-                        double depth)
+uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth)
 {
-    while (guess < count && (double)nodes[guess].depth < depth) {
+    while (guess < list->count && is_nearer(list, guess, depth)) {
         guess++;
     }
-    while (guess > 0 && !((double)nodes[guess - 1].depth < depth)) {
+    while (guess > 0 && !is_nearer(list, guess - 1, depth)) {
         guess--;
     }
     return guess;
 }
 
-/* A texel's list. */
-struct list {
-    const struct umb__deep_node *nodes;
-    uint64_t first;
-    uint32_t count;
+/* Where a filter stands in one row of its window: a texel's list, and how many of its nodes are
+ * nearer than the receiver. */
+struct place {
+    struct umb__deep_list list;
+    uint32_t nearer;
 };
 
-static struct list list_at(const struct umb__deep *deep, int64_t x, int64_t y)
+static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, int64_t y)
 {
     const size_t i = (size_t)y * deep->width + (size_t)x;
-    return (struct list){deep->nodes + deep->first[i], deep->first[i],
-                         (uint32_t)(deep->first[i + 1] - deep->first[i])};
+    return (struct umb__deep_list){deep->nodes + deep->first[i] * deep->stride, deep->stride,
+                                   (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Light left behind `nearer` nodes, at a depth. With an exponent the last step fades in. */
-static double list_value(const struct umb__deep *deep, const struct list *list, uint32_t nearer,
-                         double depth)
+/* Light left at a place. With an exponent the last step fades in. */
+static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
 {
-    if (nearer == 0) {
+    if (place->nearer == 0) {
         return 1.0;
     }
-    const double left = (double)list->nodes[nearer - 1].left;
+    const struct umb__deep_node *node = umb__deep_at(&place->list, place->nearer - 1);
     if (deep->settings.exponent == 0.0) {
-        return left;
+        return (double)node->left;
     }
-    const double before = nearer > 1 ? (double)list->nodes[nearer - 2].left : 1.0;
-    const double behind = depth - (double)list->nodes[nearer - 1].depth;
-    return left + (before - left) * exp(-deep->settings.exponent * behind);
+    const double left = (double)node->left;
+    const double before =
+        place->nearer > 1 ? (double)umb__deep_at(&place->list, place->nearer - 2)->left : 1.0;
+    return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
 }
 
-/* Place of a depth in the list next to one where it is known: by the link of the node there. */
-static uint32_t neighbour_place(const struct umb__deep *deep, const struct list *from,
-                                uint32_t nearer, int upper, const struct list *to, double depth)
+/* Where the link of a place's node leads in the next list. */
+static uint32_t place_link(const struct place *place, int upper)
 {
-    if (deep->links == NULL) {
-        return umb__deep_search(to->nodes, to->count, depth);
+    if (place->nearer == 0) {
+        return 0;
     }
-    uint32_t guess = 0;
-    if (nearer > 0) {
-        const struct umb__deep_link *link = &deep->links[from->first + nearer - 1];
-        guess = upper ? link->upper : link->right;
-    }
-    return umb__deep_walk(to->nodes, to->count, guess, depth);
+    const struct umb__deep_linked *node =
+        (const struct umb__deep_linked *)(const void *)umb__deep_at(&place->list,
+                                                                    place->nearer - 1);
+    return upper ? node->upper : node->right;
+}
+
+/* Moves a place to the list of a neighbouring texel: by the link of its node, or by a search. */
+static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
+                       struct umb__deep_list list, double depth, struct place *to)
+{
+    to->nearer = deep->settings.links ? umb__deep_walk(&list, place_link(from, upper), depth)
+                                      : umb__deep_search(&list, depth);
+    to->list = list;
 }
 
 /* The part of a window that lies on the map. */
@@ -79,27 +89,43 @@ struct window {
     int64_t x0, y0, x1, y1;
 };
 
+/* Loads what the next step to the right will look at first. */
+static void place_prefetch(const struct umb__deep *deep, const struct place *place, int64_t x,
+                           int64_t y)
+{
+    if (deep->settings.links) {
+        const struct umb__deep_list next = list_at(deep, x, y);
+        __builtin_prefetch(umb__deep_at(&next, place_link(place, 0)));
+    }
+}
+
+/*
+ * Up the window's left column, then all rows to the right side by side: while one row waits for
+ * its next list the others go on.
+ */
 static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
+    struct place rows[UMB_MAP_WIDTH_MAX];
+    const int64_t count = w->y1 - w->y0;
     double sum = 0.0;
-    struct list row = list_at(deep, w->x0, w->y0);
-    uint32_t row_place = umb__deep_search(row.nodes, row.count, depth);
-    for (int64_t y = w->y0;; y++) {
-        struct list here = row;
-        uint32_t place = row_place;
-        sum += list_value(deep, &here, place, depth);
-        for (int64_t x = w->x0 + 1; x < w->x1; x++) {
-            const struct list next = list_at(deep, x, y);
-            place = neighbour_place(deep, &here, place, 0, &next, depth);
-            here = next;
-            sum += list_value(deep, &here, place, depth);
+    rows[0].list = list_at(deep, w->x0, w->y0);
+    rows[0].nearer = umb__deep_search(&rows[0].list, depth);
+    for (int64_t i = 1; i < count; i++) {
+        place_move(deep, &rows[i - 1], 1, list_at(deep, w->x0, w->y0 + i), depth, &rows[i]);
+    }
+    for (int64_t x = w->x0;; x++) {
+        for (int64_t i = 0; i < count; i++) {
+            if (x > w->x0) {
+                place_move(deep, &rows[i], 0, list_at(deep, x, w->y0 + i), depth, &rows[i]);
+            }
+            if (x + 1 < w->x1) {
+                place_prefetch(deep, &rows[i], x + 1, w->y0 + i);
+            }
+            sum += place_value(deep, &rows[i], depth);
         }
-        if (y + 1 >= w->y1) {
+        if (x + 1 >= w->x1) {
             return sum;
         }
-        const struct list above = list_at(deep, w->x0, y + 1);
-        row_place = neighbour_place(deep, &row, row_place, 1, &above, depth);
-        row = above;
     }
 }
 

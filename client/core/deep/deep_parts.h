@@ -20,23 +20,37 @@ struct umb__deep_node {
     float left; /* transmittance behind it */
 };
 
-struct umb__deep_link {
+/* With links a node is followed by them, in the same cache line. */
+struct umb__deep_linked {
+    struct umb__deep_node node;
     uint32_t right, upper; /* node numbers within that list */
 };
 
 struct umb__deep {
     struct umb_map_deep_settings settings;
     uint32_t width, height;
-    uint64_t *first;              /* [width * height + 1] */
-    struct umb__deep_node *nodes; /* [first[width * height]] */
-    struct umb__deep_link *links; /* the same; NULL without */
+    uint64_t *first; /* [width * height + 1] */
+    uint8_t *nodes;  /* first[width * height] of umb__deep_node, or _linked */
+    size_t stride;   /* bytes of one of them */
     uint64_t bytes;
 };
 
+/* A list of nodes, `stride` bytes apart. */
+struct umb__deep_list {
+    const uint8_t *nodes;
+    size_t stride;
+    uint32_t count;
+};
+
+static inline const struct umb__deep_node *umb__deep_at(const struct umb__deep_list *list,
+                                                        uint32_t i)
+{
+    return (const struct umb__deep_node *)(const void *)(list->nodes + i * list->stride);
+}
+
 /* Number of nodes of a list nearer than depth: by halving, and by walking from a guess. */
-uint32_t umb__deep_search(const struct umb__deep_node *nodes, uint32_t count, double depth);
-uint32_t umb__deep_walk(const struct umb__deep_node *nodes, uint32_t count, uint32_t guess,
-                        double depth);
+uint32_t umb__deep_search(const struct umb__deep_list *list, double depth);
+uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth);
 
 void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc);
 
