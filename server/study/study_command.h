@@ -12,5 +12,6 @@ int umbt_points_command(int argc, char **argv);
 int umbt_trade_command(int argc, char **argv);
 int umbt_techniques_command(int argc, char **argv);
 int umbt_aliasing_command(int argc, char **argv);
+int umbt_deep_command(int argc, char **argv);
 
 #endif

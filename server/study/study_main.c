@@ -18,6 +18,7 @@ static const char help[] =
     "  points SCENE -o FILE                         sample points, for load tests\n"
     "  techniques SCENE                             shadow maps of the literature against rays\n"
     "  aliasing SCENE                               texels of shadow maps against pixels\n"
+    "  deep SCENE                                   deep shadow maps against products\n"
     "\n"
     "`umbrage-study COMMAND --help` lists a command's options.\n"
     "  --version   --help\n";
@@ -32,6 +33,7 @@ static const struct command {
     {"study", umbt_trade_command},
     {"techniques", umbt_techniques_command},
     {"aliasing", umbt_aliasing_command},
+    {"deep", umbt_deep_command},
 };
 
 /* Data that did not reach stdout must not look like success. */

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-`umbrage-study techniques` and `umbrage aliasing`: every technique on the same points of a generated scene against rays.
+`umbrage-study techniques`, `umbrage-study deep` and `umbrage aliasing`: every technique on the same points of a generated scene against rays.
 
 Bounds: PCF is off only by texels that an edge crosses; the orders of techniques are those of
 docs/techniques.md, which every scene there shows.
@@ -13,6 +13,7 @@ import sys
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
 import json  # noqa: E402
+import re  # noqa: E402
 
 test = ut.Test()
 scene = os.path.join(test.folder, "arch.glb")
@@ -80,5 +81,13 @@ with test.check("twice the resolution halves the pixels of a texel"):
                             "--resolution", "1022", "--json"], capture_output=True, timeout=120)
     fine = json.loads(twice.stdout)["ways"][0]
     assert abs(fine["median"] / ways["uniform"]["median"] - 0.5) < 1e-6, (fine, ways["uniform"])
+
+with test.check("deep maps equal the products over all hits, with and without links"):
+    run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "128", "--size",
+                          "80x50", "--epsilon", "0"], capture_output=True, timeout=120, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "the same bits" in run.stdout, run.stdout
+    worst = float(re.search(r"off by at most (\S+)", run.stdout)[1])
+    assert worst < 1e-6, run.stdout
 
 test.finish()
