@@ -6,7 +6,7 @@
 #include "bake/build/tile_loop.h"
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
-#define CORNER_BYTES  74U                  /* of a triangle while baking */
+#define CORNER_BYTES  75U                  /* of a triangle while baking */
 /* Of a triangle's projections: few are cut, and room grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)

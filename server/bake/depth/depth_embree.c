@@ -12,13 +12,17 @@
 #include <string.h>
 
 #include "bake/depth/depth_perspective.h"
+#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 
 /* Boxes grow by this many voxels: far above what rounding to float and Embree's box test lose for
  * coordinates up to 2^18 (half a unit in the last place is 2^-7 there). */
 #define BOX_PADDING 0.0625
 
 struct caster {
-    const struct umbb_casters *casters;
+    const struct umbb_casters *casters; /* `marked` */
+    struct umbb_casters marked;
+    uint8_t *marks;
     RTCDevice device;
     RTCScene scene;
 };
@@ -92,13 +96,14 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
     }
 }
 
-static enum umb_status embree_begin(void *state, int slot, const struct umbb_tile *tile,
+static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *tile,
                                     struct umb_error *error)
 {
-    (void)state;
+    const struct caster *caster = state;
     (void)slot;
-    (void)tile;
     (void)error;
+    tile->background = caster->casters->size;
+    umbb_prove_squares(caster->casters, NULL, caster->casters->count, tile);
     return UMB_OK;
 }
 
@@ -141,8 +146,9 @@ static void embree_block(void *state, int slot, unsigned thread, struct umbb_til
             texel.y = tile->y0 + y;
             cast_texel(caster, &texel);
             const size_t at = umbb_tile_index(tile, x, y);
+            const int32_t nearest[3] = {texel.open, texel.front, texel.back};
             int32_t end;
-            umbb_texel_decide(texel.front, texel.back, texel.open, &tile->lit[at], &end);
+            umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
             tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
         }
     }
@@ -155,6 +161,7 @@ static void embree_destroy(void *state)
     if (caster != NULL) {
         rtcReleaseScene(caster->scene);
         rtcReleaseDevice(caster->device);
+        free(caster->marks);
         free(caster);
     }
 }
@@ -191,9 +198,18 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
     }
     char config[64];
     snprintf(config, sizeof config, "threads=%u", options->threads);
-    caster->casters = casters;
+    const enum umb_status status =
+        umbb_front_marks_make(casters, options->prove, &caster->marks, error);
+    if (status != UMB_OK) {
+        free(caster);
+        return status;
+    }
+    caster->marked = *casters;
+    caster->marked.marks = caster->marks;
+    caster->casters = &caster->marked;
     caster->device = rtcNewDevice(config);
     if (caster->device == NULL) {
+        free(caster->marks);
         free(caster);
         return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
                         (int)rtcGetDeviceError(NULL));

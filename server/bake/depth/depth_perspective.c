@@ -35,10 +35,11 @@ static size_t perspective_allow(void *state, size_t max_bytes)
     return entry_bytes(&p->tiles) + entry_bytes(&p->blocks[0]) + entry_bytes(&p->blocks[1]);
 }
 
-static enum umb_status perspective_begin(void *state, int slot, const struct umbb_tile *tile,
+static enum umb_status perspective_begin(void *state, int slot, struct umbb_tile *tile,
                                          struct umb_error *error)
 {
     struct perspective *p = state;
+    tile->background = p->casters->size;
     const uint32_t tile_log2 = p->options.tile_log2;
     const size_t cell =
         (size_t)(tile->y0 >> tile_log2) * p->tiles.cells_x + (size_t)(tile->x0 >> tile_log2);
@@ -107,7 +108,8 @@ static void store(const struct square *square, struct umbb_tile *tile)
             const struct fragment *f = &square->fragments[(size_t)y * (size_t)n + (size_t)x];
             const size_t at = umbb_tile_index(tile, x0 + x, y0 + y);
             int32_t end;
-            umbb_texel_decide(f->front, f->back, f->open, &tile->lit[at], &end);
+            const int32_t nearest[3] = {f->open, f->front, f->back};
+            umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
             tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
         }
     }

@@ -15,6 +15,8 @@
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_draw.h"
 #include "bake/depth/depth_store.h"
+#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 #include "bake/depth/triangle_bins.h"
 
 /* Numbers of a layer and of its 8x8 blocks, and of a thread's layers. */
@@ -24,8 +26,14 @@
 
 _Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
 
+/* Squares of a block that may be proven, and how many of the others are drawn one by one. */
+#define BLOCK_SQUARES ((size_t)1 << (2 * (UMBB_BLOCK_LOG2 - UMBB_SQUARE_LOG2)))
+#define FEW_SQUARES   ((size_t)8)
+
 struct raster {
-    const struct umbb_casters *casters;
+    const struct umbb_casters *casters; /* `marked` */
+    struct umbb_casters marked;
+    uint8_t *marks;
     struct umbb_depth_options options;
     umbb_draw_fn draw;
     umbb_store_fn store;
@@ -47,7 +55,7 @@ static size_t raster_allow(void *state, size_t max_bytes)
            entry_bytes(&raster->blocks[1]);
 }
 
-static enum umb_status raster_begin(void *state, int slot, const struct umbb_tile *tile,
+static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *tile,
                                     struct umb_error *error)
 {
     struct raster *raster = state;
@@ -68,6 +76,8 @@ static enum umb_status raster_begin(void *state, int slot, const struct umbb_til
         .cell_log2 = block_log2,
         .cells_x = 1U << (tile_log2 - block_log2),
     };
+    tile->background = raster->casters->size;
+    umbb_prove_squares(raster->casters, input.list, input.count, tile);
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
@@ -129,33 +139,67 @@ static void fill(int32_t *layer, size_t count, int32_t value)
     }
 }
 
-static void raster_block(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
-                         int32_t by)
+/* Draws a square of n texels from (x, y) of the tile on. */
+static void draw_square(const struct raster *raster, unsigned thread, struct umbb_tile *tile,
+                        const uint32_t *list, size_t count, int32_t n, int32_t x, int32_t y)
 {
-    struct raster *raster = state;
-    const struct umbb_bins *bins = &raster->blocks[slot];
     const struct umbb_casters *casters = raster->casters;
-    const int32_t n = umbb_tile_block(tile);
-    const size_t cell = (size_t)by * bins->cells_x + (size_t)bx;
-    const uint64_t first = bins->first[cell], last = bins->first[cell + 1];
-    if (first == last) {
-        umbb_tile_clear(tile, bx * (n >> 3), by * (n >> 3), n >> 3, casters->size);
-        return;
-    }
     struct layers layers = {.texels = raster->layers + (size_t)thread * LAYERS_STRIDE,
                             .count = (size_t)n * (size_t)n};
     layers.far = layers.texels + UMBB_LAYER_COUNT * LAYER_TEXELS;
     fill(layers.texels, (casters->closed_rule ? UMBB_LAYER_COUNT : 1) * layers.count,
          casters->size);
     fill(layers.far, UMBB_LAYER_COUNT * LAYER_FAR, casters->size);
-    struct umbb_canvas canvas = {.x0 = tile->x0 + bx * n, .y0 = tile->y0 + by * n, .n = n};
-    const uint32_t *list = bins->entries + first;
+    struct umbb_canvas canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n};
     /* Far sides lie behind near sides: most of them need not be drawn once those are there. */
-    draw_list(raster, list, (size_t)(last - first), 1, &layers, &canvas);
+    draw_list(raster, list, count, 1, &layers, &canvas);
     umbb_canvas_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
                     layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
-    draw_list(raster, list, (size_t)(last - first), 0, &layers, &canvas);
-    raster->store(layers.texels, n, tile, bx * n, by * n);
+    draw_list(raster, list, count, 0, &layers, &canvas);
+    raster->store(layers.texels, n, tile, x, y);
+}
+
+/* Squares of a block that are not proven; their places go to x and y. */
+static size_t open_squares(const struct umbb_tile *tile, int32_t n, int32_t bx, int32_t by,
+                           int32_t x[BLOCK_SQUARES], int32_t y[BLOCK_SQUARES])
+{
+    const int32_t square = 1 << UMBB_SQUARE_LOG2, across = tile->size >> UMBB_SQUARE_LOG2;
+    size_t count = 0;
+    for (int32_t at_y = by * n; at_y < (by + 1) * n; at_y += square) {
+        for (int32_t at_x = bx * n; at_x < (bx + 1) * n; at_x += square) {
+            if (!tile->proven[(at_y >> UMBB_SQUARE_LOG2) * across + (at_x >> UMBB_SQUARE_LOG2)]) {
+                x[count] = at_x;
+                y[count++] = at_y;
+            }
+        }
+    }
+    return count;
+}
+
+static void raster_block(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
+                         int32_t by)
+{
+    struct raster *raster = state;
+    const struct umbb_bins *bins = &raster->blocks[slot];
+    const int32_t n = umbb_tile_block(tile);
+    const size_t cell = (size_t)by * bins->cells_x + (size_t)bx;
+    const size_t count = (size_t)(bins->first[cell + 1] - bins->first[cell]);
+    const uint32_t *list = bins->entries + bins->first[cell];
+    int32_t x[BLOCK_SQUARES], y[BLOCK_SQUARES];
+    const size_t squares =
+        raster->marks == NULL ? BLOCK_SQUARES : open_squares(tile, n, bx, by, x, y);
+    if (squares == 0) {
+        return;
+    }
+    if (count == 0) {
+        umbb_tile_clear(tile, bx * (n >> 3), by * (n >> 3), n >> 3, raster->casters->size);
+    } else if (squares <= FEW_SQUARES) {
+        for (size_t i = 0; i < squares; i++) {
+            draw_square(raster, thread, tile, list, count, 1 << UMBB_SQUARE_LOG2, x[i], y[i]);
+        }
+    } else {
+        draw_square(raster, thread, tile, list, count, n, bx * n, by * n);
+    }
 }
 
 static void raster_destroy(void *state)
@@ -166,6 +210,7 @@ static void raster_destroy(void *state)
         umbb_bins_finish(&raster->blocks[0]);
         umbb_bins_finish(&raster->blocks[1]);
         free(raster->layers);
+        free(raster->marks);
         free(raster);
     }
 }
@@ -179,7 +224,8 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     if (raster == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: memory refused");
     }
-    raster->casters = casters;
+    raster->marked = *casters;
+    raster->casters = &raster->marked;
     raster->options = *options;
     raster->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
     const umbb_draw_fn quick = options->plain ? NULL : umbb_draw_avx2();
@@ -193,9 +239,15 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
                           options->threads);
         goto fail;
     }
+    status = umbb_front_marks_make(casters, options->prove, &raster->marks, error);
+    if (status != UMB_OK) {
+        goto fail;
+    }
+    raster->marked.marks = raster->marks;
     const struct umbb_bins_input input = {
-        .casters = casters,
+        .casters = raster->casters,
         .all = 1,
+        .borders = raster->marks != NULL,
         .cell_log2 = options->tile_log2,
         .cells_x = (uint32_t)casters->size >> options->tile_log2,
         .max_bytes = raster->options.max_bytes,

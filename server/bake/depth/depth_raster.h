@@ -15,6 +15,7 @@ struct umbb_depth_options {
     uint32_t tile_log2;
     unsigned threads; /* 1.. */
     int plain;        /* 1: never use vector kernels (tests) */
+    enum umbb_prove prove;
     size_t max_bytes; /* for the path's lists of triangles; 0 = no limit */
 };
 

@@ -17,9 +17,12 @@ void umbb_store_plain(const int32_t *layers, int32_t n, struct umbb_tile *tile, 
             continue;
         }
         for (size_t i = 0; i < 8 * width; i++) {
-            umbb_texel_decide(
-                from[UMBB_LAYER_FRONT * texels + i], from[UMBB_LAYER_BACK * texels + i],
-                from[UMBB_LAYER_OPEN * texels + i], &tile->lit[to + i], &tile->end[to + i]);
+            const int32_t nearest[UMBB_LAYER_COUNT] = {
+                from[UMBB_LAYER_OPEN * texels + i],
+                from[UMBB_LAYER_FRONT * texels + i],
+                from[UMBB_LAYER_BACK * texels + i],
+            };
+            umbb_texel_decide(nearest, tile->background, &tile->lit[to + i], &tile->end[to + i]);
         }
     }
     umbb_tile_reduce(tile, x0 >> 3, y0 >> 3, n >> 3);

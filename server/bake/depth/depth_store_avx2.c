@@ -36,6 +36,7 @@ static inline void store_square(const int32_t *layers, size_t texels, struct umb
                                 size_t square)
 {
     int32_t *lit_to = tile->lit + square * 64, *end_to = tile->end + square * 64;
+    const __m256i background = _mm256_set1_epi32(tile->background);
     __m256i most = _mm256_setzero_si256(), fewest = _mm256_set1_epi32(INT32_MAX);
     for (size_t y = 0; y < 8; y++, layers += 8) {
         __m256i lit = load(layers + UMBB_LAYER_OPEN * texels), end = lit;
@@ -43,7 +44,9 @@ static inline void store_square(const int32_t *layers, size_t texels, struct umb
             const __m256i front = load(layers + UMBB_LAYER_FRONT * texels);
             const __m256i back = load(layers + UMBB_LAYER_BACK * texels);
             lit = _mm256_min_epi32(front, _mm256_min_epi32(back, lit));
-            end = _mm256_blendv_epi8(lit, back, _mm256_cmpeq_epi32(front, lit));
+            const __m256i inside = _mm256_and_si256(_mm256_cmpeq_epi32(front, lit),
+                                                    _mm256_cmpgt_epi32(background, back));
+            end = _mm256_blendv_epi8(lit, back, inside);
             save(end_to + 8 * y, end);
         }
         save(lit_to + 8 * y, lit);

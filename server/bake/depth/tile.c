@@ -19,10 +19,16 @@ static size_t pyramid_count(uint32_t log2_size)
     return count;
 }
 
+static size_t square_count(uint32_t log2_size)
+{
+    return log2_size < UMBB_SQUARE_LOG2 ? 0 : (size_t)1 << (2 * (log2_size - UMBB_SQUARE_LOG2));
+}
+
 size_t umbb_tile_bytes(uint32_t log2_size, int closed_rule)
 {
     const size_t texels = (size_t)1 << (2 * log2_size);
-    return ((closed_rule ? 2 : 1) * texels + 2 * pyramid_count(log2_size)) * sizeof(int32_t);
+    return ((closed_rule ? 2 : 1) * texels + 2 * pyramid_count(log2_size)) * sizeof(int32_t) +
+           (closed_rule ? square_count(log2_size) : 0);
 }
 
 enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int closed_rule,
@@ -55,6 +61,10 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
         next += count;
         tile->min_end[level] = next;
         next += count;
+    }
+    if (closed_rule && log2_size >= UMBB_SQUARE_LOG2) {
+        tile->proven = (uint8_t *)next;
+        memset(tile->proven, 0, square_count(log2_size));
     }
     return UMB_OK;
 }
@@ -96,27 +106,59 @@ void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n)
     }
 }
 
-void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
-                       int32_t *min_end)
+/* Squares [x, x + n) x [y, y + n) of a level whose width is `width`, from the level below. */
+static void reduce_squares(const int32_t *const from[2], size_t width, const size_t place[2],
+                           size_t n, int32_t *const to[2])
 {
-    for (size_t y = 0; y < n; y++) {
-        for (size_t x = 0; x < n; x++) {
-            const size_t a = 4 * y * n + 2 * x, b = a + 2 * n;
+    const int32_t *lit = from[0], *end = from[1];
+    for (size_t y = place[1]; y < place[1] + n; y++) {
+        for (size_t x = place[0]; x < place[0] + n; x++) {
+            const size_t a = 4 * y * width + 2 * x, b = a + 2 * width;
             int32_t most = lit[a] > lit[a + 1] ? lit[a] : lit[a + 1];
             most = lit[b] > most ? lit[b] : most;
             most = lit[b + 1] > most ? lit[b + 1] : most;
             int32_t least = end[a] < end[a + 1] ? end[a] : end[a + 1];
             least = end[b] < least ? end[b] : least;
             least = end[b + 1] < least ? end[b + 1] : least;
-            max_lit[y * n + x] = most;
-            min_end[y * n + x] = least;
+            to[0][y * width + x] = most;
+            to[1][y * width + x] = least;
         }
+    }
+}
+
+void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
+                       int32_t *min_end)
+{
+    const int32_t *const from[2] = {lit, end};
+    int32_t *const to[2] = {max_lit, min_end};
+    const size_t place[2] = {0, 0};
+    reduce_squares(from, n, place, n, to);
+}
+
+/* Levels 4 to UMBB_SQUARE_LOG2 of the square (x, y) of the latter. */
+static void square_pyramid(struct umbb_tile *tile, size_t x, size_t y)
+{
+    for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMBB_SQUARE_LOG2; level++) {
+        const int32_t *const from[2] = {tile->max_lit[level - 1], tile->min_end[level - 1]};
+        int32_t *const to[2] = {tile->max_lit[level], tile->min_end[level]};
+        const size_t n = (size_t)1 << (UMBB_SQUARE_LOG2 - level), place[2] = {x * n, y * n};
+        reduce_squares(from, (size_t)1 << (tile->log2_size - level), place, n, to);
     }
 }
 
 void umbb_tile_pyramid(struct umbb_tile *tile)
 {
-    for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= tile->log2_size; level++) {
+    uint32_t level = UMB_LEVEL_BRICK + 1;
+    if (tile->proven != NULL) {
+        const size_t across = (size_t)tile->size >> UMBB_SQUARE_LOG2;
+        for (size_t square = 0; square < across * across; square++) {
+            if (!tile->proven[square]) {
+                square_pyramid(tile, square % across, square / across);
+            }
+        }
+        level = UMBB_SQUARE_LOG2 + 1;
+    }
+    for (; level <= tile->log2_size; level++) {
         umbb_pyramid_step(tile->max_lit[level - 1], tile->min_end[level - 1],
                           (size_t)1 << (tile->log2_size - level), tile->max_lit[level],
                           tile->min_end[level]);

@@ -25,6 +25,8 @@
     (1 << UMBB_BLOCK_LOG2) /* texels a side of the unit of depth work: fits the second-level cache \
                             */
 
+#define UMBB_SQUARE_LOG2 6 /* of the texels a side of a square that may be proven from bounds */
+
 /* How a triangle takes part. */
 enum umbb_caster {
     UMBB_CASTER_OPEN = 0,           /* casts; bounds no solid */
@@ -41,6 +43,14 @@ struct umbb_casters {
     /* Above 0: rays start in one point; a corner's third coordinate is then the reciprocal of its
      * distance, and z = depth_scale / it + depth_offset (depth_perspective.h). 0: it is z. */
     double depth_scale, depth_offset;
+    const uint8_t *marks;          /* [count] front_marks.h; NULL: no square is proven */
+};
+
+/* When to prove squares of texels from bounds (closed rule only); tests force it. */
+enum umbb_prove {
+    UMBB_PROVE_AUTO = 0,
+    UMBB_PROVE_ALWAYS = 1,
+    UMBB_PROVE_NEVER = 2,
 };
 
 struct umbb_tile {
@@ -51,6 +61,10 @@ struct umbb_tile {
     int32_t *end;                        /* the same; equals `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];
+    /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds, its texels and levels below
+     * UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
+    uint8_t *proven;
+    int32_t background; /* voxels a side of the frustum; set by begin */
     int32_t *memory;
 };
 
@@ -75,7 +89,7 @@ void umbb_tile_clear(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n, 
 /* Fills level 3 of the pyramid of the square of 8x8 blocks from its texels. */
 void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n);
 
-/* Fills the pyramid above level 3. */
+/* Fills the pyramid above level 3, except where a square is proven. */
 void umbb_tile_pyramid(struct umbb_tile *tile);
 
 /*
@@ -90,8 +104,9 @@ void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t
  */
 struct umbb_depth {
     void *state;
-    /* Makes ready for a tile of this place and size; slot 0 or 1: two tiles may be under way. */
-    enum umb_status (*begin)(void *state, int slot, const struct umbb_tile *tile,
+    /* Makes ready for a tile of this place and size, and proves what squares it can; slot 0 or 1:
+     * two tiles may be under way. */
+    enum umb_status (*begin)(void *state, int slot, struct umbb_tile *tile,
                              struct umb_error *error);
     /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
     void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
@@ -111,21 +126,23 @@ static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
 /*
  * Decides lit and end of a texel from its three nearest fragments.
  *
- * In: front, back: nearest front and back face of closed parts; open: nearest other face; each as
- *     `lit` of the fragment, or the background.
+ * In: nearest: of open casters, of front and of back faces of closed parts (enum umbb_layer), each
+ *     as `lit` of the fragment, or the background.
  * From the nearest front face of a closed part to the nearest back face the column is inside that
  * part: it was entered there, and nothing closed was left before. If anything lies in front of
- * the nearest front face, nothing is known to be inside, and end = lit.
+ * the nearest front face, nothing is known to be inside, and end = lit; so also where nothing is
+ * behind it, as only the caller's word makes such a part a solid.
  * Source: Sintorn et al. 2014, section 6.1, with the nearest back face instead of their counter
  * (always valid; the end may come earlier where solids overlap).
  */
-static inline void umbb_texel_decide(int32_t front, int32_t back, int32_t open, int32_t *lit,
+static inline void umbb_texel_decide(const int32_t nearest[3], int32_t background, int32_t *lit,
                                      int32_t *end)
 {
+    const int32_t open = nearest[0], front = nearest[1], back = nearest[2];
     int32_t first = back < open ? back : open;
     first = front < first ? front : first;
     *lit = first;
-    *end = front == first ? back : first;
+    *end = front == first && back < background ? back : first;
 }
 
 #endif

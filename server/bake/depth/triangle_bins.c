@@ -11,6 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/depth/front_marks.h"
+
 /* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */
 struct cell_range {
     int32_t x0, x1, y0, y1;
@@ -38,17 +40,24 @@ static int axis_range(const struct umbb_bins_input *input, int32_t origin, doubl
     return 1;
 }
 
+/* Texels beyond its own that a triangle is to be listed for. */
+static double slack(const struct umbb_bins_input *input, uint32_t triangle)
+{
+    return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0 ? 1.0 : 0.0;
+}
+
 /* Branches on which corner is the outermost could not be predicted: min and max have none. */
 static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
                           struct cell_range *range)
 {
     const double(*v)[3] = input->casters->corners[triangle];
+    const double further = slack(input, triangle);
     double low[2], high[2];
     for (int axis = 0; axis < 2; axis++) {
         const double a = v[0][axis], b = v[1][axis], c = v[2][axis];
         const double ab_low = a < b ? a : b, ab_high = a < b ? b : a;
-        low[axis] = ab_low < c ? ab_low : c;
-        high[axis] = ab_high > c ? ab_high : c;
+        low[axis] = (ab_low < c ? ab_low : c) - further;
+        high[axis] = (ab_high > c ? ab_high : c) + further;
     }
     return axis_range(input, input->x0, low[0], high[0], &range->x0, &range->x1) &&
            axis_range(input, input->y0, low[1], high[1], &range->y0, &range->y1);
@@ -89,8 +98,9 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
         return; /* the bounding box is as good */
     }
     const double(*v)[3] = input->casters->corners[triangle];
-    const double top = (double)input->y0 + (double)((int64_t)y << input->cell_log2);
-    const double bottom = top + (double)((int64_t)1 << input->cell_log2);
+    const double further = slack(input, triangle);
+    const double top = (double)input->y0 + (double)((int64_t)y << input->cell_log2) - further;
+    const double bottom = top + (double)((int64_t)1 << input->cell_log2) + 2.0 * further;
     struct reach reach = {INFINITY, -INFINITY};
     for (int i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
@@ -98,8 +108,8 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
     }
     /* One texel of slack: far more than these crossings and the predicate's may differ by. */
     const double width = (double)((int64_t)1 << input->cell_log2);
-    const double first = (reach.low - 1.0 - (double)input->x0) / width;
-    const double last = (reach.high + 1.0 - (double)input->x0) / width;
+    const double first = (reach.low - 1.0 - further - (double)input->x0) / width;
+    const double last = (reach.high + 1.0 + further - (double)input->x0) / width;
     if (first > (double)*x0) {
         *x0 = first < (double)*x1 ? (int32_t)first : *x1;
     }

@@ -58,7 +58,7 @@ static void slow_texel(const struct slow_triangle *list, size_t count, int32_t s
     }
     *lit = near[0] < near[1] ? near[0] : near[1];
     *lit = near[2] < *lit ? near[2] : *lit;
-    *end = *lit == near[1] && near[2] > *lit ? near[2] : *lit;
+    *end = *lit == near[1] && near[2] < size ? near[2] : *lit;
 }
 
 static void check_every_voxel(const struct soup *soup, int closed_rule,

@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One pass over the casters; what is known of a square is kept in the tile itself until the end:
+ * its pyramid's two numbers hold the bounds, its flag what touches it.
+ */
+#include "bake/depth/proven_squares.h"
+
+#include "bake/depth/coverage.h"
+#include "bake/depth/front_marks.h"
+
+#define SQUARE (1 << UMBB_SQUARE_LOG2)
+
+/* Flags of a square on the way. */
+enum {
+    TOUCHED = 1, /* some texel is covered */
+    MIDDLE = 2,  /* a front face covers the middle texel */
+    BORDER = 4,  /* a border is near */
+};
+
+/* A tile's squares; coordinates in texels of the frustum, squares counted in the tile. */
+struct squares {
+    const struct umbb_casters *casters;
+    struct umbb_tile *tile;
+    int32_t across;
+    int32_t *front_most; /* greatest lit of front faces */
+    int32_t *far_least;  /* least lit of all other faces */
+};
+
+static int32_t least(int32_t a, int32_t b)
+{
+    return a < b ? a : b;
+}
+
+static int32_t most(int32_t a, int32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* Texels of rows first .. last that the triangle covers, all rows together. */
+static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t last, int32_t *x_first,
+                       int32_t *x_last)
+{
+    int32_t a, b;
+    umbb_coverage_row(c, first, x_first, x_last);
+    umbb_coverage_row(c, last, &a, &b);
+    *x_first = least(*x_first, a);
+    *x_last = most(*x_last, b);
+    if (c->y[1] >= (double)first && c->y[1] <= (double)last + 1.0) {
+        /* The middle corner lies between: its texel, and one more for rounding. */
+        *x_first = least(*x_first, (int32_t)c->x[1] - 1);
+        *x_last = most(*x_last, (int32_t)c->x[1] + 1);
+    }
+}
+
+/* A square that the triangle touches in rows y0 .. y1, texels x0 .. x1. */
+static void square_touch(struct squares *s, const struct umbb_coverage *c, int front, size_t square,
+                         const int32_t x[2], const int32_t y[2])
+{
+    s->tile->proven[square] |= TOUCHED;
+    /* The farthest texel for a front face, else the nearest. */
+    const int32_t at_x = x[(c->gradient_x > 0.0) == front];
+    const int32_t at_y = y[(c->gradient_y > 0.0) == front];
+    const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
+    if (front) {
+        s->front_most[square] = most(s->front_most[square], lit);
+    } else {
+        s->far_least[square] = least(s->far_least[square], lit);
+    }
+}
+
+/* Marks the square if a front face covers its middle texel. */
+static void middle_touch(struct squares *s, const struct umbb_coverage *c, size_t square, int32_t x,
+                         int32_t y)
+{
+    int32_t x_first, x_last;
+    if (y >= c->row_first && y <= c->row_last) {
+        umbb_coverage_row(c, y, &x_first, &x_last);
+        if (x >= x_first && x <= x_last) {
+            s->tile->proven[square] |= MIDDLE;
+        }
+    }
+}
+
+static void add_triangle(struct squares *s, const struct umbb_coverage *c, int front)
+{
+    const struct umbb_tile *tile = s->tile;
+    const int32_t top = most(c->row_first, tile->y0);
+    const int32_t bottom = least(c->row_last, tile->y0 + tile->size - 1);
+    for (int32_t first = top; first <= bottom; first = (first | (SQUARE - 1)) + 1) {
+        const int32_t last = least(first | (SQUARE - 1), bottom);
+        const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
+        int32_t left, right;
+        rows_reach(c, first, last, &left, &right);
+        left = most(left, tile->x0);
+        right = least(right, tile->x0 + tile->size - 1);
+        for (int32_t x = left; x <= right; x = (x | (SQUARE - 1)) + 1) {
+            const int32_t column = (x - tile->x0) >> UMBB_SQUARE_LOG2;
+            const size_t square = (size_t)(row * s->across + column);
+            const int32_t xs[2] = {x, least(x | (SQUARE - 1), right)}, ys[2] = {first, last};
+            square_touch(s, c, front, square, xs, ys);
+            if (front) {
+                middle_touch(s, c, square, (x & -SQUARE) + SQUARE / 2,
+                             (first & -SQUARE) + SQUARE / 2);
+            }
+        }
+    }
+}
+
+/* Marks the squares within a texel of an edge. */
+static void add_border(struct squares *s, const double *a, const double *b)
+{
+    const struct umbb_tile *tile = s->tile;
+    const double *upper = a[1] < b[1] ? a : b, *lower = a[1] < b[1] ? b : a;
+    const double height = lower[1] - upper[1];
+    const double tile_top = (double)tile->y0, tile_left = (double)tile->x0;
+    for (int32_t row = 0; row < s->across; row++) {
+        const double top = tile_top + (double)(row * SQUARE) - 1.0;
+        const double bottom = top + (double)SQUARE + 2.0;
+        if (lower[1] < top || upper[1] > bottom) {
+            continue;
+        }
+        const double from = upper[1] < top ? (top - upper[1]) / height : 0.0;
+        const double to = lower[1] > bottom ? (bottom - upper[1]) / height : 1.0;
+        const double x_from = upper[0] + from * (lower[0] - upper[0]);
+        const double x_to = upper[0] + to * (lower[0] - upper[0]);
+        const double left = (x_from < x_to ? x_from : x_to) - 1.0 - tile_left;
+        const double right = (x_from < x_to ? x_to : x_from) + 1.0 - tile_left;
+        if (right < 0.0 || left >= (double)tile->size) {
+            continue;
+        }
+        const int32_t first = left > 0.0 ? (int32_t)left >> UMBB_SQUARE_LOG2 : 0;
+        const int32_t last =
+            right < (double)tile->size ? (int32_t)right >> UMBB_SQUARE_LOG2 : s->across - 1;
+        for (int32_t column = first; column <= last; column++) {
+            tile->proven[row * s->across + column] |= BORDER;
+        }
+    }
+}
+
+static void add_caster(struct squares *s, uint32_t caster)
+{
+    const uint8_t marks = s->casters->marks[caster];
+    const double(*v)[3] = s->casters->corners[caster];
+    for (size_t edge = 0; edge < 3; edge++) {
+        if (marks & 1U << edge) {
+            add_border(s, v[edge], v[(edge + 1) % 3]);
+        }
+    }
+    struct umbb_coverage coverage;
+    if (umbb_coverage_prepare(v, s->casters->size, &coverage)) {
+        add_triangle(s, &coverage, (marks & UMBB_MARK_FRONT) != 0);
+    }
+}
+
+/* Turns a square's flags into the answer. */
+static void decide(struct squares *s, size_t square)
+{
+    const int flags = s->tile->proven[square];
+    const int32_t background = s->casters->size;
+    int proven = 0;
+    if (flags == 0) {
+        s->front_most[square] = background;
+        proven = 1;
+    } else if (flags == (TOUCHED | MIDDLE)) {
+        const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
+        proven = s->far_least[square] < background && cut <= s->far_least[square];
+    }
+    s->tile->proven[square] = (uint8_t)proven;
+}
+
+void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list, size_t count,
+                        struct umbb_tile *tile)
+{
+    if (tile->proven == NULL) {
+        return;
+    }
+    struct squares squares = {
+        .casters = casters,
+        .tile = tile,
+        .across = tile->size >> UMBB_SQUARE_LOG2,
+        .front_most = tile->max_lit[UMBB_SQUARE_LOG2],
+        .far_least = tile->min_end[UMBB_SQUARE_LOG2],
+    };
+    const size_t total = (size_t)squares.across * (size_t)squares.across;
+    for (size_t square = 0; square < total; square++) {
+        tile->proven[square] = 0;
+        squares.front_most[square] = 0;
+        squares.far_least[square] = casters->size;
+    }
+    for (size_t i = 0; casters->marks != NULL && i < count; i++) {
+        add_caster(&squares, list == NULL ? (uint32_t)i : list[i]);
+    }
+    for (size_t square = 0; casters->marks != NULL && square < total; square++) {
+        decide(&squares, square);
+    }
+}
