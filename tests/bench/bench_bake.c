@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "bake/depth/depth_raster.h"
+#include "bake_race.h"
 #include "bench_machine.h"
 #include "bench_report.h"
 #include "bench_scene.h"
@@ -26,6 +27,9 @@
 #define WINDOW        256
 #define VOXEL_SAMPLES 10000000U
 #define SEED          5U
+#define QUICK_LOG2    14U
+#define FULL_LOG2     16U
+#define LARGEST_LOG2  18U
 
 struct windows {
     int32_t size; /* voxels a side of the map */
@@ -230,9 +234,32 @@ static void scene_run(const char *scene_name, uint32_t log2_size, const char *as
 {
     struct bench_scene scene;
     const int thousands = 1 << (log2_size - 10);
+    const int is_terrain = strcmp(scene_name, "terrain") == 0;
     bench_scene_make(&scene, scene_name, log2_size, assets);
-    rules_run(&scene, thousands, log2_size == 14);
+    if (log2_size == FULL_LOG2) {
+        bake_race(&scene, 1, bench_text("%s-%dk-closed", scene_name, thousands), is_terrain);
+        if (is_terrain) {
+            bake_race(&scene, 0, bench_text("%s-%dk-open", scene_name, thousands), 1);
+        }
+    }
+    rules_run(&scene, thousands, log2_size == QUICK_LOG2);
     depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
+    bench_scene_finish(&scene);
+}
+
+/* The closed terrain at the largest size: nothing of it is ever drawn as a whole. */
+static void largest_run(const char *assets)
+{
+    struct bench_scene scene;
+    struct bench_asset pair[2] = {{0}};
+    struct voxel_truth_result truths[2];
+    bench_scene_make(&scene, "terrain", LARGEST_LOG2, assets);
+    bake_race(&scene, 1, "terrain-256k-closed", 0);
+    bench_asset_make(&scene, 1, 0, &pair[1]);
+    voxel_truth_compare(&scene, pair, VOXEL_SAMPLES, truths);
+    bench_row_counted(BENCH, "terrain-256k-closed", "wrong_voxels", "lower",
+                      (double)truths[1].wrong);
+    bench_asset_finish(&pair[1]);
     bench_scene_finish(&scene);
 }
 
@@ -240,13 +267,16 @@ int main(int argc, char **argv)
 {
     const char *size = bench_size(argc, argv);
     const char *assets = bench_option(argc, argv, "--assets", NULL);
-    const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
+    const int full = strcmp(size, "full") == 0;
     const char *only = bench_option(argc, argv, "--scene", NULL);
     static const char *const scenes[] = {"terrain", "city"};
     for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
         if (only == NULL || strcmp(only, scenes[i]) == 0) {
-            scene_run(scenes[i], log2_size, assets);
+            scene_run(scenes[i], full ? FULL_LOG2 : QUICK_LOG2, assets);
         }
+    }
+    if (full && (only == NULL || strcmp(only, "largest") == 0)) {
+        largest_run(assets);
     }
     bench_table(BENCH, size);
     return 0;

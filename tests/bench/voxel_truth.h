@@ -15,7 +15,8 @@ struct voxel_truth_result {
     uint64_t samples, wrong, ties;
 };
 
-/* Compares at least `samples` voxels of each asset: 0 open, 1 closed. */
+/* Compares at least `samples` voxels of each asset: 0 open (left out if its asset is NULL), 1
+ * closed. */
 void voxel_truth_compare(const struct bench_scene *scene, const struct bench_asset assets[2],
                          uint64_t samples, struct voxel_truth_result results[2]);
 

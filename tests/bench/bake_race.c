@@ -1,0 +1,262 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Whole bakes; see bake_race.h. */
+#include "bake_race.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include "bake/build/job_pool.h"
+#include "bake/build/tile_loop.h"
+#include "bake/depth/depth_raster.h"
+#include "bench_machine.h"
+#include "bench_report.h"
+#include "common/sha256.h"
+#include "embree_peer.h"
+
+#define BENCH         "bake"
+#define TILE_LOG2     11U /* two tiles are in memory at a time */
+#define WINDOWS       64
+#define WINDOW_LOG2   8U
+#define WINDOW        (1 << WINDOW_LOG2)
+#define SHARE_LOG2    12U
+#define SEED          5U
+#define RUNS          3
+#define QUICK_SECONDS 20.0 /* bakes below this are repeated */
+
+/* What one bake took. */
+struct run {
+    double cpu_s, wall_s, peak_mib;
+    uint64_t packed_bytes;
+};
+
+static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
+{
+    (void)bytes;
+    *(uint64_t *)user += count;
+    return UMB_OK;
+}
+
+/* From casters to an octree. */
+static void octree_make(const struct bench_scene *scene, int closed_rule, unsigned threads,
+                        struct umb_octree *octree)
+{
+    const struct umbb_casters casters = bench_casters(scene, closed_rule);
+    const struct umbb_depth_options depth_options = {.tile_log2 = TILE_LOG2, .threads = threads};
+    const struct umbb_bake_options options = {
+        .log2_size = scene->frustum.log2_size,
+        .tile_log2 = TILE_LOG2,
+        .threads = threads,
+        .closed_rule = closed_rule,
+        .octree_max_bytes = SIZE_MAX,
+    };
+    struct umbb_depth depth;
+    struct umb_error error;
+    bench_must(umbb_depth_raster_create(&casters, &depth_options, &depth, &error), &error, "depth");
+    bench_must(umbb_bake_frustum(&depth, &options, octree, NULL, &error), &error, "bake");
+    depth.destroy(depth.state);
+}
+
+static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, unsigned threads,
+                            const struct umb_octree *octree)
+{
+    struct umb_error error;
+    uint8_t id[UMB_ID_BYTES];
+    char nothing[] = "";
+    uint64_t bytes = 0;
+    struct umb_light_info light = scene->light;
+    struct umb_frustum_info frustum = scene->frustum;
+    struct umbb_jobs *jobs;
+    frustum.closed = closed_rule;
+    struct umb_content content = {
+        .light_count = 1,
+        .frustum_count = 1,
+        .lights = &light,
+        .frusta = &frustum,
+        .bounds = scene->study.box,
+        .plan = nothing,
+        .settings = nothing,
+        .notes = nothing,
+    };
+    memcpy(content.origin, scene->origin, sizeof content.origin);
+    bench_must(umbb_jobs_create(threads, &jobs, &error), &error, "threads");
+    const struct umb_sink sink = {count_bytes, &bytes};
+    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    const struct umb_pack_job job = {&content, octree, &umbs_sha256, &sink, &workers};
+    bench_must(umb_pack_run(&job, id, &error), &error, "pack");
+    umbb_jobs_destroy(jobs);
+    return bytes;
+}
+
+static double resident_mib(void)
+{
+    long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    if (file == NULL || fscanf(file, "%*s %lld", &pages) != 1) {
+        bench_fail("/proc/self/statm: cannot be read");
+    }
+    (void)fclose(file);
+    return (double)pages * (double)sysconf(_SC_PAGESIZE) / 1048576.0;
+}
+
+static struct run bake_here(const struct bench_scene *scene, int closed_rule, unsigned threads)
+{
+    struct umb_octree octree;
+    struct rusage usage;
+    struct run run;
+    const double before = resident_mib(), wall = bench_wall_s(), cpu = bench_cpu_s();
+    octree_make(scene, closed_rule, threads, &octree);
+    run.packed_bytes = octree_pack(scene, closed_rule, threads, &octree);
+    run.cpu_s = bench_cpu_s() - cpu;
+    run.wall_s = bench_wall_s() - wall;
+    umb_octree_finish(&octree);
+    getrusage(RUSAGE_SELF, &usage);
+    run.peak_mib = (double)usage.ru_maxrss / 1024.0 - before;
+    return run;
+}
+
+/* The same in a child. */
+static struct run bake_apart(const struct bench_scene *scene, int closed_rule, unsigned threads)
+{
+    struct run run;
+    int pipe_ends[2], status;
+    (void)fflush(NULL);
+    if (pipe(pipe_ends) != 0) {
+        bench_fail("pipe: refused");
+    }
+    const pid_t child = fork();
+    if (child == 0) {
+        run = bake_here(scene, closed_rule, threads);
+        _exit(write(pipe_ends[1], &run, sizeof run) == (ssize_t)sizeof run ? 0 : 1);
+    }
+    (void)close(pipe_ends[1]);
+    if (child < 0 || read(pipe_ends[0], &run, sizeof run) != (ssize_t)sizeof run ||
+        waitpid(child, &status, 0) != child || status != 0) {
+        bench_fail("%s: the process that bakes failed", scene->name);
+    }
+    (void)close(pipe_ends[0]);
+    bench_say("%s %s at %u, threads %u: %.2f s CPU of the first, %.2f s wall, %.0f MiB, %llu bytes",
+              scene->name, closed_rule ? "closed" : "open", 1U << scene->frustum.log2_size, threads,
+              run.cpu_s, run.wall_s, run.peak_mib, (unsigned long long)run.packed_bytes);
+    return run;
+}
+
+static void tile_draw(const struct umbb_depth *depth, struct umbb_tile *tile)
+{
+    struct umb_error error;
+    const int32_t blocks = tile->size / umbb_tile_block(tile);
+    bench_must(depth->begin(depth->state, 0, tile, &error), &error, "tile");
+    for (int32_t b = 0; b < blocks * blocks; b++) {
+        depth->block(depth->state, 0, 0, tile, b % blocks, b / blocks);
+    }
+}
+
+/* Share of the map that something covers. */
+static double covered_share(const char *name)
+{
+    struct bench_scene scene;
+    struct umbb_depth depth;
+    struct umbb_tile tile;
+    struct umb_error error;
+    const int32_t size = 1 << SHARE_LOG2;
+    uint64_t covered = 0;
+    bench_scene_make(&scene, name, SHARE_LOG2, NULL);
+    const struct umbb_casters casters = bench_casters(&scene, 0);
+    const struct umbb_depth_options options = {.tile_log2 = SHARE_LOG2, .threads = 1};
+    bench_must(umbb_depth_raster_create(&casters, &options, &depth, &error), &error, "depth");
+    bench_must(umbb_tile_init(&tile, SHARE_LOG2, 0, &error), &error, "tile");
+    tile_draw(&depth, &tile);
+    for (size_t block = 0; block < (size_t)(size >> 3) * (size_t)(size >> 3); block++) {
+        for (size_t i = 0; i < 64 && tile.min_end[UMB_LEVEL_BRICK][block] < size; i++) {
+            covered += tile.lit[64 * block + i] < size;
+        }
+    }
+    umbb_tile_finish(&tile);
+    depth.destroy(depth.state);
+    bench_scene_finish(&scene);
+    return (double)covered / ((double)size * (double)size);
+}
+
+/* Fills a window's covered texels, row by row. */
+static void window_cover(const struct umbb_depth *depth, struct umbb_tile *tile, int32_t size,
+                         uint8_t *covered)
+{
+    tile_draw(depth, tile);
+    for (int32_t i = 0; i < WINDOW * WINDOW; i++) {
+        int32_t lit, end;
+        bench_texel(tile, size, i % WINDOW, i / WINDOW, &lit, &end);
+        covered[i] = lit < size;
+    }
+}
+
+/* CPU seconds that Embree would take for every covered texel of the map. */
+static double embree_whole(const struct bench_scene *scene)
+{
+    const struct umbb_casters casters = bench_casters(scene, 0);
+    const struct umbb_depth_options options = {.tile_log2 = WINDOW_LOG2, .threads = 1};
+    const double share = covered_share(scene->name);
+    struct embree_peer *peer = embree_peer_make(scene, 1);
+    struct gen_rng rng = {SEED};
+    struct umbb_depth depth;
+    struct umbb_tile tile;
+    struct umb_error error;
+    uint8_t *covered = calloc(WINDOW, WINDOW);
+    float *depths = calloc((size_t)WINDOW * WINDOW, sizeof *depths);
+    double seconds = 0.0;
+    uint64_t rays = 0;
+    if (covered == NULL || depths == NULL) {
+        bench_fail("windows: out of memory");
+    }
+    bench_must(umbb_depth_raster_create(&casters, &options, &depth, &error), &error, "depth");
+    bench_must(umbb_tile_init(&tile, WINDOW_LOG2, 0, &error), &error, "window");
+    for (size_t w = 0; w < WINDOWS; w++) {
+        tile.x0 = gen_range(&rng, 0, (casters.size >> WINDOW_LOG2) - 1) << WINDOW_LOG2;
+        tile.y0 = gen_range(&rng, 0, (casters.size >> WINDOW_LOG2) - 1) << WINDOW_LOG2;
+        window_cover(&depth, &tile, casters.size, covered);
+        for (size_t i = 0; i < (size_t)WINDOW * WINDOW; i++) {
+            rays += covered[i];
+        }
+        const double start = bench_cpu_s();
+        (void)embree_depth_window(peer, tile.x0, tile.y0, WINDOW, covered, depths);
+        seconds += bench_cpu_s() - start;
+    }
+    umbb_tile_finish(&tile);
+    depth.destroy(depth.state);
+    embree_peer_destroy(peer);
+    free(covered);
+    free(depths);
+    const double texels = share * (double)casters.size * (double)casters.size;
+    bench_say("%s at %d: Embree %.1f Mrays/s, %.0f s for %.0f million covered texels", scene->name,
+              (int)casters.size, 1e-6 * (double)rays / seconds, seconds / (double)rays * texels,
+              1e-6 * texels);
+    return seconds / (double)rays * texels;
+}
+
+void bake_race(const struct bench_scene *scene, int closed_rule, const char *name, int with_threads)
+{
+    struct bench_samples rays = {0}, threads = {0};
+    double cpu_s[RUNS], peak = 0.0, last_s = 0.0;
+    int runs = 0;
+    while (runs < RUNS && (runs == 0 || last_s < QUICK_SECONDS)) {
+        const struct run one = bake_apart(scene, closed_rule, 1);
+        cpu_s[runs++] = one.cpu_s;
+        peak = one.peak_mib > peak ? one.peak_mib : peak;
+        last_s = one.wall_s;
+        if (with_threads) {
+            bench_add(&threads, one.wall_s / bake_apart(scene, closed_rule, 2).wall_s);
+        }
+    }
+    /* Afterwards: what it frees would be memory that the bakes need not ask for. */
+    const double embree = embree_whole(scene);
+    for (int i = 0; i < runs; i++) {
+        bench_add(&rays, embree / cpu_s[i]);
+    }
+    bench_row(BENCH, name, "bake_vs_embree_rays", "higher", &rays);
+    bench_row_counted(BENCH, name, "peak_mib", "lower", peak);
+    if (with_threads) {
+        bench_row(BENCH, name, "threads2_vs_1", "higher", &threads);
+    }
+}
