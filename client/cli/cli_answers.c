@@ -116,9 +116,10 @@ static void explain_window(FILE *file, const struct umb_explanation *e)
     char row[UMB_TAPS_MAX + 1];
     uint32_t taps = e->taps < UMB_TAPS_MAX ? e->taps : UMB_TAPS_MAX;
     (void)fprintf(file,
-                  "  window of %" PRIu32 " x %" PRIu32 " texels from %" PRId64 " %" PRId64
+                  "  %s of %" PRIu32 " x %" PRIu32 " texels from %" PRId64 " %" PRId64
                   " at depth %" PRId64 ":\n",
-                  taps, taps, e->window[0], e->window[1], e->cell[2]);
+                  e->filter == UMB_FILTER_TENT ? "tent" : "window", taps, taps, e->window[0],
+                  e->window[1], e->cell[2]);
     for (uint32_t j = 0; j < taps; j++) {
         for (uint32_t i = 0; i < taps; i++) {
             row[i] = e->rows[j] >> i & 1 ? '#' : '.';
@@ -176,6 +177,7 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
+    umbc_json_text(json, "filter", e->filter == UMB_FILTER_TENT ? "tent" : "box");
     umbc_json_text(json, "bias", bias_name(e->bias_mode));
     umbc_json_number(json, "bias_m", e->bias_m);
     umbc_json_bool(json, "has_normal", e->has_normal != 0);
@@ -238,7 +240,7 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
         }
         umbc_json_end(json, ']');
     }
-    umbc_json_integer(json, "taps", answers->options->settings.taps);
+    umbc_json_integer(json, "taps", total->taps);
     umbc_json_integer(json, "points", total->points);
     umbc_json_begin(json, "stats", '{');
     umbc_json_integer(json, "outside", total->stats.outside);

@@ -18,6 +18,7 @@ struct umbc_query_total {
     uint64_t points;
     const uint32_t *lights; /* [light_count] */
     size_t light_count;
+    uint32_t taps; /* of the first light */
 };
 
 struct umbc_answers {

@@ -229,6 +229,7 @@ static enum umb_status choose_lights(struct job *job, struct umb_error *error)
         job->lights[k] = options->all_lights ? (uint32_t)k : options->lights[k];
     }
     job->total.lights = job->lights;
+    job->total.taps = options->settings.taps;
     job->total.light_count = job->light_count;
     return UMB_OK;
 }
@@ -240,6 +241,9 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
     for (size_t k = 0; status == UMB_OK && k < job->light_count; k++) {
         settings.light = job->lights[k];
         status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
+    }
+    if (status == UMB_OK && job->light_count > 0) {
+        job->total.taps = umb_query_taps(&job->queries[0]);
     }
     return status;
 }

@@ -18,6 +18,8 @@ enum query_option {
     OPTION_ORIGIN,
     OPTION_LIGHT,
     OPTION_TAPS,
+    OPTION_FOOTPRINT,
+    OPTION_FILTER,
     OPTION_BIAS,
     OPTION_ADDRESS,
     OPTION_BATCH,
@@ -45,6 +47,9 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_LIGHT] = {"light", "N,...|all",
                       "index of the light, default 0; several: an answer each, side by side", 0},
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
+    [OPTION_FOOTPRINT] = {"footprint", "M",
+                          "FILE only: width of the window in metres instead of --taps", 0},
+    [OPTION_FILTER] = {"filter", "NAME", "box (default), or FILE only: tent", 0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
     [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
@@ -203,21 +208,39 @@ static int take_lights(const char *text, struct umbc_query_options *options)
                             text);
 }
 
+/* --taps, or --footprint instead, and --filter. */
+static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settings *settings)
+{
+    static const char *const filters[] = {"box", "tent"};
+    const char *taps = parsed->values[OPTION_TAPS];
+    const char *footprint = parsed->values[OPTION_FOOTPRINT];
+    const char *filter = parsed->values[OPTION_FILTER];
+    unsigned long long value = 1;
+    if (taps != NULL && footprint != NULL) {
+        return umbc_usage_error("query: --taps and --footprint exclude each other");
+    }
+    if (taps != NULL && (!umbc_parse_count(taps, UMB_TAPS_MAX, &value) || value % 2 == 0)) {
+        return umbc_usage_error("query: --taps '%s' is not odd and within 1..%d", taps,
+                                UMB_TAPS_MAX);
+    }
+    settings->taps = footprint == NULL ? (uint32_t)value : 0;
+    if (footprint != NULL &&
+        !(umbc_parse_number(footprint, &settings->footprint_m) && settings->footprint_m > 0)) {
+        return umbc_usage_error("query: --footprint '%s' is not a length above 0", footprint);
+    }
+    int found = filter == NULL ? 0 : find_word(filter, filters, 2);
+    if (found < 0) {
+        return umbc_usage_error("query: --filter '%s' is not box or tent", filter);
+    }
+    settings->filter = (enum umb_filter)found;
+    return -1;
+}
+
 static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
     unsigned long long value;
-    const char *text;
-    options->settings.taps = 1;
-    text = parsed->values[OPTION_TAPS];
-    if (text != NULL) {
-        if (!umbc_parse_count(text, UMB_TAPS_MAX, &value) || value % 2 == 0) {
-            return umbc_usage_error("query: --taps '%s' is not odd and within 1..%d", text,
-                                    UMB_TAPS_MAX);
-        }
-        options->settings.taps = (uint32_t)value;
-    }
     options->batch = BATCH_DEFAULT;
-    text = parsed->values[OPTION_BATCH];
+    const char *text = parsed->values[OPTION_BATCH];
     if (text != NULL) {
         if (!umbc_parse_count(text, BATCH_MAX, &value) || value == 0) {
             return umbc_usage_error("query: --batch '%s' is not within 1..%u", text, BATCH_MAX);
@@ -252,8 +275,9 @@ static int check_lights(const struct umbc_query_options *options)
 static int check_question(const struct umbc_parsed *parsed,
                           const struct umbc_query_options *options)
 {
-    static const enum query_option refused[] = {OPTION_NORMALS, OPTION_TAPS,     OPTION_BIAS,
-                                                OPTION_ADDRESS, OPTION_ENCODING, OPTION_EXPLAIN};
+    static const enum query_option refused[] = {OPTION_NORMALS,  OPTION_TAPS,   OPTION_FOOTPRINT,
+                                                OPTION_FILTER,   OPTION_BIAS,   OPTION_ADDRESS,
+                                                OPTION_ENCODING, OPTION_EXPLAIN};
     static const char *const names[] = {"points", "segments", "columns", "boxes"};
     if (options->question == UMBC_QUESTION_POINTS) {
         return -1;
@@ -300,6 +324,12 @@ static int check_together(const struct umbc_query_options *options)
     if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
         return umbc_usage_error("query: --explain needs --encoding text");
     }
+    if ((options->settings.footprint_m > 0 || options->settings.filter != UMB_FILTER_BOX) &&
+        !umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
+                                options->settings.footprint_m > 0 ? "footprint" : "filter",
+                                options->target);
+    }
     if (options->explain && !umbc_is_file(options->target)) {
         return umbc_usage_error("query: --explain works on files only, '%s' is an asset",
                                 options->target);
@@ -330,6 +360,9 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     if (code < 0 && parsed.values[OPTION_BIAS] != NULL) {
         code = take_bias(parsed.values[OPTION_BIAS], &options->settings);
+    }
+    if (code < 0) {
+        code = take_filter(&parsed, &options->settings);
     }
     if (code < 0) {
         code = take_counts(&parsed, options);

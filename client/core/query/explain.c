@@ -65,6 +65,7 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
                                   : place.lit;
             }
             e->rows[j] |= (uint32_t)lit << i;
+            e->lit_taps += lit;
         }
     }
 }
@@ -106,7 +107,6 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
     q.format = UMB_ANSWER_F32;
     q.kernel(&q, &one, 0, 1, &answers);
     e.taps = (uint32_t)q.taps;
-    e.lit_taps = (uint32_t)((double)value * q.taps * q.taps + 0.5);
     e.outside = answers.stats.outside != 0;
     e.before = answers.stats.before != 0;
     e.behind = answers.stats.behind != 0;
@@ -132,6 +132,7 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
     struct umb_query_stats ignored = {0};
     struct umb__window window = umb__window_at(&q, e.voxel, &ignored);
     e.bias_mode = q.bias_mode;
+    e.filter = q.filter;
     add_normal(&q, &one, &e);
     for (unsigned axis = 0; axis < 2; axis++) {
         /* Beyond any frustum where a double or its floor would not fit. */

@@ -48,6 +48,41 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
                         UMB_BIAS_MAX);
     }
+    if ((unsigned)settings->filter > UMB_FILTER_TENT) {
+        return umb_fail(error, UMB_E_ARGUMENT, "filter: %d, unknown", (int)settings->filter);
+    }
+    if (settings->footprint_m != 0 && settings->taps != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g beside %u taps; give one of both",
+                        settings->footprint_m, settings->taps);
+    }
+    if (asset->canonical.content.lights[settings->light].kind != UMB_LIGHT_DIRECTIONAL &&
+        (settings->filter != UMB_FILTER_BOX || settings->footprint_m != 0)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "%s: light %u is not directional; it takes the box filter and taps",
+                        settings->filter != UMB_FILTER_BOX ? "filter" : "footprint_m",
+                        settings->light);
+    }
+    return UMB_OK;
+}
+
+/* Window width: what the settings say, or the odd number of texels nearest to their footprint. */
+static enum umb_status choose_taps(const struct umb_query_settings *settings,
+                                   const struct umb_frustum_info *frustum, int32_t *taps,
+                                   struct umb_error *error)
+{
+    *taps = settings->taps ? (int32_t)settings->taps : 1;
+    if (settings->footprint_m == 0) {
+        return UMB_OK;
+    }
+    double texel_m = (length3(frustum->voxel_step[0]) + length3(frustum->voxel_step[1])) / 2;
+    double limit = (UMB_TAPS_MAX + 1) * texel_m;
+    if (!(settings->footprint_m > 0 && settings->footprint_m <= limit)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "footprint_m: %g, must be above 0 and at most %g (%d texels of %g m)",
+                        settings->footprint_m, limit, UMB_TAPS_MAX + 1, texel_m);
+    }
+    int32_t half = (int32_t)floor(settings->footprint_m / texel_m / 2);
+    *taps = half < UMB_TAPS_MAX / 2 ? 2 * half + 1 : UMB_TAPS_MAX;
     return UMB_OK;
 }
 
@@ -107,15 +142,21 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     const struct umb_light_info *light = &content->lights[settings->light];
     const struct umb_frustum_info *frustum = &content->frusta[light->first_frustum];
     const struct umb__top *top = &asset->view.tops[light->first_frustum];
+    int32_t taps;
+    status = choose_taps(settings, frustum, &taps, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     struct umb__query q = {
-        .kernel = choose_kernel(),
+        .kernel = settings->filter == UMB_FILTER_TENT ? umb__kernel_tent : choose_kernel(),
         .grid = asset->view.grid + top->first_cell,
         .nodes = asset->view.nodes,
         .bricks = asset->view.bricks,
         .log2_size = frustum->log2_size,
         .grid_log2 = top->grid_log2,
         .frustum = light->first_frustum,
-        .taps = settings->taps ? (int32_t)settings->taps : 1,
+        .taps = taps,
+        .filter = settings->filter,
         .format = settings->format,
     };
     memcpy(q.world_to_voxel, frustum->world_to_voxel, sizeof q.world_to_voxel);
@@ -129,6 +170,13 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     }
     memcpy(query->opaque, &q, sizeof q);
     return UMB_OK;
+}
+
+uint32_t umb_query_taps(const struct umb_query *query)
+{
+    struct umb__query q;
+    memcpy(&q, query->opaque, sizeof q);
+    return (uint32_t)q.taps;
 }
 
 /*

@@ -27,6 +27,7 @@ struct umb__query {
     uint32_t grid_log2;          /* g */
     uint32_t frustum;
     int32_t taps;                /* window width */
+    enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
     double bias_m;               /* VOXELS and METRES: metres along the normal */
@@ -200,6 +201,10 @@ uint32_t umb__count_window(const struct umb__query *q, const struct umb__window 
 void umb__kernel_base(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
 void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *points, size_t first,
+                      size_t count, struct umb_answers *answers);
+
+/* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */
+void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
 
 #endif

@@ -54,6 +54,16 @@ enum umb_bias_mode {
     UMB_BIAS_NONE = 3,   /* look up the point as it is */
 };
 
+/* How the texels of the window are weighed. */
+enum umb_filter {
+    UMB_FILTER_BOX = 0,
+    /* Falls off linearly on both axes: texel (i, j) from the centre weighs (m - |i|) (m - |j|) with
+     * m = (taps + 1) / 2. No step when the window moves by a texel; half as wide in effect. In
+     * `umb_answer_format`, count is then the sum of the lit texels' weights, and m^4 stands for
+     * taps * taps. Directional lights only. */
+    UMB_FILTER_TENT = 1,
+};
+
 enum umb_answer_format {
     UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
     UMB_ANSWER_U8 = 1,  /* 0..255, round(255 * count / (taps * taps)), ties up */
@@ -72,6 +82,10 @@ struct umb_query_settings {
     enum umb_bias_mode bias_mode;
     double bias; /* for VOXELS and METRES: finite, 0..1e6 */
     enum umb_answer_format format;
+    enum umb_filter filter;
+    /* Width of the window in metres across the light, instead of taps: takes the odd number of
+     * texels nearest to it. 0: taps decides. Directional lights only. */
+    double footprint_m;
 };
 
 /*
@@ -124,6 +138,10 @@ UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *as
                                                       const struct umb_query_settings *settings,
                                                       struct umb_query *query,
                                                       struct umb_error *error);
+
+/* Returns the width of a prepared query's window in texels: what was asked, or what the footprint
+ * comes to. */
+UMB_API uint32_t umb_query_taps(const struct umb_query *query);
 
 /*
  * Checks that a batch may be run: every position and the origin finite.
@@ -190,6 +208,7 @@ struct umb_explanation {
     int has_normal;    /* 1: the point moved along its normal; 0: towards the light */
     double cosine;     /* of the angle between normal and light, -1..1; 0 without a normal */
     int64_t window[2]; /* voxel x, y of the window's first texel */
+    enum umb_filter filter;
     uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
     uint32_t nodes, bricks; /* read */

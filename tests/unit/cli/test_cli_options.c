@@ -197,6 +197,10 @@ static void questions_and_lists_of_lights_are_taken(void **state)
     assert_true(parsed.lights[0] == 4 && parsed.lights[1] == 0 && parsed.lights[2] == 7);
     assert_int_equal(query("query a.umb --points p --light all --encoding u8", &parsed), -1);
     assert_true(parsed.all_lights);
+    assert_int_equal(query("query a.umb --points p --footprint 0.5 --filter tent", &parsed), -1);
+    assert_int_equal(parsed.settings.taps, 0);
+    assert_true(parsed.settings.footprint_m == 0.5);
+    assert_int_equal(parsed.settings.filter, UMB_FILTER_TENT);
     assert_int_equal(query("query a --points p", &parsed), -1);
     assert_int_equal(parsed.light_count, 1);
 }
@@ -213,6 +217,13 @@ static void bad_query_options_are_usage_errors(void **state)
         "query a.umb --boxes p --explain",
         "query a.umb --columns p --bias none",
         "query a.umb --columns p --light 1,2",
+        "query a.umb --points p --taps 3 --footprint 1",
+        "query a.umb --points p --footprint 0",
+        "query a.umb --points p --footprint x",
+        "query a.umb --points p --filter gauss",
+        "query a --points p --filter tent",
+        "query a --points p --footprint 1",
+        "query a.umb --boxes p --footprint 1",
         "query a.umb --points p --light ''",
         "query a.umb --points p --light 1,",
         "query a.umb --points p --light ,1",

@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The tent filter against plain sums of weights, and footprints in metres. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "volume_fixture.h"
+
+enum {
+    POINTS = 1500
+};
+
+/* The header's words, texel by texel; v: voxel space. */
+static uint32_t plain_tent(const struct volume_fixture *f, const double v[3], int32_t taps)
+{
+    int32_t half = taps / 2, m = half + 1;
+    uint32_t sum = 0;
+    for (int32_t j = -half; j <= half; j++) {
+        for (int32_t i = -half; i <= half; i++) {
+            int32_t weight = (m - abs(i)) * (m - abs(j));
+            int lit = fixture_voxel(f, (int64_t)floor(v[0]) + i, (int64_t)floor(v[1]) + j,
+                                    (int64_t)floor(v[2]));
+            sum += lit ? (uint32_t)weight : 0;
+        }
+    }
+    return sum;
+}
+
+static void tents_weigh_the_texels_that_plain_loops_weigh(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    uint64_t seed = 61;
+    volume_fixture_open(&f, fixture_noise, 7, 0, 0);
+    for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
+        struct umb_query_settings settings = {
+            .taps = taps, .bias_mode = UMB_BIAS_NONE, .filter = UMB_FILTER_TENT};
+        struct umb_query query, byte_query;
+        uint32_t m = (taps + 1) / 2, total = m * m * m * m;
+        assert_int_equal(umb_query_prepare(f.asset, &settings, &query, NULL), UMB_OK);
+        settings.format = UMB_ANSWER_U8;
+        assert_int_equal(umb_query_prepare(f.asset, &settings, &byte_query, NULL), UMB_OK);
+        for (size_t i = 0; i < POINTS; i++) {
+            double v[3], p[3];
+            float value = 0;
+            uint8_t byte = 0;
+            for (unsigned k = 0; k < 3; k++) {
+                v[k] = (random_unit(&seed) * 1.2 - 0.1) * f.size;
+            }
+            fixture_world(&f, v, p);
+            fixture_voxel_of(&f, p, v);
+            struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
+            struct umb_answers answers = {.values = &value}, bytes = {.values = &byte};
+            memcpy(points.origin, fixture_origin, sizeof fixture_origin);
+            umb_query_run(&query, &points, 0, 1, &answers);
+            umb_query_run(&byte_query, &points, 0, 1, &bytes);
+            uint32_t want = plain_tent(&f, v, (int32_t)taps);
+            assert_true(value == (float)want / (float)total);
+            assert_int_equal(byte, (2 * 255 * want + total) / (2 * total));
+        }
+    }
+    volume_fixture_close(&f);
+}
+
+static void a_tent_of_one_texel_is_a_box_of_one_texel(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    uint64_t seed = 62;
+    static double positions[POINTS][3];
+    static float normals[POINTS][3], box[POINTS], tent[POINTS];
+    volume_fixture_open(&f, fixture_noise, 6, 1, 0);
+    for (size_t i = 0; i < POINTS; i++) {
+        for (unsigned k = 0; k < 3; k++) {
+            positions[i][k] = random_unit(&seed) * 40 - 20;
+            normals[i][k] = (float)(random_unit(&seed) - 0.5);
+        }
+    }
+    struct umb_points points = {
+        .positions = positions, .format = UMB_POINT_F64, .normals = normals, .count = POINTS};
+    struct umb_query_settings settings = {.taps = 1};
+    struct umb_query query;
+    struct umb_answers a = {.values = box}, b = {.values = tent};
+    memcpy(points.origin, fixture_origin, sizeof fixture_origin);
+    assert_int_equal(umb_query_prepare(f.asset, &settings, &query, NULL), UMB_OK);
+    umb_query_run(&query, &points, 0, POINTS, &a);
+    settings.filter = UMB_FILTER_TENT;
+    assert_int_equal(umb_query_prepare(f.asset, &settings, &query, NULL), UMB_OK);
+    umb_query_run(&query, &points, 0, POINTS, &b);
+    assert_memory_equal(box, tent, sizeof box);
+    assert_int_equal(a.stats.points, b.stats.points);
+    assert_int_equal(a.stats.outside, b.stats.outside);
+    assert_int_equal(a.stats.before, b.stats.before);
+    assert_int_equal(a.stats.behind, b.stats.behind);
+    assert_int_equal(a.stats.facing_away, b.stats.facing_away);
+    volume_fixture_close(&f);
+}
+
+static void footprints_take_the_nearest_odd_number_of_texels(void **state)
+{
+    (void)state;
+    /* In texels of 0.25 m. */
+    static const struct {
+        double texels;
+        uint32_t taps;
+    } cases[] = {{0.01, 1}, {1.9, 1}, {2.1, 3}, {3.9, 3}, {4.1, 5}, {9, 9}, {17.9, 17}, {18, 17}};
+    struct volume_fixture f;
+    struct umb_error error;
+    struct umb_query query;
+    volume_fixture_open(&f, fixture_noise, 6, 0, 0);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umb_query_settings settings = {.footprint_m = cases[i].texels * 0.25};
+        assert_int_equal(umb_query_prepare(f.asset, &settings, &query, &error), UMB_OK);
+        assert_int_equal(umb_query_taps(&query), cases[i].taps);
+    }
+    struct umb_query_settings wide = {.footprint_m = 4.6}, both = {.taps = 3, .footprint_m = 1};
+    struct umb_query_settings below = {.footprint_m = -1}, nan = {.footprint_m = NAN};
+    struct umb_query_settings other = {.filter = (enum umb_filter)2};
+    assert_int_equal(umb_query_prepare(f.asset, &wide, &query, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "footprint_m: 4.6, must be above 0 and at most 4.5"));
+    assert_int_equal(umb_query_prepare(f.asset, &both, &query, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umb_query_prepare(f.asset, &below, &query, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umb_query_prepare(f.asset, &nan, &query, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umb_query_prepare(f.asset, &other, &query, &error), UMB_E_ARGUMENT);
+    volume_fixture_close(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tents_weigh_the_texels_that_plain_loops_weigh),
+        cmocka_unit_test(a_tent_of_one_texel_is_a_box_of_one_texel),
+        cmocka_unit_test(footprints_take_the_nearest_odd_number_of_texels),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
