@@ -19,12 +19,17 @@
 #include "fuzz.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
+#include "umbrage/volume.h"
 
-enum { MAX_PAGES = 8, MAX_FILE = 1 << 20 };
+enum {
+    MAX_PAGES = 8,
+    MAX_FILE = 1 << 20
+};
 
 static void query_everywhere(const struct umb_asset *asset)
 {
     struct umb_query_settings settings = {.taps = 17, .format = UMB_ANSWER_U8};
+    struct umb_query_settings tent = {.taps = 9, .filter = UMB_FILTER_TENT};
     struct umb_query query;
     double points[64][3];
     uint8_t values[64];
@@ -43,6 +48,51 @@ static void query_everywhere(const struct umb_asset *asset)
     umb_query_run(&query, &batch, 0, 64, &answers);
     struct umb_explanation explanation;
     umb_query_explain(&query, &batch, 3, &explanation);
+    float wide[64];
+    answers.values = wide;
+    if (umb_query_prepare(asset, &tent, &query, NULL) == UMB_OK) {
+        umb_query_run(&query, &batch, 0, 64, &answers);
+    }
+}
+
+/* Segments, columns and small boxes; large ones of a hostile tree may take for ever. */
+static void walk_everywhere(const struct umb_asset *asset)
+{
+    struct umb_volume volume;
+    struct umb_frustum_info frustum;
+    struct umb_segment_answer segments[8];
+    struct umb_stretch stretches[8 * 4];
+    struct umb_column_answer columns[16];
+    struct umb_box_answer boxes[8];
+    struct umb_voxel_box corners[8];
+    double ends[16][3];
+    uint64_t seed = 98;
+    if (umb_volume_prepare(asset, 0, &volume, NULL) != UMB_OK ||
+        umb_asset_get_frustum(asset, 0, &frustum) != UMB_OK) {
+        return;
+    }
+    double size = (double)(1U << frustum.log2_size);
+    for (size_t i = 0; i < 16 * 3; i++) {
+        ends[i / 3][i % 3] =
+            (random_unit(&seed) * 1.1 - 0.05) * size * frustum.voxel_step[i % 3][i % 3];
+    }
+    for (size_t i = 0; i < 8 * 3; i++) {
+        corners[i / 3].min[i % 3] = (int64_t)((random_unit(&seed) * 1.1 - 0.05) * size);
+        corners[i / 3].max[i % 3] = corners[i / 3].min[i % 3] + (int64_t)i;
+    }
+    struct umb_segments lines = {.ends = ends, .format = UMB_POINT_F64, .count = 8};
+    struct umb_points points = {.positions = ends, .format = UMB_POINT_F64, .count = 16};
+    struct umb_segment_answers lit = {
+        .segments = segments, .stretches = stretches, .stretch_max = 4};
+    struct umb_column_answers depths = {.columns = columns};
+    struct umb_box_answers shares = {.boxes = boxes};
+    umb_segments_run(&volume, &lines, 0, 8, &lit);
+    umb_columns_run(&volume, &points, 0, 16, &depths);
+    umb_voxel_boxes_run(&volume, corners, 0, 8, &shares);
+    for (size_t i = 0; i < 8; i++) {
+        FUZZ_DEMAND(segments[i].lit >= 0 && segments[i].lit <= 1.0 + 1e-9);
+        FUZZ_DEMAND(boxes[i].lit <= boxes[i].voxels);
+    }
 }
 
 /* What opened must survive exporting, packing and opening again. */
@@ -74,6 +124,7 @@ static void try_file(const uint8_t *bytes, size_t size)
     memcpy(exact, bytes, size);
     if (umb_asset_open_bytes(exact, size, &options, &asset, NULL) == UMB_OK) {
         query_everywhere(asset);
+        walk_everywhere(asset);
         round_trip(asset);
         umb_asset_close(asset);
     }
@@ -148,8 +199,7 @@ static void try_pages(const uint8_t *data, size_t size)
         size_t length = umb__load16(data + at);
         at += 2;
         length = length < size - at ? length : size - at;
-        add_page(data + at, length, &stored, directory + pages * UMB__PAGE_ENTRY,
-                 canonical.counts);
+        add_page(data + at, length, &stored, directory + pages * UMB__PAGE_ENTRY, canonical.counts);
         at += length;
         pages++;
     }
@@ -160,8 +210,7 @@ static void try_pages(const uint8_t *data, size_t size)
     FUZZ_DEMAND(umb__canonical_encode(&canonical, NULL, &block, &head.canonical_length, NULL) ==
                 UMB_OK);
     head.canonical = block;
-    head.head_length =
-        umb__head_length(head.canonical_length, pages, UMB__PAGE_ENTRY, 0);
+    head.head_length = umb__head_length(head.canonical_length, pages, UMB__PAGE_ENTRY, 0);
     head.file_length = head.head_length + stored.size;
     for (uint32_t i = 0; i < pages; i++) {
         uint8_t *entry = directory + i * UMB__PAGE_ENTRY;

@@ -177,7 +177,9 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  *        frustum do not count.
  * Not guaranteed: as umb_segments_run, for boxes that umb_boxes_check refuses.
  * Threads: as umb_segments_run.
- * Cost:  linear in the nodes and bricks inside the box, and in the voxels its faces cut.
+ * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
+ *        the voxels its faces cut. For boxes of a large part of a large frustum of untrusted bytes
+ *        that has no useful bound: a service must limit the size of boxes.
  */
 UMB_API void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
                            size_t first, size_t count, struct umb_box_answers *answers);
