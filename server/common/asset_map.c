@@ -280,6 +280,16 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     return UMB_OK;
 }
 
+/* Look-ups jump: reading ahead would push out pages that are wanted. With an asset four times as
+ * large as memory this halves the slowest calls (tests/system/larger_than_memory.py). A copy needs
+ * none. */
+static void advise(const struct umbs_asset_map *map, int advice)
+{
+    if (map->fd >= 0) {
+        (void)posix_madvise(map->base, map->bytes, advice);
+    }
+}
+
 enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_map_options *options,
                                     struct umbs_asset_map **out, struct umb_error *error)
 {
@@ -295,9 +305,6 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
     if (status == UMB_OK) {
         status = options->copy ? copy_file(map, error) : map_file(map, error);
     }
-    if (status == UMB_OK && options->warm && map->fd >= 0) {
-        (void)posix_madvise(map->base, map->bytes, POSIX_MADV_WILLNEED);
-    }
     if (status == UMB_OK) {
         int known = options->known != NULL && !options->copy &&
                     umbs_stamp_equal(options->known, &map->stamp);
@@ -308,6 +315,7 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
         umbs_asset_map_close(map);
         return status;
     }
+    advise(map, options->warm ? POSIX_MADV_WILLNEED : POSIX_MADV_RANDOM);
     *out = map;
     return UMB_OK;
 }
@@ -348,7 +356,9 @@ enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct um
     struct block_list blocks = {NULL};
     struct umb_alloc alloc = {.resize = block_resize, .user = &blocks};
     struct umb_asset *asset = NULL;
+    advise(map, POSIX_MADV_SEQUENTIAL);
     enum umb_status status = open_guarded(map, UMB_TRUST_NOTHING, &alloc, &asset, error);
+    advise(map, POSIX_MADV_RANDOM);
     free_blocks(&blocks); /* all that the asset is made of */
     return status;
 }

@@ -1,0 +1,98 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+An asset several times larger than the memory the daemon may use: right answers, and what they cost.
+
+Not part of `make system`: `make larger-than-memory` bakes a large asset (or takes ASSET=FILE) and needs
+root and a memory cgroup (version 1 or 2) that can be written; it is skipped where there is none.
+"""
+import os
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+LIMIT = int(os.environ.get("LIMIT_MIB", "128")) << 20
+ut.need_grpc()
+test = ut.Test(limit_s=900)
+SEED = 7
+
+
+def make_group():
+    """A memory group with the limit; returns its folder. Skips where that cannot be done."""
+    for root, name in (("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+                       ("/sys/fs/cgroup", "memory.max")):
+        path = os.path.join(root, f"umbrage-test-{os.getpid()}")
+        try:
+            os.mkdir(path)
+            with open(os.path.join(path, name), "w", encoding="ascii") as file:
+                file.write(str(LIMIT))
+            return path
+        except OSError:
+            if os.path.isdir(path):
+                os.rmdir(path)
+    return ut.skip("no memory cgroup can be made here")
+
+
+group = make_group()
+store = test.path("store")
+os.mkdir(store)
+asset = os.environ.get("ASSET")
+if asset:
+    os.symlink(os.path.abspath(asset), os.path.join(store, "big.umb"))
+else:
+    test.bake(test.scene("terrain", 256), os.path.join(store, "big.umb"), "--resolution", 32768,
+              "--closed", "off", "--depth", "raster", "--verify", 0)
+# Made and proven without the limit; the daemon under it knows the asset and opens its head only.
+test.daemon().stop()
+test.daemons.clear()
+mapped = [os.path.join(store, ".umbrage-cache", name)
+          for name in os.listdir(os.path.join(store, ".umbrage-cache")) if name.endswith(".umbm")][0]
+size = os.path.getsize(mapped)
+os.system("sync")
+with open("/proc/sys/vm/drop_caches", "w", encoding="ascii") as file:
+    file.write("1")
+
+begin = time.monotonic()
+subprocess_popen = subprocess.Popen
+
+
+def popen_in_group(*args, **named):
+    return subprocess_popen(*args, **named, preexec_fn=lambda: open(
+        os.path.join(group, "cgroup.procs"), "w", encoding="ascii").write(str(os.getpid())))
+
+
+subprocess.Popen = popen_in_group
+daemon = test.daemon("--scrub-interval", 0)
+subprocess.Popen = subprocess_popen
+opened = time.monotonic() - begin
+info = test.client(daemon.grpc_tcp)
+about = info.describe(test.messages.shadows.DescribeRequest(asset="big"), timeout=60)
+low = (about.bounds_min[0], about.bounds_min[1], about.bounds_min[2])
+high = (about.bounds_max[0], about.bounds_max[1], about.bounds_max[2])
+
+with test.check(f"an asset of {size >> 20} MiB under {LIMIT >> 20} MiB opens within a second"):
+    assert size > 3 * LIMIT, "the asset is too small for this test"
+    assert "how=known" in daemon.log()
+    assert opened < 1 or ut.is_sanitized(), f"{opened:.2f} s"
+    print(f"    opened and ready in {opened:.2f} s")
+with test.check("answers are right, and their time is stated"):
+    times = []
+    for i in range(400):
+        points = ut.floats(ut.random_points(low, high, 64, SEED + i))
+        begin = time.monotonic()
+        reply = info.ask("big", points)
+        times.append(time.monotonic() - begin)
+        if i % 40 == 0:
+            assert reply.visibility == test.query_file(mapped, points,
+                                                             encoding="u8"), "a wrong answer"
+    times.sort()
+    print(f"    calls of 64 random points: p50 {times[200] * 1e3:.2f} ms, p99 {times[395] * 1e3:.2f} ms, "
+          f"largest {times[-1] * 1e3:.2f} ms; resident {daemon.resident_bytes() >> 20} MiB")
+info.close()
+daemon.stop()
+test.daemons.clear()
+os.rmdir(group)
+test.finish()
