@@ -14,7 +14,7 @@ import time
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
 
-LIMIT = int(os.environ.get("LIMIT_MIB", "128")) << 20
+LIMIT = int(os.environ.get("LIMIT_MIB", "96")) << 20
 ut.need_grpc()
 test = ut.Test(limit_s=900)
 SEED = 7
