@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Faces of spot and point lights: cutting, fitting, and depth by both paths. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "bake/analysis/eye_clip.h"
+#include "bake/analysis/perspective_frame.h"
+#include "bake/depth/depth_perspective.h"
+#include "bake_soups.h"
+
+enum {
+    WORLD = 64,
+    LOG2 = 7,
+    SIZE = 1 << LOG2
+};
+
+static const struct umbb_pyramid pyramid = {.low = {-1, -0.5}, .high = {1, 0.5}, .near = 0.25};
+
+static void random_corner(struct soup *soup, double corner[3])
+{
+    for (int k = 0; k < 3; k++) {
+        corner[k] = 4 * soup_unit(soup) - 1.5;
+    }
+}
+
+/* The corners of a polygon that lie on an edge's line, found by their bits in another one. */
+static size_t shared_corners(const struct umbb_polygon *a, const struct umbb_polygon *b)
+{
+    size_t shared = 0;
+    for (size_t i = 0; i < a->count; i++) {
+        for (size_t k = 0; k < b->count; k++) {
+            shared += memcmp(a->corners[i], b->corners[k], sizeof a->corners[i]) == 0;
+        }
+    }
+    return shared;
+}
+
+static void triangles_cut_shared_edges_at_equal_points(void **state)
+{
+    (void)state;
+    struct soup soup;
+    uint64_t met = 0;
+    soup_init(&soup, WORLD, 71);
+    for (int n = 0; n < 20000; n++) {
+        double one[3][3], two[3][3];
+        struct umbb_polygon a, b;
+        for (int k = 0; k < 3; k++) {
+            random_corner(&soup, one[k]);
+        }
+        memcpy(two, one, sizeof two); /* the edge 0-1, run through the other way */
+        memcpy(two[0], one[1], sizeof two[0]);
+        memcpy(two[1], one[0], sizeof two[1]);
+        random_corner(&soup, two[2]);
+        umbb_eye_clip(&pyramid, (const double(*)[3])one, &a);
+        umbb_eye_clip(&pyramid, (const double(*)[3])two, &b);
+        assert_true(a.count == 0 || (a.count >= 3 && a.count <= UMBB_CLIP_CORNERS_MAX));
+        for (size_t i = 0; i < a.count; i++) { /* inside but for rounding */
+            const double *p = a.corners[i];
+            assert_true(p[2] >= 0.25 - 1e-12 && fabs(p[0]) <= p[2] + 1e-12 &&
+                        fabs(p[1]) <= 0.5 * p[2] + 1e-12);
+        }
+        /* What is left of the edge has two ends, and both polygons have them. */
+        double ends[3][3];
+        struct umbb_polygon edge;
+        memcpy(ends[0], one[0], sizeof ends[0]);
+        memcpy(ends[1], one[1], sizeof ends[1]);
+        memcpy(ends[2], one[1], sizeof ends[2]);
+        umbb_eye_clip(&pyramid, (const double(*)[3])ends, &edge);
+        if (edge.count > 0) {
+            met++;
+            assert_true(shared_corners(&a, &b) >= 2);
+        }
+    }
+    assert_true(met > 1000);
+    soup_finish(&soup);
+}
+
+static struct umbb_eye eye_at(double x, double y, double z, double tangent)
+{
+    return (struct umbb_eye){.position = {x, y, z},
+                             .axes = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
+                             .tangent = tangent,
+                             .reach = 2 * WORLD};
+}
+
+static void boxes_make(struct soup *soup)
+{
+    for (int i = 0; i < 30; i++) {
+        double low[3], high[3];
+        for (int k = 0; k < 3; k++) {
+            low[k] = soup_unit(soup) * (WORLD - 10);
+            high[k] = low[k] + 1 + 8 * soup_unit(soup);
+        }
+        soup_box(soup, low, high, i % 2);
+    }
+    const double a[3] = {0, 0, 60}, b[3] = {64, 5, 50}, c[3] = {-9, 70, 45};
+    soup_add(soup, a, b, c, UMBB_CASTER_OPEN);
+}
+
+static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
+{
+    (void)state;
+    static const double origin[3] = {3, -2, 1};
+    struct soup soup;
+    soup_init(&soup, WORLD, 72);
+    boxes_make(&soup);
+    const struct umbb_casters world = {
+        .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
+    for (int n = 0; n < 20; n++) {
+        const struct umbb_eye eye = eye_at(60 * soup_unit(&soup), 60 * soup_unit(&soup),
+                                           20 * soup_unit(&soup) - 10, 0.2 + soup_unit(&soup));
+        struct umb_frustum_info frustum;
+        struct umbb_projected seen;
+        double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+        assert_int_equal(
+            umbb_perspective_fit(world.corners, world.count, &eye, origin, LOG2, &frustum), 1);
+        assert_int_equal(
+            umbb_perspective_project(&world, &frustum, origin, eye.reach, 1 << 24, &seen, NULL),
+            UMB_OK);
+        for (size_t i = 0; i < seen.count; i++) {
+            for (int k = 0; k < 3; k++) {
+                const double *p = seen.corners[i][k];
+                const double z = seen.depth_scale / p[2] + seen.depth_offset;
+                assert_true(p[0] > -1.001 && p[0] < SIZE + 1.001 && p[2] > 0 && p[2] < 1.001);
+                assert_true(z < SIZE);
+                for (int axis = 0; axis < 2; axis++) {
+                    low[axis] = fmin(low[axis], p[axis]);
+                    high[axis] = fmax(high[axis], p[axis]);
+                }
+            }
+        }
+        for (int axis = 0; axis < 2; axis++) { /* a voxel of margin, no more */
+            assert_true(low[axis] < 1.001 && high[axis] > SIZE - 1.001);
+        }
+        umbb_projected_finish(&seen);
+        assert_int_equal(
+            umbb_perspective_project(&world, &frustum, origin, eye.reach, 100, &seen, NULL),
+            UMB_E_LIMIT);
+        umbb_projected_finish(&seen);
+    }
+    const struct umbb_eye past = eye_at(10, 10, 500, 1);
+    struct umb_frustum_info frustum;
+    assert_int_equal(
+        umbb_perspective_fit(world.corners, world.count, &past, origin, LOG2, &frustum), 0);
+    soup_finish(&soup);
+}
+
+/* Reads all texels of a frustum of one tile. */
+static void read_depth(const struct umbb_casters *casters, int by_embree, struct umbb_tile *tile)
+{
+    const struct umbb_depth_options options = {.tile_log2 = LOG2, .threads = 1};
+    struct umbb_depth depth;
+    assert_int_equal(umbb_tile_init(tile, LOG2, casters->closed_rule, NULL), UMB_OK);
+    assert_int_equal(by_embree ? umbb_depth_embree_create(casters, &options, &depth, NULL)
+                               : umbb_depth_perspective_create(casters, &options, &depth, NULL),
+                     UMB_OK);
+    assert_int_equal(depth.begin(depth.state, 0, tile, NULL), UMB_OK);
+    depth.block(depth.state, 0, 0, tile, 0, 0);
+    depth.destroy(depth.state);
+}
+
+static void both_depth_paths_agree_under_perspective(void **state)
+{
+    (void)state;
+    static const double origin[3] = {0, 0, 0};
+    struct soup soup;
+    soup_init(&soup, WORLD, 73);
+    boxes_make(&soup);
+    const struct umbb_casters world = {
+        .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
+    for (int n = 0; n < 6; n++) {
+        const struct umbb_eye eye =
+            eye_at(30 + n, 32 - 2 * n, 10 * soup_unit(&soup), 0.3 + 0.2 * n);
+        struct umb_frustum_info frustum;
+        struct umbb_projected seen;
+        struct umbb_tile raster, embree;
+        (void)umbb_perspective_fit(world.corners, world.count, &eye, origin, LOG2, &frustum);
+        assert_int_equal(
+            umbb_perspective_project(&world, &frustum, origin, eye.reach, 1 << 24, &seen, NULL),
+            UMB_OK);
+        const struct umbb_casters casters = {.corners = (const double(*)[3][3])seen.corners,
+                                             .kinds = seen.kinds,
+                                             .count = seen.count,
+                                             .size = SIZE,
+                                             .closed_rule = n % 2,
+                                             .depth_scale = seen.depth_scale,
+                                             .depth_offset = seen.depth_offset};
+        read_depth(&casters, 0, &raster);
+        read_depth(&casters, 1, &embree);
+        const size_t bytes = (size_t)SIZE * SIZE * sizeof *raster.lit;
+        assert_memory_equal(raster.lit, embree.lit, bytes);
+        assert_memory_equal(raster.end, embree.end, bytes);
+        umbb_tile_finish(&raster);
+        umbb_tile_finish(&embree);
+        umbb_projected_finish(&seen);
+    }
+    soup_finish(&soup);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(triangles_cut_shared_edges_at_equal_points),
+        cmocka_unit_test(a_fitted_face_holds_what_it_sees_and_no_more),
+        cmocka_unit_test(both_depth_paths_agree_under_perspective),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
