@@ -109,7 +109,7 @@ static void make_job(const struct protocol_race *race, const float *points, size
         .message_size = buffer->size - UMBW_PREFIX_BYTES,
         .values = values,
         .value_bytes = count,
-        .calls = count > 10000 ? 400 : 20000,
+        .calls = count > 10000 ? 160 : 10000,
     };
 }
 
