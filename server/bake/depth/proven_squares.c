@@ -24,6 +24,7 @@ struct squares {
     int32_t across;
     int32_t *front_most; /* greatest lit of front faces */
     int32_t *far_least;  /* least lit of all other faces */
+    int32_t *cover;      /* least of what one front face alone gives every texel at most */
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -81,6 +82,37 @@ static void middle_touch(struct squares *s, const struct umbb_coverage *c, size_
     }
 }
 
+/* Texels that rows first and last both cover, with one to spare on either side for rounding: a
+ * triangle is convex, so all rows between cover them too. */
+static void rows_common(const struct umbb_coverage *c, int32_t first, int32_t last,
+                        int32_t *x_first, int32_t *x_last)
+{
+    int32_t a, b;
+    umbb_coverage_row(c, first, x_first, x_last);
+    umbb_coverage_row(c, last, &a, &b);
+    *x_first = most(*x_first, a) + 1;
+    *x_last = least(*x_last, b) - 1;
+}
+
+/* Squares of one row of squares that a front face covers altogether. */
+static void cover_squares(struct squares *s, const struct umbb_coverage *c, int32_t first)
+{
+    const struct umbb_tile *tile = s->tile;
+    const int32_t ys[2] = {first, first + SQUARE - 1};
+    const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
+    int32_t left, right;
+    rows_common(c, ys[0], ys[1], &left, &right);
+    left = most(left, tile->x0);
+    right = least(right, tile->x0 + tile->size - 1);
+    for (int32_t x = (left + SQUARE - 1) & -SQUARE; x + SQUARE - 1 <= right; x += SQUARE) {
+        const size_t square = (size_t)(row * s->across + ((x - tile->x0) >> UMBB_SQUARE_LOG2));
+        const int32_t at_x = c->gradient_x > 0.0 ? x + SQUARE - 1 : x;
+        const int32_t at_y = ys[c->gradient_y > 0.0];
+        const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
+        s->cover[square] = least(s->cover[square], lit);
+    }
+}
+
 static void add_triangle(struct squares *s, const struct umbb_coverage *c, int front)
 {
     const struct umbb_tile *tile = s->tile;
@@ -90,6 +122,9 @@ static void add_triangle(struct squares *s, const struct umbb_coverage *c, int f
         const int32_t last = least(first | (SQUARE - 1), bottom);
         const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
         int32_t left, right;
+        if (front && last - first == SQUARE - 1) {
+            cover_squares(s, c, first);
+        }
         rows_reach(c, first, last, &left, &right);
         left = most(left, tile->x0);
         right = least(right, tile->x0 + tile->size - 1);
@@ -161,7 +196,11 @@ static void decide(struct squares *s, size_t square)
     if (flags == 0) {
         s->front_most[square] = background;
         proven = 1;
-    } else if (flags == (TOUCHED | MIDDLE)) {
+    } else {
+        /* What bounds every lit: a face over the whole square, or all that may lie over it. */
+        const int whole = flags == (TOUCHED | MIDDLE);
+        s->front_most[square] =
+            whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];
         const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
         proven = s->far_least[square] < background && cut <= s->far_least[square];
     }
@@ -180,12 +219,14 @@ void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list
         .across = tile->size >> UMBB_SQUARE_LOG2,
         .front_most = tile->max_lit[UMBB_SQUARE_LOG2],
         .far_least = tile->min_end[UMBB_SQUARE_LOG2],
+        .cover = tile->cover,
     };
     const size_t total = (size_t)squares.across * (size_t)squares.across;
     for (size_t square = 0; square < total; square++) {
         tile->proven[square] = 0;
         squares.front_most[square] = 0;
         squares.far_least[square] = casters->size;
+        squares.cover[square] = casters->size;
     }
     for (size_t i = 0; casters->marks != NULL && i < count; i++) {
         add_caster(&squares, list == NULL ? (uint32_t)i : list[i]);

@@ -5,11 +5,12 @@
  * Squares of 64 x 64 texels whose columns are known from bounds alone, so that no texel of them is
  * ever drawn: a closed scene's bake then grows with the length of its silhouettes.
  *
- * A square is proven if nothing covers it; or if a front face covers its middle, no border of the
- * front side (front_marks.h) comes near it, and a multiple of 64 lies between the greatest lit that
- * any front face could give it and the least of all back and open faces. Away from borders every
- * texel has as many front faces over it as the middle one: at least one. So lit ends before that
- * multiple and nothing defined is shadowed before it.
+ * A square is proven if nothing covers it; or if a multiple of 64 lies between a bound of its
+ * greatest lit and the least of all back and open faces: lit then ends before that multiple and
+ * nothing defined is shadowed before it. The bound is that of a single front face that covers every
+ * texel; or, if a front face covers the middle and no border of the front side (front_marks.h)
+ * comes near, the greatest lit that any front face could give: away from borders every texel has as
+ * many front faces over it as the middle one, at least one.
  *
  * The bounds are the predicate's own values at the nearest or farthest texel (every rounded
  * operation is monotone). They depend on square and casters only, not on tiles, threads or paths.

@@ -28,7 +28,7 @@ size_t umbb_tile_bytes(uint32_t log2_size, int closed_rule)
 {
     const size_t texels = (size_t)1 << (2 * log2_size);
     return ((closed_rule ? 2 : 1) * texels + 2 * pyramid_count(log2_size)) * sizeof(int32_t) +
-           (closed_rule ? square_count(log2_size) : 0);
+           (closed_rule ? square_count(log2_size) * (sizeof(int32_t) + 1) : 0);
 }
 
 enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int closed_rule,
@@ -63,7 +63,8 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
         next += count;
     }
     if (closed_rule && log2_size >= UMBB_SQUARE_LOG2) {
-        tile->proven = (uint8_t *)next;
+        tile->cover = next;
+        tile->proven = (uint8_t *)(next + square_count(log2_size));
         memset(tile->proven, 0, square_count(log2_size));
     }
     return UMB_OK;

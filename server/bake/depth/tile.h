@@ -43,7 +43,7 @@ struct umbb_casters {
     /* Above 0: rays start in one point; a corner's third coordinate is then the reciprocal of its
      * distance, and z = depth_scale / it + depth_offset (depth_perspective.h). 0: it is z. */
     double depth_scale, depth_offset;
-    const uint8_t *marks;          /* [count] front_marks.h; NULL: no square is proven */
+    const uint8_t *marks; /* [count] front_marks.h; NULL: no square is proven */
 };
 
 /* When to prove squares of texels from bounds (closed rule only); tests force it. */
@@ -64,6 +64,7 @@ struct umbb_tile {
     /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds, its texels and levels below
      * UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
     uint8_t *proven;
+    int32_t *cover;     /* [the same] working memory of umbb_prove_squares */
     int32_t background; /* voxels a side of the frustum; set by begin */
     int32_t *memory;
 };
