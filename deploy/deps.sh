@@ -15,7 +15,7 @@ needed="
     libuv1-dev libnghttp2-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libinih-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
-    libembree-dev libassimp-dev libpng-dev libseccomp-dev
+    libembree-dev libassimp-dev libpng-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "
 optional="

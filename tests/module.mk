@@ -22,7 +22,7 @@ TEST_SYS_cli    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_common = -luv -lcrypto $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 -lcrypto $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
-TEST_SYS_bake   = -lembree3 -lassimp -lseccomp -lcrypto $(CORE_LIBS)
+TEST_SYS_bake   = -lembree3 -lassimp -lcrypto $(CORE_LIBS)
 TEST_SYS_daemon = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS)
 
 UNIT_PARTS := core maps wire rpc cli common rays study bake daemon

@@ -8,7 +8,7 @@ BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_machine
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
 BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)
 BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-BENCH_SYS = -lembree3 -lassimp -lseccomp -lpng $(RPC_LIBS) $(CORE_LIBS)
+BENCH_SYS = -lembree3 -lassimp -lpng $(RPC_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
 $(BUILD)/tests/bench/shadow_map16_avx2.o: AVX2_FLAGS += -O3
