@@ -20,7 +20,8 @@ port=${ports% *} admin=${ports#* }
 smaller() {
     sed -e "s|\$PWD/build/release|$BUILD|; s|/tmp/umbrage.sock|$folder/socket|; s/7420/$port/; s/9464/$admin/" \
         -e 's/--size 50/--size 5/; s/16384/1024 --verify 20000/; s/^umbrage render/& --size 160x90/' \
-        -e 's/^umbrage points/& --count 1000/; s/^umbrage verify/& --points 10000/'
+        -e 's/^umbrage points/& --count 1000/; s/^umbrage verify/& --points 10000/' \
+        -e 's/--quick/& --max-resolution 512 --points 1000 --truth 2/'
 }
 
 mkdir "$folder/tree"
@@ -38,7 +39,7 @@ UMBRAGE_ADDRESS=tcp:127.0.0.1:$port PATH=$BUILD:$PATH timeout 100 sh "$folder/to
 same "every command of the tour succeeds" 0 $?
 cd demo-out || exit 1
 [ -s daemon.pid ] && children=$(cat daemon.pid)
-for file in city.png street.png answers.u8 store/city.umb; do
+for file in city.png street.png answers.u8 store/city.umb study/report.html; do
     check "the tour makes $file" test -s $file
 done
 
