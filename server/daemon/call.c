@@ -239,8 +239,9 @@ void umbd_call_headers_end(struct umbd_call *call)
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
                        "grpc-timeout: must be 1 to 8 digits and one of H, M, S, m, u, n");
     } else if (umbd_call_is_allowed(call) && call->method != UMBD_METHOD_QUERY &&
-               call->method != UMBD_METHOD_QUERY_STREAM) {
-        (void)umbd_call_take_points(call, UMBD_CALL_POINTS); /* queries pay with their points */
+               !umbd_method_takes_many(call->method)) {
+        /* Queries pay with their points, streams for each request. */
+        (void)umbd_call_take_points(call, UMBD_CALL_POINTS);
     }
 }
 

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Rights of calls. A connection remembers the last token it saw and the set it was found in, so
- * that the usual call compares one hash and takes no lock; a reload makes it look again.
+ * that the usual call compares one hash and takes no lock; a reload makes it look again. What it
+ * remembers may be of another call: whoever uses it looks first whether it is this one's.
  */
 #include "daemon/call_rights.h"
 
@@ -106,12 +107,17 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
     struct umbd_conn *conn = call->conn;
     const struct umbd_options *options = &conn->loop->daemon->options;
     uint64_t wait_ns = 0;
-    if ((options->address_rate == 0 && conn->token == NULL) ||
-        scope_of(call->method) == UMBD_SCOPE_NONE) {
+    if (scope_of(call->method) == UMBD_SCOPE_NONE) {
+        return 1;
+    }
+    if (!umbd_call_is_allowed(call)) {
+        return 0;
+    }
+    if (options->address_rate == 0 && conn->token == NULL) {
         return 1;
     }
     uint64_t now_ns = umbd_now_ns();
-    if (conn->token != NULL && call->has_token &&
+    if (conn->token != NULL &&
         !umbd_rate_take(&conn->token->paid_until_ns, conn->token->points_per_second, points, now_ns,
                         &wait_ns)) {
         return refuse_rate(call, "the token", conn->token->points_per_second, wait_ns);

@@ -11,8 +11,9 @@ void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_
  * PERMISSION_DENIED. */
 int umbd_call_is_allowed(struct umbd_call *call);
 
-/* Takes points off the rates. Returns 1, or 0 and fails the call: RESOURCE_EXHAUSTED, with the time
- * after which to come again. */
+/* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
+ * call: RESOURCE_EXHAUSTED, with the time after which to come again, or, if a reload took its token
+ * away meanwhile, as umbd_call_is_allowed. */
 int umbd_call_take_points(struct umbd_call *call, uint64_t points);
 
 /* Lets go of what a connection remembers. */

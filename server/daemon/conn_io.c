@@ -239,6 +239,9 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
     if (code == UMBD_TLS_BROKEN) {
         tls_broke(conn);
+    } else if (code == UMBD_TLS_OVER) {
+        umbd_conn_flush(conn);
+        umbd_conn_close(conn, "the peer said goodbye");
     } else if (code != 0) {
         session_broke(conn, code);
     } else {

@@ -149,7 +149,10 @@ int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
         size_t got = 0;
         int code = SSL_read_ex(tls->session, plain, sizeof plain, &got);
         if (code != 1) {
-            return SSL_get_error(tls->session, code) == SSL_ERROR_WANT_READ ? 0 : UMBD_TLS_BROKEN;
+            int reason = SSL_get_error(tls->session, code);
+            return reason == SSL_ERROR_WANT_READ     ? 0
+                   : reason == SSL_ERROR_ZERO_RETURN ? UMBD_TLS_OVER
+                                                     : UMBD_TLS_BROKEN;
         }
         code = emit(user, plain, got);
         if (code != 0) {

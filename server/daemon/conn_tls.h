@@ -21,10 +21,12 @@ UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
 void umbd_conn_tls_finish(struct umbd_conn *conn);
 
 /*
- * Takes records; gives what they hold to `emit`. Returns 0, what emit returned to stop, or
- * UMBD_TLS_BROKEN: the connection must be flushed (there may be an alert) and closed.
+ * Takes records; gives what they hold to `emit`. Returns 0, what emit returned to stop,
+ * UMBD_TLS_BROKEN or, when the peer said goodbye, UMBD_TLS_OVER: the connection must be flushed
+ * (there may be an alert) and closed.
  */
 #define UMBD_TLS_BROKEN (-100000)
+#define UMBD_TLS_OVER   (-100001)
 int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
                        umbd_emit_fn emit, void *user);
 

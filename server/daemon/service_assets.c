@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -146,8 +146,13 @@ void umbd_service_reflection(struct umbd_call *call)
 {
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
+    if (!umbd_call_take_points(call, UMBD_CALL_POINTS)) {
+        return;
+    }
+    uint64_t from = umbd_now_ns();
     enum umb_status status =
         umbw_reflection_answer(call->message, call->message_size, &head, &error);
+    umbd_conn_spent(call->conn, umbd_now_ns() - from);
     if (status == UMB_OK && !umbd_call_charge(call, call->charged + head.size)) {
         umbw_buffer_finish(&head);
     } else if (status == UMB_OK) {

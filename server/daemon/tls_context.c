@@ -35,6 +35,17 @@ static int select_h2(SSL *ssl, const unsigned char **out, unsigned char *out_siz
     return SSL_TLSEXT_ERR_OK;
 }
 
+/* A key under a password is refused: the library would ask for it on the terminal, and a reload
+ * would hold a loop up until somebody types it. */
+static int no_password(char *password, int size, int writing, void *unused)
+{
+    (void)password;
+    (void)size;
+    (void)writing;
+    (void)unused;
+    return -1;
+}
+
 /* What OpenSSL has to say; empties its queue. */
 static enum umb_status refuse(struct umb_error *error, const char *option, const char *path)
 {
@@ -90,6 +101,7 @@ static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX 
     SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
     SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
     SSL_CTX_set_alpn_select_cb(context, select_h2, NULL);
+    SSL_CTX_set_default_passwd_cb(context, no_password);
     enum umb_status status = load_files(context, files, error);
     if (status != UMB_OK) {
         SSL_CTX_free(context);

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bearer tokens and rates, as python3-grpcio sees them."""
 import os
+import queue
 import signal
 import sys
 import time
@@ -38,6 +39,11 @@ request = M.QueryRequest(asset="city", points=bytes(120))
 
 def bearer(token, scheme="Bearer"):
     return (("authorization", f"{scheme} {token}"),)
+
+
+def reloads():
+    """How many times the daemon said that it took new tokens."""
+    return daemon.log().count("event=reloaded what=tokens")
 
 
 def pushback(error):
@@ -83,10 +89,53 @@ with test.check("a stream pays for each of its requests"):
             yield points
     client.refused(lambda: list(client.stream(endless(), timeout=30, metadata=bearer(SLOW))),
                    Code.RESOURCE_EXHAUSTED, "rate")
+
+
+def open_stream(token):
+    """A stream that is asked one request at a time; returns how, and the call."""
+    feed = queue.Queue()
+    replies = client.stream(iter(feed.get, None), timeout=60, metadata=bearer(token))
+
+    def ask(what):
+        feed.put(what)
+        return next(replies)
+    return ask, feed, replies
+
+
+with test.check("a stream pays with its own token, whatever token the connection showed since"):
+    ask, feed, _ = open_stream(SLOW)
+    time.sleep(2)  # debts of the checks before
+    assert ask(request).visibility
+    for other in (GOOD, "unknown-0123456789abcdef"):
+        try:
+            client.query(request, timeout=30, metadata=bearer(other))
+        except grpc.RpcError as error:
+            assert error.code() == Code.UNAUTHENTICATED
+    client.refused(lambda: [ask(points) for _ in range(8)], Code.RESOURCE_EXHAUSTED, "20000")
+    feed.put(None)
+with test.check("reflection pays for each of its requests"):
+    def ask_for_ever():
+        while True:
+            yield R.ServerReflectionRequest(list_services="*")
+    time.sleep(2)
+    client.refused(lambda: list(client.reflect[0](ask_for_ever(), timeout=30,
+                                                  metadata=bearer(SLOW))),
+                   Code.RESOURCE_EXHAUSTED, "rate")
+with test.check("a stream ends when its token is taken away"):
+    ask, feed, _ = open_stream(GOOD)
+    assert ask(request).visibility
+    write_tokens(f"studio query {OTHER}\nslow query {SLOW} 20000\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: reloads() == 1, 10, "the reload")
+    client.refused(lambda: ask(request), Code.UNAUTHENTICATED, "not known")
+    feed.put(None)
+    write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: reloads() == 2, 10, "the reload")
 with test.check("SIGHUP takes new tokens at once, on old connections too; a bad file changes nothing"):
     write_tokens(f"studio query {OTHER}\n")
     daemon.signal(signal.SIGHUP)
-    ut.wait_until(lambda: "reloaded what=tokens" in daemon.log(), 10, "the reload")
+    ut.wait_until(lambda: reloads() == 3, 10, "the reload")
     client.refused(lambda: client.query(request, timeout=30, metadata=bearer(GOOD)),
                    Code.UNAUTHENTICATED)
     assert client.query(request, timeout=30, metadata=bearer(OTHER)).visibility

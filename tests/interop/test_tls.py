@@ -140,6 +140,18 @@ with test.check("plain HTTP/2 and noise on a TLS port are cut at once, and count
             except ConnectionError:
                 pass
     assert daemon.metric("umbrage_tls_failures_total") == before + 3
+with test.check("a client that says goodbye has not failed"):
+    before = daemon.metric("umbrage_tls_failures_total")
+    for _ in range(3):
+        connection = shake(port)
+        connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0]))
+        connection.recv(9)
+        try:
+            connection.unwrap().close()
+        except (ssl.SSLError, OSError):
+            connection.close()  # bytes of HTTP/2 were still on their way
+    time.sleep(0.5)
+    assert daemon.metric("umbrage_tls_failures_total") == before
 with test.check("a handshake that does not go on is cut by its timer"):
     with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
         connection.sendall(b"\x16\x03\x01\x02\x00\x01")
@@ -201,6 +213,15 @@ with test.check("SIGHUP takes a new certificate for new connections; a bad one c
     daemon.signal(signal.SIGHUP)
     ut.wait_until(lambda: "not_reloaded what=tls" in daemon.log(), 10, "the complaint")
     assert served() == second
+with test.check("a key under a password is refused, and nobody is asked for it"):
+    certificate("locked", "ca", "localhost")
+    openssl("ec", "-in", "locked.key", "-aes128", "-passout", "pass:secret", "-out", "locked2.key")
+    done = subprocess.run(
+        [ut.program("umbraged"), "--store", store, "--listen", "tls:127.0.0.1:0", "--tls-cert",
+         test.path("locked.pem"), "--tls-key", test.path("locked2.key"), "--address-file",
+         "/proc/none/none"], input=b"secret\n", stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True, timeout=30, check=False)  # without a terminal it asks its input
+    assert done.returncode == 2 and b"--tls-key" in done.stderr, done
 with test.check("tls: without a certificate is a usage error"):
     done = ut.run("umbraged", "--store", store, "--listen", "tls:127.0.0.1:0", code=2)
     assert b"--tls-cert" in done.stderr
