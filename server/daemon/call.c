@@ -304,7 +304,9 @@ static enum umb_status inflate_message(struct umbd_call *call, const uint8_t *me
         return UMB_E_PROTOCOL;
     }
     size_t limit = (size_t)call->conn->loop->daemon->options.max_message;
+    uint64_t from = umbd_now_ns();
     enum umb_status status = umbw_gunzip(message, size, limit, out, out_size, &error);
+    umbd_conn_spent(call->conn, umbd_now_ns() - from);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
     } else if (!umbd_call_charge(call, call->charged + *out_size)) {

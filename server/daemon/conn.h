@@ -60,6 +60,8 @@ struct umbd_conn {
     int closing;
     uint64_t turn_ns, turn_at_ms; /* spent on small work in the wake-up of that uv_now */
     int pump_due;                 /* streams wait for their turn */
+    int paused;                   /* its turn was too long: it is read from again in the next */
+    int was_long;                 /* so from now on it is read in small pieces */
     int dirty;
     struct umbd_conn *next_dirty;
 };
@@ -78,6 +80,9 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport tra
 
 /* Begins to read (conn_io.c); 0 or libuv's error. */
 int umbd_conn_read_start(struct umbd_conn *conn);
+
+/* Goes on reading if that was paused. May close the connection. */
+void umbd_conn_read_again(struct umbd_conn *conn);
 
 /* Closes now; why is logged at debug. Not from within nghttp2's call-backs. */
 void umbd_conn_close(struct umbd_conn *conn, const char *why);

@@ -13,6 +13,7 @@
 
 #define IN_PLACE_BYTES (64 << 10) /* a piece that is worth being read where it belongs */
 #define FLUSH_BYTES    (1 << 20)  /* of one flush, then it is the turn of others */
+#define SMALL_BYTES    (8 << 10)  /* read at once from a connection that took too long a turn */
 
 /* One write under way; the block follows. */
 struct pending_write {
@@ -158,7 +159,8 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
             return;
         }
     }
-    *buffer = uv_buf_init((char *)conn->loop->read_buffer, UMBD_READ_BYTES);
+    *buffer = uv_buf_init((char *)conn->loop->read_buffer,
+                          conn->was_long ? SMALL_BYTES : UMBD_READ_BYTES);
 }
 
 /* The library gave the session up: send what it still has to say, then close. */
@@ -218,6 +220,18 @@ static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
     return code;
 }
 
+/* What must be done while it is read, inflating above all, ends a turn too: libuv reads on as long
+ * as a peer sends, and all others would wait. A bomb of 4 kB takes 10 ms. */
+static void pause_if_long(struct umbd_conn *conn)
+{
+    if (!conn->closing && conn->turn_ns >= UMBD_INLINE_NS &&
+        conn->turn_at_ms == uv_now(&conn->loop->uv)) {
+        conn->paused = conn->was_long = 1;
+        uv_read_stop(&conn->socket.stream);
+        umbd_loop_flush_later(conn);
+    }
+}
+
 static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
 {
     struct umbd_conn *conn = stream->data;
@@ -246,10 +260,21 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         session_broke(conn, code);
     } else {
         umbd_conn_flush(conn);
+        pause_if_long(conn);
     }
 }
 
 int umbd_conn_read_start(struct umbd_conn *conn)
 {
     return uv_read_start(&conn->socket.stream, on_alloc, on_read);
+}
+
+void umbd_conn_read_again(struct umbd_conn *conn)
+{
+    if (conn->paused && !conn->closing) {
+        conn->paused = 0;
+        if (umbd_conn_read_start(conn) != 0) {
+            umbd_conn_close(conn, "cannot go on reading");
+        }
+    }
 }

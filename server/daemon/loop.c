@@ -102,7 +102,8 @@ static void pump_streams(struct umbd_conn *conn)
     }
 }
 
-int umbd_conn_has_turn(struct umbd_conn *conn)
+/* Counts from nothing in each wake-up. */
+static void begin_turn(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
     uint64_t now_ms = uv_now(&loop->uv);
@@ -114,11 +115,18 @@ int umbd_conn_has_turn(struct umbd_conn *conn)
         conn->turn_at_ms = now_ms;
         conn->turn_ns = 0;
     }
+}
+
+int umbd_conn_has_turn(struct umbd_conn *conn)
+{
+    const struct umbd_loop *loop = conn->loop;
+    begin_turn(conn);
     return loop->inline_ns < UMBD_INLINE_NS && conn->turn_ns < UMBD_TURN_NS;
 }
 
 void umbd_conn_spent(struct umbd_conn *conn, uint64_t nanoseconds)
 {
+    begin_turn(conn);
     conn->loop->inline_ns += nanoseconds;
     conn->turn_ns += nanoseconds;
 }
@@ -143,6 +151,7 @@ static void collect_done(struct umbd_loop *loop)
         conn->dirty = 0;
         pump_streams(conn);
         umbd_conn_flush(conn); /* may close this one, never another */
+        umbd_conn_read_again(conn);
         conn = next;
     }
 }

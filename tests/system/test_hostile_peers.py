@@ -5,6 +5,7 @@ Peers that obey the letter of HTTP/2 and try to take more than their share: memo
 counts, replies that are never or hardly taken, the whole queue, all the connections, the loop's
 time. Each is held to its bound, and others are answered meanwhile.
 """
+import gzip
 import os
 import socket
 import struct
@@ -231,6 +232,34 @@ def loaded(log):
         return file.read().count("asset_loaded")
 
 
+with test.check("a peer that sends gzip bombs does not hold up the calls of others"):
+    bombed = test.daemon()
+    attacker = h2.Connection(port=bombed.port, timeout=120)
+    attacker.settle()
+    # Well-formed, of an asset that is not there, and 4 MB of a field that nobody knows.
+    zeros = 4 * 10 ** 6
+    message = (M.QueryRequest(asset="none").SerializeToString()
+               + b"\xfa\x01" + bytes([zeros & 127 | 128, zeros >> 7 & 127 | 128,
+                                      zeros >> 14 & 127 | 128, zeros >> 21]) + bytes(zeros))
+    packed = h2.prefixed(gzip.compress(message), 1)
+    BOMBS = 120
+    burst = b""
+    for number in range(1, 2 * BOMBS, 2):
+        burst += h2.frame(h2.HEADERS, h2.END_HEADERS, number, attacker.request_headers(
+            QUERY, extra=[("grpc-encoding", "gzip")]))
+        burst += h2.frame(h2.DATA, h2.END_STREAM, number, packed)
+    other = h2.Connection(port=bombed.port, timeout=120)
+    other.settle()
+    attacker.send(burst)
+    calls = 0
+    while attacker.pump() and sum(r.ended for r in attacker.replies.values()) < BOMBS:
+        assert other.call("/grpc.health.v1.Health/Check", h2.prefixed(b"")).status == OK
+        calls += 1
+    assert attacker.replies[1].status == 5, attacker.replies[1]
+    print(f"    {calls} calls meanwhile")
+    assert calls >= 10, calls  # one a turn of the loop: it depends on no clock
+    attacker.socket.close()
+    other.socket.close()
 with test.check("files that are being loaded do not hold up the end of a drain"):
     daemon = test.daemon("--workers", 1, store=test.path("many"))
     fill(test.path("many"), 1500)
