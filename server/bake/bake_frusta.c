@@ -86,6 +86,8 @@ static enum umb_status bake_frustum(struct series *series, struct umbb_analysis 
         .count = analysis->count,
         .size = (int32_t)1 << frustum->log2_size,
         .closed_rule = frustum->closed,
+        .open_on_word = series->options->closed == UMBB_CLOSED_ON &&
+                        analysis->closed_part_count < analysis->part_count,
     };
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         umbb_analysis_to_voxels(analysis, number);

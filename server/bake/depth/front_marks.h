@@ -24,7 +24,8 @@ enum {
  *
  * In:    prove: when to; by itself where squares of texels are many for the triangles, which
  *        depends on the casters alone, as it decides which undefined voxels are chosen.
- * Out:   marks: uint8[count], the caller's to free; NULL if they are not to be found.
+ * Out:   marks: uint8[count], the caller's to free; NULL if they are not to be found, which is
+ *        also so where parts count as closed on the caller's word only.
  * Fails: E_NO_MEMORY.
  * Cost:  a table of up to 32 bytes a front face for a while; about two missed cache lines an edge
  * of a front face.

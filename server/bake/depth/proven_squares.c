@@ -5,6 +5,8 @@
  */
 #include "bake/depth/proven_squares.h"
 
+#include <math.h>
+
 #include "bake/depth/coverage.h"
 #include "bake/depth/front_marks.h"
 
@@ -47,9 +49,11 @@ static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t las
     *x_first = least(*x_first, a);
     *x_last = most(*x_last, b);
     if (c->y[1] >= (double)first && c->y[1] <= (double)last + 1.0) {
-        /* The middle corner lies between: its texel, and one more for rounding. */
-        *x_first = least(*x_first, (int32_t)c->x[1] - 1);
-        *x_last = most(*x_last, (int32_t)c->x[1] + 1);
+        /* The middle corner lies between; crossings are kept between corners, so that no centre
+         * beyond it is covered. */
+        const double x = c->x[1] - 0.5;
+        *x_first = least(*x_first, (int32_t)ceil(x));
+        *x_last = most(*x_last, (int32_t)floor(x));
     }
 }
 

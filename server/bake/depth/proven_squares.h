@@ -10,7 +10,8 @@
  * nothing defined is shadowed before it. The bound is that of a single front face that covers every
  * texel; or, if a front face covers the middle and no border of the front side (front_marks.h)
  * comes near, the greatest lit that any front face could give: away from borders every texel has as
- * many front faces over it as the middle one, at least one.
+ * many front faces over it as the middle one, at least one. Behind each of them is a back face of
+ * its solid: hence only where all that counts as closed was found closed.
  *
  * The bounds are the predicate's own values at the nearest or farthest texel (every rounded
  * operation is monotone). They depend on square and casters only, not on tiles, threads or paths.

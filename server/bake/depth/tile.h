@@ -40,6 +40,8 @@ struct umbb_casters {
     size_t count;                  /* at most UINT32_MAX - 1 */
     int32_t size;                  /* voxels a side of the frustum, a power of two */
     int closed_rule;               /* 0: every caster counts as open */
+    int open_on_word; /* 1: some closed kinds are the caller's word for open parts, so that nothing
+                       * may be behind their front faces; no square is proven then */
     /* Above 0: rays start in one point; a corner's third coordinate is then the reciprocal of its
      * distance, and z = depth_scale / it + depth_offset (depth_perspective.h). 0: it is z. */
     double depth_scale, depth_offset;

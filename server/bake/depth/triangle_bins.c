@@ -40,10 +40,16 @@ static int axis_range(const struct umbb_bins_input *input, int32_t origin, doubl
     return 1;
 }
 
+/* How far beyond its own corners a triangle with a border is to be listed: a border counts for a
+ * square within a texel, whose first centre is half a texel further. */
+#define BORDER_SLACK 2.0
+
 /* Texels beyond its own that a triangle is to be listed for. */
 static double slack(const struct umbb_bins_input *input, uint32_t triangle)
 {
-    return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0 ? 1.0 : 0.0;
+    return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0
+               ? BORDER_SLACK
+               : 0.0;
 }
 
 /* Branches on which corner is the outermost could not be predicted: min and max have none. */

@@ -22,7 +22,7 @@ struct umbb_bins_input {
     const uint32_t *list; /* caster numbers, ascending; not read if count is 0 or all is 1 */
     size_t count;         /* of list */
     int all;              /* 1: every caster */
-    int borders;          /* 1: list casters with a border (their marks) a texel further */
+    int borders;          /* 1: list casters with a border (their marks) two texels further */
     int32_t x0, y0;
     uint32_t cell_log2; /* texels a side of a cell */
     uint32_t cells_x;   /* cells a side; at most 4096 */

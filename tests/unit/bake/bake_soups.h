@@ -19,6 +19,7 @@ struct soup {
     uint8_t *kinds;
     size_t count, capacity;
     int32_t size;
+    int open_on_word; /* see struct umbb_casters */
     uint64_t random_state;
 };
 
@@ -212,6 +213,7 @@ static inline struct umbb_casters soup_casters(const struct soup *soup, int clos
         .count = soup->count,
         .size = soup->size,
         .closed_rule = closed_rule,
+        .open_on_word = soup->open_on_word,
     };
 }
 

@@ -203,6 +203,26 @@ static void proven_squares_change_no_defined_voxel(void **state)
     assert_true(proven > 20); /* the proof did something */
 }
 
+static void a_sheet_called_closed_ends_in_shadow(void **state)
+{
+    (void)state;
+    struct soup soup;
+    struct umb_octree octree;
+    soup_init(&soup, 512, 5);
+    /* No back face is behind the sheet but where a box stands under it. */
+    const double a[3] = {5, 5, 100}, b[3] = {5, 507, 100}, c[3] = {507, 5, 100};
+    const double low[3] = {90, 90, 200}, high[3] = {100, 100, 400};
+    soup_add(&soup, a, b, c, UMBB_CASTER_CLOSED);
+    soup_box(&soup, low, high, 0);
+    soup.open_on_word = 1;
+    const struct umbb_depth_options options = {
+        .tile_log2 = 9, .threads = 1, .prove = UMBB_PROVE_ALWAYS};
+    bake(&soup, umbb_depth_raster_create, options, &octree);
+    check_columns(&soup, &octree);
+    umb_octree_finish(&octree);
+    soup_finish(&soup);
+}
+
 /* Counts and masks of all levels, and all slices: equal for equal trees, whatever their numbers. */
 static uint64_t fingerprint(const struct umb_octree *octree)
 {
@@ -270,12 +290,100 @@ static void only_silhouettes_are_borders(void **state)
     soup_finish(&soup);
 }
 
+/* A closed wedge, a voxel or two wide, of which a corner lies within three texels of a corner of
+ * squares. */
+static void soup_splinter(struct soup *soup)
+{
+    double v[4][3];
+    for (int axis = 0; axis < 2; axis++) {
+        const double border = 64.0 * (double)(1 + soup_bits(soup) % 7);
+        v[0][axis] = border - 3.0 + 6.0 * soup_unit(soup);
+        for (int i = 1; i < 4; i++) {
+            v[i][axis] = v[0][axis] - 4.0 + 8.0 * soup_unit(soup);
+        }
+    }
+    for (int i = 0; i < 4; i++) {
+        v[i][2] = 100.0 + 380.0 * soup_unit(soup);
+    }
+    /* The fourth corner on the inner side of the first three. */
+    double n = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        const int a = (axis + 1) % 3, b = (axis + 2) % 3;
+        n += ((v[1][a] - v[0][a]) * (v[2][b] - v[0][b]) -
+              (v[1][b] - v[0][b]) * (v[2][a] - v[0][a])) *
+             (v[3][axis] - v[0][axis]);
+    }
+    const int turn = n > 0;
+    soup_add_closed(soup, v[0], v[1], v[2], turn);
+    soup_add_closed(soup, v[0], v[3], v[1], turn);
+    soup_add_closed(soup, v[1], v[3], v[2], turn);
+    soup_add_closed(soup, v[2], v[3], v[0], turn);
+    for (size_t k = soup->count - 4; k < soup->count; k++) {
+        soup->kinds[k] = UMBB_CASTER_CLOSED;
+    }
+}
+
+/* What each square of 64 x 64 texels is known to be, tile by tile: whether it is proven, and its
+ * two bounds; out: int32[8 * 8][3]. */
+static void prove_all(const struct soup *soup, create_fn create, uint32_t tile_log2,
+                      int32_t (*out)[3])
+{
+    struct umb_error error;
+    struct umbb_depth depth;
+    struct umbb_tile tile;
+    const struct umbb_casters casters = soup_casters(soup, 1);
+    const struct umbb_depth_options options = {
+        .tile_log2 = tile_log2, .threads = 1, .prove = UMBB_PROVE_ALWAYS};
+    assert_int_equal(create(&casters, &options, &depth, &error), UMB_OK);
+    assert_int_equal(umbb_tile_init(&tile, tile_log2, 1, &error), UMB_OK);
+    const int32_t across = 1 << (tile_log2 - UMBB_SQUARE_LOG2);
+    for (tile.y0 = 0; tile.y0 < soup->size; tile.y0 += tile.size) {
+        for (tile.x0 = 0; tile.x0 < soup->size; tile.x0 += tile.size) {
+            assert_int_equal(depth.begin(depth.state, 0, &tile, &error), UMB_OK);
+            for (int32_t i = 0; i < across * across; i++) {
+                const int32_t x = tile.x0 / 64 + i % across, y = tile.y0 / 64 + i / across;
+                int32_t *square = out[y * (soup->size / 64) + x];
+                square[0] = tile.proven[i];
+                square[1] = tile.proven[i] ? tile.max_lit[UMBB_SQUARE_LOG2][i] : 0;
+                square[2] = tile.proven[i] ? tile.min_end[UMBB_SQUARE_LOG2][i] : 0;
+            }
+        }
+    }
+    umbb_tile_finish(&tile);
+    depth.destroy(depth.state);
+}
+
+static void what_lies_beside_a_square_counts_whatever_the_tile(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= 40; seed++) {
+        struct soup soup;
+        int32_t first[64][3], other[64][3];
+        soup_init(&soup, 512, seed);
+        const double low[3] = {5, 5, 50}, high[3] = {507, 507, 490};
+        soup_box(&soup, low, high, 0);
+        for (int i = 0; i < 12; i++) {
+            soup_splinter(&soup);
+        }
+        prove_all(&soup, umbb_depth_raster_create, 9, first);
+        for (uint32_t tile_log2 = 6; tile_log2 < 9; tile_log2++) {
+            prove_all(&soup, umbb_depth_raster_create, tile_log2, other);
+            assert_memory_equal(other, first, sizeof first);
+        }
+        prove_all(&soup, umbb_depth_embree_create, 6, other);
+        assert_memory_equal(other, first, sizeof first);
+        soup_finish(&soup);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(only_silhouettes_are_borders),
         cmocka_unit_test(proven_squares_change_no_defined_voxel),
+        cmocka_unit_test(a_sheet_called_closed_ends_in_shadow),
         cmocka_unit_test(every_path_and_tile_size_proves_the_same),
+        cmocka_unit_test(what_lies_beside_a_square_counts_whatever_the_tile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
