@@ -17,6 +17,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+/* A rename falls into one opening in dozens at worst: so many in a row are somebody's intent. */
+#define TRIES_MAX 1000
+
 /* Keeps errno. */
 static void close_quietly(int fd)
 {
@@ -59,6 +62,19 @@ static int walk_beneath(int folder, const char *name)
     return at;
 }
 
+/* openat2, again as long as a rename anywhere on the machine kept it from following a "..". */
+static int open_retrying(int folder, const char *name, const struct open_how *how)
+{
+    int fd = -1;
+    for (int tries = 0; tries < TRIES_MAX; tries++) {
+        fd = (int)syscall(SYS_openat2, folder, name, how, sizeof(*how));
+        if (fd >= 0 || (errno != EAGAIN && errno != EINTR)) {
+            break;
+        }
+    }
+    return fd;
+}
+
 int umbs_open_beneath(int folder, const char *name)
 {
     struct open_how how = {
@@ -69,7 +85,7 @@ int umbs_open_beneath(int folder, const char *name)
         errno = ENAMETOOLONG;
         return -1;
     }
-    int fd = (int)syscall(SYS_openat2, folder, name, &how, sizeof(how));
+    int fd = open_retrying(folder, name, &how);
     if (fd < 0 && (errno == ENOSYS || errno == EPERM)) {
         fd = walk_beneath(folder, name);
     }

@@ -10,6 +10,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -78,6 +79,41 @@ static void a_file_beneath_the_folder_is_handed_over(void **state)
     }
 }
 
+static atomic_int renaming;
+
+/* Renames a file to and fro until told to stop; renames as such, wherever they happen. */
+static void *rename_on_and_on(void *unused)
+{
+    (void)unused;
+    while (atomic_load(&renaming)) {
+        (void)renameat(folder, "b.mtl", folder, "c.mtl");
+        (void)renameat(folder, "c.mtl", folder, "b.mtl");
+    }
+    return NULL;
+}
+
+static void renames_elsewhere_make_no_name_fail(void **state)
+{
+    (void)state;
+    pthread_t other;
+    int failures = 0, file = openat(folder, "b.mtl", O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
+    assert_true(file >= 0 && close(file) == 0);
+    atomic_store(&renaming, 1);
+    assert_int_equal(pthread_create(&other, NULL, rename_on_and_on, NULL), 0);
+    for (int i = 0; i < 20000; i++) {
+        int fd = umbs_open_beneath(folder, "inner/../a.mtl");
+        failures += fd < 0;
+        if (fd >= 0) {
+            (void)close(fd);
+        }
+    }
+    atomic_store(&renaming, 0);
+    assert_int_equal(pthread_join(other, NULL), 0);
+    (void)unlinkat(folder, "b.mtl", 0);
+    (void)unlinkat(folder, "c.mtl", 0);
+    assert_int_equal(failures, 0);
+}
+
 static void names_that_leave_the_folder_are_refused(void **state)
 {
     static const char *const names[] = {"/etc/passwd", "../x", "inner/../../x", "out"};
@@ -141,6 +177,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_file_beneath_the_folder_is_handed_over, set_up,
                                         tear_down),
+        cmocka_unit_test_setup_teardown(renames_elsewhere_make_no_name_fail, set_up, tear_down),
         cmocka_unit_test_setup_teardown(names_that_leave_the_folder_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(only_regular_files_are_handed_over, set_up, tear_down),
         cmocka_unit_test_setup_teardown(foreign_requests_are_answered_with_an_error, set_up,
