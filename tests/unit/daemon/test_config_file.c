@@ -81,7 +81,8 @@ static void command_line_goes_before_the_file_wherever_it_stands(void **state)
     (void)state;
     struct umbd_options options;
     struct umb_error error = {0};
-    write_config("store=/a\nstore=/b\nworkers=7\nqueue=9\n", 38);
+    static const char text[] = "store=/a\nstore=/b\nworkers=7\nqueue=9\n";
+    write_config(text, sizeof text - 1);
     char name[] = "umbraged", workers[] = "--workers=3", store[] = "--store=/c",
          config[] = "--config";
     char *first[] = {name, workers, store, config, path, NULL};
