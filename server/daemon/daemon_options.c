@@ -54,7 +54,7 @@ static const struct option table[] = {
      "certificate chain (PEM) of the tls: addresses; read again on SIGHUP"},
     {"--tls-key", KIND_TEXT, AT(tls_key), 0, 0, "FILE", "its private key (PEM)"},
     {"--tls-client-ca", KIND_TEXT, AT(tls_client_ca), 0, 0, "FILE",
-     "clients must show a certificate of these authorities (PEM)"},
+     "clients of tls: must show a certificate of these authorities (PEM)"},
     {"--loops", KIND_COUNT, AT(loops), 1, UMBD_LOOPS_MAX, "N",
      "threads that own connections; one for four cores if not given"},
     {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
@@ -287,13 +287,19 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             (unsigned long long)options->connection_buffer,
             (unsigned long long)options->max_buffer);
     }
+    int has_tls = 0;
     for (size_t i = 0; i < options->listen_count; i++) {
-        if (strncmp(options->listen[i], "tls:", 4) == 0 &&
-            (options->tls_cert == NULL || options->tls_key == NULL)) {
+        int is_tls = strncmp(options->listen[i], "tls:", 4) == 0;
+        has_tls |= is_tls;
+        if (is_tls && (options->tls_cert == NULL || options->tls_key == NULL)) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "--listen: '%.100s' needs --tls-cert and --tls-key",
                             options->listen[i]);
         }
+    }
+    if (options->tls_client_ca != NULL && !has_tls) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--tls-client-ca: no --listen is tls:, so that nobody would be asked");
     }
     if (options->admin != NULL) {
         enum umb_status status = umbd_address_parse_admin(options->admin, &address, error);
