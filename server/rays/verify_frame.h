@@ -26,7 +26,9 @@ int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], doub
 /* W of a world point: 1 for directional lights, the distance along the axis for others. */
 double umbr_frame_w(const struct umbr_frame *frame, const double world[3]);
 
-/* Unit direction from a point to the light, and how far it is (infinite for directional lights). */
+/* Unit direction from a point to the light, and how far nothing may lie in between: infinite for
+ * directional lights; for others the distance less a share of 2^-16, as a lamp may stand exactly
+ * on a surface. */
 void umbr_towards_light(const struct umb_light_info *light, const double world[3],
                         double direction[3], double *distance_m);
 

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "rays/rays.h"
+#include "rays/verify_frame.h"
 
 typedef double triangle[3][3];
 
@@ -396,6 +397,25 @@ static void crossings_count_overlapping_bars(void **state)
     umbr_rays_destroy(rays);
 }
 
+/* A lamp that hangs exactly on a ceiling, as people put it. */
+static void lamps_are_not_hidden_by_the_surface_they_stand_on(void **state)
+{
+    (void)state;
+    triangle soup[2] = {{{0, 0, 2.9}, {9.3, 0, 2.9}, {9.3, 7.1, 3.3}},
+                        {{0, 0, 2.9}, {9.3, 7.1, 3.3}, {0, 7.1, 3.3}}};
+    struct umbr_rays *rays = create((const triangle *)soup, 2);
+    const struct umb_light_info lamp = {.kind = UMB_LIGHT_POINT,
+                                        .position = {3.1, 3.55, 0.5 * (2.9 + 3.3)}};
+    random_state = 11;
+    for (int i = 0; i < 10000; i++) {
+        const double p[3] = {9 * unit(), 7 * unit(), 2.5 * unit()};
+        double towards[3], distance;
+        umbr_towards_light(&lamp, p, towards, &distance);
+        assert_false(umbr_occluded(rays, p, towards, 0, distance));
+    }
+    umbr_rays_destroy(rays);
+}
+
 static void too_many_triangles_are_refused(void **state)
 {
     (void)state;
@@ -418,6 +438,7 @@ int main(void)
         cmocka_unit_test(crossings_beyond_the_kept_list_are_all_counted),
         cmocka_unit_test(crossings_leave_out_open_triangles),
         cmocka_unit_test(crossings_count_overlapping_bars),
+        cmocka_unit_test(lamps_are_not_hidden_by_the_surface_they_stand_on),
         cmocka_unit_test(too_many_triangles_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
