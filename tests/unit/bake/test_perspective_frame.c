@@ -110,8 +110,12 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
     const struct umbb_casters world = {
         .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
     for (int n = 0; n < 20; n++) {
-        const struct umbb_eye eye = eye_at(60 * soup_unit(&soup), 60 * soup_unit(&soup),
-                                           20 * soup_unit(&soup) - 10, 0.2 + soup_unit(&soup));
+        double random[4]; /* one after the other: the order of arguments is the compiler's */
+        for (int k = 0; k < 4; k++) {
+            random[k] = soup_unit(&soup);
+        }
+        const struct umbb_eye eye =
+            eye_at(60 * random[0], 60 * random[1], 20 * random[2] - 10, 0.2 + random[3]);
         struct umb_frustum_info frustum;
         struct umbb_projected seen;
         double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
@@ -125,7 +129,9 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
                 const double *p = seen.corners[i][k];
                 const double z = seen.depth_scale / p[2] + seen.depth_offset;
                 assert_true(p[0] > -1.001 && p[0] < SIZE + 1.001 && p[2] > 0 && p[2] < 1.001);
-                assert_true(z < SIZE);
+                /* Deeper than the last voxel only in the margin, which the fit does not look at. */
+                assert_true(z < SIZE ||
+                            !(p[0] > 1 && p[0] < SIZE - 1 && p[1] > 1 && p[1] < SIZE - 1));
                 for (int axis = 0; axis < 2; axis++) {
                     low[axis] = fmin(low[axis], p[axis]);
                     high[axis] = fmax(high[axis], p[axis]);
