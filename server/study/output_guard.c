@@ -83,3 +83,19 @@ void umbt_output_abandon(struct umbs_file *file)
     umbs_file_abandon(file);
     atomic_store(&armed, 0);
 }
+
+enum umb_status umbt_output_replace(const char *path, const void *bytes, size_t size,
+                                    struct umb_error *error)
+{
+    struct umbs_file file;
+    enum umb_status status = umbt_output_begin(path, &file, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umbs_file_write(&file, bytes, size, error);
+    if (status == UMB_OK) {
+        return umbt_output_commit(&file, error);
+    }
+    umbt_output_abandon(&file);
+    return status;
+}

@@ -18,4 +18,9 @@ UMB_CHECKED enum umb_status umbt_output_commit(struct umbs_file *file, struct um
 /* As umbs_file_abandon. */
 void umbt_output_abandon(struct umbs_file *file);
 
+/* All three for bytes that are there. Fails: as umbs_file_begin, umbs_file_write, umbs_file_commit.
+ */
+UMB_CHECKED enum umb_status umbt_output_replace(const char *path, const void *bytes, size_t size,
+                                                struct umb_error *error);
+
 #endif

@@ -30,22 +30,6 @@ void umbt_picture_finish(struct umbt_picture *picture)
     memset(picture, 0, sizeof *picture);
 }
 
-static enum umb_status bytes_write(const char *path, const void *bytes, size_t size,
-                                   struct umb_error *error)
-{
-    struct umbs_file file;
-    enum umb_status status = umbt_output_begin(path, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbs_file_write(&file, bytes, size, error);
-    if (status == UMB_OK) {
-        return umbt_output_commit(&file, error);
-    }
-    umbt_output_abandon(&file);
-    return status;
-}
-
 enum umb_status umbt_picture_write(const struct umbt_picture *picture, const char *path,
                                    struct umb_error *error)
 {
@@ -67,7 +51,7 @@ enum umb_status umbt_picture_write(const struct umbt_picture *picture, const cha
     }
     png_image_free(&image);
     if (status == UMB_OK) {
-        status = bytes_write(path, bytes, size, error);
+        status = umbt_output_replace(path, bytes, size, error);
     }
     free(bytes);
     return status;

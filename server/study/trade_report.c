@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/file.h"
 #include "common/json_text.h"
+#include "study/output_guard.h"
 
 #define PATH_BYTES 4096
 
@@ -17,20 +17,10 @@ enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *nam
                                  const void *bytes, size_t size, struct umb_error *error)
 {
     char path[PATH_BYTES];
-    struct umbs_file file;
     if (snprintf(path, sizeof path, "%s/%s", trade->options.folder, name) >= (int)sizeof path) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
     }
-    enum umb_status status = umbs_file_begin(path, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbs_file_write(&file, bytes, size, error);
-    if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
-    }
-    umbs_file_abandon(&file);
-    return status;
+    return umbt_output_replace(path, bytes, size, error);
 }
 
 /* JSON has no infinities. */
