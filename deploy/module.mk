@@ -46,6 +46,7 @@ install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
 	install -m 0644 README.md LICENSE $(wildcard docs/*.md) $(DESTDIR)$(docdir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
 	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
+	install -D -m 0644 deploy/systemd/umbraged.socket $(DESTDIR)$(unitdir)/umbraged.socket
 	install -D -m 0644 deploy/systemd/umbrage.sysusers $(DESTDIR)$(sysusersdir)/umbrage.conf
 	install -D -m 0644 deploy/systemd/umbrage.tmpfiles $(DESTDIR)$(tmpfilesdir)/umbrage.conf
 	install -d $(DESTDIR)$(datadir)

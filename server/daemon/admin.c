@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The admin port. Small on purpose: it reads one request line and answers it. */
+#define _GNU_SOURCE /* strcasestr */
 #include "daemon/admin.h"
 
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #define REQUEST_BYTES 4096
 #define CLIENTS_MAX   32
@@ -106,6 +108,32 @@ static void answer_metrics(struct admin_client *client, int head_only)
     free(text);
 }
 
+/*
+ * 1 if the request was meant for this machine: a web page that has its own name resolve to
+ * 127.0.0.1 sends that name. No Host at all is an old client, and no browser.
+ */
+static int is_meant_for_us(const char *request)
+{
+    static const char *const names[] = {"localhost", "127.", "[::1]"};
+    const char *host = strcasestr(request, "\r\nhost:");
+    if (host == NULL) {
+        return 1;
+    }
+    host += strlen("\r\nhost:");
+    host += strspn(host, " \t");
+    size_t length = strcspn(host, " \t\r");
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        size_t known = strlen(names[i]);
+        if (length >= known && strncasecmp(host, names[i], known) == 0) {
+            const char *rest = names[i][known - 1] == '.'
+                                   ? host + known + strspn(host + known, "0123456789.")
+                                   : host + known;
+            return rest == host + length || *rest == ':';
+        }
+    }
+    return 0;
+}
+
 static void route(struct admin_client *client)
 {
     char method[8];
@@ -117,7 +145,9 @@ static void route(struct admin_client *client)
     }
     int head_only = strcmp(method, "HEAD") == 0;
     path[strcspn(path, "?")] = '\0';
-    if (!head_only && strcmp(method, "GET") != 0) {
+    if (!is_meant_for_us(client->request)) {
+        answer_text(client, "421 Misdirected Request", "Host is not this machine\n", head_only);
+    } else if (!head_only && strcmp(method, "GET") != 0) {
         answer_text(client, "405 Method Not Allowed", "GET or HEAD only\n", 0);
     } else if (strcmp(path, "/metrics") == 0) {
         answer_metrics(client, head_only);

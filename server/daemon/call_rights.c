@@ -117,14 +117,15 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
         return 1;
     }
     uint64_t now_ns = umbd_now_ns();
-    if (conn->token != NULL &&
-        !umbd_rate_take(&conn->token->paid_until_ns, conn->token->points_per_second, points, now_ns,
-                        &wait_ns)) {
-        return refuse_rate(call, "the token", conn->token->points_per_second, wait_ns);
-    }
     if (!umbd_rate_take(&conn->account->paid_until_ns, options->address_rate, points, now_ns,
                         &wait_ns)) {
         return refuse_rate(call, "the address", options->address_rate, wait_ns);
+    }
+    if (conn->token != NULL &&
+        !umbd_rate_take(&conn->token->paid_until_ns, conn->token->points_per_second, points, now_ns,
+                        &wait_ns)) {
+        umbd_rate_return(&conn->account->paid_until_ns, options->address_rate, points);
+        return refuse_rate(call, "the token", conn->token->points_per_second, wait_ns);
     }
     return 1;
 }

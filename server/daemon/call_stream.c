@@ -109,10 +109,16 @@ enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message, si
     return status;
 }
 
+/* What waits, with its price in memory. */
+static size_t waiting_bytes(const struct umbd_call *call)
+{
+    return call->queue_bytes + call->queue_count * QUEUED_OVERHEAD;
+}
+
 /* Opens the stream's window for what is no longer ahead. */
 static void give_back(struct umbd_call *call)
 {
-    if (call->window_held > 0 && call->queue_bytes < UMBD_BACKLOG_BYTES) {
+    if (call->window_held > 0 && waiting_bytes(call) < UMBD_BACKLOG_BYTES) {
         size_t held = call->window_held;
         call->window_held = 0;
         if (nghttp2_session_consume_stream(call->conn->session, call->stream_id, held) ==
@@ -124,7 +130,7 @@ static void give_back(struct umbd_call *call)
 
 size_t umbd_stream_window(struct umbd_call *call, size_t size)
 {
-    if (call->queue_bytes < UMBD_BACKLOG_BYTES || call->reply_ended) {
+    if (waiting_bytes(call) < UMBD_BACKLOG_BYTES || call->reply_ended) {
         return size;
     }
     call->window_held += size;

@@ -20,6 +20,7 @@
 #define ROOM_IDLE_MS    1000   /* connections idle for less are not closed to make room */
 #define SLOWEST_BYTES   16     /* a millisecond: what a peer must take while a reply waits */
 #define HOLD_MS         600000 /* in which it must take all that is held for it */
+#define AGE_SHARE       10     /* of --max-age, by which connections differ at most */
 #define STALL_MARGIN_MS 1000   /* stalled streams are reset first, the others go on */
 
 static size_t bucket_of(uint64_t serial)
@@ -171,6 +172,17 @@ static void cut_by_timer(struct umbd_conn *conn, const char *which)
     umbd_conn_close(conn, which);
 }
 
+/* When a connection is asked to go. Those that came together must not go together, so each has an
+ * age of its own, within a tenth of the option's (a multiplicative hash of its serial). */
+static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
+{
+    uint64_t spread_ms = 2 * max_age_ms / AGE_SHARE;
+    uint64_t draw = (conn->serial * 0x9E3779B97F4A7C15U) >> 32;
+    return max_age_ms == 0 ? 0
+                           : conn->opened_ms + max_age_ms - spread_ms / 2 +
+                                 (uint64_t)(((double)spread_ms * (double)draw) / 4294967296.0);
+}
+
 /* Names the peer and counts the connection for its address. Returns 0 if it has too many. */
 static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, const char **reason)
 {
@@ -262,6 +274,7 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
     }
     conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
     conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
+    conn->retire_at_ms = retirement_ms(conn, daemon->options.max_age_ms);
     link_conn(conn);
     umbd_count(&daemon->metrics.connections_opened, 1);
     if (transport != UMBD_UNIX) {
@@ -364,6 +377,32 @@ static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
     return conn->patience_ms < -STALL_MARGIN_MS;
 }
 
+/* Asks a connection that is older than --max-age to go, in the steps of a drain. Returns 1 if it
+ * had to be closed. */
+static int retire(struct umbd_conn *conn, uint64_t now_ms)
+{
+    const struct umbd_loop *loop = conn->loop;
+    if (conn->retire_at_ms == 0 || now_ms < conn->retire_at_ms || loop->drain != UMBD_DRAIN_NO) {
+        return 0;
+    }
+    switch (conn->retired) {
+    case UMBD_DRAIN_NO:
+        umbd_count(&loop->daemon->metrics.connections_retired, 1);
+        umbd_conn_notice(conn);
+        conn->retired = UMBD_DRAIN_NOTICE;
+        conn->retire_at_ms = now_ms + UMBD_NOTICE_MS;
+        return 0;
+    case UMBD_DRAIN_NOTICE:
+        umbd_conn_last_call(conn);
+        conn->retired = UMBD_DRAIN_LAST;
+        conn->retire_at_ms = now_ms + loop->daemon->options.drain_timeout_ms;
+        return 0;
+    default:
+        umbd_conn_close(conn, "too old, and calls that do not end");
+        return 1;
+    }
+}
+
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
 {
     const struct umbd_options *options = &conn->loop->daemon->options;
@@ -384,6 +423,9 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
             cut_by_timer(conn, "headers");
             return;
         }
+    }
+    if (retire(conn, now_ms)) {
+        return;
     }
     if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms) {
         umbd_conn_doom(conn, NGHTTP2_NO_ERROR);

@@ -53,6 +53,8 @@ struct umbd_conn {
     uint64_t sent_bytes;              /* handed to the socket, the pending write included */
     uint64_t taken_bytes, ticked_ms;  /* sent_bytes less what was pending, at the last tick */
     int64_t patience_ms;              /* see umbd_conn_tick */
+    uint64_t retire_at_ms;            /* the next step of its retirement, 0 = it may stay */
+    enum umbd_drain retired;          /* the last step taken */
     int settings_seen;                /* the handshake is over */
     int write_pending;
     int doomed; /* GOAWAY is on its way; no new work */
@@ -96,6 +98,15 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
 /* Says GOAWAY and lets the session end; what does not go is closed by the tick. */
 void umbd_conn_doom(struct umbd_conn *conn, uint32_t code);
+
+/*
+ * The two steps in which a connection is asked to go without losing a call (drain.c): a GOAWAY that
+ * still admits what is on its way, and UMBD_NOTICE_MS later the final one, which ends Watch calls
+ * and, when they have answered what they received, streams.
+ */
+#define UMBD_NOTICE_MS 200 /* more than a round trip */
+void umbd_conn_notice(struct umbd_conn *conn);
+void umbd_conn_last_call(struct umbd_conn *conn);
 
 /* Ends the session with a GOAWAY of that code; counts and logs it. Safe in call-backs. */
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);

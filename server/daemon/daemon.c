@@ -2,7 +2,7 @@
 /* Construction and take-down of what the loops share. */
 #include "daemon/daemon.h"
 
-#include "daemon/loop.h"
+#include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 
 #include <string.h>
@@ -112,7 +112,8 @@ void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
 
 void umbd_daemon_alive(struct umbd_daemon *daemon, uint64_t now_ms)
 {
-    if (daemon->watchdog_ms > 0 && now_ms >= daemon->watchdog_at_ms) {
+    if (daemon->watchdog_ms > 0 && now_ms >= daemon->watchdog_at_ms &&
+        umbd_loops_tick_age_ms(daemon) < daemon->watchdog_ms) {
         daemon->watchdog_at_ms = now_ms + daemon->watchdog_ms;
         umbd_notify("WATCHDOG=1");
     }

@@ -52,8 +52,8 @@ int umbd_daemon_finish(struct umbd_daemon *daemon);
 int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes);
 void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes);
 
-/* Gives the service manager its sign of life when it is due. The first loop's tick calls it, so
- * that a loop that hangs is noticed. */
+/* Gives the service manager its sign of life when it is due, unless a loop has not ticked for as
+ * long: one that hangs is noticed, whichever it is. The first loop's tick calls it. */
 void umbd_daemon_alive(struct umbd_daemon *daemon, uint64_t now_ms);
 
 /*

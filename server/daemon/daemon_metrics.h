@@ -55,6 +55,7 @@ struct umbd_metrics {
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;
     atomic_uint_fast64_t connections_evicted;
+    atomic_uint_fast64_t connections_retired;
     atomic_int_fast64_t connections; /* open now */
 };
 

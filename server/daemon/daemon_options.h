@@ -40,6 +40,7 @@ struct umbd_options {
     uint64_t connection_buffer; /* the same, one connection */
     uint64_t drain_delay_ms, drain_timeout_ms;
     uint64_t scrub_interval_ms; /* 0 = never */
+    uint64_t max_age_ms;        /* of a connection, 0 = any */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
     enum umb_log_level log_level;
     enum umbs_log_format log_format;

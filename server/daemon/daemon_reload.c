@@ -83,7 +83,7 @@ void umbd_daemon_reload(struct umbd_daemon *daemon)
     if (daemon->options.argv == NULL) {
         return;
     }
-    umbd_notify("RELOADING=1");
+    umbd_notify_reloading();
     if (umbd_options_parse(daemon->options.argc, daemon->options.argv, &now, &error) == UMB_OK) {
         take_over(daemon, &now);
     } else {

@@ -13,8 +13,6 @@
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 
-#define NOTICE_MS 200 /* more than a round trip, for requests sent before the first GOAWAY came */
-
 static void enter(struct umbd_loop *loop, enum umbd_drain stage, const char *name)
 {
     loop->drain = stage;
@@ -32,13 +30,13 @@ static void tell_watchers(struct umbd_conn *conn)
     }
 }
 
-static void begin_notice(struct umbd_conn *conn)
+void umbd_conn_notice(struct umbd_conn *conn)
 {
     nghttp2_submit_shutdown_notice(conn->session);
 }
 
-/* The final GOAWAY; Watch calls and streams would never end by themselves. */
-static void begin_last(struct umbd_conn *conn)
+/* Watch calls and streams would never end by themselves. */
+void umbd_conn_last_call(struct umbd_conn *conn)
 {
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
         if (call->watch_last >= 0) {
@@ -100,12 +98,13 @@ void umbd_loop_drain_step(struct umbd_loop *loop)
     if (loop->drain == UMBD_DRAIN_DELAY && passed_ms >= options->drain_delay_ms) {
         umbd_listeners_close(loop);
         enter(loop, UMBD_DRAIN_NOTICE, "notice");
-        each_conn(loop, begin_notice);
+        each_conn(loop, umbd_conn_notice);
         passed_ms = 0;
     }
-    if (loop->drain == UMBD_DRAIN_NOTICE && (passed_ms >= NOTICE_MS || loop->conn_count == 0)) {
+    if (loop->drain == UMBD_DRAIN_NOTICE &&
+        (passed_ms >= UMBD_NOTICE_MS || loop->conn_count == 0)) {
         enter(loop, UMBD_DRAIN_LAST, "last");
-        each_conn(loop, begin_last);
+        each_conn(loop, umbd_conn_last_call);
         passed_ms = 0;
     }
     if (loop->drain == UMBD_DRAIN_LAST &&

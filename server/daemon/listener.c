@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "daemon/conn.h"
+#include "daemon/service_manager.h"
 
 #define BACKLOG 1024
 
@@ -90,6 +91,35 @@ static void name_tcp(struct umbd_listener *listener)
     umbd_address_text(&address, listener->text + 4, sizeof listener->text - 4);
 }
 
+/* Makes a listener of the loop, not bound yet; NULL: out of memory. */
+static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbd_transport transport)
+{
+    struct umbd_listener *listener = calloc(1, sizeof *listener);
+    if (listener == NULL) {
+        return NULL;
+    }
+    listener->loop = loop;
+    listener->transport = transport;
+    if (transport == UMBD_UNIX) {
+        uv_pipe_init(&loop->uv, &listener->socket.pipe, 0);
+    } else {
+        uv_tcp_init(&loop->uv, &listener->socket.tcp);
+    }
+    listener->socket.handle.data = listener;
+    struct umbd_listener **last = &loop->listeners;
+    while (*last != NULL) {
+        last = &(*last)->next;
+    }
+    *last = listener;
+    return listener;
+}
+
+static void log_listening(const struct umbd_listener *listener, const char *from)
+{
+    umbs_log_event(&listener->loop->daemon->log, UMB_LOG_INFO, "listening",
+                   "address=\"%s\" from=%s", listener->text, from);
+}
+
 static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct umb_error *error)
 {
     struct umbd_address address;
@@ -101,23 +131,10 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     if (status != UMB_OK) {
         return status;
     }
-    struct umbd_listener *listener = calloc(1, sizeof *listener);
+    struct umbd_listener *listener = make_listener(loop, address.transport);
     if (listener == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
-    listener->loop = loop;
-    listener->transport = address.transport;
-    if (address.transport == UMBD_UNIX) {
-        uv_pipe_init(&loop->uv, &listener->socket.pipe, 0);
-    } else {
-        uv_tcp_init(&loop->uv, &listener->socket.tcp);
-    }
-    listener->socket.handle.data = listener;
-    struct umbd_listener **last = &loop->listeners;
-    while (*last != NULL) {
-        last = &(*last)->next;
-    }
-    *last = listener;
     int code = address.transport == UMBD_UNIX ? bind_unix(listener, &address)
                                               : bind_tcp(listener, &resolved);
     if (code == 0) {
@@ -130,20 +147,93 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     if (address.transport != UMBD_UNIX) {
         name_tcp(listener);
     }
-    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "listening", "address=\"%s\"", listener->text);
+    log_listening(listener, "listen");
+    return UMB_OK;
+}
+
+/* What a socket of the service manager speaks. Fails: E_ARGUMENT (not a listening stream socket).
+ */
+static enum umb_status handed_transport(int fd, int is_tls, enum umbd_transport *transport,
+                                        struct umb_error *error)
+{
+    struct sockaddr_storage address = {0};
+    socklen_t size = sizeof address;
+    int listens = 0;
+    socklen_t listens_size = sizeof listens;
+    if (getsockname(fd, (struct sockaddr *)&address, &size) != 0 ||
+        getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listens, &listens_size) != 0 || !listens) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "LISTEN_FDS: descriptor %d is not a listening stream socket", fd);
+    }
+    *transport = address.ss_family == AF_UNIX ? UMBD_UNIX : is_tls ? UMBD_TLS : UMBD_TCP;
+    if ((address.ss_family != AF_UNIX && address.ss_family != AF_INET &&
+         address.ss_family != AF_INET6) ||
+        (is_tls && *transport == UMBD_UNIX)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "LISTEN_FDS: descriptor %d is neither TCP nor a plain Unix socket", fd);
+    }
+    return UMB_OK;
+}
+
+/* The path belongs to the manager, which keeps the socket: it is not removed at the end. */
+static void name_handed_unix(struct umbd_listener *listener)
+{
+    char path[UMBD_UNIX_PATH_SIZE] = "";
+    size_t size = sizeof path - 1;
+    (void)uv_pipe_getsockname(&listener->socket.pipe, path, &size);
+    snprintf(listener->text, sizeof listener->text, "unix:%s", path);
+}
+
+static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
+                                   struct umb_error *error)
+{
+    enum umbd_transport transport = UMBD_TCP;
+    enum umb_status status = handed_transport(fd, is_tls, &transport, error);
+    if (status == UMB_OK && transport == UMBD_TLS && loop->daemon->tls == NULL) {
+        status = umb_fail(error, UMB_E_ARGUMENT,
+                          "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbd_listener *listener = make_listener(loop, transport);
+    if (listener == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
+    }
+    int code = transport == UMBD_UNIX ? uv_pipe_open(&listener->socket.pipe, fd)
+                                      : uv_tcp_open(&listener->socket.tcp, fd);
+    if (code == 0) {
+        code = uv_listen(&listener->socket.stream, BACKLOG, on_connection);
+    }
+    if (code != 0) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "LISTEN_FDS: cannot listen on descriptor %d: %s",
+                        fd, uv_strerror(code));
+    }
+    if (transport == UMBD_UNIX) {
+        name_handed_unix(listener);
+    } else {
+        name_tcp(listener);
+    }
+    log_listening(listener, "service_manager");
     return UMB_OK;
 }
 
 enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error)
 {
     const struct umbd_options *options = &loop->daemon->options;
-    for (size_t i = 0; i < options->listen_count; i++) {
-        enum umb_status status = open_one(loop, options->listen[i], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+    unsigned tls = 0; /* bit set of the handed sockets */
+    for (unsigned i = 0; i < UMBD_LISTEN_MAX; i++) {
+        tls |= (unsigned)umbd_handed_is_named(i, "tls") << i;
     }
-    return UMB_OK;
+    unsigned handed = umbd_handed_sockets();
+    enum umb_status status = UMB_OK;
+    for (unsigned i = 0; status == UMB_OK && i < handed; i++) {
+        status = open_handed(loop, UMBD_HANDED_FIRST + (int)i, (int)(tls >> i & 1U), error);
+    }
+    for (size_t i = 0; status == UMB_OK && handed == 0 && i < options->listen_count; i++) {
+        status = open_one(loop, options->listen[i], error);
+    }
+    return status;
 }
 
 static void on_closed(uv_handle_t *handle)

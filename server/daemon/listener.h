@@ -22,7 +22,8 @@ struct umbd_listener {
 };
 
 /*
- * Opens all addresses of the options. A stale Unix socket, one that nobody answers on, is replaced;
+ * Opens the sockets that the service manager hands over, or, if there are none, all addresses of
+ * the options. A stale Unix socket, one that nobody answers on, is replaced;
  * anything else at that path is left alone.
  * Fails: E_UNAVAILABLE (in use, no permission), E_ARGUMENT (unknown host), E_NO_MEMORY; what was
  * opened is closed by umbd_listeners_close.

@@ -167,6 +167,7 @@ static void on_tick(uv_timer_t *timer)
     struct umbd_loop *loop = timer->data;
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *conn = loop->first_conn;
+    atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
     while (conn != NULL) {
         struct umbd_conn *next = conn->next;
         umbd_conn_tick(conn, now_ms);

@@ -44,10 +44,11 @@ struct umbd_loop {
     uv_timer_t tick;
     uv_signal_t terminate, interrupt, hangup;
 
-    uint32_t index;           /* 0: the one that listens and takes signals */
-    pthread_t thread;         /* of the others */
-    atomic_size_t load;       /* connections, those on their way included */
-    atomic_uint drain_orders; /* from the first loop */
+    uint32_t index;                 /* 0: the one that listens and takes signals */
+    pthread_t thread;               /* of the others */
+    atomic_size_t load;             /* connections, those on their way included */
+    atomic_uint_fast64_t ticked_ms; /* umbd_now_ns of the last tick, in milliseconds; 0: none yet */
+    atomic_uint drain_orders;       /* from the first loop */
     unsigned drain_obeyed;
     struct umbd_handed *handed; /* sockets from the first loop, under done_mutex */
 

@@ -41,6 +41,7 @@ static void *run_loop(void *argument)
 {
     struct umbd_loop *loop = argument;
     uv_run(&loop->uv, UV_RUN_DEFAULT);
+    atomic_store(&loop->ticked_ms, 0); /* it is over, not hanging */
     atomic_fetch_sub(&loop->daemon->loops_running, 1);
     return NULL;
 }
@@ -136,6 +137,18 @@ void umbd_loops_drain(struct umbd_loop *from)
             uv_async_send(&loop->wake);
         }
     }
+}
+
+uint64_t umbd_loops_tick_age_ms(struct umbd_daemon *daemon)
+{
+    uint64_t now_ms = umbd_now_ns() / 1000000;
+    uint64_t oldest = 0;
+    for (uint32_t i = 0; i < daemon->loop_count; i++) {
+        uint64_t ticked = atomic_load(&daemon->loops[i].ticked_ms);
+        uint64_t age = ticked != 0 && ticked < now_ms ? now_ms - ticked : 0;
+        oldest = age > oldest ? age : oldest;
+    }
+    return oldest;
 }
 
 unsigned umbd_loops_running(struct umbd_daemon *daemon)

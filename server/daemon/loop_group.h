@@ -31,6 +31,9 @@ void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transp
 /* Makes every other loop begin its drain, or, the second time, end at once. */
 void umbd_loops_drain(struct umbd_loop *from);
 
+/* Milliseconds since the last tick of the loop that ticked least recently. Any thread. */
+uint64_t umbd_loops_tick_age_ms(struct umbd_daemon *daemon);
+
 /* Loops that run, the first included. */
 unsigned umbd_loops_running(struct umbd_daemon *daemon);
 

@@ -14,6 +14,12 @@
 #define BUCKETS     1024   /* a power of 2 */
 #define COST_MAX_NS 3.6e12 /* an hour: no single batch closes an address for longer */
 
+static uint64_t cost_ns(uint64_t per_second, uint64_t points)
+{
+    double cost = (double)points * 1e9 / (double)per_second;
+    return (uint64_t)(cost < COST_MAX_NS ? cost : COST_MAX_NS);
+}
+
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns)
 {
@@ -21,8 +27,6 @@ int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
     if (per_second == 0) {
         return 1;
     }
-    double cost_ns = (double)points * 1e9 / (double)per_second;
-    cost_ns = cost_ns < COST_MAX_NS ? cost_ns : COST_MAX_NS;
     uint64_t until = atomic_load_explicit(paid_until_ns, memory_order_relaxed);
     uint64_t next;
     do {
@@ -30,10 +34,17 @@ int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
             *wait_ns = until - now_ns - UMBD_RATE_AHEAD_NS;
             return 0;
         }
-        next = (until > now_ns ? until : now_ns) + (uint64_t)cost_ns;
+        next = (until > now_ns ? until : now_ns) + cost_ns(per_second, points);
     } while (!atomic_compare_exchange_weak_explicit(paid_until_ns, &until, next,
                                                     memory_order_relaxed, memory_order_relaxed));
     return 1;
+}
+
+void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points)
+{
+    if (per_second > 0) { /* exactly what the taking added, so it never passes below zero */
+        atomic_fetch_sub_explicit(paid_until_ns, cost_ns(per_second, points), memory_order_relaxed);
+    }
 }
 
 struct umbd_peer_table {

@@ -26,6 +26,9 @@
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns);
 
+/* Gives back what was taken for work that was then refused elsewhere. */
+void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points);
+
 /* One address that has connections, or has debts. */
 struct umbd_peer_account {
     struct umbd_peer_account *next;

@@ -2,12 +2,17 @@
 /* See service_manager.h. A name of the notify socket that begins with '@' is an abstract one. */
 #include "daemon/service_manager.h"
 
+#include <fcntl.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
+
+#include "daemon/daemon_options.h"
 
 void umbd_notify(const char *state)
 {
@@ -30,6 +35,17 @@ void umbd_notify(const char *state)
     }
 }
 
+void umbd_notify_reloading(void)
+{
+    struct timespec now;
+    char state[80];
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    (void)snprintf(state, sizeof state, "RELOADING=1\nMONOTONIC_USEC=%llu",
+                   (unsigned long long)now.tv_sec * 1000000U +
+                       (unsigned long long)now.tv_nsec / 1000U);
+    umbd_notify(state);
+}
+
 /* A decimal number of the environment, or 0. */
 static unsigned long long number_of(const char *name)
 {
@@ -40,6 +56,33 @@ static unsigned long long number_of(const char *name)
     }
     unsigned long long value = strtoull(text, &end, 10);
     return *end == '\0' ? value : 0;
+}
+
+unsigned umbd_handed_sockets(void)
+{
+    unsigned long long count = number_of("LISTEN_FDS");
+    if (number_of("LISTEN_PID") != (unsigned long long)getpid() || count > UMBD_LISTEN_MAX) {
+        count = 0;
+    }
+    for (unsigned i = 0; i < count; i++) {
+        (void)fcntl(UMBD_HANDED_FIRST + (int)i, F_SETFD, FD_CLOEXEC);
+    }
+    (void)unsetenv("LISTEN_PID");
+    (void)unsetenv("LISTEN_FDS");
+    (void)unsetenv("LISTEN_FDNAMES");
+    return (unsigned)count;
+}
+
+int umbd_handed_is_named(unsigned index, const char *name)
+{
+    const char *at = getenv("LISTEN_FDNAMES");
+    while (at != NULL && index > 0) {
+        at = strchr(at, ':');
+        at = at != NULL ? at + 1 : NULL;
+        index--;
+    }
+    size_t length = at != NULL ? strcspn(at, ":") : 0;
+    return at != NULL && length == strlen(name) && memcmp(at, name, length) == 0;
 }
 
 uint64_t umbd_watchdog_ms(void)

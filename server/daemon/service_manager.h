@@ -3,15 +3,29 @@
 #define UMBRAGE_SERVER_DAEMON_SERVICE_MANAGER_H
 /*
  * What the daemon tells a service manager (systemd): states and signs of life. Without a manager
- * every function does nothing.
- * Source: sd_notify(3), sd_watchdog_enabled(3): the protocols, not the library.
+ * every function does nothing. And the sockets that it hands over.
+ * Source: sd_notify(3), sd_watchdog_enabled(3), sd_listen_fds(3): the protocols, not the library.
  */
 #include <stdint.h>
 
 /* Sends a state, such as "READY=1", to NOTIFY_SOCKET. Never blocks for long, never fails. */
 void umbd_notify(const char *state);
 
+/* Sends RELOADING=1 with the time that Type=notify-reload asks for. READY=1 ends it. */
+void umbd_notify_reloading(void);
+
 /* Milliseconds between two signs of life that the manager wants, halved; 0 = none wanted. */
 uint64_t umbd_watchdog_ms(void);
+
+#define UMBD_HANDED_FIRST 3 /* the number of the first descriptor */
+
+/*
+ * Listening sockets that the manager hands over: descriptors UMBD_HANDED_FIRST on, as many as the
+ * return value, 0 without any. They get close-on-exec; the environment says so only once.
+ */
+unsigned umbd_handed_sockets(void);
+
+/* 1 if the manager named that socket (FileDescriptorName=) `name`. Before umbd_handed_sockets. */
+int umbd_handed_is_named(unsigned index, const char *name);
 
 #endif

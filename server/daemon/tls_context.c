@@ -77,6 +77,9 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
         sk_X509_NAME_pop_free(names, X509_NAME_free);
         return refuse(error, "--tls-client-ca", files->client_ca);
     }
+    /* A ticket would let a client in again without its certificate being looked at. */
+    SSL_CTX_set_options(context, SSL_OP_NO_TICKET);
+    (void)SSL_CTX_set_num_tickets(context, 0);
     SSL_CTX_set_client_CA_list(context, names);
     SSL_CTX_set_verify(context, SSL_VERIFY_PEER | SSL_VERIFY_FAIL_IF_NO_PEER_CERT, NULL);
     return UMB_OK;

@@ -134,9 +134,10 @@ static enum umb_status read_set(FILE *file, const char *path, struct umbd_token_
 
 static enum umb_status load(const char *path, struct umbd_token_set **out, struct umb_error *error)
 {
+    char buffer[BUFSIZ]; /* ours, so that no secret stays in freed memory */
     struct stat info;
     *out = NULL;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO must not hold a loop up */
     FILE *file = fd >= 0 ? fdopen(fd, "r") : NULL;
     if (file == NULL) {
         enum umb_status status = umb_fail_errno(error, UMB_E_NO_INPUT, errno,
@@ -146,11 +147,14 @@ static enum umb_status load(const char *path, struct umbd_token_set **out, struc
         }
         return status;
     }
+    (void)setvbuf(file, buffer, _IOFBF, sizeof buffer);
     struct umbd_token_set *set = calloc(1, sizeof *set);
     enum umb_status status = UMB_OK;
     if (set == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for tokens");
-    } else if (fstat(fd, &info) != 0 || (info.st_mode & (S_IROTH | S_IWOTH)) != 0) {
+    } else if (fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "--token-file: '%.100s' is not a file", path);
+    } else if ((info.st_mode & (S_IROTH | S_IWOTH)) != 0) {
         status = umb_fail(error, UMB_E_PERMISSION,
                           "--token-file: '%.100s' may be read or written by others; chmod o-rwx it",
                           path);
@@ -158,6 +162,7 @@ static enum umb_status load(const char *path, struct umbd_token_set **out, struc
         status = read_set(file, path, set, error);
     }
     (void)fclose(file);
+    OPENSSL_cleanse(buffer, sizeof buffer);
     if (status != UMB_OK) {
         free(set);
         return status;

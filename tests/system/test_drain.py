@@ -6,6 +6,7 @@ with UNAVAILABLE before it was processed; with at most two retries against a sec
 balancer would do it) none fails. Health says NOT_SERVING first; a second signal ends at once.
 """
 import os
+import queue
 import signal
 import sys
 import threading
@@ -141,7 +142,6 @@ with test.check("a call whose upload is under way at the signal is answered"):
     assert M.QueryReply.FromString(reply.body[5:]).visibility == expected[3000]
     first.exited()
 with test.check("a stream gets the replies to what was received, then UNAVAILABLE"):
-    import queue
     first = test.daemon("--loops", 2)
     requests = queue.Queue()
     streaming = test.client(first.grpc_tcp)
@@ -180,5 +180,18 @@ with test.check("SIGINT drains as SIGTERM does"):
     first = test.daemon()
     first.signal(signal.SIGINT)
     assert first.wait(20) == 0
+with test.check("connections go when they are old, and no call is lost"):
+    first = test.daemon("--max-age", "1s", "--workers", 2)
+    load = Load([first.grpc_tcp, first.grpc_tcp, first.grpc_tcp], expected)
+    time.sleep(3)
+    load.stop()
+    assert not load.lost, load.lost[:5]
+    retired = first.metric("umbrage_connections_retired_total")
+    print(f"    {load.answered} calls, {load.retried} retried, {retired:.0f} connections retired")
+    assert retired >= 6
+    streaming = test.client(first.grpc_tcp)
+    replies = streaming.stream(iter(queue.Queue().get, None), timeout=30)
+    client.refused(lambda: next(replies), Code.UNAVAILABLE, "shutting down")
+    first.exited() if first.process.poll() is not None else first.stop()
 client.close()
 test.finish()

@@ -4,10 +4,12 @@
 The daemon under a service manager: states and signs of life over its socket, settings from a file, read
 again on SIGHUP, and JSON logs.
 """
+import fcntl
 import json
 import os
 import signal
 import socket
+import subprocess
 import sys
 import time
 
@@ -71,7 +73,7 @@ with test.check("every line of the log is a JSON object"):
 with test.check("SIGHUP takes the log level over and says what waits for a restart"):
     write_config(f"store = {test.path('store')}", "log-format = json", "log-level = debug", "workers = 5")
     daemon.signal(signal.SIGHUP)
-    next_notice("RELOADING=1")
+    assert "\nMONOTONIC_USEC=" in next_notice("RELOADING=1")
     next_notice("READY=1")
     ut.wait_until(lambda: any(e["event"] == "reloaded" for e in events(daemon)), 10, "reloaded")
     waiting = [e["setting"] for e in events(daemon) if e["event"] == "restart_needed"]
@@ -86,5 +88,77 @@ with test.check("the manager hears STOPPING at the drain"):
     daemon.signal(signal.SIGTERM)
     next_notice("STOPPING=1")
     daemon.exited()
+with test.check("the admin port answers nobody who asks for another machine"):
+    daemon = test.daemon()
+    for host, code in (("localhost:9464", 200), ("127.0.0.1", 200), ("[::1]:1", 200), (None, 200),
+                       ("rebound.example", 421), ("127.0.0.1.example", 421), ("127.", 200),
+                       ("localhost.example:9464", 421), ("", 421)):
+        with socket.create_connection(("127.0.0.1", int(daemon.addresses["http"].split(":")[1]))) as raw:
+            line = "" if host is None else f"Host: {host}\r\n"
+            raw.sendall(f"GET /livez HTTP/1.1\r\n{line}\r\n".encode())
+            answer = raw.recv(4096).decode()
+            assert answer.startswith(f"HTTP/1.1 {code} "), (host, answer)
+
+
+class Handed:
+    """A daemon that is handed listening sockets, as systemd does it."""
+
+    def __init__(self, sockets, names, *options):
+        self.log = open(test.path("handed.log"), "w+b")
+        # Inherited descriptors begin at 3, and LISTEN_PID is the daemon's own number.
+        words = "".join(f"exec {3 + i}<&{one.fileno()}; " for i, one in enumerate(sockets))
+        words += f"export LISTEN_PID=$$ LISTEN_FDS={len(sockets)} LISTEN_FDNAMES={':'.join(names)}; exec \"$@\""
+        self.process = subprocess.Popen(
+            ["bash", "-c", words, "bash", ut.program("umbraged"), "--store", test.path("store"),
+             "--drain-delay", "0", *options],
+            pass_fds=[one.fileno() for one in sockets], stderr=self.log)
+
+    def text(self):
+        self.log.flush()
+        with open(self.log.name, encoding="ascii") as file:
+            return file.read()
+
+    def end(self):
+        self.process.send_signal(signal.SIGTERM)
+        code = self.process.wait(30)
+        assert code == 0, self.text()
+
+
+def high(one):
+    """Out of the way of the numbers that are handed over."""
+    fd = fcntl.fcntl(one.fileno(), fcntl.F_DUPFD, 50)
+    one.close()
+    return socket.socket(fileno=fd)
+
+
+with test.check("handed-over sockets replace --listen, and outlive the daemon"):
+    tcp = socket.create_server(("127.0.0.1", 0))
+    unix = socket.socket(socket.AF_UNIX)
+    unix.bind(test.path("handed.sock"))
+    unix.listen(16)
+    tcp, unix = high(tcp), high(unix)
+    port = tcp.getsockname()[1]
+    early = socket.create_connection(("127.0.0.1", port))  # before there is a daemon
+    early.settimeout(20)
+    for turn in range(2):
+        handed = Handed([tcp, unix], ["umbraged.socket", "umbraged.socket"], "--listen", "tcp:127.0.0.1:1")
+        early.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(3) + b"\4" + bytes(5))
+        assert early.recv(9)[3] == 4, "no SETTINGS"
+        listed = ut.run("umbrage", "list", "--address", "unix:" + test.path("handed.sock"), "--json")
+        assert json.loads(listed.stdout)["assets"] == []
+        early.close()
+        early = socket.create_connection(("127.0.0.1", port))
+        early.settimeout(20)
+        handed.end()
+        assert os.path.exists(test.path("handed.sock"))
+        log = handed.text()
+        assert f'address="tcp:127.0.0.1:{port}" from=service_manager' in log and ":1\"" not in log, log
+    early.close()
+with test.check("what is handed over must be a listening socket; tls: needs a certificate"):
+    for one, name, reason in ((high(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)), "x", "not a listening"),
+                              (tcp, "tls", "--tls-cert")):
+        handed = Handed([one], [name])
+        assert handed.process.wait(30) == 2, handed.text()
+        assert reason in handed.text(), handed.text()
 del os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"]
 test.finish()

@@ -54,6 +54,20 @@ static void rate_says_the_time_after_which_it_takes_again(void **state)
     assert_true(umbd_rate_take(&until, 0, UINT64_MAX, now, &wait)); /* no limit */
 }
 
+static void rate_gives_back_exactly_what_it_took(void **state)
+{
+    (void)state;
+    atomic_uint_fast64_t until = 0;
+    uint64_t wait = 0;
+    assert_true(umbd_rate_take(&until, 1000, 700, 5 * SECOND, &wait));
+    uint64_t before = atomic_load(&until);
+    assert_true(umbd_rate_take(&until, 1000, 333, 5 * SECOND, &wait));
+    umbd_rate_return(&until, 1000, 333);
+    assert_int_equal(atomic_load(&until), before);
+    umbd_rate_return(&until, 0, 1); /* without a limit nothing was taken */
+    assert_int_equal(atomic_load(&until), before);
+}
+
 static struct sockaddr_storage v4(uint32_t host)
 {
     struct sockaddr_storage storage;
@@ -216,17 +230,30 @@ static void tokens_that_others_may_read_are_refused(void **state)
     assert_int_equal(umbd_tokens_create("/nowhere/tokens", &tokens, &error), UMB_E_NO_INPUT);
 }
 
+static void tokens_of_a_fifo_are_refused_and_nobody_waits(void **state)
+{
+    (void)state;
+    struct umbd_tokens *tokens;
+    struct umb_error error;
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(mkfifo(path, 0600), 0);
+    assert_int_equal(umbd_tokens_create(path, &tokens, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "is not a file"));
+}
+
 int main(void)
 {
 #define WITH_FILE(test) cmocka_unit_test_setup_teardown(test, make_file, remove_file)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rate_holds_on_average_whatever_the_batches),
         cmocka_unit_test(rate_says_the_time_after_which_it_takes_again),
+        cmocka_unit_test(rate_gives_back_exactly_what_it_took),
         cmocka_unit_test(peers_are_counted_by_address_and_v6_by_its_half),
         cmocka_unit_test(debts_outlive_the_connections),
         WITH_FILE(tokens_are_found_by_their_hash_and_reloaded),
         WITH_FILE(tokens_name_the_line_that_is_wrong),
         WITH_FILE(tokens_that_others_may_read_are_refused),
+        WITH_FILE(tokens_of_a_fifo_are_refused_and_nobody_waits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
