@@ -14,7 +14,7 @@ needed="
     gcc g++ libc6-dev make pkg-config
     libuv1-dev libnghttp2-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
-    libinih-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
+    libinih-dev libsqlite3-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
     libembree-dev libassimp-dev libpng-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-# umbraged, umbrage-bake and umbrage-study. common and rays are libraries that they share.
+# umbraged, umbrage-bake and umbrage-study. common, jobs and rays are libraries that they share.
 INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
 
 COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
 RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
+JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
 STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/trade_template.o
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
+JOBS_LIB   := $(BUILD)/libumbrage-jobs.a
 BAKE_LIB   := $(BUILD)/libumbrage-bake.a
 STUDY_LIB  := $(BUILD)/libumbrage-study.a
 DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
@@ -29,13 +31,14 @@ $(BUILD)/gen/trade_template.o: $(BUILD)/gen/trade_template.c
 
 $(COMMON_LIB): $(COMMON_OBJ)
 $(RAYS_LIB): $(RAYS_OBJ)
+$(JOBS_LIB): $(JOBS_OBJ)
 $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
 $(STUDY_LIB): $(filter-out %/study_main.o,$(STUDY_OBJ))
 $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
 
-$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -13,7 +13,8 @@ TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
@@ -23,9 +24,10 @@ TEST_SYS_common = -luv -lcrypto $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 -lcrypto $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lcrypto $(CORE_LIBS)
-TEST_SYS_daemon = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS)
+TEST_SYS_jobs   = -lsqlite3 -lcrypto $(CORE_LIBS)
+TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc cli common rays study bake daemon
+UNIT_PARTS := core maps wire rpc cli common rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part

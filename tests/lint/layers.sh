@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Proves the include rules of docs/ARCHITECTURE.md: who may include whom, and who may see which library.
 #
-# core <- wire <- {rpc, daemon};  {core, common} <- {daemon, bake, rays, study};  rays <- {bake, study};
+# core <- wire <- {rpc, daemon};  {core, common} <- {daemon, jobs, bake, rays, study};  jobs <- daemon;  rays <- {bake, study};
 # rpc <- {cli, study}. Nothing under client/ or proto/ includes server/.
 set -eu
 cd "$(dirname "$0")/../.."
@@ -31,17 +31,18 @@ ASSIMP='^assimp/'
 LIBUV='^uv\.h'
 HTTP2='^nghttp2/'
 PROTOBUF='(pb-c\.h$|^protobuf-c/)'
-SERVER='^(common|daemon|bake|rays|study|depth|build|analysis|import)/'
+SERVER='^(common|daemon|jobs|bake|rays|study|depth|build|analysis|import)/'
 
 forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/' "is public and sees only itself"
 forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
 forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
 forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
-forbid server/common "$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
-forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire and common"
+forbid server/common "^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
+forbid server/jobs "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
+forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
 forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"
-forbid server/bake "$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
+forbid server/bake "^sqlite3\.h|^jobs/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
 forbid server/study "$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
 
 # Assimp: the sandboxed importer alone. Embree: rays, and the bake's candidate path.

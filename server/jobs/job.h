@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_JOB_H
+#define UMBRAGE_SERVER_JOBS_JOB_H
+/*
+ * What a bake job is: one submission of a scene with its settings, by one owner.
+ *
+ *     queued -> running -> done
+ *        ^         |-----> failed    it makes no sense to try again, or somebody cancelled it
+ *        '---------'-----> poison    it took its worker down too often
+ *
+ * Each try has an epoch, which grows with every claim: whoever reports for an older epoch is told
+ * so and changes nothing (fencing).
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/status.h"
+
+#define UMBJ_HASH_BYTES    32 /* SHA-256: keys, ids of assets */
+#define UMBJ_ID_SIZE       33 /* 32 hexadecimal digits, random: ids tell nothing */
+#define UMBJ_OWNER_SIZE    64 /* a token's name; "" = whoever comes without tokens */
+#define UMBJ_CAUSE_SIZE    512
+#define UMBJ_SCENE_SIZE    1024 /* path of the scene in its bundle */
+#define UMBJ_SETTINGS_SIZE 8192 /* lines of --name=value */
+#define UMBJ_PRIORITY_MAX  10   /* and -10; orders one owner's jobs */
+
+enum umbj_state {
+    UMBJ_QUEUED = 0,
+    UMBJ_RUNNING,
+    UMBJ_DONE,
+    UMBJ_FAILED,
+    UMBJ_POISON,
+    UMBJ_STATE_COUNT,
+};
+
+/* Why a try ended without an asset. */
+enum umbj_failure {
+    UMBJ_NO_FAILURE = 0,
+    UMBJ_REJECTED,  /* the scene or its settings cannot be used (65, 2, 66) */
+    UMBJ_TEMPORARY, /* may pass by itself (75) */
+    UMBJ_IO,        /* disk (73, 74): full ones become empty again */
+    UMBJ_LOST,      /* the lease ran out, or the daemon ended */
+    UMBJ_CRASH,     /* a signal ended the worker */
+    UMBJ_MEMORY,    /* SIGKILL that was not ours */
+    UMBJ_SANDBOX,   /* SIGSYS */
+    UMBJ_TIMEOUT,   /* over its time */
+    UMBJ_INTERNAL,  /* our own fault (70, 69, unknown) */
+    UMBJ_CANCELLED, /* by its owner */
+    UMBJ_FAILURE_COUNT,
+};
+
+struct umbj_job {
+    char id[UMBJ_ID_SIZE];
+    char owner[UMBJ_OWNER_SIZE];
+    uint8_t key[UMBJ_HASH_BYTES]; /* hash of bundle and settings */
+    enum umbj_state state;
+    enum umbj_failure failure; /* of the last try */
+    int priority;              /* -10..10, higher first */
+    int64_t epoch;             /* of the last claim; 0 = never claimed */
+    int64_t tries, hard_tries; /* claims that failed; those that took the worker down */
+    int64_t submitted_ms, started_ms, ended_ms; /* Unix time; 0 = not yet */
+    int64_t not_before_ms, lease_until_ms;
+    int64_t bundle_bytes;
+    int has_asset;
+    uint8_t asset[UMBJ_HASH_BYTES]; /* id, when done */
+    char cause[UMBJ_CAUSE_SIZE];    /* of the last failure, one sentence */
+};
+
+/* "queued"; "rejected". Never NULL. */
+const char *umbj_state_name(enum umbj_state state);
+const char *umbj_failure_name(enum umbj_failure failure);
+
+/* 1 if the job will not change any more. */
+int umbj_is_over(enum umbj_state state);
+
+#endif

@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* SQLite for the job table, see job_sql.h. */
+#include "jobs/job_sql.h"
+
+#include <stdarg.h>
+#include <stddef.h>
+#include <string.h>
+
+#define BUSY_MS 5000 /* somebody may be looking at the table with sqlite3 */
+
+static enum umb_status status_of(int code)
+{
+    switch (code & 0xff) {
+    case SQLITE_NOMEM:
+        return UMB_E_NO_MEMORY;
+    case SQLITE_BUSY:
+    case SQLITE_LOCKED:
+        return UMB_E_BUSY;
+    case SQLITE_FULL:
+        return UMB_E_LIMIT;
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+        return UMB_E_CORRUPT;
+    case SQLITE_CANTOPEN:
+        return UMB_E_CANNOT_CREATE;
+    case SQLITE_IOERR:
+    case SQLITE_READONLY:
+        return UMB_E_IO;
+    default:
+        return UMB_E_INTERNAL;
+    }
+}
+
+static enum umb_status fail(const struct umbj_sql *sql, int code, struct umb_error *error)
+{
+    return umb_fail(error, status_of(code), "job table: %.200s",
+                    sql->database != NULL ? sqlite3_errmsg(sql->database) : sqlite3_errstr(code));
+}
+
+enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql, struct umb_error *error)
+{
+    static const char *const setup[] = {"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
+                                        "PRAGMA foreign_keys=ON"};
+    const int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
+    const int code = sqlite3_open_v2(path, &sql->database, flags, NULL);
+    enum umb_status status = code == SQLITE_OK ? UMB_OK : fail(sql, code, error);
+    if (status == UMB_OK) {
+        (void)sqlite3_extended_result_codes(sql->database, 1);
+        (void)sqlite3_busy_timeout(sql->database, BUSY_MS);
+    }
+    for (size_t i = 0; status == UMB_OK && i < sizeof setup / sizeof setup[0]; i++) {
+        status = umbj_sql_run(sql, error, NULL, NULL, setup[i], "");
+    }
+    if (status != UMB_OK) {
+        umbj_sql_close(sql);
+    }
+    return status;
+}
+
+void umbj_sql_close(struct umbj_sql *sql)
+{
+    (void)sqlite3_close(sql->database); /* every statement has been finalized */
+    sql->database = NULL;
+}
+
+static int bind(sqlite3_stmt *statement, const char *types, va_list arguments)
+{
+    int code = SQLITE_OK;
+    for (int i = 0; code == SQLITE_OK && types[i] != '\0'; i++) {
+        if (types[i] == 't') {
+            code = sqlite3_bind_text(statement, i + 1, va_arg(arguments, const char *), -1,
+                                     SQLITE_STATIC);
+        } else if (types[i] == 'i') {
+            code = sqlite3_bind_int64(statement, i + 1, va_arg(arguments, int64_t));
+        } else {
+            code = sqlite3_bind_blob(statement, i + 1, va_arg(arguments, const uint8_t *),
+                                     UMBJ_HASH_BYTES, SQLITE_STATIC);
+        }
+    }
+    return code;
+}
+
+enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
+                             void *user, const char *text, const char *types, ...)
+{
+    sqlite3_stmt *statement = NULL;
+    enum umb_status status = UMB_OK;
+    va_list arguments;
+    int code = sqlite3_prepare_v2(sql->database, text, -1, &statement, NULL);
+    if (code == SQLITE_OK) {
+        va_start(arguments, types);
+        code = bind(statement, types, arguments);
+        va_end(arguments);
+    }
+    if (code == SQLITE_OK) {
+        code = SQLITE_ROW;
+        while (code == SQLITE_ROW && status == UMB_OK) {
+            code = sqlite3_step(statement);
+            if (code == SQLITE_ROW && row != NULL) {
+                status = row(user, statement);
+            }
+        }
+    }
+    if (status == UMB_OK && code != SQLITE_DONE) {
+        status = fail(sql, code, error);
+    }
+    (void)sqlite3_finalize(statement); /* says again what step said */
+    return status;
+}
+
+int64_t umbj_sql_changes(const struct umbj_sql *sql)
+{
+    return sqlite3_changes(sql->database);
+}
+
+enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error)
+{
+    return umbj_sql_run(sql, error, NULL, NULL, "BEGIN IMMEDIATE", "");
+}
+
+enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status, struct umb_error *error)
+{
+    if (status == UMB_OK) {
+        status = umbj_sql_run(sql, error, NULL, NULL, "COMMIT", "");
+    }
+    if (status != UMB_OK && !sqlite3_get_autocommit(sql->database)) {
+        struct umb_error ignored; /* the first failure is the one to tell */
+        if (umbj_sql_run(sql, &ignored, NULL, NULL, "ROLLBACK", "") != UMB_OK) {
+            return status;
+        }
+    }
+    return status;
+}
+
+void umbj_sql_text(sqlite3_stmt *row, int column, char *out, size_t size)
+{
+    const unsigned char *text = sqlite3_column_text(row, column);
+    size_t length = text != NULL ? strlen((const char *)text) : 0;
+    length = length < size ? length : size - 1;
+    if (length > 0) {
+        memcpy(out, text, length);
+    }
+    out[length] = '\0';
+}
+
+int umbj_sql_hash(sqlite3_stmt *row, int column, uint8_t out[UMBJ_HASH_BYTES])
+{
+    const void *bytes = sqlite3_column_blob(row, column);
+    if (bytes == NULL || sqlite3_column_bytes(row, column) != UMBJ_HASH_BYTES) {
+        memset(out, 0, UMBJ_HASH_BYTES);
+        return 0;
+    }
+    memcpy(out, bytes, UMBJ_HASH_BYTES);
+    return 1;
+}

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_JOB_SQL_H
+#define UMBRAGE_SERVER_JOBS_JOB_SQL_H
+/*
+ * SQLite for the job table: one statement a call, failures as umb_status.
+ *
+ * Life: umbj_sql_open, umbj_sql_run ..., umbj_sql_close. Changes that belong together stand between
+ * umbj_sql_begin and umbj_sql_end; what fails in between is rolled back by the end.
+ * Durability: journal in WAL mode with synchronous=FULL: what umbj_sql_end or a single changing
+ * statement acknowledged survives a kill and a power cut (SQLite, "Write-Ahead Logging").
+ * Threads: one at a time.
+ */
+#include <sqlite3.h>
+#include "jobs/job.h"
+
+struct umbj_sql {
+    sqlite3 *database;
+};
+
+/* Opens or makes a database and sets it up. Fails: E_CANNOT_CREATE, E_CORRUPT (not a database),
+ * E_BUSY (another process writes to it), E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql,
+                                          struct umb_error *error);
+void umbj_sql_close(struct umbj_sql *sql);
+
+/* Takes one row of a result; a status other than UMB_OK ends the statement with it. */
+typedef enum umb_status (*umbj_row_fn)(void *user, sqlite3_stmt *row);
+
+/*
+ * Runs one statement.
+ *
+ * In:    row: may be NULL. types: one letter for each `?` of the text and argument behind it: t
+ *        const char *, i int64_t, h const uint8_t[UMBJ_HASH_BYTES] (NULL becomes SQL's NULL).
+ * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, what row returns.
+ */
+UMB_CHECKED enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error,
+                                         umbj_row_fn row, void *user, const char *text,
+                                         const char *types, ...);
+
+/* Rows that the last changing statement touched. */
+int64_t umbj_sql_changes(const struct umbj_sql *sql);
+
+/* One transaction. _end commits if status is UMB_OK, else rolls back; returns status, or why the
+ * commit failed (then rolled back too). */
+UMB_CHECKED enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error);
+UMB_CHECKED enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status,
+                                         struct umb_error *error);
+
+/* Copies a text column, cut at size - 1 bytes; a blob column of UMBJ_HASH_BYTES (0 if it is not).
+ */
+void umbj_sql_text(sqlite3_stmt *row, int column, char *out, size_t size);
+int umbj_sql_hash(sqlite3_stmt *row, int column, uint8_t out[UMBJ_HASH_BYTES]);
+
+#endif

@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The job table: its file, and looking things up.
+ *
+ * Invariants: a running job has epoch > 0 and a lease; a job that is over has ended_ms; a done one
+ * has an asset. Every change of state is one statement or one transaction.
+ */
+#include "jobs/job_table_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define SCHEMA_VERSION 1
+
+static const char *const schema[] = {
+    "CREATE TABLE job(seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE,"
+    " owner TEXT NOT NULL, key BLOB NOT NULL, state INTEGER NOT NULL, failure INTEGER NOT NULL"
+    " DEFAULT 0, priority INTEGER NOT NULL, epoch INTEGER NOT NULL DEFAULT 0, tries INTEGER NOT"
+    " NULL DEFAULT 0, hard_tries INTEGER NOT NULL DEFAULT 0, submitted_ms INTEGER NOT NULL,"
+    " started_ms INTEGER NOT NULL DEFAULT 0, ended_ms INTEGER NOT NULL DEFAULT 0, not_before_ms"
+    " INTEGER NOT NULL DEFAULT 0, lease_until_ms INTEGER NOT NULL DEFAULT 0, bundle_bytes INTEGER"
+    " NOT NULL, asset BLOB, cause TEXT NOT NULL DEFAULT '', scene TEXT NOT NULL, settings TEXT"
+    " NOT NULL)",
+    "CREATE INDEX job_by_owner ON job(owner, key)",
+    "CREATE INDEX job_by_state ON job(state, owner)",
+    /* When an owner was last served, in claims: their order is that of the clock, and never ties.
+     */
+    "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
+    "CREATE TABLE asset(id BLOB PRIMARY KEY)",
+    "CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
+    " PRIMARY KEY(asset, owner))",
+    "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
+};
+
+enum umb_status umbj__take_number(void *user, sqlite3_stmt *row)
+{
+    *(int64_t *)user = sqlite3_column_int64(row, 0);
+    return UMB_OK;
+}
+
+static void read_job(sqlite3_stmt *row, struct umbj_job *job)
+{
+    memset(job, 0, sizeof *job);
+    umbj_sql_text(row, 0, job->id, sizeof job->id);
+    umbj_sql_text(row, 1, job->owner, sizeof job->owner);
+    (void)umbj_sql_hash(row, 2, job->key);
+    job->state = (enum umbj_state)sqlite3_column_int(row, 3);
+    job->failure = (enum umbj_failure)sqlite3_column_int(row, 4);
+    job->priority = sqlite3_column_int(row, 5);
+    job->epoch = sqlite3_column_int64(row, 6);
+    job->tries = sqlite3_column_int64(row, 7);
+    job->hard_tries = sqlite3_column_int64(row, 8);
+    job->submitted_ms = sqlite3_column_int64(row, 9);
+    job->started_ms = sqlite3_column_int64(row, 10);
+    job->ended_ms = sqlite3_column_int64(row, 11);
+    job->not_before_ms = sqlite3_column_int64(row, 12);
+    job->lease_until_ms = sqlite3_column_int64(row, 13);
+    job->bundle_bytes = sqlite3_column_int64(row, 14);
+    job->has_asset = umbj_sql_hash(row, 15, job->asset);
+    umbj_sql_text(row, 16, job->cause, sizeof job->cause);
+}
+
+/* Takes the one job of a result; an empty id tells that there was none. */
+enum umb_status umbj__take_job(void *user, sqlite3_stmt *row)
+{
+    read_job(row, user);
+    return UMB_OK;
+}
+
+enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job, const char *id,
+                            struct umb_error *error)
+{
+    if (status == UMB_OK && job->id[0] == '\0') {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
+    }
+    return status;
+}
+
+static enum umb_status prepare_schema(struct umbj_sql *sql, struct umb_error *error)
+{
+    int64_t version = 0;
+    enum umb_status status =
+        umbj_sql_run(sql, error, umbj__take_number, &version, "PRAGMA user_version", "");
+    if (status != UMB_OK || version == SCHEMA_VERSION) {
+        return status;
+    }
+    if (version != 0) {
+        return umb_fail(error, UMB_E_VERSION, "job table: version %lld, this program knows %d",
+                        (long long)version, SCHEMA_VERSION);
+    }
+    status = umbj_sql_begin(sql, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = 0; status == UMB_OK && i < sizeof schema / sizeof schema[0]; i++) {
+        status = umbj_sql_run(sql, error, NULL, NULL, schema[i], "");
+    }
+    if (status == UMB_OK) {
+        status = umbj_sql_run(sql, error, NULL, NULL, "PRAGMA user_version = 1", "");
+    }
+    return umbj_sql_end(sql, status, error);
+}
+
+enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limits,
+                                struct umbj_table **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umbj_table *table = calloc(1, sizeof *table);
+    if (table == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the job table");
+    }
+    table->limits = *limits;
+    enum umb_status status = umbj_sql_open(path, &table->sql, error);
+    if (status == UMB_OK) {
+        status = prepare_schema(&table->sql, error);
+    }
+    if (status != UMB_OK) {
+        umbj_table_close(table);
+        return status;
+    }
+    *out = table;
+    return UMB_OK;
+}
+
+void umbj_table_close(struct umbj_table *table)
+{
+    if (table != NULL) {
+        umbj_sql_close(&table->sql);
+        free(table);
+    }
+}
+
+enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner,
+                                     const uint8_t *key, struct umbj_job *job,
+                                     struct umb_error *error)
+{
+    memset(job, 0, sizeof *job);
+    enum umb_status status = umbj_sql_run(
+        &table->sql, error, umbj__take_job, job,
+        "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE owner = ? AND key = ? AND (state IN (0, 1)"
+        " OR (state = 2 AND EXISTS(SELECT 1 FROM owned WHERE owned.asset = job.asset"
+        " AND owned.owner = job.owner))) ORDER BY seq DESC LIMIT 1",
+        "th", owner, key);
+    return umbj__found(status, job, "like this", error);
+}
+
+struct spec {
+    int found;
+    char *scene, *settings;
+};
+
+static enum umb_status take_spec(void *user, sqlite3_stmt *row)
+{
+    struct spec *spec = user;
+    umbj_sql_text(row, 0, spec->scene, UMBJ_SCENE_SIZE);
+    umbj_sql_text(row, 1, spec->settings, UMBJ_SETTINGS_SIZE);
+    spec->found = 1;
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
+                                char scene[UMBJ_SCENE_SIZE], char settings[UMBJ_SETTINGS_SIZE],
+                                struct umb_error *error)
+{
+    struct spec spec = {0, scene, settings};
+    enum umb_status status = umbj_sql_run(&table->sql, error, take_spec, &spec,
+                                          "SELECT scene, settings FROM job WHERE id = ?", "t", id);
+    if (status == UMB_OK && !spec.found) {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
+    }
+    return status;
+}
+
+enum umb_status umbj_table_get(struct umbj_table *table, const char *id, const char *owner,
+                               struct umbj_job *job, struct umb_error *error)
+{
+    char wanted[UMBJ_ID_SIZE]; /* id may be job->id */
+    (void)strncpy(wanted, id, sizeof wanted - 1);
+    wanted[sizeof wanted - 1] = '\0';
+    memset(job, 0, sizeof *job);
+    enum umb_status status =
+        owner != NULL
+            ? umbj_sql_run(&table->sql, error, umbj__take_job, job,
+                           "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ? AND owner = ?", "tt",
+                           wanted, owner)
+            : umbj_sql_run(&table->sql, error, umbj__take_job, job,
+                           "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ?", "t", wanted);
+    return umbj__found(status, job, wanted, error);
+}
+
+struct list {
+    struct umbj_job *jobs;
+    size_t count, capacity;
+};
+
+static enum umb_status take_listed(void *user, sqlite3_stmt *row)
+{
+    struct list *list = user;
+    if (list->count == list->capacity) {
+        size_t capacity = list->capacity == 0 ? 16 : 2 * list->capacity;
+        struct umbj_job *jobs = realloc(list->jobs, capacity * sizeof *jobs);
+        if (jobs == NULL) {
+            return UMB_E_NO_MEMORY;
+        }
+        list->jobs = jobs;
+        list->capacity = capacity;
+    }
+    read_job(row, &list->jobs[list->count++]);
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_list(struct umbj_table *table, const char *owner, int64_t most,
+                                struct umbj_job **jobs, size_t *count, struct umb_error *error)
+{
+    struct list list = {0};
+    enum umb_status status =
+        owner != NULL
+            ? umbj_sql_run(&table->sql, error, take_listed, &list,
+                           "SELECT " UMBJ__JOB_COLUMNS
+                           " FROM job WHERE owner = ? ORDER BY seq DESC LIMIT ?",
+                           "ti", owner, most)
+            : umbj_sql_run(&table->sql, error, take_listed, &list,
+                           "SELECT " UMBJ__JOB_COLUMNS " FROM job ORDER BY seq DESC LIMIT ?", "i",
+                           most);
+    if (status == UMB_E_NO_MEMORY) {
+        (void)umb_fail(error, status, "out of memory for a list of jobs");
+    }
+    if (status != UMB_OK) {
+        free(list.jobs);
+        list = (struct list){0};
+    }
+    *jobs = list.jobs;
+    *count = list.count;
+    return status;
+}
+
+static enum umb_status take_state_count(void *user, sqlite3_stmt *row)
+{
+    int64_t *counts = user;
+    int state = sqlite3_column_int(row, 0);
+    if (state >= 0 && state < UMBJ_STATE_COUNT) {
+        counts[state] = sqlite3_column_int64(row, 1);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_count(struct umbj_table *table, int64_t counts[UMBJ_STATE_COUNT],
+                                 struct umb_error *error)
+{
+    memset(counts, 0, UMBJ_STATE_COUNT * sizeof *counts);
+    return umbj_sql_run(&table->sql, error, take_state_count, counts,
+                        "SELECT state, count(*) FROM job GROUP BY state", "");
+}
+
+static enum umb_status take_earliest(void *user, sqlite3_stmt *row)
+{
+    if (sqlite3_column_type(row, 0) != SQLITE_NULL) {
+        *(int64_t *)user = sqlite3_column_int64(row, 0);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now, int64_t *when,
+                                      struct umb_error *error)
+{
+    *when = INT64_MAX;
+    enum umb_status status = umbj_sql_run(&table->sql, error, take_earliest, when,
+                                          "SELECT min(not_before_ms) FROM job WHERE state = 0", "");
+    *when = *when < now ? now : *when;
+    return status;
+}
+
+enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t *key,
+                                        int64_t *count, struct umb_error *error)
+{
+    *count = 0;
+    return umbj_sql_run(&table->sql, error, umbj__take_number, count,
+                        "SELECT count(*) FROM job WHERE key = ? AND state IN (0, 1)", "h", key);
+}
+
+enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before, struct umb_error *error)
+{
+    return umbj_sql_run(&table->sql, error, NULL, NULL,
+                        "DELETE FROM job WHERE state > 1 AND ended_ms < ?", "i", before);
+}

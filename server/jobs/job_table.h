@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_H
+#define UMBRAGE_SERVER_JOBS_JOB_TABLE_H
+/*
+ * The durable table of bake jobs, and who owns the assets they made.
+ *
+ *     umbj_table_open("jobs.db", &limits, &table, &error);
+ *     umbj_table_recover(table, now, &count, &error);       once: what ran has lost its worker
+ *     umbj_table_submit(table, &submission, now, &job, &is_new, &error);
+ *     umbj_table_claim(table, now, &job, &error);           the next in fair order
+ *     umbj_table_renew / _finish / _fail (table, id, epoch, ...);
+ *
+ * What a call acknowledged survives kill -9 and power cuts (job_sql.h). Time is an argument, in
+ * Unix milliseconds, so that tests own the clock.
+ *
+ * Order: owners take turns. The owner with the fewest running jobs comes first, then the one whose
+ * last start is longest ago; among one owner's jobs the higher priority, then the older. Nobody
+ * gets more by submitting more.
+ *
+ * Tries: rejected, timeout, internal and cancelled end a job. Temporary, io and lost are tried
+ * again after a pause that doubles, UMBJ_TRIES_MAX times; then temporary and io are failed, lost is
+ * poison. Crash, memory and sandbox are tried once more, then they are poison.
+ *
+ * Threads: one at a time.
+ */
+#include "jobs/job.h"
+
+#define UMBJ_TRIES_MAX      6    /* claims of one job that may fail */
+#define UMBJ_HARD_TRIES_MAX 2    /* those that took the worker down */
+#define UMBJ_PAUSE_MS       1000 /* after the first failure; doubles */
+#define UMBJ_PAUSE_MAX_MS   300000
+
+struct umbj_table; /* opaque */
+
+struct umbj_limits {
+    int64_t owner_jobs;  /* unfinished ones of one owner */
+    int64_t owner_bytes; /* of their bundles */
+    int64_t total_bytes; /* of the bundles of all */
+    int64_t lease_ms;
+};
+
+struct umbj_submission {
+    const char *owner;
+    const uint8_t *key; /* [UMBJ_HASH_BYTES] */
+    int priority;
+    const char *scene, *settings; /* UMBJ_SCENE_SIZE, UMBJ_SETTINGS_SIZE at most */
+    int64_t bundle_bytes;
+};
+
+/* Opens or makes a table. Fails: as umbj_sql_open; E_VERSION (a newer program made it). */
+UMB_CHECKED enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limits,
+                                            struct umbj_table **out, struct umb_error *error);
+void umbj_table_close(struct umbj_table *table); /* NULL is allowed */
+
+/*
+ * Adds a job, unless the same owner has one of the same key that is queued, running, or done with
+ * an asset that is still the owner's: then that one is returned.
+ *
+ * Fails: E_BUSY (a quota of the owner; the message names it), E_LIMIT (disk; all bundles).
+ */
+UMB_CHECKED enum umb_status umbj_table_submit(struct umbj_table *table,
+                                              const struct umbj_submission *submission, int64_t now,
+                                              struct umbj_job *job, int *is_new,
+                                              struct umb_error *error);
+
+/* Looks for the job that umbj_table_submit would return. Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner,
+                                                 const uint8_t *key, struct umbj_job *job,
+                                                 struct umb_error *error);
+
+/* Checks the owner's quotas for one more job of that size. Fails: as umbj_table_submit. */
+UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
+                                                   int64_t bundle_bytes, struct umb_error *error);
+
+/* Takes the next job: it is running then, with a new epoch and a lease. Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now,
+                                             struct umbj_job *job, struct umb_error *error);
+
+/* Reads what a worker needs. Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
+                                            char scene[UMBJ_SCENE_SIZE],
+                                            char settings[UMBJ_SETTINGS_SIZE],
+                                            struct umb_error *error);
+
+/* Reports for an epoch. Fails: E_STATE if it is not the running one: nothing is changed. */
+UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const char *id,
+                                             int64_t epoch, int64_t now, struct umb_error *error);
+
+/* The asset is in the store: the job is done, the asset its owner's, and the key remembered.
+ * bake_ms: how long the work took. */
+UMB_CHECKED enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_job *job,
+                                              const uint8_t *asset, int64_t bake_ms, int64_t now,
+                                              struct umb_error *error);
+
+/* The try failed; *job becomes what the table then holds: queued again, failed or poison. */
+UMB_CHECKED enum umb_status umbj_table_fail(struct umbj_table *table, struct umbj_job *job,
+                                            enum umbj_failure failure, const char *cause,
+                                            int64_t now, struct umb_error *error);
+
+/* Ends a job of an owner (NULL = anybody's) if it is not over. Fails: E_NOT_FOUND, also for
+ * other owners' jobs. */
+UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const char *id,
+                                              const char *owner, int64_t now, struct umbj_job *job,
+                                              struct umb_error *error);
+
+/* The next running job whose lease is over. Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t now,
+                                               struct umbj_job *job, struct umb_error *error);
+
+/* After a start: running jobs are queued again as lost. Out: count: how many. */
+UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now,
+                                               int64_t *count, struct umb_error *error);
+
+/* Reads a job of an owner (NULL = anybody's). Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_get(struct umbj_table *table, const char *id,
+                                           const char *owner, struct umbj_job *job,
+                                           struct umb_error *error);
+
+/* Reads an owner's jobs (NULL = all), newest first, at most `most`; free() them. */
+UMB_CHECKED enum umb_status umbj_table_list(struct umbj_table *table, const char *owner,
+                                            int64_t most, struct umbj_job **jobs, size_t *count,
+                                            struct umb_error *error);
+
+/* Counts jobs by state. */
+UMB_CHECKED enum umb_status umbj_table_count(struct umbj_table *table,
+                                             int64_t counts[UMBJ_STATE_COUNT],
+                                             struct umb_error *error);
+
+/* When the next queued job may start: now or later; INT64_MAX = none is queued. */
+UMB_CHECKED enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now,
+                                                  int64_t *when, struct umb_error *error);
+
+/* How many unfinished jobs need the bundle of a key. */
+UMB_CHECKED enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t *key,
+                                                    int64_t *count, struct umb_error *error);
+
+/* Forgets jobs that were over before a time. */
+UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before,
+                                             struct umb_error *error);
+
+/* --- assets that jobs made (job_assets.c) --- */
+
+/* Notes an asset before its file gets its name, so that a crash leaves no file nobody knows. */
+UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
+                                                struct umb_error *error);
+
+/* What somebody's earlier bake of the key gave. Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
+                                                 uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
+                                                 struct umb_error *error);
+
+/* 1 if a job made the asset; *owned: 1 if it is the owner's (NULL: anybody's). */
+UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset,
+                                             const char *owner, int *known, int *owned,
+                                             struct umb_error *error);
+
+/* Takes the asset from an owner (NULL = from all). Fails: E_NOT_FOUND if it is not the owner's. */
+UMB_CHECKED enum umb_status umbj_table_disown(struct umbj_table *table, const uint8_t *asset,
+                                              const char *owner, struct umb_error *error);
+
+/* An asset without owners, if there is one; _forget: its file is gone, so forget the asset and the
+ * bakes that gave it (unless it has an owner again). Fails: E_NOT_FOUND. */
+UMB_CHECKED enum umb_status umbj_table_unowned(struct umbj_table *table,
+                                               uint8_t asset[UMBJ_HASH_BYTES],
+                                               struct umb_error *error);
+UMB_CHECKED enum umb_status umbj_table_forget(struct umbj_table *table, const uint8_t *asset,
+                                              struct umb_error *error);
+
+/* Calls found(user, asset, owner) for every asset and owner. */
+typedef enum umb_status (*umbj_owned_fn)(void *user, const uint8_t *asset, const char *owner);
+UMB_CHECKED enum umb_status umbj_table_owned(struct umbj_table *table, umbj_owned_fn found,
+                                             void *user, struct umb_error *error);
+
+#endif
