@@ -72,6 +72,8 @@ struct umbs_store_options {
 /* What a rescan found and did. */
 struct umbs_store_report {
     size_t loaded, failed, removed, unchanged; /* files */
+    size_t failed_machine;                     /* of the failed: no fault of the file's */
+    uint64_t load_ms;                          /* spent on the loaded and the failed */
     size_t skipped;                            /* names that cannot be asset names */
     size_t shadowed;                           /* names that an earlier folder has too */
     size_t swept;                              /* stray temporaries removed */

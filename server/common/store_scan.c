@@ -75,6 +75,7 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
         return fresh;
     }
     pass->report->failed++;
+    pass->report->failed_machine += fresh->retry ? 1 : 0;
     if (is_fresh(file)) {
         pass->report->unsettled = 1;
         fresh->retry = 1;
@@ -129,6 +130,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         *out = old;
         return UMB_OK;
     }
+    uint64_t from_ms = umbs__now_ms();
     struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
     if (fresh == NULL && !pass->may_load) {
         pass->pending = 1;
@@ -145,6 +147,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
     }
+    pass->report->load_ms += umbs__now_ms() - from_ms;
     *out = choose(pass, old, faulted, fresh, &now);
     return UMB_OK;
 }

@@ -32,7 +32,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     if (status == UMB_OK) {
         struct umbs_store_report report;
         status = umbs_store_rescan(daemon->store, &report, error);
-        umbd_count(&daemon->metrics.asset_errors, report.failed);
+        umbd_metrics_scanned(&daemon->metrics, &report);
         if (report.unsettled) {
             umbd_store_watch_kick(daemon->watch);
         }

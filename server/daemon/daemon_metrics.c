@@ -47,19 +47,32 @@ static unsigned long long get(atomic_uint_fast64_t *counter)
     return (unsigned long long)atomic_load_explicit(counter, memory_order_relaxed);
 }
 
-void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
-                          uint64_t duration_ns)
+void umbd_observe(struct umbd_histogram *histogram, uint64_t duration_ns)
 {
     size_t bucket = 0;
-    if (code < 0 || code >= UMBD_GRPC_CODES) {
-        code = UMBW_GRPC_UNKNOWN;
-    }
     while (bucket < UMBD_TIME_BUCKETS && duration_ns > bounds_ns[bucket]) {
         bucket++;
     }
+    umbd_count(&histogram->buckets[bucket], 1);
+    umbd_count(&histogram->sum_ns, duration_ns);
+}
+
+void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
+                          uint64_t duration_ns)
+{
+    if (code < 0 || code >= UMBD_GRPC_CODES) {
+        code = UMBW_GRPC_UNKNOWN;
+    }
     umbd_count(&metrics->handled[method][code], 1);
-    umbd_count(&metrics->time_bucket[method][bucket], 1);
-    umbd_count(&metrics->time_sum_ns[method], duration_ns);
+    umbd_observe(&metrics->handling[method], duration_ns);
+}
+
+void umbd_metrics_scanned(struct umbd_metrics *metrics, const struct umbs_store_report *report)
+{
+    umbd_count(&metrics->loads, report->loaded + report->failed);
+    umbd_count(&metrics->load_ms, report->load_ms);
+    umbd_count(&metrics->load_failed_machine, report->failed_machine);
+    umbd_count(&metrics->load_failed_damaged, report->failed - report->failed_machine);
 }
 
 static void head(FILE *out, const char *name, const char *type, const char *help)
@@ -100,26 +113,60 @@ static void write_calls(FILE *out, struct umbd_metrics *metrics)
     }
 }
 
+/* The lines of one histogram. labels: "" or `name="value",...`. */
+static void write_histogram(FILE *out, const char *name, const char *labels,
+                            struct umbd_histogram *histogram)
+{
+    unsigned long long total = 0;
+    const char *comma = labels[0] != '\0' ? "," : "";
+    for (size_t b = 0; b <= UMBD_TIME_BUCKETS; b++) {
+        total += get(&histogram->buckets[b]);
+        fprintf(out, "%s_bucket{%s%sle=\"%s\"} %llu\n", name, labels, comma,
+                b < UMBD_TIME_BUCKETS ? bounds_text[b] : "+Inf", total);
+    }
+    const char *open = labels[0] != '\0' ? "{" : "";
+    const char *close = labels[0] != '\0' ? "}" : "";
+    fprintf(out, "%s_sum%s%s%s %.9f\n%s_count%s%s%s %llu\n", name, open, labels, close,
+            (double)get(&histogram->sum_ns) * 1e-9, name, open, labels, close, total);
+}
+
 static void write_times(FILE *out, struct umbd_metrics *metrics)
 {
     head(out, "grpc_server_handling_seconds", "histogram", "Time from headers to the last byte.");
     for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
         const struct method_name *name = &method_names[m];
-        unsigned long long total = 0;
-        for (size_t b = 0; b <= UMBD_TIME_BUCKETS; b++) {
-            total += get(&metrics->time_bucket[m][b]);
-            fprintf(out,
-                    "grpc_server_handling_seconds_bucket{grpc_service=\"%s\",grpc_method=\"%s\","
-                    "le=\"%s\"} %llu\n",
-                    name->service, name->method, b < UMBD_TIME_BUCKETS ? bounds_text[b] : "+Inf",
-                    total);
-        }
-        fprintf(out,
-                "grpc_server_handling_seconds_sum{grpc_service=\"%s\",grpc_method=\"%s\"} %.9f\n"
-                "grpc_server_handling_seconds_count{grpc_service=\"%s\",grpc_method=\"%s\"} %llu\n",
-                name->service, name->method, (double)get(&metrics->time_sum_ns[m]) * 1e-9,
-                name->service, name->method, total);
+        char labels[160];
+        (void)snprintf(labels, sizeof labels, "grpc_service=\"%s\",grpc_method=\"%s\"",
+                       name->service, name->method);
+        write_histogram(out, "grpc_server_handling_seconds", labels, &metrics->handling[m]);
     }
+    head(out, "umbrage_queue_seconds", "histogram", "Time that batches wait for a worker.");
+    write_histogram(out, "umbrage_queue_seconds", "", &metrics->queued);
+}
+
+/* Calls begun and not finished. */
+static unsigned long long inflight(struct umbd_metrics *metrics)
+{
+    long long open = 0;
+    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
+        open += (long long)get(&metrics->started[m]);
+        for (size_t code = 0; code < UMBD_GRPC_CODES; code++) {
+            open -= (long long)get(&metrics->handled[m][code]);
+        }
+    }
+    return open > 0 ? (unsigned long long)open : 0; /* the counters are not read at once */
+}
+
+/* Loads that failed, by whose fault it was. */
+static void write_asset_errors(FILE *out, struct umbd_metrics *metrics)
+{
+    unsigned long long machine = get(&metrics->load_failed_machine);
+    head(out, "umbrage_asset_errors_total", "counter",
+         "Loads that failed: the file is damaged, or the machine lacked something.");
+    fprintf(out,
+            "umbrage_asset_errors_total{reason=\"damaged\"} %llu\n"
+            "umbrage_asset_errors_total{reason=\"machine\"} %llu\n",
+            get(&metrics->load_failed_damaged), machine);
 }
 
 static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
@@ -127,6 +174,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_queries_total", "counter", "Points answered.", get(&metrics->points));
     single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",
            get(&metrics->batches_started));
+    single(out, "umbrage_inflight", "gauge", "Calls begun and not finished.", inflight(metrics));
     single(out, "umbrage_queue_depth", "gauge", "Batches waiting for a worker.",
            gauges->queue_depth);
     single(out, "umbrage_shed_total", "counter", "Calls refused for lack of room.",
@@ -166,8 +214,10 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_sigbus_total", "counter",
            "Assets set aside because their mapped file was cut or changed in use.",
            gauges->assets.faults);
-    single(out, "umbrage_asset_errors_total", "counter", "Loads that failed.",
-           get(&metrics->asset_errors));
+    write_asset_errors(out, metrics);
+    head(out, "umbrage_asset_load_seconds", "summary", "Time to open or expand an asset.");
+    fprintf(out, "umbrage_asset_load_seconds_sum %.3f\numbrage_asset_load_seconds_count %llu\n",
+            (double)get(&metrics->load_ms) * 1e-3, get(&metrics->loads));
     single(out, "umbrage_scrubs_total", "counter", "Checks again that found an asset whole.",
            gauges->assets.scrubbed);
     single(out, "umbrage_scrub_last_success_timestamp_seconds", "gauge",

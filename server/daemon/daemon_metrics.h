@@ -39,19 +39,26 @@ enum umbd_abuse {
 #define UMBD_GRPC_CODES   17
 #define UMBD_TIME_BUCKETS 15 /* upper bounds 50 us .. 5 s, see daemon_metrics.c */
 
+/* Durations: how many fell into each bucket, and their sum. */
+struct umbd_histogram {
+    atomic_uint_fast64_t buckets[UMBD_TIME_BUCKETS + 1];
+    atomic_uint_fast64_t sum_ns;
+};
+
 struct umbd_metrics {
     atomic_uint_fast64_t started[UMBD_METHOD_COUNT];
     atomic_uint_fast64_t handled[UMBD_METHOD_COUNT][UMBD_GRPC_CODES];
-    atomic_uint_fast64_t time_bucket[UMBD_METHOD_COUNT][UMBD_TIME_BUCKETS + 1];
-    atomic_uint_fast64_t time_sum_ns[UMBD_METHOD_COUNT];
-    atomic_uint_fast64_t points;          /* answered */
+    struct umbd_histogram handling[UMBD_METHOD_COUNT];
+    struct umbd_histogram queued; /* from a batch's submission to a worker's first slice of it */
+    atomic_uint_fast64_t points;  /* answered */
     atomic_uint_fast64_t batches_started; /* whose first point was looked up */
     atomic_uint_fast64_t shed;
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
     atomic_uint_fast64_t tls_failures;
     atomic_uint_fast64_t unauthorized;
     atomic_uint_fast64_t rate_limited;
-    atomic_uint_fast64_t asset_errors;
+    atomic_uint_fast64_t loads, load_ms; /* of assets, failed ones too */
+    atomic_uint_fast64_t load_failed_damaged, load_failed_machine;
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;
     atomic_uint_fast64_t connections_evicted;
@@ -75,6 +82,12 @@ static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
 /* Counts a finished call. code: 0..16. */
 void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
                           uint64_t duration_ns);
+
+/* Counts what a scan of the store loaded. */
+void umbd_metrics_scanned(struct umbd_metrics *metrics, const struct umbs_store_report *report);
+
+/* Counts a duration. */
+void umbd_observe(struct umbd_histogram *histogram, uint64_t duration_ns);
 
 /* Renders everything; free() the text. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_metrics_text(struct umbd_metrics *metrics,

@@ -93,7 +93,7 @@ static const struct option table[] = {
      "of a connection without calls; default 5m"},
     {"--max-age", KIND_TIME, AT(max_age_ms), 0, 31 * 24 * HOUR_MS, "TIME",
      "after which a connection is asked to go, give or take a tenth, so that balancers spread "
-     "their clients anew; default 0: never"},
+     "their clients anew, 0 = never; default 0"},
     {"--body-timeout", KIND_TIME, AT(body_timeout_ms), 100, HOUR_MS, "TIME",
      "for a request to arrive, and 1 s more a 64 KiB; default 30s"},
     {"--stall-timeout", KIND_TIME, AT(stall_timeout_ms), 100, HOUR_MS, "TIME",

@@ -167,6 +167,7 @@ static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size
     if (!batch->begun) {
         batch->begun = 1;
         umbd_count(&pool->metrics->batches_started, 1);
+        umbd_observe(&pool->metrics->queued, umbd_now_ns() - batch->queued_ns);
     }
     if (batch->next_point == batch->points.count) {
         unlink_batch(pool, batch);
@@ -323,6 +324,7 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
     } else if (batch->points.count == 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "points: an empty batch needs no worker");
     } else {
+        batch->queued_ns = umbd_now_ns();
         batch->next_point = 0;
         batch->in_flight = 0;
         batch->status = UMB_OK;

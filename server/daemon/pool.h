@@ -61,7 +61,8 @@ struct umbd_batch {
     uint64_t cpu_ns;
 
     /* the pool's, under its mutex */
-    size_t next_point; /* first point not handed out */
+    uint64_t queued_ns; /* when it was submitted */
+    size_t next_point;  /* first point not handed out */
     size_t slice_points;
     size_t in_flight;   /* slices being answered */
     size_t error_point; /* first point of the slice whose error is kept */

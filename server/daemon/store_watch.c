@@ -91,7 +91,7 @@ static void scan(struct umbd_store_watch *watch)
     struct umb_error error;
     char quoted[UMBS_LOG_QUOTE_SIZE];
     enum umb_status status = umbs_store_rescan(watch->store, &report, &error);
-    umbd_count(&watch->metrics->asset_errors, report.failed);
+    umbd_metrics_scanned(watch->metrics, &report);
     if (status != UMB_OK) {
         umbs_log_event(watch->log, UMB_LOG_ERROR, "rescan_failed", "status=%s reason=%s",
                        umb_status_name(status), umbs_log_quote(error.message, quoted));

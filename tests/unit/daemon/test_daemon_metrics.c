@@ -30,8 +30,22 @@ static void metrics_text_counts_calls_by_code_and_time(void **state)
     umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 0, 50000);
     umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 3, 7000000000);
     umbd_metrics_handled(&metrics, UMBD_METHOD_LIST, 99, 1);
+    umbd_observe(&metrics.queued, 100000);
+    struct umbs_store_report report = {
+        .loaded = 3, .failed = 2, .failed_machine = 1, .load_ms = 1250};
+    umbd_metrics_scanned(&metrics, &report);
+    umbd_count(&metrics.started[UMBD_METHOD_LIST], 6);
     char *text = render(&metrics, &gauges);
     static const char *const lines[] = {
+        "\numbrage_inflight 5\n",
+        "\numbrage_queue_seconds_bucket{le=\"5e-05\"} 0\n",
+        "\numbrage_queue_seconds_bucket{le=\"0.0001\"} 1\n",
+        "\numbrage_queue_seconds_sum 0.000100000\n",
+        "\numbrage_queue_seconds_count 1\n",
+        "\numbrage_asset_errors_total{reason=\"damaged\"} 1\n",
+        "\numbrage_asset_errors_total{reason=\"machine\"} 1\n",
+        "\numbrage_asset_load_seconds_sum 1.250\n",
+        "\numbrage_asset_load_seconds_count 5\n",
         "\ngrpc_server_started_total{grpc_service=\"umbrage.v1.Shadows\",grpc_method=\"Query\","
         "grpc_type=\"unary\"} 3\n",
         "\ngrpc_server_handled_total{grpc_service=\"umbrage.v1.Shadows\",grpc_method=\"Query\","
