@@ -2,6 +2,7 @@
 /* See head.h; offsets in layout.h, normative text in docs/umb-format.md. */
 #include "format/head.h"
 
+#include <stdbool.h>
 #include <string.h>
 #include <xxhash.h>
 
@@ -47,14 +48,15 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
     }
     unsigned major = umb__load16(bytes + UMB__HEAD_VERSION);
     if (major != UMB__VERSION_MAJOR) {
-        return umb_fail(error, UMB_E_VERSION, "version: %u.%u, this reader knows version %d",
-                        major, umb__load16(bytes + UMB__HEAD_MINOR), UMB__VERSION_MAJOR);
+        return umb_fail(error, UMB_E_VERSION, "version: %u.%u, this reader knows version %d", major,
+                        umb__load16(bytes + UMB__HEAD_MINOR), UMB__VERSION_MAJOR);
     }
     return UMB_OK;
 }
 
-static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, struct umb__head *head,
-                                     struct umb_error *error)
+/* front: the bytes may be the front of the file only. */
+static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, bool front,
+                                     struct umb__head *head, struct umb_error *error)
 {
     head->file_length = umb__load64(bytes + UMB__HEAD_FILE_LENGTH);
     head->head_length = umb__load64(bytes + UMB__HEAD_LENGTH);
@@ -75,7 +77,7 @@ static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, struct u
         return umb_fail(error, UMB_E_CORRUPT, "head length: %llu does not fit its parts",
                         (unsigned long long)head->head_length);
     }
-    if (head->file_length != size) {
+    if (!front && head->file_length != size) {
         return umb_fail(error, head->file_length > size ? UMB_E_TRUNCATED : UMB_E_CORRUPT,
                         "file: %zu bytes, its head says %llu", size,
                         (unsigned long long)head->file_length);
@@ -87,15 +89,15 @@ static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, struct u
     return UMB_OK;
 }
 
-enum umb_status umb__head_parse(const uint8_t *bytes, size_t size, struct umb__head *head,
-                                struct umb_error *error)
+static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, struct umb__head *head,
+                             struct umb_error *error)
 {
     memset(head, 0, sizeof *head);
     enum umb_status status = parse_magic(bytes, size, head, error);
     if (status != UMB_OK) {
         return status;
     }
-    status = parse_lengths(bytes, size, head, error);
+    status = parse_lengths(bytes, size, front, head, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -114,11 +116,40 @@ enum umb_status umb__head_parse(const uint8_t *bytes, size_t size, struct umb__h
     return UMB_OK;
 }
 
+enum umb_status umb__head_parse(const uint8_t *bytes, size_t size, struct umb__head *head,
+                                struct umb_error *error)
+{
+    return parse(bytes, size, false, head, error);
+}
+
+enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size, struct umb__head *head,
+                                      struct umb_error *error)
+{
+    return parse(bytes, size, true, head, error);
+}
+
+enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *head_length,
+                                  struct umb_error *error)
+{
+    struct umb__head head = {0};
+    *head_length = 0;
+    enum umb_status status = parse_magic(bytes, size, &head, error);
+    if (status == UMB_OK) {
+        status = parse_lengths(bytes, size, true, &head, error);
+        if (status == UMB_E_TRUNCATED) { /* the very reason to ask */
+            status = UMB_OK;
+        }
+    }
+    if (status == UMB_OK) {
+        *head_length = head.head_length;
+    }
+    return status;
+}
+
 void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes)
 {
     memset(bytes, 0, UMB__HEAD_SIZE);
-    memcpy(bytes,
-           head->encoding == UMB_ENCODING_PACKED ? UMB__MAGIC_PACKED : UMB__MAGIC_MAPPED, 8);
+    memcpy(bytes, head->encoding == UMB_ENCODING_PACKED ? UMB__MAGIC_PACKED : UMB__MAGIC_MAPPED, 8);
     umb__store16(bytes + UMB__HEAD_VERSION, UMB__VERSION_MAJOR);
     umb__store16(bytes + UMB__HEAD_MINOR, UMB__VERSION_MINOR);
     umb__store64(bytes + UMB__HEAD_FILE_LENGTH, head->file_length);

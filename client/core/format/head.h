@@ -25,6 +25,14 @@ struct umb__head {
 UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
                                             struct umb__head *head, struct umb_error *error);
 
+/* The same for the front of a file: at least its head, maybe nothing behind it. */
+UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
+                                                  struct umb__head *head, struct umb_error *error);
+
+/* How long the head is, from the first 128 bytes or more. Fails: as umb__head_parse. */
+UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
+                                              uint64_t *head_length, struct umb_error *error);
+
 /*
  * Lays out a head of known parts and seals it with its checksum. `bytes` must hold
  * umb__head_length of the same parts; parts may be NULL where their length is 0.

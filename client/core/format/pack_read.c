@@ -17,8 +17,8 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "format/directory.h"
 #include "format/layout.h"
-#include "format/page.h"
 
 enum {
     BRICK_BYTES = 64,
@@ -38,107 +38,21 @@ struct reader {
     page_numbers *first;     /* [page count], number of a page's first node of a level */
 };
 
-/* One page's entry of the directory. */
-struct entry {
-    uint32_t page;
-    uint64_t offset;
-    uint32_t stored_length, raw_length;
-    uint64_t check;
-    uint32_t level_high, level_low, records;
-    uint32_t reserved;
-};
-
-static struct entry load_entry(const struct umb__head *head, uint32_t page)
-{
-    const uint8_t *at = head->directory + (size_t)page * UMB__PAGE_ENTRY;
-    struct entry entry = {
-        .page = page,
-        .offset = umb__load64(at + UMB__PAGE_OFFSET),
-        .stored_length = umb__load32(at + UMB__PAGE_STORED_LENGTH),
-        .raw_length = umb__load32(at + UMB__PAGE_RAW_LENGTH),
-        .check = umb__load64(at + UMB__PAGE_CHECK),
-        .level_high = at[UMB__PAGE_LEVEL_HIGH],
-        .level_low = at[UMB__PAGE_LEVEL_LOW],
-        .records = umb__load32(at + UMB__PAGE_RECORDS),
-        .reserved = umb__load16(at + UMB__PAGE_ZERO),
-    };
-    return entry;
-}
-
-/* Adds what went wrong in page `page` in front of the parser's sentence. */
-static enum umb_status in_page(struct umb_error *error, uint32_t page, enum umb_status status)
-{
-    if (error) {
-        char inner[sizeof error->message];
-        memcpy(inner, error->message, sizeof inner);
-        return umb_fail(error, status, "page %u of the file: %.250s", page, inner);
-    }
-    return status;
-}
-
-/* Pages must follow one another without gap or overlap, from the head to the end of the file. */
-static enum umb_status check_directory(const struct umb__head *head, uint64_t *raw_total,
-                                       struct umb_error *error)
-{
-    uint64_t expected = head->head_length;
-    *raw_total = 0;
-    for (uint32_t page = 0; page < head->directory_count; page++) {
-        struct entry entry = load_entry(head, page);
-        if (entry.offset != expected || entry.stored_length > head->file_length - expected) {
-            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u is not where it should be",
-                            page);
-        }
-        if (entry.raw_length > UMB__PAGE_RAW_MAX) {
-            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
-                            page, entry.raw_length, UMB__PAGE_RAW_MAX);
-        }
-        if (entry.reserved != 0) {
-            return umb_fail(error, UMB_E_VERSION,
-                            "directory: page %u uses reserved fields of a newer writer", page);
-        }
-        expected += entry.stored_length;
-        *raw_total += entry.raw_length;
-    }
-    if (expected != head->file_length) {
-        return umb_fail(error, UMB_E_CORRUPT, "directory: %llu bytes follow the last page",
-                        (unsigned long long)(head->file_length - expected));
-    }
-    return UMB_OK;
-}
-
 /* True if an entry still lies in the file and its page fits the `room` bytes left for it. */
-static bool entry_fits(const struct umb__head *head, const struct entry *entry, uint64_t room)
+static bool entry_fits(const struct umb__head *head, const struct umb__page_entry *entry,
+                       uint64_t room)
 {
     return entry->raw_length <= room && entry->offset <= head->file_length &&
            entry->stored_length <= head->file_length - entry->offset;
 }
 
-static enum umb_status entry_changed(const struct entry *entry, struct umb_error *error)
+static enum umb_status entry_changed(const struct umb__page_entry *entry, struct umb_error *error)
 {
     return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
                     entry->page);
 }
 
-/* Uncompresses a page whose entry fits. */
-static enum umb_status expand_page(ZSTD_DCtx *zstd, const uint8_t *file, const struct entry *entry,
-                                   uint8_t *raw, struct umb_error *error)
-{
-    const uint8_t *stored = file + entry->offset;
-    if (ZSTD_findFrameCompressedSize(stored, entry->stored_length) != entry->stored_length) {
-        return umb_fail(error, UMB_E_CORRUPT,
-                        "page %u of the file: %u bytes are not one zstd frame", entry->page,
-                        entry->stored_length);
-    }
-    size_t got = ZSTD_decompressDCtx(zstd, raw, entry->raw_length, stored, entry->stored_length);
-    if (ZSTD_isError(got) || got != entry->raw_length) {
-        return umb_fail(error, UMB_E_CORRUPT,
-                        "page %u of the file: does not uncompress to %u bytes", entry->page,
-                        entry->raw_length);
-    }
-    return UMB_OK;
-}
-
-static enum umb_status parse_one(struct reader *r, const struct entry *entry, int check,
+static enum umb_status parse_one(struct reader *r, const struct umb__page_entry *entry, int check,
                                  uint8_t *raw, uint64_t room)
 {
     if (!entry_fits(r->head, entry, room)) {
@@ -148,25 +62,9 @@ static enum umb_status parse_one(struct reader *r, const struct entry *entry, in
         return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
                         entry->page);
     }
-    enum umb_status status = expand_page(r->zstd, r->file, entry, raw, r->error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    struct umb__page *parsed = &r->pages[entry->page];
-    status = umb__page_parse(raw, entry->raw_length, parsed, r->error);
-    if (status != UMB_OK) {
-        return in_page(r->error, entry->page, status);
-    }
-    uint64_t records = 0;
-    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        records += parsed->node_count[level];
-    }
-    if (parsed->level_high != entry->level_high || parsed->level_low != entry->level_low ||
-        records != entry->records) {
-        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: not what the directory says",
-                        entry->page);
-    }
-    return UMB_OK;
+    enum umb_status status =
+        umb__page_expand(r->zstd, r->file + entry->offset, entry, raw, r->error);
+    return status == UMB_OK ? umb__page_open(raw, entry, &r->pages[entry->page], r->error) : status;
 }
 
 /* First pass. Afterwards totals[level] nodes are known to be there, backed by real bytes. */
@@ -184,7 +82,7 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
     memset(totals, 0, (UMB_LEVEL_MAX + 1) * sizeof *totals);
     uint64_t used = 0;
     for (uint32_t page = 0; page < count; page++) {
-        struct entry entry = load_entry(r->head, page);
+        struct umb__page_entry entry = umb__directory_load(r->head, page);
         enum umb_status status = parse_one(r, &entry, check, r->raw + used, raw_total - used);
         if (status != UMB_OK) {
             return status;
@@ -265,7 +163,7 @@ static enum umb_status fill_nodes(const struct reader *r, uint32_t p, uint32_t l
                 resolve(r, l - 1, umb__load32(page->external_pages[l] + 4 * k),
                         umb__load32(page->external_positions[l] + 4 * k), &number);
             if (status != UMB_OK) {
-                return in_page(r->error, p, status);
+                return umb__in_page(r->error, p, status);
             }
         }
         level->children[at + i] = number;
@@ -276,18 +174,9 @@ static enum umb_status fill_nodes(const struct reader *r, uint32_t p, uint32_t l
 static void fill_bricks(const struct reader *r, uint32_t p, uint64_t (*bricks)[8])
 {
     const struct umb__page *page = &r->pages[p];
-    unsigned width = page->width[UMB_LEVEL_BRICK];
     const uint8_t *number = page->leaf_numbers;
     for (uint32_t i = 0; i < page->node_count[UMB_LEVEL_BRICK]; i++) {
-        uint64_t *brick = bricks[r->first[p][UMB_LEVEL_BRICK] + i];
-        uint64_t slice = 0;
-        for (unsigned z = 0; z < 8; z++) {
-            if (page->runs[i] >> z & 1) {
-                slice = umb__load64(page->leaves + 8 * (size_t)umb__load_narrow(number, width));
-                number += width;
-            }
-            brick[z] = slice;
-        }
+        umb__page_brick(page, i, &number, bricks[r->first[p][UMB_LEVEL_BRICK] + i]);
     }
 }
 
@@ -354,7 +243,7 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     memset(octree, 0, sizeof *octree);
     enum umb_status status = check_counts(canonical, error);
     if (status == UMB_OK) {
-        status = check_directory(head, &raw_total, error);
+        status = umb__directory_check(head, &raw_total, error);
     }
     if (status == UMB_OK) {
         uint64_t peak = peak_bytes(canonical, head->directory_count, raw_total);
@@ -387,25 +276,19 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     return status;
 }
 
-bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES])
-{
-    static const uint8_t zeros[UMB_ID_BYTES];
-    return memcmp(hash, zeros, sizeof zeros) != 0;
-}
-
 /* Hashes one page and compares; raw: room for the longest. */
 static enum umb_status prove_page(ZSTD_DCtx *zstd, const uint8_t *file,
                                   const struct umb__head *head, uint32_t page, uint8_t *raw,
                                   const struct umb_sha256 *sha256, struct umb_error *error)
 {
-    struct entry entry = load_entry(head, page);
+    struct umb__page_entry entry = umb__directory_load(head, page);
     enum umb_status status = entry_fits(head, &entry, UMB__PAGE_RAW_MAX)
-                                 ? expand_page(zstd, file, &entry, raw, error)
+                                 ? umb__page_expand(zstd, file + entry.offset, &entry, raw, error)
                                  : entry_changed(&entry, error);
     if (status != UMB_OK) {
         return status;
     }
-    const uint8_t *wanted = head->directory + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+    const uint8_t *wanted = umb__directory_hash(head, page);
     const void *part = raw;
     size_t part_size = entry.raw_length;
     uint8_t hash[UMB_ID_BYTES];
@@ -423,7 +306,7 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
                                  const struct umb_sha256 *sha256, struct umb_error *error)
 {
     uint64_t raw_total;
-    enum umb_status status = check_directory(head, &raw_total, error);
+    enum umb_status status = umb__directory_check(head, &raw_total, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -21,9 +21,6 @@ UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb
                                            const struct umb_alloc *alloc,
                                            struct umb_octree *octree, struct umb_error *error);
 
-/* False for the all-zero digest of a hasher that failed (struct umb_sha256). */
-bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES]);
-
 /* Compares each page's uncompressed bytes with its hash in the directory. */
 UMB_CHECKED enum umb_status umb__pages_prove(const uint8_t *file,
                                              const struct umb__head *head,

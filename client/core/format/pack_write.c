@@ -13,6 +13,7 @@
 #include "base/memory.h"
 #include "base/utf8.h"
 #include "format/canonical.h"
+#include "format/directory.h"
 #include "format/head.h"
 #include "format/layout.h"
 #include "format/pack_read.h"
@@ -156,29 +157,6 @@ static void writer_finish(struct writer *w)
     umb__pack_order_finish(&w->order);
 }
 
-/* The identity: SHA-256 over the canonical block and the page hashes. False: out of memory. */
-static bool identify(const struct umb_sha256 *sha256, const struct umb__head *head,
-                     const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES])
-{
-    size_t parts = (size_t)head->directory_count + 1;
-    const void **pointers = umb__alloc(alloc, parts, sizeof *pointers);
-    size_t *sizes = umb__alloc(alloc, parts, sizeof *sizes);
-    bool made = pointers && sizes;
-    if (made) {
-        pointers[0] = head->canonical;
-        sizes[0] = (size_t)head->canonical_length;
-        for (size_t page = 0; page + 1 < parts; page++) {
-            pointers[page + 1] = head->directory + page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
-            sizes[page + 1] = UMB_ID_BYTES;
-        }
-        sha256->digest(sha256->user, pointers, sizes, parts, id);
-        made = umb__digest_made(id);
-    }
-    umb__free(alloc, (void *)pointers);
-    umb__free(alloc, sizes);
-    return made;
-}
-
 /* Content plus the roots' places, as the canonical block wants them. */
 static enum umb_status encode_canonical(struct writer *w, const struct umb_content *content,
                                         uint8_t **bytes, uint64_t *length)
@@ -225,7 +203,7 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
         umb__store64(entry + UMB__PAGE_OFFSET, head.file_length);
         head.file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
     }
-    if (!identify(w->sha256, &head, w->alloc, head.id)) {
+    if (!umb__directory_identify(&head, w->sha256, w->alloc, head.id)) {
         return no_memory(w->error);
     }
     uint8_t *bytes = umb__alloc(w->alloc, (size_t)head.head_length, 1);
@@ -339,7 +317,7 @@ enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "encoding: a mapped file is a cache and proves nothing");
     }
-    if (!identify(sha256, &head, NULL, id)) {
+    if (!umb__directory_identify(&head, sha256, NULL, id)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
     if (memcmp(id, head.id, sizeof id) != 0) {
