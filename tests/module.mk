@@ -67,9 +67,13 @@ questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## false shadow and false light against rays: minutes
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
-larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 96 MiB of memory (root, a memory cgroup)
+larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/larger_than_memory.py
-.PHONY: larger-than-memory
+
+soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged files under load: five minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/system/soak.py
+	@BUILD=$(BUILD) ROUNDS=160 /usr/bin/python3 tests/system/test_store_damage.py
+.PHONY: larger-than-memory soak
 
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:
