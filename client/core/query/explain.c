@@ -35,13 +35,14 @@ static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_e
                      ((uint64_t)(z >> level) << (2 * g));
     struct umb__link link = umb__tree_cell(&tree, x >> level, y >> level, z >> level);
     add_step(e, level, link.mixed ? 2 : link.lit, index);
-    while (link.mixed && level > UMB_LEVEL_BRICK) {
+    const uint32_t last = q->level > 0 ? q->level : UMB_LEVEL_BRICK;
+    while (link.mixed && level > last) {
         uint32_t number = link.number;
         level -= 2;
         link = umb__tree_child(&tree, number, umb__child_at(level, x, y, z));
         add_step(e, level, link.mixed ? 2 : link.lit, number);
     }
-    if (link.mixed) {
+    if (link.mixed && q->level == 0) {
         add_step(e, 0, umb__brick_voxel(q->bricks[link.number], x, y, z), link.number);
     }
 }
@@ -68,6 +69,16 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
             e->lit_taps += lit;
         }
     }
+}
+
+/* Edges of what answers, voxel or cell, in those that the bias is made of (query.c, widen_steps).
+ */
+static double cells_in_step(const struct umb__query *q)
+{
+    if (q->level == 0) {
+        return 1;
+    }
+    return q->bias_mode == UMB_BIAS_AUTO ? 0.5 : (double)((uint32_t)1 << q->level);
 }
 
 /* How the point's normal stands to the light. */
@@ -107,6 +118,8 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
     q.format = UMB_ANSWER_F32;
     q.kernel(&q, &one, 0, 1, &answers);
     e.taps = (uint32_t)q.taps;
+    e.level = q.level;
+    e.answer = (double)value;
     e.outside = answers.stats.outside != 0;
     e.before = answers.stats.before != 0;
     e.behind = answers.stats.behind != 0;
@@ -120,7 +133,7 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         start[axis] = one.origin[axis] - q.origin[axis] + umb__coordinate(&one, 0, axis);
         p[axis] = start[axis];
     }
-    e.voxel_size_m = (size[0] + size[1] + size[2]) / 3;
+    e.voxel_size_m = (size[0] + size[1] + size[2]) / 3 * cells_in_step(&q);
     (void)umb__move(&q, &one, 0, p);
     umb__to_voxel(&q, p, e.voxel);
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -138,7 +151,9 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         /* Beyond any frustum where a double or its floor would not fit. */
         e.window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e.voxel[axis]))) - q.taps / 2;
     }
-    if (!e.facing_away) {
+    if (q.level > 0) {
+        e.lit_taps = e.rows[0] = value > 0.5F;
+    } else if (!e.facing_away) {
         draw_window(&q, &window, &e);
     }
     if (!e.facing_away && !e.outside && !e.before) {

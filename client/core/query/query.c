@@ -8,6 +8,7 @@
 #include "format/asset_parts.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
+#include "umbrage/curve.h"
 
 static umb__kernel_fn choose_kernel(void)
 {
@@ -18,6 +19,11 @@ static umb__kernel_fn choose_kernel(void)
     }
 #endif
     return umb__kernel_base;
+}
+
+static umb__kernel_fn choose_coarse_kernel(void)
+{
+    return choose_kernel() == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
 }
 
 static double length3(const double v[3])
@@ -65,6 +71,36 @@ static enum umb_status check_settings(const struct umb_asset *asset,
     return UMB_OK;
 }
 
+/* Coarse look-ups: one tap of parallel light, and a level that every layout of the file has. */
+static enum umb_status check_level(const struct umb_asset *asset,
+                                   const struct umb_query_settings *settings,
+                                   struct umb_error *error)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    const struct umb_light_info *light = &content->lights[settings->light];
+    const uint32_t highest = umb_level_max(content->frusta[light->first_frustum].log2_size);
+    if (settings->level == 0) {
+        return UMB_OK;
+    }
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "level: light %u is not directional; it takes level 0", settings->light);
+    }
+    if (settings->level % 2 == 0 || settings->level < UMB_LEVEL_BRICK ||
+        settings->level > highest) {
+        return umb_fail(error, UMB_E_ARGUMENT, "level: %u, must be 0 or odd and %d to %u",
+                        settings->level, UMB_LEVEL_BRICK, highest);
+    }
+    if (settings->taps > 1 || settings->footprint_m != 0 || settings->filter != UMB_FILTER_BOX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "level: %u beside %s; coarse look-ups take one tap",
+                        settings->level,
+                        settings->taps > 1           ? "taps"
+                        : settings->footprint_m != 0 ? "footprint_m"
+                                                     : "filter");
+    }
+    return UMB_OK;
+}
+
 /* Window width: what the settings say, or the odd number of texels nearest to their footprint. */
 static enum umb_status choose_taps(const struct umb_query_settings *settings,
                                    const struct umb_frustum_info *frustum, int32_t *taps,
@@ -104,9 +140,26 @@ static void set_faces(struct umb__query *q, const struct umb_asset *asset,
     }
 }
 
+/*
+ * The automatic bias takes its length from voxel_step. For coarse look-ups that is twice a cell's
+ * edges: s >= |n.ex| + |n.ey| + |n.ez| for cells e, so that the whole cell around the moved point
+ * lies on the light's side of the surface's plane, wherever in it the point is.
+ */
+static void widen_steps(struct umb__query *q)
+{
+    for (unsigned axis = 0; axis < 3 && q->level > 0; axis++) {
+        for (unsigned k = 0; k < 3; k++) {
+            q->voxel_step[axis][k] *= 2.0 * (double)((uint32_t)1 << q->level);
+        }
+    }
+}
+
 static void set_bias(struct umb__query *q, const struct umb_query_settings *settings)
 {
     q->bias_mode = settings->bias_mode;
+    if (settings->bias_mode == UMB_BIAS_AUTO) {
+        widen_steps(q);
+    }
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
         /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
@@ -135,6 +188,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
 {
     memset(query, 0, sizeof *query);
     enum umb_status status = check_settings(asset, settings, error);
+    if (status == UMB_OK) {
+        status = check_level(asset, settings, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
@@ -148,7 +204,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         return status;
     }
     struct umb__query q = {
-        .kernel = settings->filter == UMB_FILTER_TENT ? umb__kernel_tent : choose_kernel(),
+        .kernel = settings->filter == UMB_FILTER_TENT ? umb__kernel_tent
+                  : settings->level > 0               ? choose_coarse_kernel()
+                                                      : choose_kernel(),
         .grid = asset->view.grid + top->first_cell,
         .nodes = asset->view.nodes,
         .bricks = asset->view.bricks,
@@ -156,6 +214,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         .grid_log2 = top->grid_log2,
         .frustum = light->first_frustum,
         .taps = taps,
+        .level = settings->level,
         .filter = settings->filter,
         .format = settings->format,
     };

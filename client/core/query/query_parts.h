@@ -27,6 +27,7 @@ struct umb__query {
     uint32_t grid_log2;          /* g */
     uint32_t frustum;
     int32_t taps;                /* window width */
+    uint32_t level;              /* 0: down to the voxel; else where look-ups stop */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
@@ -206,5 +207,11 @@ void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *p
 /* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */
 void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
+
+/* The kernel of look-ups that stop at a level (kernel_coarse_body.h). */
+void umb__kernel_coarse(const struct umb__query *query, const struct umb_points *points,
+                        size_t first, size_t count, struct umb_answers *answers);
+void umb__kernel_coarse_avx2(const struct umb__query *query, const struct umb_points *points,
+                             size_t first, size_t count, struct umb_answers *answers);
 
 #endif

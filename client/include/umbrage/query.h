@@ -86,6 +86,11 @@ struct umb_query_settings {
     /* Width of the window in metres across the light, instead of taps: takes the odd number of
      * texels nearest to it. 0: taps decides. Directional lights only. */
     double footprint_m;
+    /* Where look-ups stop: 0 at the voxel, else at cells of 1 << level voxels a side, which answer
+     * 0, 1 or, where a boundary runs through them, one half. Fewer nodes are read, and the answer
+     * may be off by the size of a cell (umb_query_bound_m). Odd, 3 to umb_level_max of the frustum;
+     * one tap, no footprint. The automatic bias is that of two cells. Directional lights only. */
+    uint32_t level;
 };
 
 /*
@@ -202,8 +207,10 @@ struct umb_explanation {
     double moved[3];                          /* metres, world space: where the look-up happened */
     double voxel[3];                          /* the same in voxel space, before flooring */
     int64_t cell[3];                          /* voxel index after flooring and clamping of z */
-    double voxel_size_m;                      /* mean voxel edge in metres there */
-    uint32_t lit_taps, taps;                  /* of taps * taps */
+    double voxel_size_m;                      /* mean edge of the voxel (cell) that answered, m */
+    double answer;                            /* 0..1 */
+    uint32_t level;                           /* where the look-up stopped; 0: at the voxel */
+    uint32_t lit_taps, taps;                  /* of taps * taps; of coarse look-ups 1 if all lit */
     enum umb_bias_mode bias_mode;
     int has_normal;    /* 1: the point moved along its normal; 0: towards the light */
     double cosine;     /* of the angle between normal and light, -1..1; 0 without a normal */

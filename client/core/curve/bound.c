@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * How far a look-up can be from its point. With e the world vectors of a voxel (orthogonal), a
+ * window of t x t x 1 voxels and a cell of c = 1 << level voxels:
+ *
+ *   bias     s = k (t (|n.ex| + |n.ey|) + |n.ez|) <= k d for a unit normal n, where d is the
+ *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; the same
+ *            with cells in place of voxels and k = 65/64 for coarse look-ups. Points without a
+ *            normal move by a length of their own (query.c, perspective.c).
+ *   look-up  the centre of a voxel of the window is at most d / 2 from the moved point; a boundary
+ *            within the point's cell at most its diagonal.
+ */
+#include <math.h>
+
+#include "format/asset_parts.h"
+#include "query/query_parts.h"
+#include "umbrage/curve.h"
+
+uint32_t umb_level_max(uint32_t log2_size)
+{
+    const uint32_t least = log2_size > UMB__GRID_LOG2_MAX + UMB_LEVEL_BRICK
+                               ? log2_size - UMB__GRID_LOG2_MAX
+                               : UMB_LEVEL_BRICK;
+    return least | 1U;
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Edges of a look-up's reach in metres: window across the light, one voxel along it; or a cell. */
+static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
+                        double edges[3])
+{
+    const double cell = (double)((uint32_t)1 << level);
+    umb_frustum_voxel_edges(frustum, edges);
+    edges[0] *= cell * (taps > 0 ? taps : 1);
+    edges[1] *= cell * (taps > 0 ? taps : 1);
+    edges[2] *= cell;
+}
+
+/* What the rays of a perspective frustum add: a step along a slanted ray is longer than the axis',
+ * and the bias is divided by what voxels grow meanwhile (perspective.c). */
+static double slant(const struct umb_frustum_info *frustum, uint32_t taps, double *growth)
+{
+    const double *ex = frustum->voxel_step[0], *ey = frustum->voxel_step[1];
+    const double half = (double)((uint32_t)1 << frustum->log2_size) / 2;
+    const double square = dot(ex, ex) + dot(ey, ey); /* of a texel's diagonal where W = 1 */
+    const double rest = 1.0 - 0.5 * (taps > 0 ? taps : 1) * sqrt(square);
+    *growth = 1.0 / (rest > 0.25 ? rest : 0.25);
+    return sqrt(1.0 + half * half * square);
+}
+
+/* Longest automatic bias, and half the reach, of a window or cell. */
+static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
+                     double *bias, double *look_up)
+{
+    double edges[3], growth = 1.0;
+    const double no_normal = (2.0 * (taps > 0 ? taps : 1) + 1.0) / (2.0 * sqrt(3.0));
+    reach_edges(frustum, level, taps, edges);
+    if (umb__is_perspective(frustum)) {
+        edges[2] *= slant(frustum, taps, &growth);
+        /* The ray leans across the window, too, so that edges add up rather than span a box. */
+        *look_up = 0.5 * (edges[0] + edges[1] + edges[2]);
+    } else {
+        *look_up = 0.5 * sqrt(dot(edges, edges));
+    }
+    *bias = UMB__BIAS_SLACK * fmax(*look_up * growth, no_normal * edges[2]);
+    if (level > 0) {
+        *bias *= 2.0;
+        *look_up *= 2.0;
+    }
+}
+
+double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps)
+{
+    double bias, look_up;
+    parts_of(frustum, level, taps, &bias, &look_up);
+    return bias + look_up;
+}
+
+static double settings_bound(const struct umb_frustum_info *frustum,
+                             const struct umb_query_settings *settings, uint32_t taps)
+{
+    double bias, look_up, edges[3];
+    parts_of(frustum, settings->level, taps, &bias, &look_up);
+    umb_frustum_voxel_edges(frustum, edges);
+    switch (settings->bias_mode) {
+    case UMB_BIAS_AUTO:
+        break;
+    case UMB_BIAS_VOXELS:
+        bias = settings->bias * (edges[0] + edges[1] + edges[2]) / 3.0;
+        break;
+    case UMB_BIAS_METRES:
+        bias = settings->bias;
+        break;
+    case UMB_BIAS_NONE:
+        bias = 0;
+        break;
+    }
+    return bias + look_up;
+}
+
+double umb_query_bound_m(const struct umb_asset *asset, const struct umb_query_settings *settings)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    struct umb_query query;
+    if (umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {
+        return 0;
+    }
+    const struct umb_light_info *light = &content->lights[settings->light];
+    double bound = 0;
+    for (uint32_t i = 0; i < light->frustum_count; i++) {
+        bound = fmax(bound, settings_bound(&content->frusta[light->first_frustum + i], settings,
+                                           umb_query_taps(&query)));
+    }
+    return bound;
+}
