@@ -33,7 +33,7 @@ static int setup(void **state)
 {
     struct fixture *f = calloc(1, sizeof *f);
     assert_non_null(f);
-    strcpy(f->folder, "/tmp/umbrage-jobs-XXXXXX");
+    snprintf(f->folder, sizeof f->folder, "/tmp/umbrage-jobs-XXXXXX");
     assert_non_null(mkdtemp(f->folder));
     snprintf(f->path, sizeof f->path, "%s/jobs.db", f->folder);
     reopen(f);
