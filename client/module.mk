@@ -13,7 +13,7 @@ CORE_LIBS := -lxxhash -lzstd -lm
 
 RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
-RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lcrypto
+RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 

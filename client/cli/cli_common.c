@@ -10,23 +10,33 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "base/utf8.h"
+#include "cli_session.h"
+
+static void print_option(const struct umbc_option *option)
+{
+    char left[48];
+    char letter[4] = "";
+    if (option->letter != '\0') {
+        (void)snprintf(letter, sizeof letter, "-%c,", option->letter);
+    }
+    (void)snprintf(left, sizeof left, "%3s --%s%s%s", letter, option->name,
+                   option->value != NULL ? " " : "", option->value != NULL ? option->value : "");
+    (void)printf("  %-28s %s\n", left, option->help);
+}
 
 static void print_help(const struct umbc_command *command)
 {
     (void)printf("usage: %s\n\n%s\n\noptions:\n", command->usage, command->summary);
     for (size_t i = 0; i < command->option_count; i++) {
-        const struct umbc_option *option = &command->options[i];
-        char left[48];
-        char letter[4] = "";
-        if (option->letter != '\0') {
-            (void)snprintf(letter, sizeof letter, "-%c,", option->letter);
-        }
-        (void)snprintf(left, sizeof left, "%3s --%s%s%s", letter, option->name,
-                       option->value != NULL ? " " : "",
-                       option->value != NULL ? option->value : "");
-        (void)printf("  %-28s %s\n", left, option->help);
+        print_option(&command->options[i]);
     }
     (void)printf("  %-28s %s\n", "    --help", "this text");
+    if (command->connects) {
+        (void)printf("\nthe daemon:\n");
+        for (size_t i = 0; i < UMBC_SESSION_COUNT; i++) {
+            print_option(&UMBC_SESSION_OPTIONS[i]);
+        }
+    }
 }
 
 int umbc_usage_error(const char *format, ...)
@@ -69,14 +79,26 @@ int umbc_complain_as(enum umb_status status, const char *format, ...)
     return umb_status_exit(status);
 }
 
+/* All options of a command: its own, then those that lead to the daemon. */
+static size_t count_options(const struct umbc_command *command)
+{
+    return command->option_count + (command->connects ? UMBC_SESSION_COUNT : 0);
+}
+
+static const struct umbc_option *option_at(const struct umbc_command *command, size_t index)
+{
+    return index < command->option_count ? &command->options[index]
+                                         : &UMBC_SESSION_OPTIONS[index - command->option_count];
+}
+
 /* Finds "--name" or "--name=value"; *value is what follows '=', or NULL. -1 if unknown. */
 static int find_long(const struct umbc_command *command, const char *text, const char **value)
 {
     const char *equals = strchr(text, '=');
     size_t length = equals == NULL ? strlen(text) : (size_t)(equals - text);
     *value = equals == NULL ? NULL : equals + 1;
-    for (size_t i = 0; i < command->option_count; i++) {
-        const char *name = command->options[i].name;
+    for (size_t i = 0; i < count_options(command); i++) {
+        const char *name = option_at(command, i)->name;
         if (strlen(name) == length && strncmp(name, text, length) == 0) {
             return (int)i;
         }
@@ -107,12 +129,15 @@ static int take_option(const struct umbc_command *command, int argc, char **argv
     if (found < 0) {
         return umbc_usage_error("%s: unknown option '%s'", argv[0], text);
     }
-    const struct umbc_option *option = &command->options[found];
+    const struct umbc_option *option = option_at(command, (size_t)found);
+    const char **place = (size_t)found < command->option_count
+                             ? &parsed->values[found]
+                             : &parsed->session[(size_t)found - command->option_count];
     if (option->value == NULL) {
         if (value != NULL) {
             return umbc_usage_error("%s: --%s takes no value", argv[0], option->name);
         }
-        parsed->values[found] = "";
+        *place = "";
         return -1;
     }
     if (value == NULL) {
@@ -122,7 +147,7 @@ static int take_option(const struct umbc_command *command, int argc, char **argv
         }
         value = argv[++*at];
     }
-    parsed->values[found] = value;
+    *place = value;
     return -1;
 }
 
@@ -164,18 +189,6 @@ bool umbc_is_file(const char *word)
         return true;
     }
     return stat(word, &info) == 0 && !S_ISDIR(info.st_mode);
-}
-
-enum umb_status umbc_connect(const char *address, struct umb_client **client,
-                             struct umb_error *error)
-{
-    if (address == NULL) {
-        address = getenv("UMBRAGE_ADDRESS");
-    }
-    if (address == NULL || address[0] == '\0') {
-        address = UMBC_DEFAULT_ADDRESS;
-    }
-    return umb_client_open(address, NULL, client, error);
 }
 
 bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value)

@@ -27,18 +27,31 @@ struct umbc_option {
     char letter; /* short form, 0 = none */
 };
 
+/* What leads to the daemon, see cli_session.h. */
+enum umbc_session_option {
+    UMBC_SESSION_ADDRESS,
+    UMBC_SESSION_CA,
+    UMBC_SESSION_CERTIFICATE,
+    UMBC_SESSION_KEY,
+    UMBC_SESSION_NAME,
+    UMBC_SESSION_TOKEN,
+    UMBC_SESSION_COUNT,
+};
+
 struct umbc_command {
     const char *usage;                 /* "umbrage info FILE|ASSET [options]" */
     const char *summary;               /* one or more lines for --help */
     const struct umbc_option *options; /* --help is added by itself */
     size_t option_count;
     size_t min_words, max_words; /* arguments that are no options */
+    bool connects;               /* has the options of cli_session.h, too */
 };
 
 struct umbc_parsed {
     const char *values[UMBC_OPTIONS_MAX]; /* "" for a switch, NULL = not given */
     const char *words[UMBC_WORDS_MAX];
     size_t word_count;
+    const char *session[UMBC_SESSION_COUNT]; /* NULL = not given */
 };
 
 /*
@@ -64,10 +77,6 @@ int umbc_usage_error(const char *format, ...) UMB_PRINTF(1, 2);
 
 /* True if an argument means a file: it exists as one, has a '/', or ends in .umb or .umbm. */
 bool umbc_is_file(const char *word);
-
-/* Opens a client at --address, else UMBRAGE_ADDRESS, else the default. */
-UMB_CHECKED enum umb_status umbc_connect(const char *address, struct umb_client **client,
-                                         struct umb_error *error);
 
 /* Parses a whole decimal number. Returns false if text is anything else or above max. */
 bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value);

@@ -6,16 +6,15 @@
 #include <stdio.h>
 #include <string.h>
 #include "cli_json.h"
+#include "cli_session.h"
 
 enum info_option {
-    OPTION_ADDRESS,
     OPTION_JSON,
     OPTION_QUIET,
     OPTION_COUNT,
 };
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "print the id alone", 'q'},
 };
@@ -26,6 +25,7 @@ static const struct umbc_command COMMAND = {
                ".umb or .umbm is a file; anything else is an asset of the daemon.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
+    .connects = true,
     .min_words = 1,
     .max_words = 1,
 };
@@ -324,7 +324,7 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     struct umb_error error = {.status = UMB_OK};
     struct umb_client *client;
     struct umb_client_description *about;
-    if (umbc_connect(parsed->values[OPTION_ADDRESS], &client, &error) != UMB_OK) {
+    if (umbc_connect(parsed->session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
     enum umb_status status = umb_client_describe(client, name, &about, &error);

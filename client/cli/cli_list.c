@@ -6,18 +6,17 @@
 #include <stdio.h>
 #include <string.h>
 #include "cli_json.h"
+#include "cli_session.h"
 
 #define NAME_WIDTH 32U /* columns */
 
 enum list_option {
-    OPTION_ADDRESS,
     OPTION_JSON,
     OPTION_QUIET,
     OPTION_COUNT,
 };
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "names only", 'q'},
 };
@@ -27,6 +26,7 @@ static const struct umbc_command COMMAND = {
     .summary = "Lists the assets of a daemon, by name.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
+    .connects = true,
 };
 
 static void print_json(const struct umb_client_asset *assets, size_t count)
@@ -82,7 +82,7 @@ int umbc_list(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (umbc_connect(parsed.values[OPTION_ADDRESS], &client, &error) != UMB_OK) {
+    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
     enum umb_status status = umb_client_list(client, &assets, &count, &error);

@@ -93,7 +93,7 @@ static void print_overview(FILE *file)
     }
     (void)fputs("\n`umbrage COMMAND --help` shows every option of a command.\n"
                 "A daemon is found at --address, else UMBRAGE_ADDRESS, else " UMBC_DEFAULT_ADDRESS
-                ".\n"
+                ";\nits token in --token-file, else UMBRAGE_TOKEN.\n"
                 "Exit codes: 0 ok, 1 negative answer, 2 usage, 65 bad data, 66 no input,\n"
                 "69 unavailable, 70 internal, 73 cannot create, 74 I/O, 75 temporary, 77 denied.\n",
                 file);

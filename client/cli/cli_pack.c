@@ -55,8 +55,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
     status = packed ? umbc_repack(asset, &sink, error) : umb_mapped_write(asset, &sink, error);
     if (status != UMB_OK) {
         if (output.system_error != 0) { /* the core knows only that a write failed, not why */
-            status = umb_fail_errno(error, UMB_E_IO, output.system_error, "cannot write '%.200s'",
-                                    path);
+            status =
+                umb_fail_errno(error, UMB_E_IO, output.system_error, "cannot write '%.200s'", path);
         } else if (error->message[0] == '\0') {
             (void)umb_fail(error, status, "cannot write '%.200s': %s", path,
                            umb_status_text(status));

@@ -30,8 +30,7 @@ enum umb_status umbc_points_open(const char *path, enum umbc_points_format forma
     points->file = fopen(path, "rb");
     if (points->file == NULL) {
         int code = errno;
-        return umb_fail_errno(error, umb__open_status(code), code,
-                              "cannot open '%.200s'", path);
+        return umb_fail_errno(error, umb__open_status(code), code, "cannot open '%.200s'", path);
     }
     if (fstat(fileno(points->file), &info) == 0) {
         if (S_ISDIR(info.st_mode)) {

@@ -253,7 +253,7 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
     const struct umbc_query_options *options = job->options;
     if (!umbc_is_file(options->target)) {
         enum umb_status status = choose_lights(job, error);
-        return status == UMB_OK ? umbc_connect(options->address, &job->client, error) : status;
+        return status == UMB_OK ? umbc_connect(options->session, &job->client, error) : status;
     }
     struct umb_asset_info info;
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);

@@ -21,7 +21,6 @@ enum query_option {
     OPTION_FOOTPRINT,
     OPTION_FILTER,
     OPTION_BIAS,
-    OPTION_ADDRESS,
     OPTION_BATCH,
     OPTION_OUT,
     OPTION_ENCODING,
@@ -51,7 +50,6 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                           "FILE only: width of the window in metres instead of --taps", 0},
     [OPTION_FILTER] = {"filter", "NAME", "box (default), or FILE only: tent", 0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
-    [OPTION_ADDRESS] = {"address", "ADDRESS", "the daemon: tcp:HOST:PORT or unix:PATH", 0},
     [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
                       0},
     [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
@@ -73,6 +71,7 @@ static const struct umbc_command COMMAND = {
         "Segments, columns and boxes are answered from files, exactly, voxel by voxel.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
+    .connects = true,
     .min_words = 1,
     .max_words = 1,
 };
@@ -275,9 +274,9 @@ static int check_lights(const struct umbc_query_options *options)
 static int check_question(const struct umbc_parsed *parsed,
                           const struct umbc_query_options *options)
 {
-    static const enum query_option refused[] = {OPTION_NORMALS,  OPTION_TAPS,   OPTION_FOOTPRINT,
-                                                OPTION_FILTER,   OPTION_BIAS,   OPTION_ADDRESS,
-                                                OPTION_ENCODING, OPTION_EXPLAIN};
+    static const enum query_option refused[] = {OPTION_NORMALS, OPTION_TAPS, OPTION_FOOTPRINT,
+                                                OPTION_FILTER,  OPTION_BIAS, OPTION_ENCODING,
+                                                OPTION_EXPLAIN};
     static const char *const names[] = {"points", "segments", "columns", "boxes"};
     if (options->question == UMBC_QUESTION_POINTS) {
         return -1;
@@ -286,6 +285,12 @@ static int check_question(const struct umbc_parsed *parsed,
         if (parsed->values[refused[i]] != NULL) {
             return umbc_usage_error("query: --%s does not go with --%s", OPTIONS[refused[i]].name,
                                     names[options->question]);
+        }
+    }
+    for (size_t i = 0; i < UMBC_SESSION_COUNT; i++) {
+        if (parsed->session[i] != NULL) {
+            return umbc_usage_error("query: --%s does not go with --%s",
+                                    UMBC_SESSION_OPTIONS[i].name, names[options->question]);
         }
     }
     if (!umbc_is_file(options->target)) {
@@ -346,7 +351,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
         return code;
     }
     options->target = parsed.words[0];
-    options->address = parsed.values[OPTION_ADDRESS];
+    memcpy(options->session, parsed.session, sizeof options->session);
     options->out = parsed.values[OPTION_OUT] != NULL ? parsed.values[OPTION_OUT] : "-";
     options->explain = parsed.values[OPTION_EXPLAIN] != NULL;
     options->json = parsed.values[OPTION_JSON] != NULL;

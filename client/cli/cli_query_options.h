@@ -4,6 +4,7 @@
 /* The options of `umbrage query`, read and checked. */
 #include "cli_common.h"
 #include "cli_points.h"
+#include "cli_session.h"
 
 enum umbc_encoding {
     UMBC_ENCODING_TEXT, /* "%.9g" a line */
@@ -23,8 +24,8 @@ enum umbc_question {
 #define UMBC_QUERY_LIGHTS_MAX 256
 
 struct umbc_query_options {
-    const char *target;  /* FILE or ASSET */
-    const char *address; /* NULL = default */
+    const char *target;                      /* FILE or ASSET */
+    const char *session[UMBC_SESSION_COUNT]; /* where the daemon is, see cli_session.h */
     enum umbc_question question;
     const char *points; /* file or "-": the records */
     enum umbc_points_format format;

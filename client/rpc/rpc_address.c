@@ -69,8 +69,8 @@ static enum umb_status parse_tcp(const char *text, struct umb__address *address,
 {
     const char *colon = strrchr(text, ':');
     if (colon == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "address '%.200s': must be tcp:HOST:PORT",
-                        address->text);
+        return umb_fail(error, UMB_E_ARGUMENT, "address '%.200s': must be %s:HOST:PORT",
+                        address->text, address->is_tls ? "tls" : "tcp");
     }
     if (!parse_port(colon + 1, address->port)) {
         return umb_fail(error, UMB_E_ARGUMENT, "address '%.200s': the port must be 1 to 65535",
@@ -97,9 +97,13 @@ enum umb_status umb__address_parse(const char *text, struct umb__address *addres
     if (strncmp(text, "tcp:", 4) == 0) {
         return parse_tcp(text + 4, address, error);
     }
+    if (strncmp(text, "tls:", 4) == 0) {
+        address->is_tls = true;
+        return parse_tcp(text + 4, address, error);
+    }
     if (strncmp(text, "unix:", 5) == 0) {
         return parse_unix(text + 5, address, error);
     }
-    return umb_fail(error, UMB_E_ARGUMENT, "address '%.200s': must be tcp:HOST:PORT or unix:PATH",
-                    text);
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "address '%.200s': must be tcp:HOST:PORT, tls:HOST:PORT or unix:PATH", text);
 }

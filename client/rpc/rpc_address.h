@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_RPC_RPC_ADDRESS_H
 #define UMBRAGE_RPC_RPC_ADDRESS_H
-/* Where a daemon listens: "tcp:HOST:PORT" (HOST may be [::1]) or "unix:PATH". */
+/* Where a daemon listens: "tcp:HOST:PORT" (HOST may be [::1]), "tls:HOST:PORT" or "unix:PATH". */
 #include <stdbool.h>
 #include "umbrage/status.h"
 
@@ -9,8 +9,9 @@ struct umb__address {
     char text[320];      /* as given, for messages */
     char authority[280]; /* for :authority: HOST:PORT, or localhost */
     bool is_unix;
-    char host[256]; /* tcp: without brackets */
-    char port[6];   /* tcp: decimal, 1..65535 */
+    bool is_tls;    /* a HOST and a PORT, and TLS on top */
+    char host[256]; /* tcp, tls: without brackets */
+    char port[6];   /* tcp, tls: decimal, 1..65535 */
     char path[108]; /* unix: sun_path's size on Linux */
 };
 

@@ -23,6 +23,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <nghttp2/nghttp2.h>
+#include <openssl/ssl.h>
 #include <uv.h>
 #include "rpc_address.h"
 #include "rpc_reply.h"
@@ -65,6 +66,9 @@ struct umb__call {
 struct umb_client {
     struct umb_client_options options; /* defaults filled in */
     struct umb__address address;
+    SSL_CTX *tls_context; /* of tls: addresses, else NULL */
+    char *server_name;    /* that their certificate must have; NULL = the host's */
+    char *bearer;         /* value of the authorization header, or NULL */
     pthread_mutex_t lock;
     struct umb__call_list inbox;
     uint32_t pending; /* calls from start to done */

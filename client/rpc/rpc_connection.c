@@ -18,6 +18,8 @@ static void free_if_done(struct umb__connection *connection)
     if (connection->lost && connection->handles == 0 && !connection->resolving) {
         uv_freeaddrinfo(connection->addresses);
         umbw_buffer_finish(&connection->out);
+        umbw_buffer_finish(&connection->sealed);
+        umb__tls_destroy(connection->tls);
         free(connection);
     }
 }
@@ -118,9 +120,8 @@ static void lose_session(struct umb__connection *connection, const char *what)
 }
 
 /* Collects frames until a good mouthful is there; false if the session is broken. */
-static bool fill_output(struct umb__connection *connection)
+static bool collect_frames(struct umb__connection *connection)
 {
-    connection->out.size = 0;
     while (connection->out.size < UMB__SEND_BYTES) {
         const uint8_t *bytes;
         ssize_t count = nghttp2_session_mem_send(connection->session, &bytes);
@@ -137,6 +138,26 @@ static bool fill_output(struct umb__connection *connection)
         connection->out.size += (size_t)count;
     }
     return true;
+}
+
+/* What is to be written next: frames, or with TLS the records that hold them. */
+static struct umbw_buffer *output_of(struct umb__connection *connection)
+{
+    return connection->tls != NULL ? &connection->sealed : &connection->out;
+}
+
+/* Fills the output; false if the session is broken or memory is out. */
+static bool fill_output(struct umb__connection *connection)
+{
+    connection->out.size = 0;
+    connection->sealed.size = 0;
+    if ((connection->tls == NULL || umb__tls_ready(connection->tls)) &&
+        !collect_frames(connection)) {
+        return false;
+    }
+    return connection->tls == NULL ||
+           umb__tls_seal(connection->tls, connection->out.bytes, connection->out.size,
+                         &connection->sealed, NULL) == UMB_OK;
 }
 
 static void on_written(uv_write_t *request, int code)
@@ -156,7 +177,7 @@ static void on_written(uv_write_t *request, int code)
 /* Writes out at once what the socket takes and leaves the rest to libuv. */
 static int write_output(struct umb__connection *connection)
 {
-    struct umbw_buffer *out = &connection->out;
+    struct umbw_buffer *out = output_of(connection);
     uv_buf_t piece = {.base = (char *)out->bytes, .len = out->size};
     int written = uv_try_write(&connection->socket.stream, &piece, 1);
     if (written == UV_EAGAIN) {
@@ -180,7 +201,7 @@ static int write_output(struct umb__connection *connection)
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
-        return false;
+        return false; /* also during a TLS handshake: the settings wait to be sent */
     }
     return !nghttp2_session_want_read(connection->session) ||
            (connection->draining && connection->active.first == NULL);
@@ -193,7 +214,7 @@ void umb__connection_flush(struct umb__connection *connection)
             lose_session(connection, "cannot send: out of memory");
             return;
         }
-        if (connection->out.size == 0) {
+        if (output_of(connection)->size == 0) {
             break;
         }
         int code = write_output(connection);
@@ -227,6 +248,41 @@ static void start_draining(struct umb__connection *connection)
     umb__session_give_back(connection);
 }
 
+/* Takes HTTP/2 from the peer; false if that lost the connection. */
+static bool take_plain(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umb__connection *connection = user;
+    if (!connection->saw_bytes) {
+        connection->saw_bytes = true;
+        connection->http1 = count >= 5 && memcmp(bytes, "HTTP/", 5) == 0;
+    }
+    ssize_t taken = nghttp2_session_mem_recv(connection->session, bytes, count);
+    if (taken < 0) {
+        lose_session(connection, nghttp2_strerror((int)taken));
+        return false;
+    }
+    return true;
+}
+
+/* TLS is over; tells the peer why, as far as the socket takes it at once. */
+static void lose_tls(struct umb__connection *connection, const struct umb_error *detail)
+{
+    struct umb_error error;
+    if (connection->lost) {
+        return;
+    }
+    if (!connection->writing) {
+        connection->sealed.size = 0;
+        if (umb__tls_seal(connection->tls, NULL, 0, &connection->sealed, NULL) == UMB_OK &&
+            connection->sealed.size > 0) {
+            (void)write_output(connection);
+        }
+    }
+    (void)umb_fail(&error, detail->status, "%.120s: %.280s", connection->client->address.text,
+                   detail->message);
+    umb__connection_lose(connection, &error);
+}
+
 static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
 {
     struct umb__connection *connection = stream->data;
@@ -246,14 +302,17 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         connection->probing = false;
         (void)uv_timer_stop(&connection->timer);
     }
-    if (!connection->saw_bytes) {
-        connection->saw_bytes = true;
-        connection->http1 = count >= 5 && memcmp(buffer->base, "HTTP/", 5) == 0;
+    if (connection->tls != NULL) {
+        struct umb_error error;
+        if (umb__tls_open(connection->tls, (const uint8_t *)buffer->base, (size_t)count, take_plain,
+                          connection, &error) != UMB_OK) {
+            lose_tls(connection, &error);
+            return;
+        }
+    } else {
+        (void)take_plain(connection, (const uint8_t *)buffer->base, (size_t)count);
     }
-    ssize_t taken =
-        nghttp2_session_mem_recv(connection->session, (const uint8_t *)buffer->base, (size_t)count);
-    if (taken < 0) {
-        lose_session(connection, nghttp2_strerror((int)taken));
+    if (connection->lost) {
         return;
     }
     if (connection->draining) {
@@ -294,13 +353,27 @@ void umb__connection_probe(struct umb__connection *connection)
     (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
 }
 
+/* Makes the TLS session, if there is to be one; the hello goes out with the next flush. */
+static enum umb_status start_tls(struct umb__connection *connection, struct umb_error *error)
+{
+    const struct umb_client *client = connection->client;
+    if (!client->address.is_tls) {
+        return UMB_OK;
+    }
+    const char *name = client->server_name != NULL ? client->server_name : client->address.host;
+    enum umb_status status = umb__tls_create(client->tls_context, name, &connection->tls, error);
+    return status == UMB_OK ? umb__tls_open(connection->tls, NULL, 0, take_plain, connection, error)
+                            : status;
+}
+
 static void start_session(struct umb__connection *connection)
 {
     struct umb_error error;
     if (!connection->client->address.is_unix) {
         (void)uv_tcp_nodelay(&connection->socket.tcp, 1);
     }
-    if (umb__session_create(connection, &error) != UMB_OK) {
+    if (umb__session_create(connection, &error) != UMB_OK ||
+        start_tls(connection, &error) != UMB_OK) {
         umb__connection_lose(connection, &error);
         return;
     }

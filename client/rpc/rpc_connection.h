@@ -4,7 +4,8 @@
 /*
  * One connection: resolve, connect, HTTP/2 session, loss. Loop thread only.
  *
- * Life: resolving -> connecting -> settings awaited -> ready [-> draining] -> lost -> freed.
+ * Life: resolving -> connecting [-> TLS handshake] -> settings awaited -> ready [-> draining]
+ * -> lost -> freed.
  * A call that ends at its deadline may have met a peer that is gone without a word (a cut cable, a
  * NAT that forgot). The connection is then asked for a sign of life, and lost if none comes in the
  * time that connecting may take; else every further call would wait for its deadline too.
@@ -14,6 +15,7 @@
  * calls are always handled first.
  */
 #include "rpc_client.h"
+#include "rpc_tls.h"
 
 struct umb__connection {
     struct umb__connection *next, *previous; /* in client->connections */
@@ -33,7 +35,9 @@ struct umb__connection {
     uv_connect_t connect;
     uv_write_t write;
     bool writing;
-    struct umbw_buffer out; /* given to uv_write while writing */
+    struct umbw_buffer out;    /* frames; given to uv_write while writing, unless there is TLS */
+    struct umb__tls *tls;      /* of tls: addresses, else NULL */
+    struct umbw_buffer sealed; /* the same as records */
     nghttp2_session *session;
     struct umb__call_list active;
     bool ready;    /* settings came: takes calls */

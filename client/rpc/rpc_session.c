@@ -257,6 +257,14 @@ static nghttp2_nv header(const char *name, const char *value)
     return pair;
 }
 
+/* Never put into HPACK's table, where a proxy on the way could be made to compare it. */
+static nghttp2_nv secret_header(const char *name, const char *value)
+{
+    nghttp2_nv pair = header(name, value);
+    pair.flags = NGHTTP2_NV_FLAG_NO_INDEX;
+    return pair;
+}
+
 bool umb__session_submit(struct umb__connection *connection, struct umb__call *call)
 {
     struct umb_client *client = connection->client;
@@ -266,7 +274,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     (void)umbw_timeout_format((int64_t)left, timeout);
     const nghttp2_nv headers[] = {
         header(":method", "POST"),
-        header(":scheme", "http"),
+        header(":scheme", client->address.is_tls ? "https" : "http"),
         header(":path", call->path),
         header(":authority", client->address.authority),
         header("te", "trailers"),
@@ -274,10 +282,13 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
         header("user-agent", "umbrage/" UMB_VERSION),
         header("grpc-accept-encoding", "identity"),
         header("grpc-timeout", timeout),
+        secret_header("authorization", client->bearer != NULL ? client->bearer : ""),
     };
+    /* The last one only if there is a token. */
+    size_t header_count = sizeof headers / sizeof headers[0] - (client->bearer == NULL);
     nghttp2_data_provider body = {.source = {.ptr = NULL}, .read_callback = read_body};
-    int32_t id = nghttp2_submit_request(connection->session, NULL, headers,
-                                        sizeof headers / sizeof headers[0], &body, call);
+    int32_t id =
+        nghttp2_submit_request(connection->session, NULL, headers, header_count, &body, call);
     if (id == NGHTTP2_ERR_STREAM_ID_NOT_AVAILABLE) {
         connection->draining = true;
         return false;

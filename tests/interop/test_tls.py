@@ -225,6 +225,62 @@ with test.check("a key under a password is refused, and nobody is asked for it")
 with test.check("tls: without a certificate is a usage error"):
     done = ut.run("umbraged", "--store", store, "--listen", "tls:127.0.0.1:0", code=2)
     assert b"--tls-cert" in done.stderr
+
+def ours(*words, code=0, env=None):
+    """`umbrage` with TLS options; every reason it gives is one line."""
+    done = ut.run("umbrage", *words, code=code, env=env)
+    assert code == 0 or done.stderr.count(b"\n") == 1, done.stderr
+    return done
+
+
+with test.check("umbrage over tls: answers as over tcp:, by address and by name, small and large"):
+    ours_tls, tcp = "tls:" + address, "tcp:" + daemon.addresses["tcp"]
+    host = f"tls:localhost:{port}"
+    with open(test.path("many.f32"), "wb") as file:
+        file.write(ut.floats(ut.random_points((0, 0, 0), (100, 100, 50), COUNT, 7)))
+    many = ("city", "--points", test.path("many.f32"), "--format", "f32", "--encoding", "u8")
+    ca = ("--tls-ca", test.path("ca.pem"))
+    expected = ours("query", *many, "--address", tcp).stdout
+    assert len(expected) == COUNT
+    for to in (ours_tls, host):
+        assert ours("query", *many, "--address", to, *ca).stdout == expected
+        assert ours("query", *many, "--batch", 800, "--address", to, *ca).stdout == expected
+with test.check("umbrage refuses a server that it has no reason to trust, and says why"):
+    for extra, code, reason in ((("--tls-ca", test.path("other.pem")), 77, b"not trusted"),
+                                ((), 77, b"not trusted"),
+                                ((*ca, "--tls-name", "elsewhere"), 77, b"ostname mismatch"),
+                                (("--tls-ca", test.path("none.pem")), 66, b"none.pem"),
+                                ((*ca, "--tls-cert", test.path("other.pem"), "--tls-key",
+                                  test.path("client.key")), 2, b"key_file"),
+                                ((*ca, "--tls-key", test.path("client.key")), 2, b"certificate")):
+        assert reason in ours("list", "--address", ours_tls, *extra, code=code).stderr, reason
+    assert b"city" in ours("list", "--address", ours_tls, *ca, "--tls-name", "localhost").stdout
+    # TLS and plain text do not understand each other; neither waits for the other.
+    ours("list", "--address", "tls:" + tcp[4:], *ca, code=70)
+    ours("list", "--address", "tcp:" + address, code=69)
+    assert b"tls:" in ours("list", "--address", tcp, *ca, code=2).stderr
+with test.check("umbrage shows its certificate where one is asked for"):
+    to = ("--address", "tls:" + mutual.addresses["tls"], *ca)
+    pair = {own: ("--tls-cert", test.path(f"{own}.pem"), "--tls-key", test.path(f"{own}.key"))
+            for own in ("client", "stranger")}
+    assert b"city" in ours("list", *to, *pair["client"]).stdout
+    for extra in ((), pair["stranger"]):
+        done = ours("list", *to, *extra, code=None)
+        assert done.returncode in (69, 77) and done.stderr.count(b"\n") == 1, done
+with test.check("umbrage sends its token, from a file or the environment, and only a proper one"):
+    with open(test.path("tokens"), "w", encoding="ascii") as file:
+        file.write("studio query 0123456789abcdef\n")
+    os.chmod(test.path("tokens"), 0o600)
+    certificate("server", "ca", "localhost")
+    guarded = test.daemon(*TLS, "--token-file", test.path("tokens"))
+    to = ("--address", "tls:" + guarded.addresses["tls"], *ca)
+    for text, code in (("0123456789abcdef\n", 0), ("0123456789abcdeX", 77), ("two words", 2), ("", 2)):
+        with open(test.path("token"), "w", encoding="ascii") as file:
+            file.write(text)
+        ours("list", *to, "--token-file", test.path("token"), code=code)
+    ours("list", *to, code=77)
+    ours("list", *to, env={"UMBRAGE_TOKEN": "0123456789abcdef"})
+    ours("list", *to, "--token-file", test.path("absent"), code=66)
 for one in (client, plain):
     one.close()
 test.finish()

@@ -16,7 +16,9 @@
  * calls back on the client's own thread; the blocking face is the asynchronous one and a wait. The
  * library never aborts, exits or prints.
  *
- * Addresses: "tcp:HOST:PORT" (HOST may be [::1]) and "unix:PATH".
+ * Addresses: "tcp:HOST:PORT" (HOST may be [::1]), "tls:HOST:PORT" and "unix:PATH".
+ * TLS: 1.2 or 1.3; the server's certificate is always verified. A token is sent with every call,
+ * over whatever address was given: in the clear on tcp:, so use tls: or a Unix socket.
  * Ownership: requests are copied before a call returns; a callback's reply and error are borrowed
  * during the callback.
  * Threads: every function may be called from any thread at once on one client, but for
@@ -25,7 +27,7 @@
  * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
  * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
  * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-when-to-come-again.md).
- * Limits: one connection a client; no TLS.
+ * Limits: one connection a client.
  * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
  * umb_client_close then waits for it.
  */
@@ -47,6 +49,12 @@ struct umb_client_options {
     uint64_t max_reply_bytes;    /* of one reply; 0 = 64 MiB, at most 4 GiB */
     umb_log_fn log;              /* NULL = silent; called on the client's thread */
     void *log_user;
+    /* Of tls: addresses alone: PEM files, read by umb_client_open and not again. */
+    const char *ca_file;          /* authorities to trust; NULL = those of the system */
+    const char *certificate_file; /* our chain, for mutual TLS; NULL = none */
+    const char *key_file;         /* its private key, without a password; NULL = the same file */
+    const char *server_name;      /* that the server's certificate must have; NULL = HOST */
+    const char *token; /* bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
 };
 
 struct umb_client_query_request {
@@ -105,10 +113,12 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
 /*
  * Makes a client. Does not connect yet.
  *
- * In:    address: copied. options: copied; NULL for the defaults.
+ * In:    address: copied. options: copied, strings too; NULL for the defaults.
  * Out:   out: the client, or NULL on failure.
  * Owns:  the caller closes it with umb_client_close.
- * Fails: E_ARGUMENT (address), E_NO_MEMORY, E_INTERNAL (no lock, loop or thread to be had).
+ * Fails: E_ARGUMENT (address, token, a file that cannot be used, files without a tls: address),
+ *        E_NO_INPUT (a file that cannot be read), E_NO_MEMORY, E_INTERNAL (no lock, loop or thread
+ *        to be had).
  * Cost:  one thread with all signals blocked, about 0.3 MiB.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
@@ -132,6 +142,7 @@ UMB_API void umb_client_close(struct umb_client *client);
  * Fails: at once, and then done is not called: E_ARGUMENT (what the server would refuse without
  *        looking at the points), E_TOO_LARGE (over 4 GiB of points), E_BUSY (max_calls),
  *        E_CANCELLED (closing), E_NO_MEMORY. To done: E_UNAVAILABLE (no connection, or lost),
+ *        E_UNAUTHENTICATED (a certificate or token that is not accepted),
  *        E_DEADLINE, E_CANCELLED, E_TOO_LARGE (reply over max_reply_bytes), E_PROTOCOL (no proper
  *        gRPC), E_NO_MEMORY, and what the server said.
  * Cost:  one copy of the points.

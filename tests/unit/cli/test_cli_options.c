@@ -144,7 +144,7 @@ static void query_options_have_their_defaults(void **state)
     assert_string_equal(parsed.target, "city");
     assert_string_equal(parsed.points, "-");
     assert_string_equal(parsed.out, "-");
-    assert_null(parsed.address);
+    assert_null(parsed.session[UMBC_SESSION_ADDRESS]);
     assert_int_equal(parsed.format, UMBC_POINTS_TEXT);
     assert_int_equal(parsed.encoding, UMBC_ENCODING_TEXT);
     assert_int_equal(parsed.settings.format, UMB_ANSWER_F32);

@@ -9,6 +9,7 @@
 #include "../../../client/rpc/rpc_address.h"
 #include "../../../client/rpc/rpc_reply.h"
 #include "../../../client/rpc/rpc_sha256.h"
+#include "umbrage/client.h"
 
 static void address_forms_are_told_apart(void **state)
 {
@@ -22,6 +23,10 @@ static void address_forms_are_told_apart(void **state)
     assert_string_equal(address.host, "::1");
     assert_string_equal(address.authority, "[::1]:65535");
     assert_int_equal(umb__address_parse("tcp:shadow-1.example.org:1", &address, NULL), UMB_OK);
+    assert_false(address.is_tls);
+    assert_int_equal(umb__address_parse("tls:[fe80::1]:443", &address, NULL), UMB_OK);
+    assert_true(address.is_tls && !address.is_unix);
+    assert_string_equal(address.authority, "[fe80::1]:443");
     assert_int_equal(umb__address_parse("unix:/run/umbrage.sock", &address, NULL), UMB_OK);
     assert_true(address.is_unix);
     assert_string_equal(address.path, "/run/umbrage.sock");
@@ -31,10 +36,11 @@ static void address_forms_are_told_apart(void **state)
 static void bad_addresses_are_refused(void **state)
 {
     static const char *const bad[] = {
-        "",           "tcp:",        "tcp:host",    "tcp:host:", "tcp::1",
-        "tcp:host:0", "tcp:h:65536", "tcp:h:7420x", "tcp:h:-1",  "tcp:::1:7420",
-        "tcp:[]:1",   "tcp:a b:1",   "tcp:a\n:1",   "unix:",     "http://h:1",
-        "h:7420",     "tcp:a/b:1",   "tcp:h:123456"};
+        "",           "tcp:",        "tcp:host",     "tcp:host:", "tcp::1",
+        "tcp:host:0", "tcp:h:65536", "tcp:h:7420x",  "tcp:h:-1",  "tcp:::1:7420",
+        "tcp:[]:1",   "tcp:a b:1",   "tcp:a\n:1",    "unix:",     "http://h:1",
+        "h:7420",     "tcp:a/b:1",   "tcp:h:123456", "tls:",      "tls:host",
+        "tls:h:0"};
     struct umb__address address;
     struct umb_error error;
     char long_path[200] = "unix:";
@@ -47,6 +53,30 @@ static void bad_addresses_are_refused(void **state)
     assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_E_ARGUMENT);
     long_path[5 + 107] = '\0';
     assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_OK);
+}
+
+static void bad_tokens_and_files_are_refused_before_anything_is_sent(void **state)
+{
+    static const char *const tokens[] = {"", "two words", "line\n", "caf\xc3\xa9", "\x7f"};
+    struct umb_client_options client = {.token = NULL};
+    struct umb_client *out;
+    struct umb_error error;
+    (void)state;
+    for (size_t i = 0; i < sizeof tokens / sizeof tokens[0]; i++) {
+        client.token = tokens[i];
+        assert_int_equal(umb_client_open("tcp:h:1", &client, &out, &error), UMB_E_ARGUMENT);
+        assert_null(out);
+        assert_null(strstr(error.message, "words")); /* a secret stays out of messages */
+    }
+    client.token = NULL;
+    client.ca_file = "/nowhere/ca.pem";
+    assert_int_equal(umb_client_open("tls:h:1", &client, &out, &error), UMB_E_NO_INPUT);
+    assert_non_null(strstr(error.message, "/nowhere/ca.pem"));
+    /* Who names authorities believes to be on TLS. */
+    assert_int_equal(umb_client_open("tcp:h:1", &client, &out, &error), UMB_E_ARGUMENT);
+    client.ca_file = NULL;
+    assert_int_equal(umb_client_open("tls:h:1", &client, &out, &error), UMB_OK);
+    umb_client_close(out);
 }
 
 static void sha256_matches_the_standard_vectors(void **state)
@@ -128,6 +158,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(address_forms_are_told_apart),
         cmocka_unit_test(bad_addresses_are_refused),
+        cmocka_unit_test(bad_tokens_and_files_are_refused_before_anything_is_sent),
         cmocka_unit_test(sha256_matches_the_standard_vectors),
         cmocka_unit_test(reply_is_the_same_split_at_every_point),
         cmocka_unit_test(http_statuses_have_their_meaning),
