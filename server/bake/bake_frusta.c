@@ -13,6 +13,7 @@
 
 /* What all frusta share. */
 struct series {
+    const struct umbb_frusta_job *job;
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory;
     struct umb_pool pool;
@@ -41,43 +42,74 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
                : umbb_depth_raster_create(casters, &options, depth, error);
 }
 
+uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log2)
+{
+    return (uint64_t)analysis->frustum_count << (2 * (analysis->frusta[0].log2_size - tile_log2));
+}
+
+/* Which of a frustum's tiles are wanted: begin .. end - 1. */
+static void wanted_tiles(const struct series *series, uint32_t frustum, uint32_t *begin,
+                         uint32_t *end)
+{
+    const struct umbb_options *o = series->options;
+    const uint64_t count = (uint64_t)1 << (2 * (o->resolution_log2 - series->memory->tile_log2));
+    const uint64_t before = frustum * count;
+    const uint64_t first = o->only_given ? o->only_first : before;
+    const uint64_t last = o->only_given ? o->only_last : before + count - 1;
+    *begin = (uint32_t)(first > before ? (first - before < count ? first - before : count) : 0);
+    *end = (uint32_t)(last < before ? 0 : last - before < count ? last - before + 1 : count);
+}
+
 /* Bakes a frustum from casters in its voxel space. */
 static enum umb_status bake_one(struct series *series, const struct umbb_casters *casters,
-                                const struct umb_frustum_info *frustum, uint32_t *root,
-                                struct umb_error *error)
+                                uint32_t number, uint32_t *root, struct umb_error *error)
 {
+    const struct umb_frustum_info *frustum = &series->job->analysis->frusta[number];
+    struct umbb_tile_keeping *keeping = series->job->keeping;
     struct umbb_depth depth;
     enum umb_status status = open_depth(series, casters, &depth, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umbb_bake_options options = {
+    struct umbb_tile_keeper keeper = {0};
+    if (keeping != NULL) {
+        const struct umbb_tile_shape shape = {frustum->log2_size, series->memory->tile_log2};
+        umbb_tile_keeping_frustum(keeping, number, &shape, &depth);
+        keeper = umbb_tile_keeping_keeper(keeping);
+    }
+    struct umbb_bake_options options = {
         .log2_size = frustum->log2_size,
         .tile_log2 = series->memory->tile_log2,
         .threads = series->options->threads,
         .closed_rule = frustum->closed,
         .octree_max_bytes = series->memory->octree_max_bytes,
         .shared_max_bytes = series->memory->shared_max_bytes,
+        .keeper = keeping != NULL ? &keeper : NULL,
         .cancelled = umbb_interrupted,
         .progress = series_progress,
         .progress_user = series,
     };
+    if (series->options->task == UMBB_TASK_TILE) {
+        wanted_tiles(series, number, &options.only_first, &options.only_end);
+    }
     struct umbb_bake_figures figures = {0};
     status = umbb_bake_into(&depth, &options, &series->pool, root, &figures, error);
     depth.destroy(depth.state);
     series->figures.texels += figures.texels;
     series->figures.tiles += figures.tiles;
+    series->figures.tiles_found += figures.tiles_found;
     series->figures.seconds_depth += figures.seconds_depth;
     series->figures.seconds_build += figures.seconds_build;
     series->figures.octree_bytes = figures.octree_bytes;
-    series->texels_before += (uint64_t)1 << (2 * frustum->log2_size);
+    series->texels_before += figures.tiles << (2 * series->memory->tile_log2);
     return status;
 }
 
 /* Brings the casters, which are in world space, before the frustum and bakes it. */
-static enum umb_status bake_frustum(struct series *series, struct umbb_analysis *analysis,
-                                    uint32_t number, uint32_t *root, struct umb_error *error)
+static enum umb_status bake_frustum(struct series *series, uint32_t number, uint32_t *root,
+                                    struct umb_error *error)
 {
+    struct umbb_analysis *analysis = series->job->analysis;
     const struct umb_frustum_info *frustum = &analysis->frusta[number];
     const struct umb_light_info *light = &analysis->choice.lights[frustum->light];
     struct umbb_casters casters = {
@@ -91,7 +123,7 @@ static enum umb_status bake_frustum(struct series *series, struct umbb_analysis 
     };
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         umbb_analysis_to_voxels(analysis, number);
-        return bake_one(series, &casters, frustum, root, error);
+        return bake_one(series, &casters, number, root, error);
     }
     struct umbb_projected projected;
     enum umb_status status = umbb_analysis_project(
@@ -102,37 +134,50 @@ static enum umb_status bake_frustum(struct series *series, struct umbb_analysis 
         casters.count = projected.count;
         casters.depth_scale = projected.depth_scale;
         casters.depth_offset = projected.depth_offset;
-        status = bake_one(series, &casters, frustum, root, error);
+        status = bake_one(series, &casters, number, root, error);
     }
     umbb_projected_finish(&projected);
     return status;
 }
 
-enum umb_status umbb_bake_frusta(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
-                                 const struct umbb_options *options,
-                                 const struct umbb_memory_plan *memory, struct umb_octree *octree,
+/* 1 if nothing of a frustum is wanted. */
+static int is_unwanted(const struct series *series, uint32_t frustum)
+{
+    uint32_t begin, end;
+    wanted_tiles(series, frustum, &begin, &end);
+    return series->options->task == UMBB_TASK_TILE && begin >= end;
+}
+
+enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_octree *octree,
                                  struct umbb_bake_figures *figures, struct umb_error *error)
 {
+    struct umbb_analysis *analysis = job->analysis;
+    const struct umbb_options *options = job->options;
     const uint32_t count = analysis->frustum_count;
-    struct series series = {.options = options, .memory = memory};
+    struct series series = {.job = job, .options = options, .memory = job->memory};
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
-    umb_pool_init(&series.pool, NULL, memory->octree_max_bytes);
+    umb_pool_init(&series.pool, NULL, job->memory->octree_max_bytes);
+    const uint64_t tiles = options->only_given ? options->only_last - options->only_first + 1
+                                               : umbb_tile_count(analysis, job->memory->tile_log2);
     umbb_progress_start(&series.progress, stderr, options->quiet, "Mtexel",
-                        (uint64_t)count << (2 * options->resolution_log2));
+                        tiles << (2 * job->memory->tile_log2));
     enum umb_status status =
         roots != NULL && levels != NULL
             ? UMB_OK
             : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u roots refused", count);
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        status = umbb_analysis_to_world(analysis, view, error);
+        if (is_unwanted(&series, i)) {
+            continue;
+        }
+        status = umbb_analysis_to_world(analysis, job->view, error);
         if (status == UMB_OK) {
             levels[i] = analysis->frusta[i].log2_size;
-            status = bake_frustum(&series, analysis, i, &roots[i], error);
+            status = bake_frustum(&series, i, &roots[i], error);
         }
     }
     umbb_progress_end(&series.progress);
-    if (status == UMB_OK) {
+    if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
         status = umb_pool_take(&series.pool, roots, levels, count, octree, error);
     }
     umb_pool_finish(&series.pool);

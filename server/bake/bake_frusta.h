@@ -8,18 +8,31 @@
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
 #include "bake/memory_plan.h"
+#include "bake/tiles/tile_keeping.h"
+
+/* What is to be baked. */
+struct umbb_frusta_job {
+    struct umbb_analysis *analysis; /* its corners end up in some voxel space */
+    const struct umbs_scene_view *view;
+    const struct umbb_options *options;
+    const struct umbb_memory_plan *memory; /* as divided for these options */
+    struct umbb_tile_keeping *keeping;     /* NULL: no tile is kept or found */
+};
+
+/* Tiles of all frusta together; frustum by frustum, row by row is how they are numbered. */
+uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log2);
 
 /*
  * Bakes.
  *
- * In:    analysis: its corners end up in some voxel space. memory: as divided for these options.
- * Out:   octree: canonical, a root for each frustum; the caller finishes it. figures: sums.
- * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree).
+ * Out:   octree: canonical, a root for each frustum; the caller finishes it. With task tile it
+ *        stays empty: the results are with `keeping`. figures: sums.
+ * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the keeper says
+ *        (tile_keeping.h).
  */
-UMB_CHECKED enum umb_status
-umbb_bake_frusta(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
-                 const struct umbb_options *options, const struct umbb_memory_plan *memory,
-                 struct umb_octree *octree, struct umbb_bake_figures *figures,
-                 struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
+                                             struct umb_octree *octree,
+                                             struct umbb_bake_figures *figures,
+                                             struct umb_error *error);
 
 #endif

@@ -13,6 +13,8 @@
 const char umbb_options_help[] =
     "umbrage-bake SCENE -o OUT.umb [options]     bake the shadows of a scene\n"
     "umbrage-bake SCENE --plan [options]         print what would be baked and why; write nothing\n"
+    "umbrage-bake tile SCENE -o DIR [options]    bake tiles and leave their results in a folder\n"
+    "umbrage-bake merge SCENE --from DIR -o OUT.umb [options]    make the asset of such tiles\n"
     "umbrage-bake doctor [--json]                check this machine and the importer's sandbox\n"
     "\n"
     "SCENE is a glTF, GLB, OBJ, PLY or STL file.\n"
@@ -41,6 +43,15 @@ const char umbb_options_help[] =
     "  --threads N            1 to 256 (the processors there are)\n"
     "  --memory SIZE          stay within this, for example 900MiB (4GiB)\n"
     "  --tile N               texels a side baked at a time, a power of two from 64 (4096)\n"
+    "  --cache DIR            keep the results of tiles in this folder and use those that are "
+    "there:\n"
+    "                         a bake that was killed goes on where it was, and after an edit only\n"
+    "                         tiles that the edit reaches are baked\n"
+    "  --cache-size SIZE      remove what was not used for longest beyond this (10GiB)\n"
+    "  --only I | I-J         with tile: only tile I, or tiles I to J, of those that --plan "
+    "counts,\n"
+    "                         from 0 on (all)\n"
+    "  --from DIR             with merge: the folder that tile wrote to\n"
     "  --depth auto|embree|raster   how depth is found; all give the same bits (auto: raster)\n"
     "  --verify N             compare N points with traced rays before publishing; 0 = off "
     "(1000000)\n"
@@ -51,12 +62,19 @@ const char umbb_options_help[] =
     "  --version\n"
     "\n"
     "The output appears only when it is complete and has passed the comparison. An interrupt\n"
-    "(SIGINT, SIGTERM) leaves the old file as it was and ends with 75.\n"
+    "(SIGINT, SIGTERM, SIGQUIT) leaves the old file as it was and ends with 75.\n"
+    "\n"
+    "tile and merge are units of work for any number of machines that share a folder: the same\n"
+    "scene and options make the same tiles, under names that are hashes of what they depend on,\n"
+    "and merging them makes the same asset as one bake. A tile that is there already is left\n"
+    "alone; a merge that misses a tile, or finds one damaged, ends with 75 and names it.\n"
     "\n"
     "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer,\n"
     "70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary: "
     "over\n"
-    "--memory, out of memory, or interrupted.\n";
+    "--memory, out of memory, a tile missing, or interrupted.\n";
+
+#define SIZE_LARGEST ((uint64_t)1 << 50)
 
 /* log2 of a power of two between 2^low and 2^high; -1 for anything else. */
 static int read_power(const char *text, uint32_t low, uint32_t high)
@@ -178,8 +196,8 @@ static enum umb_status set_threads(struct umbb_options *o, const char *option, c
     return UMB_OK;
 }
 
-static enum umb_status set_memory(struct umbb_options *o, const char *option, const char *value,
-                                  struct umb_error *error)
+/* A number of bytes with or without a unit; 0 if it is none or too large. */
+static uint64_t read_size(const char *value)
 {
     static const struct {
         const char *suffix;
@@ -191,15 +209,73 @@ static enum umb_status set_memory(struct umbb_options *o, const char *option, co
         for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
             if (strcmp(rest, units[i].suffix) == 0 && count <= UINT64_MAX >> units[i].shift) {
                 count <<= units[i].shift;
-                if (count >= (uint64_t)16 << 20 && count <= (uint64_t)1 << 50) {
-                    o->memory_bytes = count;
-                    return UMB_OK;
-                }
+                return count <= SIZE_LARGEST ? count : 0;
             }
         }
     }
-    return umbb_option_refuse(error, option, value,
-                              "a size in bytes, KiB, MiB, GiB or TiB from 16MiB to 1024TiB");
+    return 0;
+}
+
+static enum umb_status set_memory(struct umbb_options *o, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    const uint64_t bytes = read_size(value);
+    if (bytes < (uint64_t)16 << 20) {
+        return umbb_option_refuse(error, option, value,
+                                  "a size in bytes, KiB, MiB, GiB or TiB from 16MiB to 1024TiB");
+    }
+    o->memory_bytes = bytes;
+    return UMB_OK;
+}
+
+static enum umb_status set_cache_size(struct umbb_options *o, const char *option, const char *value,
+                                      struct umb_error *error)
+{
+    const uint64_t bytes = read_size(value);
+    if (bytes < (uint64_t)1 << 20) {
+        return umbb_option_refuse(error, option, value,
+                                  "a size in bytes, KiB, MiB, GiB or TiB from 1MiB to 1024TiB");
+    }
+    o->cache_bytes = bytes;
+    return UMB_OK;
+}
+
+static enum umb_status set_folder(const char **folder, const char *option, const char *value,
+                                  struct umb_error *error)
+{
+    if (value[0] == '\0') {
+        return umbb_option_refuse(error, option, value, "a folder");
+    }
+    *folder = value;
+    return UMB_OK;
+}
+
+static enum umb_status set_cache(struct umbb_options *o, const char *option, const char *value,
+                                 struct umb_error *error)
+{
+    return set_folder(&o->cache, option, value, error);
+}
+
+static enum umb_status set_from(struct umbb_options *o, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    return set_folder(&o->from, option, value, error);
+}
+
+static enum umb_status set_only(struct umbb_options *o, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    const char *rest;
+    int good = umbb_option_count(value, &rest, &o->only_first);
+    o->only_last = o->only_first;
+    if (good && *rest == '-') {
+        good = umbb_option_count(rest + 1, &rest, &o->only_last);
+    }
+    if (!good || *rest != '\0' || o->only_last < o->only_first) {
+        return umbb_option_refuse(error, option, value, "a tile's number, or two as 0-15");
+    }
+    o->only_given = 1;
+    return UMB_OK;
 }
 
 static enum umb_status set_tile(struct umbb_options *o, const char *option, const char *value,
@@ -260,6 +336,10 @@ static const struct {
     {"--closed", set_closed},
     {"--threads", set_threads},
     {"--memory", set_memory},
+    {"--cache", set_cache},
+    {"--cache-size", set_cache_size},
+    {"--from", set_from},
+    {"--only", set_only},
     {"--tile", set_tile},
     {"--depth", set_depth},
     {"--verify", set_verify},
@@ -322,6 +402,24 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
     if (o->scene == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "SCENE: no scene file given; see --help");
     }
+    if (o->task == UMBB_TASK_MERGE && o->from == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--from: no folder of tiles given");
+    }
+    if (o->task != UMBB_TASK_MERGE && o->from != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--from: only umbrage-bake merge takes it");
+    }
+    if (o->task != UMBB_TASK_TILE && o->only_given) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--only: only umbrage-bake tile takes it");
+    }
+    if (o->task != UMBB_TASK_BAKE && o->cache != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--cache: the folder of tiles is one already (-o, --from)");
+    }
+    if ((o->task != UMBB_TASK_BAKE || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--depth: 'embree' cannot tell which triangles reach a tile, so that its "
+                        "tiles cannot be kept (auto, raster)");
+    }
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
     }
@@ -333,6 +431,22 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
         o->tile_log2 = o->resolution_log2;
     }
     return UMB_OK;
+}
+
+/* Reads the task; returns how many words that took. */
+static int take_task(struct umbb_options *options, int argc, char *const argv[])
+{
+    static const struct {
+        const char *name;
+        enum umbb_task task;
+    } tasks[] = {{"tile", UMBB_TASK_TILE}, {"merge", UMBB_TASK_MERGE}};
+    for (size_t i = 0; argc > 1 && i < sizeof tasks / sizeof tasks[0]; i++) {
+        if (strcmp(argv[1], tasks[i].name) == 0) {
+            options->task = tasks[i].task;
+            return 1;
+        }
+    }
+    return 0;
 }
 
 enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_options *options,
@@ -347,9 +461,10 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
         .memory_bytes = (uint64_t)4 << 30,
         .tile_log2 = 12,
         .verify_points = 1000000,
+        .cache_bytes = (uint64_t)10 << 30,
     };
     int only_names = 0; /* after -- */
-    for (int at = 1; at < argc; at++) {
+    for (int at = 1 + take_task(options, argc, argv); at < argc; at++) {
         const char *word = argv[at];
         if (!only_names && strcmp(word, "--") == 0) {
             only_names = 1;

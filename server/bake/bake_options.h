@@ -29,6 +29,13 @@ enum umbb_up_axis {
     UMBB_UP_Z = 2,
 };
 
+/* What is to be done. */
+enum umbb_task {
+    UMBB_TASK_BAKE = 0,
+    UMBB_TASK_TILE = 1,  /* `tile`: results of tiles into a folder */
+    UMBB_TASK_MERGE = 2, /* `merge`: an asset from a folder of such results */
+};
+
 #define UMBB_RESOLUTION_LOG2_MIN 6U
 #define UMBB_RESOLUTION_LOG2_MAX 18U
 #define UMBB_TILE_LOG2_MIN       6U
@@ -37,8 +44,14 @@ enum umbb_up_axis {
 #define UMBB_VERIFY_POINTS_MAX   1000000000U
 
 struct umbb_options {
-    const char *scene;  /* borrowed from argv */
-    const char *output; /* NULL with plan */
+    enum umbb_task task;
+    const char *scene;    /* borrowed from argv */
+    const char *output;   /* a folder with task tile; NULL with plan */
+    const char *cache;    /* folder of tile results to use and fill, or NULL */
+    const char *from;     /* task merge: folder of the tile results */
+    uint64_t cache_bytes; /* that the cache may take */
+    int only_given;       /* task tile: only tiles only_first .. only_last */
+    uint64_t only_first, only_last;
     uint32_t resolution_log2;
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
@@ -53,7 +66,7 @@ struct umbb_options {
 };
 
 /*
- * Reads argv[1..].
+ * Reads argv[1..]. argv[1] may name the task: tile, merge.
  *
  * Out:   options: complete; with help or version nothing else need be there.
  * Fails: E_ARGUMENT.

@@ -33,6 +33,11 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
         fprintf(to, ", %llu", (unsigned long long)r->publish->info.level_nodes[level]);
     }
     fprintf(to, "\n");
+    if (r->options->cache != NULL) {
+        fprintf(to, "tiles       %llu of %u texels a side, %llu of them from the cache\n",
+                (unsigned long long)r->figures.tiles, 1U << r->tile_log2,
+                (unsigned long long)r->figures.tiles_found);
+    }
     fprintf(to,
             "seconds     %.2f: import %.2f, analysis %.2f, bake %.2f, write %.2f, verify %.2f\n",
             r->seconds_total, r->seconds_import, r->seconds_analysis, r->seconds_bake,
@@ -81,11 +86,14 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
                 (unsigned long long)info->level_nodes[level]);
     }
     fprintf(to,
-            "},\"texels\":%llu,\"tile\":%u,\"depth\":\"%s\",\"seconds\":{\"import\":%.6f,"
+            "},\"texels\":%llu,\"tile\":%u,\"tiles\":%llu,\"tiles_found\":%llu,"
+            "\"tiles_damaged\":%llu,\"depth\":\"%s\",\"seconds\":{\"import\":%.6f,"
             "\"analysis\":%.6f,\"bake\":%.6f,\"depth_wait\":%.6f,\"build\":%.6f,\"write\":%.6f,"
             "\"verify\":%.6f,\"total\":%.6f},",
-            (unsigned long long)r->figures.texels, 1U << r->tile_log2, r->depth_path,
-            r->seconds_import, r->seconds_analysis, r->seconds_bake, r->figures.seconds_depth,
+            (unsigned long long)r->figures.texels, 1U << r->tile_log2,
+            (unsigned long long)r->figures.tiles, (unsigned long long)r->figures.tiles_found,
+            (unsigned long long)r->damaged_tiles, r->depth_path, r->seconds_import,
+            r->seconds_analysis, r->seconds_bake, r->figures.seconds_depth,
             r->figures.seconds_build, r->seconds_write, r->seconds_verify, r->seconds_total);
     fprintf(to,
             "\"verify\":{\"points\":%llu,\"near_boundary\":%llu,\"skipped_inside\":%llu,"
@@ -93,4 +101,25 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
             (unsigned long long)v->points, (unsigned long long)v->near_boundary,
             (unsigned long long)v->skipped_inside, (unsigned long long)v->inside_band,
             (unsigned long long)v->outside_band);
+}
+
+void umbb_report_print_tiles(FILE *to, const struct umbb_report *r)
+{
+    const unsigned long long tiles = r->figures.tiles, found = r->figures.tiles_found;
+    const unsigned long long first = r->options->only_given ? r->options->only_first : 0;
+    if (r->options->json) {
+        fprintf(to, "{\"output\":");
+        umbs_json_text(to, r->options->output);
+        fprintf(to,
+                ",\"tile\":%u,\"first\":%llu,\"tiles\":%llu,\"tiles_found\":%llu,"
+                "\"tiles_damaged\":%llu,\"seconds\":{\"import\":%.6f,\"analysis\":%.6f,"
+                "\"bake\":%.6f,\"total\":%.6f}}\n",
+                1U << r->tile_log2, first, tiles, found, (unsigned long long)r->damaged_tiles,
+                r->seconds_import, r->seconds_analysis, r->seconds_bake, r->seconds_total);
+    } else if (!r->options->quiet) {
+        fprintf(to, "tiles       %llu to %llu of %u texels a side: %llu baked, %llu were there\n",
+                first, first + tiles - 1, 1U << r->tile_log2, tiles - found, found);
+        fprintf(to, "seconds     %.2f: import %.2f, analysis %.2f, bake %.2f\n", r->seconds_total,
+                r->seconds_import, r->seconds_analysis, r->seconds_bake);
+    }
 }

@@ -13,6 +13,7 @@ struct umbb_report {
     const struct umbb_publish *publish;
     struct umbb_bake_figures figures;
     uint32_t tile_log2;
+    uint64_t damaged_tiles; /* found in the cache, removed and baked again */
     const char *depth_path;
     double seconds_import, seconds_analysis, seconds_bake, seconds_write, seconds_verify;
     double seconds_total;
@@ -20,5 +21,8 @@ struct umbb_report {
 
 void umbb_report_print(FILE *to, const struct umbb_report *report);
 void umbb_report_print_json(FILE *to, const struct umbb_report *report);
+
+/* What task tile tells, in either form. */
+void umbb_report_print_tiles(FILE *to, const struct umbb_report *report);
 
 #endif

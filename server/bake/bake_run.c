@@ -30,7 +30,8 @@ struct run {
     struct umb_octree octree;
     struct umbb_publish publish;
     struct umbb_report report;
-    uint64_t check_max_bytes; /* for the asset while it is checked */
+    struct umbb_tile_keeping keeping; /* where tiles are kept; folder of its cache NULL: nowhere */
+    uint64_t check_max_bytes;         /* for the asset while it is checked */
     double start_s;
 };
 
@@ -54,7 +55,9 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
         scene.st_ino == output.st_ino) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: '%.200s' is the scene itself", options->output);
     }
-    return options->plan ? UMB_OK : umbs_file_check(options->output, error);
+    return options->plan || options->task == UMBB_TASK_TILE
+               ? UMB_OK
+               : umbs_file_check(options->output, error);
 }
 
 static enum umb_status import_and_analyse(struct run *run, struct umb_error *error)
@@ -95,6 +98,47 @@ static int sees_from_a_point(const struct umbb_analysis *analysis)
     return found;
 }
 
+/* Opens the folder of tiles that the options name, if any. */
+static enum umb_status open_keeping(struct run *run, struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    enum umb_status status = UMB_OK;
+    if (o->task == UMBB_TASK_TILE) {
+        status =
+            umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_TILE, o->output, UINT64_MAX, error);
+    } else if (o->task == UMBB_TASK_MERGE) {
+        status =
+            umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_MERGE, o->from, UINT64_MAX, error);
+    } else if (o->cache != NULL) {
+        status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_CACHE, o->cache, o->cache_bytes,
+                                        error);
+    }
+    run->keeping.quiet = o->quiet;
+    return status;
+}
+
+/* Tiles that several machines are to share must be the same everywhere: the size asked for, and
+ * numbers that exist. */
+static enum umb_status check_tiles(const struct run *run, const struct umbb_memory_plan *memory,
+                                   struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    if (o->task != UMBB_TASK_BAKE && memory->tile_log2 != o->tile_log2) {
+        return umb_fail(
+            error, UMB_E_LIMIT,
+            "--memory: %llu MiB are not enough for tiles of %u: give more, or --tile %u "
+            "to tile and merge alike",
+            (unsigned long long)(o->memory_bytes >> 20), 1U << o->tile_log2,
+            1U << memory->tile_log2);
+    }
+    const uint64_t count = umbb_tile_count(&run->analysis, memory->tile_log2);
+    if (o->only_given && o->only_last >= count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--only: '%llu': there are tiles 0 to %llu",
+                        (unsigned long long)o->only_last, (unsigned long long)count - 1);
+    }
+    return UMB_OK;
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -111,6 +155,12 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     };
     struct umbb_memory_plan memory;
     enum umb_status status = umbb_memory_divide(&input, &memory, error);
+    if (status == UMB_OK) {
+        status = check_tiles(run, &memory, error);
+    }
+    if (status == UMB_OK) {
+        status = open_keeping(run, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
@@ -118,9 +168,20 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbb_clock_s();
     run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE ? "embree" : "raster";
-    status = umbb_bake_frusta(&run->analysis, &run->scene->view, o, &memory, &run->octree,
-                              &run->report.figures, error);
+    const struct umbb_frusta_job job = {
+        .analysis = &run->analysis,
+        .view = &run->scene->view,
+        .options = o,
+        .memory = &memory,
+        .keeping = run->keeping.cache.folder != NULL ? &run->keeping : NULL,
+    };
+    status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
     run->report.seconds_bake = umbb_clock_s() - start;
+    if (status == UMB_E_CANCELLED && job.keeping != NULL && o->task != UMBB_TASK_MERGE) {
+        return umb_fail(error, status,
+                        "interrupted: no asset was written; tiles that were done stay in '%.200s'",
+                        run->keeping.cache.folder);
+    }
     return status;
 }
 
@@ -209,13 +270,23 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     return status;
 }
 
+/* Bakes tiles for a merge elsewhere. */
+static enum umb_status bake_tiles(struct run *run, struct umb_error *error)
+{
+    umbb_interrupt_defer();
+    return bake(run, error);
+}
+
 static void print_report(struct run *run)
 {
     run->report.options = run->options;
     run->report.analysis = &run->analysis;
     run->report.publish = &run->publish;
+    run->report.damaged_tiles = run->keeping.cache.damaged;
     run->report.seconds_total = umbb_clock_s() - run->start_s;
-    if (run->options->json) {
+    if (run->options->task == UMBB_TASK_TILE) {
+        umbb_report_print_tiles(stdout, &run->report);
+    } else if (run->options->json) {
         umbb_report_print_json(stdout, &run->report);
     } else if (!run->options->quiet) {
         umbb_report_print(stdout, &run->report);
@@ -231,13 +302,15 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
         status = import_and_analyse(&run, error);
     }
     if (status == UMB_OK && options->plan) {
+        const uint64_t tiles = umbb_tile_count(&run.analysis, options->tile_log2);
         if (options->json) {
-            umbb_plan_print_json(stdout, &run.analysis, &run.scene->view, run.plan);
+            umbb_plan_print_json(stdout, &run.analysis, &run.scene->view, run.plan, tiles);
         } else {
-            umbb_plan_print(stdout, &run.analysis, &run.scene->view, run.plan);
+            umbb_plan_print(stdout, &run.analysis, &run.scene->view, run.plan, tiles);
         }
     } else if (status == UMB_OK) {
-        status = bake_and_publish(&run, error);
+        status = options->task == UMBB_TASK_TILE ? bake_tiles(&run, error)
+                                                 : bake_and_publish(&run, error);
         if (status == UMB_OK) {
             print_report(&run);
         }
@@ -247,6 +320,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     }
     umbb_publish_abandon(&run.publish);
     umb_octree_finish(&run.octree);
+    umbb_tile_keeping_close(&run.keeping);
     free(run.plan);
     free(run.settings);
     umbb_analysis_finish(&run.analysis);

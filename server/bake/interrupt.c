@@ -42,7 +42,7 @@ static void handle(int number)
 
 void umbb_interrupt_install(void)
 {
-    static const int caught_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
+    static const int caught_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGXCPU};
     struct sigaction action, before;
     atomic_store(&exit_code, umb_status_exit(UMB_E_CANCELLED));
     memset(&action, 0, sizeof action);

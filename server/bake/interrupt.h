@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_INTERRUPT_H
 #define UMBRAGE_SERVER_BAKE_INTERRUPT_H
 /*
- * SIGINT, SIGTERM, SIGHUP and SIGXCPU (the limit of CPU time) end a bake in order, with the exit
- * code of E_CANCELLED. While there is nothing to clean up they do so at once; from
+ * SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGXCPU (the limit of CPU time) end a bake in order, with
+ * the exit code of E_CANCELLED. While there is nothing to clean up they do so at once; from
  * umbb_interrupt_defer on they set a flag that long work looks at, so that the temporary file goes.
  * Another signal more than a second later ends the process as usual.
  * A signal that was ignored when the program started (nohup) stays so.

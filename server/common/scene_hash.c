@@ -11,58 +11,12 @@
 #include <string.h>
 
 #include "common/scene_flatten.h"
-#include "common/sha256.h"
+#include "common/sha256_chain.h"
 
-#define BLOCK_BYTES ((size_t)18432) /* of a chain: 256 triangles */
-#define PART        64U             /* triangles flattened at a time */
+#define PART 64U /* triangles flattened at a time */
 
 /* First part of every scene hash; a change of what is hashed changes it. */
 static const char hash_domain[16] = "umbrage scene 2";
-
-/* Digest of any amount of data: each block of equal size is hashed with the digest before it. */
-struct chain {
-    uint8_t digest[UMB_ID_BYTES];
-    size_t used;
-    uint8_t block[BLOCK_BYTES];
-};
-
-static void digest(const void *const *parts, const size_t *sizes, size_t count,
-                   uint8_t out[UMB_ID_BYTES])
-{
-    umbs_sha256.digest(umbs_sha256.user, parts, sizes, count, out);
-}
-
-static void chain_init(struct chain *chain)
-{
-    memset(chain->digest, 0, sizeof chain->digest);
-    chain->used = 0;
-}
-
-/* Takes in what the block holds; at the end for the last time. */
-static void chain_flush(struct chain *chain)
-{
-    const void *const parts[] = {chain->digest, chain->block};
-    const size_t sizes[] = {sizeof chain->digest, chain->used};
-    uint8_t next[UMB_ID_BYTES];
-    digest(parts, sizes, 2, next);
-    memcpy(chain->digest, next, sizeof next);
-    chain->used = 0;
-}
-
-static void chain_add(struct chain *chain, const void *bytes, size_t count)
-{
-    const uint8_t *from = bytes;
-    while (count > 0) {
-        const size_t room = BLOCK_BYTES - chain->used, part = count < room ? count : room;
-        memcpy(chain->block + chain->used, from, part);
-        chain->used += part;
-        from += part;
-        count -= part;
-        if (chain->used == BLOCK_BYTES) {
-            chain_flush(chain);
-        }
-    }
-}
 
 /* What of a material can change a shadow: not its name, nor values that its mode makes idle. */
 struct surface {
@@ -86,9 +40,9 @@ static struct surface surface_of(const struct umbs_scene_view *view, uint32_t ma
 
 static void hash_corners(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
 {
-    struct chain chain;
+    struct umbs_chain chain;
     double corners[PART][3][3];
-    chain_init(&chain);
+    umbs_chain_init(&chain);
     for (uint32_t i = 0; i < view->instance_count; i++) {
         const struct umbs_instance *instance = &view->instances[i];
         const uint32_t total = view->meshes[instance->mesh].triangle_count;
@@ -98,27 +52,26 @@ static void hash_corners(const struct umbs_scene_view *view, uint8_t out[UMB_ID_
             for (size_t k = 0; k < (size_t)9 * count; k++) {
                 corners[k / 9][k / 3 % 3][k % 3] += 0.0; /* -0 becomes 0 */
             }
-            chain_add(&chain, corners, count * sizeof corners[0]);
+            umbs_chain_add(&chain, corners, count * sizeof corners[0]);
         }
     }
-    chain_flush(&chain);
-    memcpy(out, chain.digest, UMB_ID_BYTES);
+    umbs_chain_end(&chain, out);
 }
 
 /* Where the surface changes along the triangles, and the texture coordinates of those that are read
  * through them. */
 static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
 {
-    struct chain chain;
+    struct umbs_chain chain;
     struct surface before = surface_of(view, UMBS_NO_INDEX);
     uint64_t number = 0;
-    chain_init(&chain);
+    umbs_chain_init(&chain);
     for (uint32_t i = 0; i < view->instance_count; i++) {
         const struct umbs_mesh *mesh = &view->meshes[view->instances[i].mesh];
         const struct surface surface = surface_of(view, mesh->material);
         if (mesh->triangle_count > 0 && memcmp(&surface, &before, sizeof surface) != 0) {
-            chain_add(&chain, &number, sizeof number);
-            chain_add(&chain, &surface, sizeof surface);
+            umbs_chain_add(&chain, &number, sizeof number);
+            umbs_chain_add(&chain, &surface, sizeof surface);
             before = surface;
         }
         number += mesh->triangle_count;
@@ -127,26 +80,25 @@ static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID
         }
         for (size_t k = 0; k < (size_t)3 * mesh->triangle_count; k++) {
             const uint32_t vertex = view->triangles[mesh->first_triangle + k / 3][k % 3];
-            chain_add(&chain, view->uvs[(size_t)mesh->first_vertex + vertex], sizeof view->uvs[0]);
+            umbs_chain_add(&chain, view->uvs[(size_t)mesh->first_vertex + vertex],
+                           sizeof view->uvs[0]);
         }
     }
-    chain_flush(&chain);
-    memcpy(out, chain.digest, UMB_ID_BYTES);
+    umbs_chain_end(&chain, out);
 }
 
 /* The textures' shapes; their names are names of files. */
 static void hash_textures(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
 {
-    struct chain chain;
-    chain_init(&chain);
+    struct umbs_chain chain;
+    umbs_chain_init(&chain);
     for (uint32_t i = 0; i < view->texture_count; i++) {
         const struct umbs_texture *texture = &view->textures[i];
         const uint64_t shape[5] = {texture->width, texture->height, texture->offset,
                                    texture->wrap_s, texture->wrap_t};
-        chain_add(&chain, shape, sizeof shape);
+        umbs_chain_add(&chain, shape, sizeof shape);
     }
-    chain_flush(&chain);
-    memcpy(out, chain.digest, UMB_ID_BYTES);
+    umbs_chain_end(&chain, out);
 }
 
 void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYTES])
@@ -163,5 +115,5 @@ void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYT
                             sizeof corners,           sizeof surfaces,
                             sizeof textures,          view->light_count * sizeof(struct umbs_light),
                             (size_t)view->alpha_bytes};
-    digest(parts, sizes, sizeof parts / sizeof parts[0], hash);
+    umbs_sha256.digest(umbs_sha256.user, parts, sizes, sizeof parts / sizeof parts[0], hash);
 }

@@ -10,9 +10,6 @@
 #include "bake/print_text.h"
 #include "common/json_text.h"
 
-/* Changes when equal settings would give other voxels. */
-#define BAKE_VERSION 1
-
 /* Share of a float's significand: what a coordinate in floats may be off. */
 #define FLOAT_HALF_STEP 0x1p-24
 
@@ -191,7 +188,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     if (to == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "settings: memory refused");
     }
-    fprintf(to, "bake=%d\n", BAKE_VERSION);
+    fprintf(to, "bake=%d\n", UMBB_BAKE_VERSION);
     fprintf(to, "closed=%s\n", closed_name(options->closed));
     for (uint32_t i = 0; i < analysis->choice.count; i++) {
         const struct umb_light_info *light = &analysis->choice.lights[i];
@@ -231,7 +228,7 @@ static void print_light(FILE *to, const struct umbb_analysis *a, const struct um
 }
 
 void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_scene_view *view,
-                     const char *plan)
+                     const char *plan, uint64_t tiles)
 {
     const struct umb_box *b = &a->bounds;
     fprintf(to, "triangles=%zu degenerate=%zu duplicate=%zu unusable_faces=%u\n", a->count,
@@ -241,7 +238,8 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_
     fprintf(to, "bounds=%.9g,%.9g,%.9g..%.9g,%.9g,%.9g\n", b->min[0], b->min[1], b->min[2],
             b->max[0], b->max[1], b->max[2]);
     fprintf(to, "origin=%.17g,%.17g,%.17g\n", a->origin[0], a->origin[1], a->origin[2]);
-    fprintf(to, "resolution=%u\n", 1U << a->frusta[0].log2_size);
+    fprintf(to, "resolution=%u tiles=%llu\n", 1U << a->frusta[0].log2_size,
+            (unsigned long long)tiles);
     for (uint32_t i = 0; i < a->choice.count; i++) {
         print_light(to, a, &a->choice.lights[i]);
     }
@@ -265,7 +263,7 @@ void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint3
 }
 
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
-                          const struct umbs_scene_view *view, const char *plan)
+                          const struct umbs_scene_view *view, const char *plan, uint64_t tiles)
 {
     const struct umb_box *b = &a->bounds;
     fprintf(to,
@@ -279,8 +277,11 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     umbb_lights_print_json(to, a->choice.lights, a->choice.count);
     double edges[3];
     umb_frustum_voxel_edges(&a->frusta[0], edges);
-    fprintf(to, ",\"frusta\":%u,\"resolution\":%u,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
-            a->frustum_count, 1U << a->frusta[0].log2_size, edges[0], edges[1], edges[2]);
+    fprintf(
+        to,
+        ",\"frusta\":%u,\"resolution\":%u,\"tiles\":%llu,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
+        a->frustum_count, 1U << a->frusta[0].log2_size, (unsigned long long)tiles, edges[0],
+        edges[1], edges[2]);
     for (const char *line = plan; *line != '\0';) {
         const size_t length = strcspn(line, "\n");
         fputs(line == plan ? "" : ",", to);

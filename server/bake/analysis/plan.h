@@ -8,6 +8,10 @@
 #include <stdio.h>
 #include "bake/analysis/analysis.h"
 
+/* Changes when equal settings would give other voxels, undefined ones included: in every asset, and
+ * in the keys of tile results. */
+#define UMBB_BAKE_VERSION 1
+
 /*
  * One line an effect that the scene calls for or that was overruled:
  * effect=NAME state=on|off reason="..." cost="...".
@@ -26,9 +30,9 @@ UMB_CHECKED enum umb_status umbb_settings_text(const struct umbb_analysis *analy
                                                const struct umbb_options *options, char **text,
                                                struct umb_error *error);
 
-/* Prints what the scene holds, one key=value a line, then the plan. */
+/* Prints what the scene holds, one key=value a line, then the plan. In: tiles: of all frusta. */
 void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
-                     const struct umbs_scene_view *view, const char *plan);
+                     const struct umbs_scene_view *view, const char *plan, uint64_t tiles);
 
 /* Prints "lights":[...], an object a light: name, kind, direction, and for spot and point lights
  * position; extent in radians or metres. */
@@ -36,6 +40,6 @@ void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint3
 
 /* The same as umbb_plan_print as one JSON object. */
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *analysis,
-                          const struct umbs_scene_view *view, const char *plan);
+                          const struct umbs_scene_view *view, const char *plan, uint64_t tiles);
 
 #endif

@@ -54,9 +54,8 @@ enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *fro
     return UMB_OK;
 }
 
-/* Appends nodes up to z_end; joins them with the run before, if that is the column's and equal. */
-static enum umb_status push_run(struct umbb_runs *runs, size_t column_first, uint32_t z_end,
-                                uint32_t ref, struct umb_error *error)
+enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first, uint32_t z_end,
+                               uint32_t ref, struct umb_error *error)
 {
     if (runs->count > column_first && runs->items[runs->count - 1].ref == ref) {
         runs->items[runs->count - 1].z_end = z_end;
@@ -145,7 +144,7 @@ enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
         next = next < column->mixed_end ? next : column->mixed_end;
         enum umb_status status = umb_pool_node(pool, level, children, &ref, error);
         if (status == UMB_OK) {
-            status = push_run(runs, first, next, ref, error);
+            status = umbb_runs_push(runs, first, next, ref, error);
         }
         if (status != UMB_OK) {
             return status;
@@ -216,7 +215,7 @@ static enum umb_status brick_column(struct walk *walk, size_t block, struct umbb
         uint32_t ref;
         enum umb_status status = build_brick(walk, lit, end, z, &ref);
         if (status == UMB_OK) {
-            status = push_run(walk->runs, column->run_first, next, ref, walk->error);
+            status = umbb_runs_push(walk->runs, column->run_first, next, ref, walk->error);
         }
         if (status != UMB_OK) {
             return status;

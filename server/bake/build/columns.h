@@ -44,6 +44,11 @@ void umbb_runs_finish(struct umbb_runs *runs);
 UMB_CHECKED enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
                                            struct umbb_column *column, struct umb_error *error);
 
+/* Appends nodes up to z_end to the column whose runs start at column_first; joins them with its
+ * last run if that is equal. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first,
+                                           uint32_t z_end, uint32_t ref, struct umb_error *error);
+
 /* The bounds of a column's mixed range from the pyramid's values. */
 struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit, int32_t min_end);
 

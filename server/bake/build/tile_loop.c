@@ -23,7 +23,7 @@ struct grid_level {
 struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
-    struct umb_pool *pool;                     /* shared by all frusta */
+    struct umb_pool *pool; /* shared by all frusta */
     struct umbb_jobs *jobs;
     struct umbb_tile tiles[2];
     struct umbb_runs runs;                     /* working stack */
@@ -31,8 +31,11 @@ struct loop {
     struct umbb_column *columns;               /* [tiles] */
     struct grid_level grid[UMB_LEVEL_MAX + 1]; /* levels tile_log2 .. log2_size */
     atomic_uint_fast64_t texels_done;
-    atomic_int failed; /* blocks not yet begun are left out */
-    int busy_slot;     /* of the tile whose depth is under way */
+    uint64_t texels_found; /* of tiles that the keeper had */
+    size_t spare_bytes;    /* of what is shared, nobody's yet */
+    atomic_int failed;     /* blocks not yet begun are left out */
+    int only;              /* only some tiles, for the keeper */
+    int busy_slot;         /* of the tile whose depth is under way */
     struct umbb_bake_figures figures;
 };
 
@@ -118,7 +121,8 @@ static void show_progress(void *user)
     struct loop *loop = user;
     if (loop->options->progress != NULL) {
         loop->options->progress(loop->options->progress_user,
-                                atomic_load_explicit(&loop->texels_done, memory_order_relaxed));
+                                loop->texels_found +
+                                    atomic_load_explicit(&loop->texels_done, memory_order_relaxed));
     }
 }
 
@@ -142,17 +146,28 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
     const size_t lists = loop->depth->allow(loop->depth->state, limit - runs - loop->pool->bytes);
     loop->pool->max_bytes =
         at_most(o->octree_max_bytes, limit - runs - at_most(lists, limit - runs));
+    loop->spare_bytes = loop->pool->max_bytes - at_most(loop->pool->bytes, loop->pool->max_bytes);
     return UMB_OK;
 }
 
-/* Sets the threads to work on a tile's depth. */
-static enum umb_status depth_start(struct loop *loop, uint32_t number, struct umb_error *error)
+static struct umbb_tile_place place_of(const struct loop *loop, uint32_t number)
 {
     const uint32_t n = grid_width(loop->options);
-    const int slot = (int)(number & 1);
+    return (struct umbb_tile_place){
+        .x0 = (int32_t)((number % n) << loop->options->tile_log2),
+        .y0 = (int32_t)((number / n) << loop->options->tile_log2),
+        .number = number,
+    };
+}
+
+/* Sets the threads to work on a tile's depth. */
+static enum umb_status depth_start(struct loop *loop, uint32_t number, int slot,
+                                   struct umb_error *error)
+{
+    const struct umbb_tile_place place = place_of(loop, number);
     struct umbb_tile *tile = &loop->tiles[slot];
-    tile->x0 = (int32_t)((number % n) << loop->options->tile_log2);
-    tile->y0 = (int32_t)((number / n) << loop->options->tile_log2);
+    tile->x0 = place.x0;
+    tile->y0 = place.y0;
     enum umb_status status = share_memory(loop, error);
     if (status == UMB_OK) {
         status = loop->depth->begin(loop->depth->state, slot, tile, error);
@@ -168,29 +183,101 @@ static enum umb_status depth_start(struct loop *loop, uint32_t number, struct um
     return status;
 }
 
-/* Builds a tile's nodes and keeps what the levels above need. */
-static enum umb_status tile_build(struct loop *loop, uint32_t number, struct umb_error *error)
+/* Keeps what the levels above need of a tile. */
+static enum umb_status result_keep(struct loop *loop, uint32_t number,
+                                   const struct umbb_tile_result *result, struct umb_error *error)
 {
-    struct umbb_tile *tile = &loop->tiles[number & 1];
+    const uint32_t level = loop->options->tile_log2;
+    loop->grid[level].max_lit[number] = result->max_lit;
+    loop->grid[level].min_end[number] = result->min_end;
+    loop->columns[number] = result->column;
+    if (loop->only) { /* the levels above are built elsewhere */
+        const struct umb_alloc *alloc = loop->pool->alloc;
+        umb_pool_finish(loop->pool);
+        umb_pool_init(loop->pool, alloc, loop->options->octree_max_bytes);
+        return UMB_OK;
+    }
+    return umbb_runs_keep(&loop->kept, &loop->runs, &loop->columns[number], error);
+}
+
+/* Builds a tile's nodes. */
+static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
+                                  struct umb_error *error)
+{
+    const struct umbb_tile_keeper *keeper = loop->options->keeper;
+    struct umbb_tile *tile = &loop->tiles[slot];
     const uint32_t level = tile->log2_size;
     umbb_tile_pyramid(tile);
-    loop->grid[level].max_lit[number] = tile->max_lit[level][0];
-    loop->grid[level].min_end[number] = tile->min_end[level][0];
-    struct umbb_column *column = &loop->columns[number];
+    struct umbb_tile_result result = {
+        .max_lit = tile->max_lit[level][0],
+        .min_end = tile->min_end[level][0],
+    };
     loop->runs.count = 0;
-    const enum umb_status status =
-        umbb_column_of_tile(loop->pool, tile, &loop->runs, column, error);
+    enum umb_status status =
+        umbb_column_of_tile(loop->pool, tile, &loop->runs, &result.column, error);
+    if (status == UMB_OK && keeper != NULL) {
+        const struct umbb_tile_place place = place_of(loop, number);
+        status = share_memory(loop, error);
+        if (status == UMB_OK) {
+            status = keeper->keep(keeper->user, &place, loop->spare_bytes, loop->pool, &loop->runs,
+                                  &result, error);
+        }
+    }
+    return status == UMB_OK ? result_keep(loop, number, &result, error) : status;
+}
+
+/* Asks the keeper for a tile. */
+static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
+                                 struct umb_error *error)
+{
+    const struct umbb_tile_keeper *keeper = loop->options->keeper;
+    const struct umbb_tile_place place = place_of(loop, number);
+    struct umbb_tile_result result;
+    enum umb_status status = share_memory(loop, error);
     if (status != UMB_OK) {
         return status;
     }
-    return umbb_runs_keep(&loop->kept, &loop->runs, column, error);
+    /* A quarter of what is left for the keeper's work, the rest for what it adds to the pool. */
+    loop->pool->max_bytes -= loop->spare_bytes / 4;
+    loop->runs.count = 0;
+    status = keeper->find(keeper->user, &place, loop->spare_bytes / 4, loop->pool, &loop->runs,
+                          &result, found, error);
+    if (status == UMB_OK && *found) {
+        loop->texels_found += (uint64_t)1 << (2 * loop->options->tile_log2);
+        loop->figures.tiles_found++;
+        status = result_keep(loop, number, &result, error);
+        show_progress(loop);
+    }
+    return status;
+}
+
+/* The first tile from `number` on that the keeper does not have; `end` if it has all. */
+static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
+                                    struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    int found = loop->options->keeper != NULL;
+    while (found && *number < end && status == UMB_OK) {
+        if (is_cancelled(loop)) {
+            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
+        }
+        status = tile_find(loop, *number, &found, error);
+        *number += status == UMB_OK && found;
+    }
+    return status;
 }
 
 static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
 {
-    const uint32_t n = grid_width(loop->options), count = n * n;
-    enum umb_status status = depth_start(loop, 0, error);
-    for (uint32_t number = 0; number < count && status == UMB_OK; number++) {
+    const uint32_t n = grid_width(loop->options);
+    const uint32_t end = loop->only ? loop->options->only_end : n * n;
+    uint32_t number = loop->only ? loop->options->only_first : 0;
+    int slot = 0;
+    enum umb_status status = next_unknown(loop, &number, end, error);
+    if (status == UMB_OK && number < end) {
+        status = depth_start(loop, number, slot, error);
+    }
+    while (number < end && status == UMB_OK) {
         const double start = now_s();
         umbb_jobs_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
@@ -199,12 +286,16 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         if (is_cancelled(loop)) {
             return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
         }
-        if (number + 1 < count) {
-            status = depth_start(loop, number + 1, error);
+        uint32_t next = number + 1;
+        status = next_unknown(loop, &next, end, error);
+        if (status == UMB_OK && next < end) {
+            status = depth_start(loop, next, 1 - slot, error);
         }
         if (status == UMB_OK) {
-            status = tile_build(loop, number, error);
+            status = tile_build(loop, number, slot, error);
         }
+        number = next;
+        slot = 1 - slot;
         loop->figures.seconds_build += now_s() - depth_done;
     }
     atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
@@ -275,20 +366,24 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                uint32_t *root, struct umbb_bake_figures *figures,
                                struct umb_error *error)
 {
-    struct loop loop = {.depth = depth, .options = options, .pool = pool};
+    struct loop loop = {.depth = depth,
+                        .options = options,
+                        .pool = pool,
+                        .only = options->only_end > options->only_first};
     atomic_init(&loop.texels_done, 0);
     atomic_init(&loop.failed, 0);
     enum umb_status status = loop_init(&loop, error);
     if (status == UMB_OK) {
         status = all_tiles(&loop, error);
     }
-    if (status == UMB_OK) {
+    if (status == UMB_OK && !loop.only) {
         const double start = now_s();
         status = build_root(&loop, root, error);
         loop.figures.seconds_build += now_s() - start;
     }
     loop.figures.texels = atomic_load(&loop.texels_done);
-    loop.figures.tiles = (uint64_t)grid_width(options) * grid_width(options);
+    loop.figures.tiles = loop.only ? options->only_end - options->only_first
+                                   : (uint64_t)grid_width(options) * grid_width(options);
     if (figures != NULL) {
         *figures = loop.figures;
     }

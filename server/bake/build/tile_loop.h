@@ -9,13 +9,13 @@
  * column.
  * Equal casters give equal octrees up to numbering, whatever the tile size and threads.
  */
-#include "format/node_pool.h"
-#include "bake/depth/tile.h"
+#include "bake/build/tile_keeper.h"
 
 /* What a bake went through, for the summary. */
 struct umbb_bake_figures {
-    uint64_t texels;
+    uint64_t texels; /* that were looked at: not those of tiles that the keeper had */
     uint64_t tiles;
+    uint64_t tiles_found; /* of these, by the keeper */
     double seconds_depth; /* waiting for depth, building not counted */
     double seconds_build;
     size_t octree_bytes; /* at the end, tables included */
@@ -30,6 +30,10 @@ struct umbb_bake_options {
     /* For the octree, the columns kept for the levels above the tiles, and the depth path's lists
      * of triangles together; 0 = no limit. */
     size_t shared_max_bytes;
+    /* With end above first: only tiles first .. end - 1 are baked, for the keeper; the pool holds
+     * nothing afterwards, and there is no root. */
+    uint32_t only_first, only_end;
+    const struct umbb_tile_keeper *keeper;              /* may be NULL; borrowed */
     int (*cancelled)(void);                             /* may be NULL; from any thread */
     void (*progress)(void *user, uint64_t texels_done); /* may be NULL; from the owner */
     void *progress_user;
@@ -41,8 +45,8 @@ struct umbb_bake_options {
  * In:    depth: created for the same casters, tile size and threads. pool: holds what frusta baked
  *        before have left; its limit is replaced by the options'.
  * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED. The pool then holds more than its
- *        roots reach: give it up.
+ * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the keeper says. The pool then
+ * holds more than its roots reach: give it up.
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            const struct umbb_bake_options *options,

@@ -35,22 +35,29 @@ static size_t perspective_allow(void *state, size_t max_bytes)
     return entry_bytes(&p->tiles) + entry_bytes(&p->blocks[0]) + entry_bytes(&p->blocks[1]);
 }
 
+static const struct umbb_casters *perspective_reach(void *state, int32_t x0, int32_t y0,
+                                                    const uint32_t **list, size_t *count)
+{
+    const struct perspective *p = state;
+    *list = umbb_bins_cell(&p->tiles, p->options.tile_log2, x0, y0, count);
+    return p->casters;
+}
+
 static enum umb_status perspective_begin(void *state, int slot, struct umbb_tile *tile,
                                          struct umb_error *error)
 {
     struct perspective *p = state;
     tile->background = p->casters->size;
     const uint32_t tile_log2 = p->options.tile_log2;
-    const size_t cell =
-        (size_t)(tile->y0 >> tile_log2) * p->tiles.cells_x + (size_t)(tile->x0 >> tile_log2);
-    const uint64_t first = p->tiles.first[cell];
+    size_t count;
+    const uint32_t *list = umbb_bins_cell(&p->tiles, tile_log2, tile->x0, tile->y0, &count);
     const uint32_t block_log2 = tile_log2 < UMBB_BLOCK_LOG2 ? tile_log2 : UMBB_BLOCK_LOG2;
     const size_t others = entry_bytes(&p->tiles) + entry_bytes(&p->blocks[slot == 0 ? 1 : 0]);
     const struct umbb_bins_input input = {
         .max_bytes = p->options.max_bytes > others ? p->options.max_bytes - others : 0,
         .casters = p->casters,
-        .list = p->tiles.entries == NULL ? NULL : p->tiles.entries + first,
-        .count = (size_t)(p->tiles.first[cell + 1] - first),
+        .list = list,
+        .count = count,
         .x0 = tile->x0,
         .y0 = tile->y0,
         .cell_log2 = block_log2,
@@ -188,6 +195,7 @@ enum umb_status umbb_depth_perspective_create(const struct umbb_casters *casters
         .begin = perspective_begin,
         .block = perspective_block,
         .allow = perspective_allow,
+        .reach = perspective_reach,
         .destroy = perspective_destroy,
     };
     return UMB_OK;

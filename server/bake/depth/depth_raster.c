@@ -55,22 +55,30 @@ static size_t raster_allow(void *state, size_t max_bytes)
            entry_bytes(&raster->blocks[1]);
 }
 
+static const struct umbb_casters *raster_reach(void *state, int32_t x0, int32_t y0,
+                                               const uint32_t **list, size_t *count)
+{
+    const struct raster *raster = state;
+    *list = umbb_bins_cell(&raster->tiles, raster->options.tile_log2, x0, y0, count);
+    return raster->casters;
+}
+
 static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *tile,
                                     struct umb_error *error)
 {
     struct raster *raster = state;
     const uint32_t tile_log2 = raster->options.tile_log2;
-    const size_t cell =
-        (size_t)(tile->y0 >> tile_log2) * raster->tiles.cells_x + (size_t)(tile->x0 >> tile_log2);
-    const uint64_t first = raster->tiles.first[cell];
+    size_t count;
+    const uint32_t *list =
+        umbb_bins_cell(&raster->tiles, tile_log2, tile->x0, tile->y0, &count);
     const uint32_t block_log2 = tile_log2 < UMBB_BLOCK_LOG2 ? tile_log2 : UMBB_BLOCK_LOG2;
     const size_t others =
         entry_bytes(&raster->tiles) + entry_bytes(&raster->blocks[slot == 0 ? 1 : 0]);
     const struct umbb_bins_input input = {
         .max_bytes = raster->options.max_bytes > others ? raster->options.max_bytes - others : 0,
         .casters = raster->casters,
-        .list = raster->tiles.entries == NULL ? NULL : raster->tiles.entries + first,
-        .count = (size_t)(raster->tiles.first[cell + 1] - first),
+        .list = list,
+        .count = count,
         .x0 = tile->x0,
         .y0 = tile->y0,
         .cell_log2 = block_log2,
@@ -261,6 +269,7 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
         .begin = raster_begin,
         .block = raster_block,
         .allow = raster_allow,
+        .reach = raster_reach,
         .destroy = raster_destroy,
     };
     return UMB_OK;

@@ -117,6 +117,14 @@ struct umbb_depth {
     /* Says how many bytes the path's lists of triangles may take from now on: begin fails with
      * E_LIMIT instead of taking more. Returns what they take now. Called by begin's caller. */
     size_t (*allow)(void *state, size_t max_bytes);
+    /*
+     * Names the casters that the tile at (x0, y0) can depend on, and no more than touch it or have
+     * a border within two texels of it, give or take a texel. Returns all casters as the path sees
+     * them; list: numbers among them, ascending, NULL only if count is 0. NULL: the path cannot
+     * tell (Embree). Threads: as begin.
+     */
+    const struct umbb_casters *(*reach)(void *state, int32_t x0, int32_t y0, const uint32_t **list,
+                                        size_t *count);
     void (*destroy)(void *state);
 };
 

@@ -33,6 +33,17 @@ struct umbb_bins_input {
 UMB_CHECKED enum umb_status umbb_bins_fill(struct umbb_bins *bins,
                                            const struct umbb_bins_input *input,
                                            struct umb_error *error);
+
+/* The list of the cell that starts at texel (x, y) of a grid from texel 0 on; NULL only if count is
+ * 0. */
+static inline const uint32_t *umbb_bins_cell(const struct umbb_bins *bins, uint32_t cell_log2,
+                                             int32_t x, int32_t y, size_t *count)
+{
+    const size_t cell = (size_t)(y >> cell_log2) * bins->cells_x + (size_t)(x >> cell_log2);
+    *count = (size_t)(bins->first[cell + 1] - bins->first[cell]);
+    return bins->entries == NULL ? NULL : bins->entries + bins->first[cell];
+}
+
 void umbb_bins_finish(struct umbb_bins *bins);
 
 #endif

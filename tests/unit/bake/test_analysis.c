@@ -347,7 +347,7 @@ static void plan_says_what_this_version_leaves_out(void **state)
     size_t size;
     FILE *to = open_memstream(&json, &size);
     assert_non_null(to);
-    umbb_plan_print_json(to, &a, &s.view, plan);
+    umbb_plan_print_json(to, &a, &s.view, plan, 16);
     assert_int_equal(fclose(to), 0);
     assert_non_null(strstr(json, "\"plan\":[\"effect=closed state=on reason=\\\"1 of 2"));
     assert_non_null(strstr(json, "cost=\\\"none\\\"\"]}\n"));

@@ -94,6 +94,29 @@ static void every_option_is_read_with_blank_or_equals_sign(void **state)
     assert_string_equal(o.scene, "-odd-name");
 }
 
+static void tile_and_merge_are_tasks_with_options_of_their_own(void **state)
+{
+    (void)state;
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("s.ply -o o --cache c --cache-size 3MiB", &o, &e), UMB_OK);
+    assert_int_equal(o.task, UMBB_TASK_BAKE);
+    assert_string_equal(o.cache, "c");
+    assert_int_equal(o.cache_bytes, 3 << 20);
+    assert_int_equal(parse("tile s.ply -o d --only 5-17", &o, &e), UMB_OK);
+    assert_int_equal(o.task, UMBB_TASK_TILE);
+    assert_string_equal(o.scene, "s.ply");
+    assert_int_equal(o.only_first, 5);
+    assert_int_equal(o.only_last, 17);
+    assert_int_equal(parse("tile s.ply -o d --only 5", &o, &e), UMB_OK);
+    assert_int_equal(o.only_last, 5);
+    assert_int_equal(parse("merge s.ply --from d -o o", &o, &e), UMB_OK);
+    assert_int_equal(o.task, UMBB_TASK_MERGE);
+    assert_string_equal(o.from, "d");
+    assert_int_equal(parse("./tile -o d", &o, &e), UMB_OK); /* a scene of that name */
+    assert_int_equal(o.task, UMBB_TASK_BAKE);
+}
+
 static void lights_are_kept_in_the_order_given(void **state)
 {
     (void)state;
@@ -152,6 +175,43 @@ static void help_version_and_plan_need_no_output(void **state)
     assert_true(o.version);
     assert_int_equal(parse("s.obj --plan", &o, &e), UMB_OK);
     assert_true(o.plan);
+}
+
+/* A line is refused with a message that names both. */
+static void assert_refused(const char *line, const char *option, const char *value)
+{
+    struct umbb_options o;
+    struct umb_error e;
+    const enum umb_status status = parse(line, &o, &e);
+    if (status != UMB_E_ARGUMENT || strstr(e.message, option) == NULL ||
+        strstr(e.message, value) == NULL) {
+        fail_msg("'%s': status %d, message '%s'", line, (int)status, e.message);
+    }
+    assert_int_equal(umb_status_exit(status), 2);
+}
+
+static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *line, *option, *value;
+    } cases[] = {
+        {"s -o o --cache=", "--cache", "''"},
+        {"s -o o --cache c --cache-size 1KiB", "--cache-size", "1KiB"},
+        {"s -o o --cache c --depth embree", "--depth", "embree"},
+        {"s -o o --only 3", "--only", "umbrage-bake tile"},
+        {"s -o o --from d", "--from", "umbrage-bake merge"},
+        {"tile s -o d --only 3-", "--only", "'3-'"},
+        {"tile s -o d --only 4-3", "--only", "'4-3'"},
+        {"tile s -o d --only -1", "--only", "'-1'"},
+        {"tile s -o d --cache c", "--cache", "folder"},
+        {"tile s -o d --depth embree", "--depth", "embree"},
+        {"tile s", "-o", "no output"},
+        {"merge s -o o", "--from", "no folder"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        assert_refused(cases[i].line, cases[i].option, cases[i].value);
+    }
 }
 
 static void refusals_name_the_option_and_the_value(void **state)
@@ -222,14 +282,7 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s", "-o", "no output"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        struct umbb_options o;
-        struct umb_error e;
-        const enum umb_status status = parse(cases[i].line, &o, &e);
-        if (status != UMB_E_ARGUMENT || strstr(e.message, cases[i].option) == NULL ||
-            strstr(e.message, cases[i].value) == NULL) {
-            fail_msg("'%s': status %d, message '%s'", cases[i].line, (int)status, e.message);
-        }
-        assert_int_equal(umb_status_exit(status), 2);
+        assert_refused(cases[i].line, cases[i].option, cases[i].value);
     }
 }
 
@@ -239,8 +292,10 @@ int main(void)
         cmocka_unit_test(defaults_are_those_of_the_manual),
         cmocka_unit_test(every_option_is_read_with_blank_or_equals_sign),
         cmocka_unit_test(lights_are_kept_in_the_order_given),
+        cmocka_unit_test(tile_and_merge_are_tasks_with_options_of_their_own),
         cmocka_unit_test(more_lights_than_there_is_room_for_are_refused),
         cmocka_unit_test(help_version_and_plan_need_no_output),
+        cmocka_unit_test(options_of_tiles_are_refused_where_they_mean_nothing),
         cmocka_unit_test(refusals_name_the_option_and_the_value),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_CACHE_H
+#define UMBRAGE_SERVER_BAKE_TILES_TILE_CACHE_H
+/*
+ * A folder of tile results, one file each, named by their key.
+ *
+ *     umbb_tile_cache_open(&cache, "tiles", max_bytes, &error);
+ *     umbb_tile_cache_read(&cache, key, max_bytes, &bytes, &size, &error);
+ *     umbb_tile_cache_write(&cache, key, bytes, size, &error);
+ *     umbb_tile_cache_close(&cache);
+ *
+ * File: KEY.umbt, KEY in hexadecimal: magic "UMBTIL1\n", the key (32 bytes), the result's size
+ * (uint64), XXH3-64 of those 48 bytes followed by the rest (uint64), then the result
+ * (tile_code.h) as one zstd frame. All little-endian.
+ *
+ * A file appears whole or not at all (common/file.h), so that killing a bake at any moment leaves
+ * nothing but whole results and at most one temporary, which the next to open the folder removes
+ * after a minute. Damage is found by the checksum: the file is removed and the tile baked again.
+ * What the results say is believed: only those who may decide what is baked should be able to write
+ * there.
+ *
+ * Size: when results and max_bytes do not go together, those that were not used for longest go,
+ * until a tenth of max_bytes is free.
+ * Threads and processes: one cache a thread; any number of processes may share a folder: equal keys
+ * mean equal bytes, and a file that is gone is baked again. Each counts what it adds itself, so
+ * that several may go over the limit together until one of them looks again.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+
+struct umbb_tile_cache {
+    char *folder;
+    uint64_t max_bytes; /* UINT64_MAX: no limit, nothing is ever removed for room */
+    uint64_t bytes;     /* of all results, as far as known */
+    uint64_t damaged;   /* files found damaged and removed */
+};
+
+/* Opens a folder, makes it if it is missing, and tidies it up. Fails: E_CANNOT_CREATE, E_IO,
+ * E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_tile_cache_open(struct umbb_tile_cache *cache, const char *folder,
+                                                 uint64_t max_bytes, struct umb_error *error);
+void umbb_tile_cache_close(struct umbb_tile_cache *cache);
+
+/*
+ * Reads a result.
+ *
+ * In:    max_bytes: that the result may have.
+ * Out:   bytes: malloced; NULL if there is none, or none that is whole (it is removed).
+ * Fails: E_LIMIT (max_bytes), E_NO_MEMORY, E_IO.
+ * Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umbb_tile_cache_read(struct umbb_tile_cache *cache,
+                                                 const uint8_t key[UMB_ID_BYTES], size_t max_bytes,
+                                                 uint8_t **bytes, size_t *size,
+                                                 struct umb_error *error);
+
+/* Removes a result that turned out to be damaged. */
+void umbb_tile_cache_drop(struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES]);
+
+/* Writes a result, durably. One that is larger than the whole cache may be is left out.
+ * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbb_tile_cache_write(struct umbb_tile_cache *cache,
+                                                  const uint8_t key[UMB_ID_BYTES],
+                                                  const uint8_t *bytes, size_t size,
+                                                  struct umb_error *error);
+
+#endif

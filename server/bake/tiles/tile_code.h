@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_CODE_H
+#define UMBRAGE_SERVER_BAKE_TILES_TILE_CODE_H
+/*
+ * A tile's result as bytes: what a bake leaves for later bakes and other machines.
+ *
+ * Little-endian, no padding:
+ *
+ *     int32  max_lit, min_end
+ *     uint32 runs
+ *     uint32 bricks
+ *     uint32 nodes, children      for each level from 4 to the tile's
+ *     uint32 z_end, ref           for each run
+ *     then for each level from the tile's down to 4:
+ *       uint16 mask               for each node
+ *       uint32 child              for each mixed child of each node
+ *     uint64 slice[8]             for each brick
+ *
+ * A ref is the number of a node of the tile's level, or UMB_REF_LIT or UMB_REF_SHADOWED. Numbers
+ * are given out in the order in which a reader meets them: the runs' nodes first, then the children
+ * of these, and so on down. Equal results therefore give equal bytes, whatever the pool's own
+ * numbers were; and a reader that sees each new number come next knows that all numbers are in
+ * range and that nothing is there that the runs do not lead to.
+ */
+#include "bake/build/tile_keeper.h"
+
+/* What both directions must know of the frustum. */
+struct umbb_tile_shape {
+    uint32_t log2_size; /* of the frustum */
+    uint32_t tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size */
+};
+
+/*
+ * Writes a result.
+ *
+ * In:    pool: holds the nodes that the column leads to. runs: holds the column's runs. max_bytes:
+ *        for everything that is allocated.
+ * Out:   bytes: malloced; size.
+ * Fails: E_LIMIT (max_bytes), E_NO_MEMORY.
+ * Cost:  linear in the result; 4 bytes of address space a node of the pool, touched where used.
+ */
+UMB_CHECKED enum umb_status
+umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *pool,
+                 const struct umbb_runs *runs, const struct umbb_tile_result *result,
+                 size_t max_bytes, uint8_t **bytes, size_t *size, struct umb_error *error);
+
+/*
+ * Reads a result and adds its nodes to a pool.
+ *
+ * In:    bytes: as umbb_tile_encode wrote them; checked in full before the pool is touched.
+ * Out:   result: its column's runs are the last of `runs`.
+ * Fails: E_CORRUPT (pool and runs as before), as umb_pool_brick.
+ * Trust: safe on hostile bytes.
+ * Cost:  linear in the bytes.
+ */
+UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
+                                             const uint8_t *bytes, size_t size,
+                                             struct umb_pool *pool, struct umbb_runs *runs,
+                                             struct umbb_tile_result *result,
+                                             struct umb_error *error);
+
+#endif

@@ -1,0 +1,224 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Reading a tile's result: first every number is checked, then nodes go into the pool from the
+ * bricks up, so that a node's children have their places when it comes.
+ *
+ * Nothing but memory can fail once the pool is touched.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/tiles/tile_code.h"
+#include "base/bytes.h"
+
+/* Where the parts lie. Counts are of the file; sections are proven to fit it. */
+struct decoder {
+    const uint8_t *runs;
+    uint32_t run_count;
+    uint32_t top;
+    uint32_t count[UMB_LEVEL_MAX + 1]; /* bricks at level 3 */
+    uint32_t children[UMB_LEVEL_MAX + 1];
+    const uint8_t *masks[UMB_LEVEL_MAX + 1];
+    const uint8_t *refs[UMB_LEVEL_MAX + 1];
+    const uint8_t *bricks;
+};
+
+static enum umb_status damaged(struct umb_error *error, const char *what)
+{
+    return umb_fail(error, UMB_E_CORRUPT, "tile result: %s", what);
+}
+
+/* Finds the parts; 0 if the size is not what the counts ask for. */
+static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
+{
+    const size_t head = 16 + 8 * (size_t)(d->top - UMB_LEVEL_BRICK);
+    if (size < head) {
+        return 0;
+    }
+    d->run_count = umb__load32(bytes + 8);
+    d->count[UMB_LEVEL_BRICK] = umb__load32(bytes + 12);
+    uint64_t at = head;
+    d->runs = bytes + at;
+    at += 8 * (uint64_t)d->run_count;
+    for (uint32_t level = d->top; level > UMB_LEVEL_BRICK; level--) {
+        const uint8_t *counts = bytes + 16 + 8 * (size_t)(level - UMB_LEVEL_BRICK - 1);
+        d->count[level] = umb__load32(counts);
+        d->children[level] = umb__load32(counts + 4);
+        if (at > size) {
+            return 0;
+        }
+        d->masks[level] = bytes + at;
+        at += 2 * (uint64_t)d->count[level];
+        if (at > size) {
+            return 0;
+        }
+        d->refs[level] = bytes + at;
+        at += 4 * (uint64_t)d->children[level];
+    }
+    if (at > size) {
+        return 0;
+    }
+    d->bricks = bytes + at;
+    return at + 64 * (uint64_t)d->count[UMB_LEVEL_BRICK] == size;
+}
+
+/* Takes note of a number; 0 if it is neither known nor the next new one. */
+static int meet(uint32_t ref, uint32_t *met, uint32_t count)
+{
+    if (ref == *met && ref < count) {
+        ++*met;
+        return 1;
+    }
+    return ref < *met;
+}
+
+static int runs_fit(const struct decoder *d, const struct umbb_column *column)
+{
+    uint32_t z = column->mixed_first, met = 0;
+    for (uint32_t i = 0; i < d->run_count; i++) {
+        const uint32_t z_end = umb__load32(d->runs + 8 * (size_t)i);
+        const uint32_t ref = umb__load32(d->runs + 8 * (size_t)i + 4);
+        if (z_end <= z || z_end > column->mixed_end) {
+            return 0;
+        }
+        if (umb_ref_state(ref) == UMB_NODE_MIXED && !meet(ref, &met, d->count[d->top])) {
+            return 0;
+        }
+        z = z_end;
+    }
+    return z == column->mixed_end && met == d->count[d->top];
+}
+
+/* Masks hold states that exist, children the right numbers. */
+static int level_fits(const struct decoder *d, uint32_t level)
+{
+    uint64_t children = 0;
+    for (uint32_t i = 0; i < d->count[level]; i++) {
+        const uint16_t mask = umb__load16(d->masks[level] + 2 * (size_t)i);
+        if ((mask & (mask >> 1) & 0x5555U) != 0) { /* state 3 */
+            return 0;
+        }
+        children += umb_mask_mixed_count(mask);
+    }
+    if (children != d->children[level]) {
+        return 0;
+    }
+    uint32_t met = 0;
+    for (uint32_t i = 0; i < d->children[level]; i++) {
+        const uint32_t ref = umb__load32(d->refs[level] + 4 * (size_t)i);
+        if (!meet(ref, &met, d->count[level - 1])) {
+            return 0;
+        }
+    }
+    return met == d->count[level - 1];
+}
+
+static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape *shape,
+                                 const uint8_t *bytes, size_t size, struct umbb_tile_result *result,
+                                 struct umb_error *error)
+{
+    if (!find_parts(d, bytes, size)) {
+        return damaged(error, "its size is not what its counts ask for");
+    }
+    const uint32_t voxels = (uint32_t)1 << shape->log2_size;
+    const uint32_t max_lit = umb__load32(bytes), min_end = umb__load32(bytes + 4);
+    if (max_lit > voxels || min_end > voxels) {
+        return damaged(error, "depths beyond the frustum");
+    }
+    *result = (struct umbb_tile_result){
+        .max_lit = (int32_t)max_lit,
+        .min_end = (int32_t)min_end,
+        .column = umbb_column_bounds(d->top, (int32_t)max_lit, (int32_t)min_end),
+    };
+    if (!runs_fit(d, &result->column)) {
+        return damaged(error, "runs that do not fit the column");
+    }
+    for (uint32_t level = d->top; level > UMB_LEVEL_BRICK; level--) {
+        if (!level_fits(d, level)) {
+            return damaged(error, "nodes that do not fit each other");
+        }
+    }
+    return UMB_OK;
+}
+
+/* The pool's refs of all bricks. */
+static enum umb_status add_bricks(const struct decoder *d, struct umb_pool *pool, uint32_t *to,
+                                  struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < d->count[UMB_LEVEL_BRICK] && status == UMB_OK; i++) {
+        uint64_t slices[8];
+        for (size_t z = 0; z < 8; z++) {
+            slices[z] = umb__load64(d->bricks + 64 * (size_t)i + 8 * z);
+        }
+        status = umb_pool_brick(pool, slices, &to[i], error);
+    }
+    return status;
+}
+
+/* The pool's refs of all nodes of a level. In: below: those of the level below. */
+static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct umb_pool *pool,
+                                 const uint32_t *below, uint32_t *to, struct umb_error *error)
+{
+    const uint8_t *next = d->refs[level];
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < d->count[level] && status == UMB_OK; i++) {
+        const uint16_t mask = umb__load16(d->masks[level] + 2 * (size_t)i);
+        uint32_t children[8];
+        for (unsigned c = 0; c < 8; c++) {
+            const enum umb_node_state state = umb_mask_state(mask, c);
+            children[c] = state == UMB_NODE_LIT ? UMB_REF_LIT : UMB_REF_SHADOWED;
+            if (state == UMB_NODE_MIXED) {
+                children[c] = below[umb__load32(next)];
+                next += 4;
+            }
+        }
+        status = umb_pool_node(pool, level, children, &to[i], error);
+    }
+    return status;
+}
+
+/* Adds everything. Out: top: the refs of the tile's level, malloced. */
+static enum umb_status add_all(const struct decoder *d, struct umb_pool *pool, uint32_t **top,
+                               struct umb_error *error)
+{
+    uint32_t *below = NULL;
+    enum umb_status status = UMB_OK;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= d->top && status == UMB_OK; level++) {
+        uint32_t *refs = malloc(((size_t)d->count[level] + 1) * sizeof *refs);
+        if (refs == NULL) {
+            status = umb_fail(error, UMB_E_NO_MEMORY, "tile result: memory for %u nodes refused",
+                              d->count[level]);
+        } else if (level == UMB_LEVEL_BRICK) {
+            status = add_bricks(d, pool, refs, error);
+        } else {
+            status = add_nodes(d, level, pool, below, refs, error);
+        }
+        free(below);
+        below = refs;
+    }
+    *top = below;
+    return status;
+}
+
+enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint8_t *bytes,
+                                 size_t size, struct umb_pool *pool, struct umbb_runs *runs,
+                                 struct umbb_tile_result *result, struct umb_error *error)
+{
+    struct decoder d = {.top = shape->tile_log2};
+    enum umb_status status = check_all(&d, shape, bytes, size, result, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    uint32_t *top;
+    status = add_all(&d, pool, &top, error);
+    result->column.run_first = runs->count;
+    for (uint32_t i = 0; i < d.run_count && status == UMB_OK; i++) {
+        const uint32_t ref = umb__load32(d.runs + 8 * (size_t)i + 4);
+        status = umbb_runs_push(runs, result->column.run_first, umb__load32(d.runs + 8 * (size_t)i),
+                                umb_ref_state(ref) == UMB_NODE_MIXED ? top[ref] : ref, error);
+    }
+    result->column.run_count = runs->count - result->column.run_first;
+    free(top);
+    return status;
+}

@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Numbers go into the hash little-endian, doubles as their bits. */
+#include "bake/tiles/tile_key.h"
+
+#include <string.h>
+
+#include "bake/analysis/plan.h"
+#include "base/bytes.h"
+#include "common/sha256_chain.h"
+
+static const char key_domain[16] = "umbrage tile";
+
+static void add32(struct umbs_chain *chain, uint32_t value)
+{
+    uint8_t bytes[4];
+    umb__store32(bytes, value);
+    umbs_chain_add(chain, bytes, sizeof bytes);
+}
+
+static void store_double(uint8_t *at, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    umb__store64(at, bits);
+}
+
+static void add_double(struct umbs_chain *chain, double value)
+{
+    uint8_t bytes[8];
+    store_double(bytes, value);
+    umbs_chain_add(chain, bytes, sizeof bytes);
+}
+
+static void add_caster(struct umbs_chain *chain, const struct umbb_casters *casters, size_t number)
+{
+    uint8_t bytes[9 * 8 + 2];
+    for (size_t i = 0; i < 9; i++) {
+        store_double(bytes + 8 * i, casters->corners[number][i / 3][i % 3]);
+    }
+    bytes[72] = casters->closed_rule ? casters->kinds[number] : 0;
+    bytes[73] = casters->marks != NULL ? casters->marks[number] : 0;
+    umbs_chain_add(chain, bytes, sizeof bytes);
+}
+
+void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
+                   const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES])
+{
+    const uint32_t *list;
+    size_t count;
+    const struct umbb_casters *casters =
+        depth->reach(depth->state, place->x0, place->y0, &list, &count);
+    struct umbs_chain chain;
+    umbs_chain_init(&chain);
+    umbs_chain_add(&chain, key_domain, sizeof key_domain);
+    umbs_chain_add(&chain, UMB_VERSION, sizeof UMB_VERSION);
+    add32(&chain, UMBB_BAKE_VERSION);
+    add32(&chain, (uint32_t)casters->size);
+    add32(&chain, tile_log2);
+    add32(&chain, (uint32_t)place->x0);
+    add32(&chain, (uint32_t)place->y0);
+    add32(&chain, (uint32_t)casters->closed_rule);
+    add32(&chain, casters->marks != NULL);
+    add_double(&chain, casters->depth_scale);
+    add_double(&chain, casters->depth_offset);
+    for (size_t i = 0; i < count; i++) {
+        add_caster(&chain, casters, list == NULL ? i : list[i]);
+    }
+    umbs_chain_end(&chain, key);
+}

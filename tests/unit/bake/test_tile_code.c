@@ -1,0 +1,283 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tile results as bytes, and the folder that holds them: canonical, checked, kept in size. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <fcntl.h>
+#include <time.h>
+
+#include "bake/tiles/tile_cache.h"
+#include "bake/tiles/tile_code.h"
+#include "bake/tiles/tile_sweep.h"
+#include "bake_soups.h"
+#include "tile_folders.h"
+
+#define LOG2_SIZE 7U
+#define LEFT      ((size_t)1 << 30)
+
+static const struct umbb_tile_shape shape = {LOG2_SIZE, LOG2_SIZE};
+
+/* Builds a soup's only tile into a pool and encodes it. */
+static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
+{
+    struct umb_error error;
+    struct soup soup;
+    soup_init(&soup, 1 << LOG2_SIZE, seed);
+    soup_mixture(&soup);
+    const struct umbb_casters casters = soup_casters(&soup, 1);
+    const struct umbb_depth_options options = {.tile_log2 = LOG2_SIZE, .threads = 1};
+    struct umbb_depth depth;
+    struct umbb_tile tile;
+    struct umbb_runs runs = {0};
+    assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_OK);
+    assert_int_equal(umbb_tile_init(&tile, LOG2_SIZE, 1, &error), UMB_OK);
+    assert_int_equal(depth.begin(depth.state, 0, &tile, &error), UMB_OK);
+    depth.block(depth.state, 0, 0, &tile, 0, 0);
+    umbb_tile_pyramid(&tile);
+    struct umbb_tile_result result = {
+        .max_lit = tile.max_lit[LOG2_SIZE][0],
+        .min_end = tile.min_end[LOG2_SIZE][0],
+    };
+    assert_int_equal(umbb_column_of_tile(pool, &tile, &runs, &result.column, &error), UMB_OK);
+    uint8_t *bytes;
+    assert_int_equal(umbb_tile_encode(&shape, pool, &runs, &result, LEFT, &bytes, size, &error),
+                     UMB_OK);
+    umbb_runs_finish(&runs);
+    umbb_tile_finish(&tile);
+    depth.destroy(depth.state);
+    soup_finish(&soup);
+    return bytes;
+}
+
+static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
+{
+    (void)state;
+    struct umb_pool alone, shared;
+    umb_pool_init(&alone, NULL, LEFT);
+    umb_pool_init(&shared, NULL, LEFT);
+    size_t size, other_size;
+    free(encode_soup(&shared, 812, &other_size));
+    uint8_t *one = encode_soup(&alone, 811, &size);
+    uint8_t *two = encode_soup(&shared, 811, &other_size);
+    assert_int_equal(size, other_size);
+    assert_memory_equal(one, two, size);
+
+    /* Decoding into a third and encoding again gives them once more. */
+    struct umb_pool third;
+    struct umb_error error;
+    struct umbb_runs runs = {0};
+    struct umbb_tile_result result;
+    umb_pool_init(&third, NULL, LEFT);
+    assert_int_equal(umbb_tile_decode(&shape, one, size, &third, &runs, &result, &error), UMB_OK);
+    assert_int_equal(third.brick_count, alone.brick_count);
+    uint8_t *again;
+    assert_int_equal(
+        umbb_tile_encode(&shape, &third, &runs, &result, LEFT, &again, &other_size, &error),
+        UMB_OK);
+    assert_int_equal(size, other_size);
+    assert_memory_equal(one, again, size);
+    umbb_runs_finish(&runs);
+    umb_pool_finish(&alone);
+    umb_pool_finish(&shared);
+    umb_pool_finish(&third);
+    free(one);
+    free(two);
+    free(again);
+}
+
+/* Decodes a copy in a block of its exact size. A refusal must leave the pool alone. */
+static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
+{
+    struct umb_pool pool;
+    struct umb_error error;
+    struct umbb_runs runs = {0};
+    struct umbb_tile_result result;
+    uint8_t *copy = malloc(size > 0 ? size : 1);
+    assert_non_null(copy);
+    memcpy(copy, bytes, size);
+    umb_pool_init(&pool, NULL, LEFT);
+    const enum umb_status status =
+        umbb_tile_decode(&shape, copy, size, &pool, &runs, &result, &error);
+    if (status != UMB_OK) {
+        assert_int_equal(status, UMB_E_CORRUPT);
+        assert_int_equal(pool.bytes, 0);
+        assert_int_equal(runs.count, 0);
+    }
+    umbb_runs_finish(&runs);
+    umb_pool_finish(&pool);
+    free(copy);
+    return status;
+}
+
+static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
+{
+    (void)state;
+    struct umb_pool pool;
+    umb_pool_init(&pool, NULL, LEFT);
+    size_t size;
+    uint8_t *bytes = encode_soup(&pool, 813, &size);
+    umb_pool_finish(&pool);
+    assert_int_equal(decode_copy(bytes, size), UMB_OK);
+    const size_t bricks = size - 64 * (size_t)(bytes[12] | bytes[13] << 8 | bytes[14] << 16);
+    size_t refused = 0, tried = 0;
+    for (size_t length = 0; length < size; length += length < 300 ? 1 : 97) {
+        assert_int_equal(decode_copy(bytes, length), UMB_E_CORRUPT);
+    }
+    for (size_t at = 0; at < bricks; at += at < 300 ? 1 : 37) {
+        for (int bit = 0; bit < 8; bit += 3) {
+            bytes[at] ^= (uint8_t)(1 << bit);
+            refused += decode_copy(bytes, size) != UMB_OK;
+            bytes[at] ^= (uint8_t)(1 << bit);
+            tried++;
+        }
+    }
+    /* What is left are other trees of the same form. */
+    assert_in_range(refused, tried / 2, tried);
+    free(bytes);
+}
+
+/* Key number n of the tests below. */
+static void make_key(uint8_t key[UMB_ID_BYTES], unsigned n)
+{
+    memset(key, 0, UMB_ID_BYTES);
+    key[0] = (uint8_t)n;
+    key[31] = 0xab;
+}
+
+/* Longer than the clock of files ticks, so that times of use differ. */
+static void pause_a_little(void)
+{
+    const struct timespec pause = {0, 20000000};
+    (void)nanosleep(&pause, NULL);
+}
+
+static void put(struct umbb_tile_cache *cache, unsigned n)
+{
+    /* Hard to compress, so that sizes are known. */
+    static uint8_t bytes[100000];
+    uint64_t bits = 88172645463325252ULL + n;
+    for (size_t i = 0; i < sizeof bytes; i++) {
+        bits ^= bits << 13;
+        bits ^= bits >> 7;
+        bits ^= bits << 17;
+        bytes[i] = (uint8_t)bits;
+    }
+    uint8_t key[UMB_ID_BYTES];
+    struct umb_error error;
+    make_key(key, n);
+    assert_int_equal(umbb_tile_cache_write(cache, key, bytes, sizeof bytes, &error), UMB_OK);
+    pause_a_little();
+}
+
+static int has(struct umbb_tile_cache *cache, unsigned n)
+{
+    uint8_t key[UMB_ID_BYTES], *bytes;
+    size_t size;
+    struct umb_error error;
+    make_key(key, n);
+    assert_int_equal(umbb_tile_cache_read(cache, key, LEFT, &bytes, &size, &error), UMB_OK);
+    const int found = bytes != NULL;
+    assert_true(!found || size == 100000);
+    free(bytes);
+    return found;
+}
+
+static void the_cache_drops_what_was_used_longest_ago(void **state)
+{
+    (void)state;
+    char folder[64];
+    struct umb_error error;
+    struct umbb_tile_cache cache;
+    folder_make(folder);
+    assert_int_equal(umbb_tile_cache_open(&cache, folder, 1050000, &error), UMB_OK);
+    for (unsigned n = 0; n < 10; n++) {
+        put(&cache, n);
+    }
+    assert_int_equal(folder_each(folder, NULL), 10);
+    assert_true(has(&cache, 0));
+    pause_a_little();
+    put(&cache, 10); /* 1 and 2 go: a tenth is free again */
+    assert_int_equal(has(&cache, 0), 1);
+    assert_int_equal(has(&cache, 1), 0);
+    assert_int_equal(has(&cache, 2), 0);
+    assert_int_equal(has(&cache, 3), 1);
+    assert_int_equal(has(&cache, 10), 1);
+    assert_int_equal(folder_each(folder, NULL), 9);
+    assert_in_range(cache.bytes, 900000, 1050000);
+    umbb_tile_cache_close(&cache);
+
+    /* A smaller limit holds from the opening on. */
+    assert_int_equal(umbb_tile_cache_open(&cache, folder, 450000, &error), UMB_OK);
+    assert_int_equal(folder_each(folder, NULL), 4);
+    umbb_tile_cache_close(&cache);
+    folder_remove(folder);
+}
+
+static void touch(const char *folder, const char *name, time_t age_s)
+{
+    char path[256];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fclose(file);
+    const struct timespec when[2] = {{time(NULL) - age_s, 0}, {time(NULL) - age_s, 0}};
+    assert_int_equal(utimensat(AT_FDCWD, path, when, 0), 0);
+}
+
+#define NAME "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef.umbt"
+
+static void opening_removes_old_temporaries_of_its_own_and_nothing_else(void **state)
+{
+    (void)state;
+    char folder[64];
+    struct umb_error error;
+    struct umbb_tile_cache cache;
+    folder_make(folder);
+    touch(folder, ".tmp." NAME ".1234.0.abc", 3600);
+    touch(folder, ".tmp." NAME ".1235.0.abc", 1);
+    touch(folder, ".tmp.other.umb.1235.0.abc", 3600);
+    touch(folder, "notes.txt", 3600);
+    touch(folder, NAME, 3600);
+    assert_int_equal(umbb_tile_cache_open(&cache, folder, 1 << 20, &error), UMB_OK);
+    assert_int_equal(folder_each(folder, NULL), 4);
+    umbb_tile_cache_close(&cache);
+    folder_remove(folder);
+}
+
+static void a_result_under_another_name_is_refused(void **state)
+{
+    (void)state;
+    char folder[64], from[256], to[256], text[UMB_ID_TEXT_SIZE];
+    uint8_t key[UMB_ID_BYTES];
+    struct umb_error error;
+    struct umbb_tile_cache cache;
+    folder_make(folder);
+    assert_int_equal(umbb_tile_cache_open(&cache, folder, UINT64_MAX, &error), UMB_OK);
+    put(&cache, 1);
+    make_key(key, 1);
+    umb_id_to_text(key, text);
+    snprintf(from, sizeof from, "%s/%s.umbt", folder, text);
+    make_key(key, 2);
+    umb_id_to_text(key, text);
+    snprintf(to, sizeof to, "%s/%s.umbt", folder, text);
+    assert_int_equal(rename(from, to), 0);
+    assert_int_equal(has(&cache, 2), 0);
+    assert_int_equal(cache.damaged, 1);
+    assert_int_equal(folder_each(folder, NULL), 0);
+    umbb_tile_cache_close(&cache);
+    folder_remove(folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(equal_results_are_equal_bytes_whatever_the_pool_held),
+        cmocka_unit_test(every_prefix_and_flipped_byte_is_refused_or_harmless),
+        cmocka_unit_test(the_cache_drops_what_was_used_longest_ago),
+        cmocka_unit_test(opening_removes_old_temporaries_of_its_own_and_nothing_else),
+        cmocka_unit_test(a_result_under_another_name_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
