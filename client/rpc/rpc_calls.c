@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Calls: made on any thread, queued, completed on the loop thread. See rpc_client.h. */
 #include "rpc_connection.h"
+#include "rpc_stream.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -67,19 +68,24 @@ static enum umb_status enqueue(struct umb_client *client, struct umb__call *call
     return status;
 }
 
-enum umb_status umb__call_start(struct umb_client *client, const char *path,
-                                struct umbw_buffer *body, uint32_t timeout_ms, umb__done_fn done,
-                                void *user, struct umb_error *error)
+enum umb_status umb__call_start(struct umb_client *client, const struct umb__call_plan *plan,
+                                struct umbw_buffer *body, umb__done_fn done, void *user,
+                                struct umb_error *error)
 {
+    if (plan->stream != NULL && plan->stream->client != client) {
+        umbw_buffer_finish(body);
+        return umb_fail(error, UMB_E_ARGUMENT, "stream: belongs to another client");
+    }
     struct umb__call *call = calloc(1, sizeof *call);
     if (call == NULL) {
         umbw_buffer_finish(body);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    call->path = path;
+    call->path = plan->path;
+    call->stream = plan->stream;
     call->body = *body;
     memset(body, 0, sizeof *body);
-    call->timeout_ms = timeout_ms != 0 ? timeout_ms : client->options.call_timeout_ms;
+    call->timeout_ms = plan->timeout_ms != 0 ? plan->timeout_ms : client->options.call_timeout_ms;
     call->deadline_ns = uv_hrtime() + (uint64_t)call->timeout_ms * 1000000U;
     call->done = done;
     call->user = user;
@@ -91,8 +97,8 @@ enum umb_status umb__call_start(struct umb_client *client, const char *path,
     return status;
 }
 
-void umb__call_complete(struct umb_client *client, struct umb__call *call, enum umb_status status,
-                        const struct umb_error *error)
+/* Takes a call out of everything that knows it. */
+static void leave(struct umb_client *client, struct umb__call *call)
 {
     list_remove(call);
     if (call->connection != NULL && call->connection->session != NULL) {
@@ -104,12 +110,35 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
     pthread_mutex_lock(&client->lock);
     client->pending--;
     pthread_mutex_unlock(&client->lock);
+}
+
+void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
+                      size_t size)
+{
+    leave(client, call);
+    call->done(call->user, UMB_OK, message, size, NULL);
+    call_free(call);
+}
+
+void umb__call_complete(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                        const struct umb_error *error)
+{
+    leave(client, call);
     if (status == UMB_OK) {
         call->done(call->user, UMB_OK, call->reply.message, call->reply.message_size, NULL);
     } else {
         call->done(call->user, status, NULL, 0, error);
     }
     call_free(call);
+}
+
+void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent)
+{
+    struct umb_error error;
+    enum umb_status status =
+        umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
+                 was_sent ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
+    umb__call_complete(client, call, status, &error);
 }
 
 bool umb__call_retry(struct umb_client *client, struct umb__call *call)
@@ -122,8 +151,10 @@ bool umb__call_retry(struct umb_client *client, struct umb__call *call)
     call->stream_id = 0;
     call->headers_sent = false;
     call->body_sent = 0;
-    umb__reply_finish(&call->reply);
-    umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
+    umb__reply_restart(&call->reply);
+    if (call->carries != NULL) {
+        umb__stream_rewind(call->carries);
+    }
     umb__call_move(call, &client->waiting);
     /* Not every caller is followed by a dispatch. */
     (void)uv_async_send(&client->wake);

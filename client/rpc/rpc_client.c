@@ -6,6 +6,7 @@
  * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
 #include "rpc_connection.h"
+#include "rpc_stream.h"
 
 #include <errno.h>
 #include <openssl/crypto.h>
@@ -109,15 +110,10 @@ static bool expire_list(struct umb_client *client, struct umb__call_list *list, 
         if (call->deadline_ns > now) {
             continue;
         }
-        struct umb_error error;
-        enum umb_status status =
-            umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
-                     call->connection != NULL ? "no answer" : "no connection",
-                     (unsigned long)call->timeout_ms);
         if (call->connection != NULL) {
             umb__session_cancel(call->connection, call);
         }
-        umb__call_complete(client, call, status, &error);
+        umb__call_expire(client, call, call->connection != NULL);
         any = true;
     }
     return any;
@@ -132,6 +128,13 @@ static void on_deadline(uv_timer_t *timer)
     client->deadline_armed_ns = 0;
     (void)expire_list(client, &client->waiting, now);
     struct umb__connection *next;
+    for (struct umb_client_stream *stream = client->streams; stream != NULL;
+         stream = stream->next) {
+        struct umb__connection *over = stream->carrier != NULL ? stream->carrier->connection : NULL;
+        if (umb__stream_expire(stream, now) && over != NULL) {
+            umb__connection_probe(over);
+        }
+    }
     for (struct umb__connection *at = client->connections; at != NULL; at = next) {
         next = at->next;
         if (expire_list(client, &at->active, now)) {
@@ -158,8 +161,20 @@ static void arm_deadline(struct umb_client *client)
     for (struct umb__connection *at = client->connections; at != NULL; at = at->next) {
         deadline_ns = earliest(&at->active, deadline_ns);
     }
+    for (struct umb_client_stream *at = client->streams; at != NULL; at = at->next) {
+        deadline_ns = earliest(&at->sent, earliest(&at->queue, deadline_ns));
+    }
     if (deadline_ns != UINT64_MAX) {
         set_deadline(client, deadline_ns);
+    }
+}
+
+static void end_streams(struct umb_client_stream *streams, const struct umb_error *reason)
+{
+    while (streams != NULL) {
+        struct umb_client_stream *stream = streams;
+        streams = stream->next;
+        umb__stream_destroy(stream, reason);
     }
 }
 
@@ -168,6 +183,8 @@ static void stop_everything(struct umb_client *client)
     struct umb_error error;
     client->stopped = true;
     (void)umb_fail(&error, UMB_E_CANCELLED, "the client was closed");
+    end_streams(client->streams, &error);
+    client->streams = NULL;
     umb__calls_fail(client, &client->waiting, &error);
     while (client->connections != NULL) {
         /* Sent calls are completed by the loss, and none is put back once stopped is set. */
@@ -178,18 +195,72 @@ static void stop_everything(struct umb_client *client)
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
+/* What other threads have left: streams to know, streams to end (unlinked into *ended), calls. */
+static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
+                       struct umb_client_stream **ended)
+{
+    while (client->new_streams != NULL) {
+        struct umb_client_stream *stream = client->new_streams;
+        client->new_streams = stream->next;
+        stream->next = client->streams;
+        client->streams = stream;
+    }
+    while (client->inbox.first != NULL) {
+        umb__call_move(client->inbox.first, calls);
+    }
+    for (struct umb_client_stream **at = &client->streams; *at != NULL;) {
+        struct umb_client_stream *stream = *at;
+        if (stream->closing) {
+            *at = stream->next;
+            stream->next = *ended;
+            *ended = stream;
+        } else {
+            at = &stream->next;
+        }
+    }
+}
+
+/* Gives new calls to where they wait. Returns the earliest deadline of them. */
+static uint64_t route(struct umb_client *client, struct umb__call_list *calls)
+{
+    uint64_t deadline_ns = UINT64_MAX;
+    while (calls->first != NULL) {
+        struct umb__call *call = calls->first;
+        deadline_ns = call->deadline_ns < deadline_ns ? call->deadline_ns : deadline_ns;
+        if (call->stream != NULL) {
+            umb__stream_take(call->stream, call);
+        } else {
+            umb__call_move(call, &client->waiting);
+        }
+    }
+    return deadline_ns;
+}
+
+static void flush_due(struct umb_client *client)
+{
+    struct umb__connection *next;
+    for (struct umb__connection *at = client->connections; at != NULL; at = next) {
+        next = at->next;
+        if (at->flush_due) {
+            at->flush_due = false;
+            umb__connection_flush(at);
+        }
+    }
+}
+
 static void on_wake(uv_async_t *wake)
 {
     struct umb_client *client = wake->data;
-    uint64_t deadline_ns = UINT64_MAX;
+    struct umb__call_list calls = {NULL, NULL};
+    struct umb_client_stream *ended = NULL;
+    struct umb_error closed;
     pthread_mutex_lock(&client->lock);
     bool closing = client->closing;
-    while (client->inbox.first != NULL) {
-        struct umb__call *call = client->inbox.first;
-        deadline_ns = call->deadline_ns < deadline_ns ? call->deadline_ns : deadline_ns;
-        umb__call_move(call, &client->waiting);
-    }
+    take_inbox(client, &calls, &ended);
     pthread_mutex_unlock(&client->lock);
+    uint64_t deadline_ns = route(client, &calls);
+    (void)umb_fail(&closed, UMB_E_CANCELLED, "the stream was closed");
+    end_streams(ended, &closed);
     if (client->stopped) {
         return;
     }
@@ -202,6 +273,7 @@ static void on_wake(uv_async_t *wake)
         set_deadline(client, deadline_ns);
     }
     umb__client_dispatch(client);
+    flush_due(client);
 }
 
 static void *run_loop(void *user)

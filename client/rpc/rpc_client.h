@@ -46,6 +46,14 @@ struct umb__call_list {
     struct umb__call *first, *last;
 };
 
+/* What a call asks and how. */
+struct umb__call_plan {
+    const char *path;    /* static */
+    uint32_t timeout_ms; /* 0 = the client's */
+    struct umb_client_stream
+        *stream; /* goes over this one, or NULL: a stream of HTTP/2 of its own */
+};
+
 struct umb__call {
     struct umb__call *next, *previous;
     struct umb__call_list *list;
@@ -58,7 +66,9 @@ struct umb__call {
     void *user;
     struct umb__connection *connection; /* NULL while waiting */
     int32_t stream_id;
-    bool headers_sent; /* on the present connection */
+    bool headers_sent;                 /* on the present connection */
+    struct umb_client_stream *stream;  /* that it goes over, or NULL */
+    struct umb_client_stream *carries; /* whose requests it carries, or NULL; see rpc_stream.h */
     unsigned retries;
     struct umb__reply reply;
 };
@@ -83,6 +93,8 @@ struct umb_client {
     uint64_t backoff_until_ns; /* no connection is tried before */
     bool stopped;              /* everything is closed or closing */
     struct umb__call_list waiting;
+    struct umb_client_stream *new_streams; /* under the lock: opened, not yet in streams */
+    struct umb_client_stream *streams;
     struct umb__connection *current;     /* the one that takes new calls, or NULL */
     struct umb__connection *connections; /* all that are not lost */
     uint8_t *receive_buffer;             /* [UMB__RECEIVE_BYTES] */
@@ -93,13 +105,14 @@ struct umb_client {
 /*
  * Starts a call whose request is encoded.
  *
- * In:    body: taken over, also on failure. timeout_ms: 0 = the client's.
+ * In:    body: taken over, also on failure.
  * Fails: E_BUSY, E_CANCELLED (closing), E_NO_MEMORY; done does not run then.
  * Threads: any.
  */
-UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client, const char *path,
-                                            struct umbw_buffer *body, uint32_t timeout_ms,
-                                            umb__done_fn done, void *user, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client,
+                                            const struct umb__call_plan *plan,
+                                            struct umbw_buffer *body, umb__done_fn done, void *user,
+                                            struct umb_error *error);
 
 /* Moves a call to the end of a list. */
 void umb__call_move(struct umb__call *call, struct umb__call_list *list);
@@ -107,6 +120,13 @@ void umb__call_move(struct umb__call *call, struct umb__call_list *list);
 /* Ends a call: runs done, frees it. message may be NULL. Loop thread. */
 void umb__call_complete(struct umb_client *client, struct umb__call *call, enum umb_status status,
                         const struct umb_error *error);
+
+/* Ends a call well: runs done with this message, frees it. Loop thread. */
+void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
+                      size_t size);
+
+/* Ends a call because its time is over. was_sent: the server has had it. */
+void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
 /* Puts an unprocessed call back to the waiting ones; false if it was retried often enough. */
 bool umb__call_retry(struct umb_client *client, struct umb__call *call);
@@ -133,10 +153,10 @@ void umb__client_log(struct umb_client *client, enum umb_log_level level, const 
 /* Runs a call and waits; decode turns the reply into *out on the loop thread. */
 typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,
                                           struct umb_error *error);
-UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client, const char *path,
-                                           struct umbw_buffer *body, uint32_t timeout_ms,
-                                           umb__decode_fn decode, void *out,
-                                           struct umb_error *error);
+UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
+                                           const struct umb__call_plan *plan,
+                                           struct umbw_buffer *body, umb__decode_fn decode,
+                                           void *out, struct umb_error *error);
 
 /* A reply that cannot be decoded is the server's fault: E_ARGUMENT becomes E_PROTOCOL. */
 enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,

@@ -40,10 +40,11 @@ struct umb__connection {
     struct umbw_buffer sealed; /* the same as records */
     nghttp2_session *session;
     struct umb__call_list active;
-    bool ready;    /* settings came: takes calls */
-    bool used;     /* took a call */
-    bool probing;  /* waits for any bytes, after a PING */
-    bool draining; /* GOAWAY came, or stream numbers ran out: takes no more calls */
+    bool ready;     /* settings came: takes calls */
+    bool used;      /* took a call */
+    bool probing;   /* waits for any bytes, after a PING */
+    bool draining;  /* GOAWAY came, or stream numbers ran out: takes no more calls */
+    bool flush_due; /* something was submitted outside of its call-backs */
     bool lost;
     bool http1; /* the first bytes were an HTTP/1 answer */
     bool saw_bytes;

@@ -61,6 +61,16 @@ static enum umb_status decode(const uint8_t *message, size_t size, size_t value_
     return UMB_OK;
 }
 
+/* How a query goes: on its own, or over its stream. */
+static struct umb__call_plan plan_of(const struct umb_client_query_request *request)
+{
+    return (struct umb__call_plan){
+        .path = UMBW_PATH_QUERY,
+        .timeout_ms = request->timeout_ms,
+        .stream = request->stream,
+    };
+}
+
 static void on_query_done(void *user, enum umb_status status, const uint8_t *message, size_t size,
                           const struct umb_error *error)
 {
@@ -98,8 +108,8 @@ enum umb_status umb_client_query_start(struct umb_client *client,
     call->done = done;
     call->user = user;
     call->value_bytes = umb_answer_bytes(request->settings.format, request->points.count);
-    status = umb__call_start(client, UMBW_PATH_QUERY, &body, request->timeout_ms, on_query_done,
-                             call, error);
+    const struct umb__call_plan plan = plan_of(request);
+    status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
         free(call);
     }
@@ -149,6 +159,6 @@ enum umb_status umb_client_query(struct umb_client *client,
         .value_bytes = umb_answer_bytes(request->settings.format, request->points.count),
         .reply = reply,
     };
-    return umb__call_wait(client, UMBW_PATH_QUERY, &body, request->timeout_ms, decode_to_target,
-                          &target, error);
+    const struct umb__call_plan plan = plan_of(request);
+    return umb__call_wait(client, &plan, &body, decode_to_target, &target, error);
 }

@@ -20,6 +20,16 @@ void umb__reply_finish(struct umb__reply *reply)
     reply->message_size = 0;
 }
 
+void umb__reply_restart(struct umb__reply *reply)
+{
+    struct umb__reply fresh;
+    umb__reply_finish(reply);
+    umb__reply_init(&fresh, reply->reader.max_message);
+    fresh.take = reply->take;
+    fresh.take_user = reply->take_user;
+    *reply = fresh;
+}
+
 static bool is_name(const uint8_t *name, size_t size, const char *wanted)
 {
     return size == strlen(wanted) && memcmp(name, wanted, size) == 0;
@@ -86,6 +96,9 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
 static enum umb_status keep_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umb__reply *reply = user;
+    if (reply->take != NULL && !compressed) {
+        return reply->take(reply->take_user, message, size) ? UMB_OK : UMB_E_PROTOCOL;
+    }
     reply->message_count++;
     if (compressed || reply->message_count > 1) {
         return UMB_E_PROTOCOL;
@@ -123,6 +136,7 @@ enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes, 
     if (detail.status == UMB_OK) {
         return umb_fail(error, status, "reply: %s",
                         status == UMB_E_NO_MEMORY  ? "out of memory for its message"
+                        : reply->take != NULL      ? "a message without a request"
                         : reply->message_count > 1 ? "more than one message for a single call"
                                                    : "a compressed message that was not asked for");
     }
@@ -193,7 +207,7 @@ enum umb_status umb__reply_verdict(const struct umb__reply *reply, struct umb_er
     if (!umbw_reader_at_boundary(&reply->reader)) {
         return umb_fail(error, UMB_E_PROTOCOL, "reply: ended inside a message");
     }
-    if (reply->message_count != 1) {
+    if (reply->message_count != 1 && reply->take == NULL) {
         return umb_fail(error, UMB_E_PROTOCOL, "reply: status OK without a message");
     }
     return UMB_OK;

@@ -2,7 +2,8 @@
 #ifndef UMBRAGE_RPC_RPC_REPLY_H
 #define UMBRAGE_RPC_RPC_REPLY_H
 /*
- * What came back for one unary call so far: headers, one message, trailers; and the verdict.
+ * What came back for one call so far: headers, one message (or each as it comes), trailers; and
+ * the verdict.
  *
  *     umb__reply_init, then umb__reply_header and umb__reply_data as they come,
  *     umb__reply_verdict at the end of the stream, umb__reply_finish.
@@ -34,10 +35,17 @@ struct umb__reply {
     uint8_t *message; /* the one message, owned */
     size_t message_size;
     unsigned message_count;
+    /* Of a call with many replies: gets each message, borrowed; false if it has no place. NULL: one
+     * message is kept. */
+    bool (*take)(void *user, const uint8_t *message, size_t size);
+    void *take_user;
 };
 
 void umb__reply_init(struct umb__reply *reply, size_t max_message);
 void umb__reply_finish(struct umb__reply *reply);
+
+/* Forgets what came, for another try. */
+void umb__reply_restart(struct umb__reply *reply);
 
 /* Takes one header or trailer. Fails: E_PROTOCOL (too many header bytes). */
 UMB_CHECKED enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,

@@ -10,6 +10,7 @@
  * Source: reference measurements of gRPC on nghttp2: windows of 64 MiB, frames of 1 MiB.
  */
 #include "rpc_connection.h"
+#include "rpc_stream.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -19,7 +20,9 @@
 #define UMB_VERSION "unversioned"
 #endif
 
-#define WINDOW_BYTES (64 << 20)
+#define WINDOW_BYTES   (64 << 20)
+#define HEADERS_ALWAYS 8 /* of a request, and some that depend */
+#define HEADERS_MAX    (HEADERS_ALWAYS + 2)
 
 static struct umb__call *stream_call(nghttp2_session *session, int32_t stream_id)
 {
@@ -199,6 +202,10 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
     if (call == NULL) {
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
     }
+    if (call->carries != NULL) {
+        size_t filled = umb__stream_read(call->carries, buffer, length);
+        return filled > 0 ? (ssize_t)filled : NGHTTP2_ERR_DEFERRED;
+    }
     size_t left = call->body.size - call->body_sent;
     size_t count = left < length ? left : length;
     memcpy(buffer, call->body.bytes + call->body_sent, count);
@@ -271,8 +278,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     uint64_t now = uv_hrtime();
     uint64_t left = call->deadline_ns > now ? call->deadline_ns - now : 0;
     char timeout[16];
-    (void)umbw_timeout_format((int64_t)left, timeout);
-    const nghttp2_nv headers[] = {
+    nghttp2_nv headers[HEADERS_MAX] = {
         header(":method", "POST"),
         header(":scheme", client->address.is_tls ? "https" : "http"),
         header(":path", call->path),
@@ -281,11 +287,15 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
         header("content-type", "application/grpc"),
         header("user-agent", "umbrage/" UMB_VERSION),
         header("grpc-accept-encoding", "identity"),
-        header("grpc-timeout", timeout),
-        secret_header("authorization", client->bearer != NULL ? client->bearer : ""),
     };
-    /* The last one only if there is a token. */
-    size_t header_count = sizeof headers / sizeof headers[0] - (client->bearer == NULL);
+    size_t header_count = HEADERS_ALWAYS;
+    if (call->deadline_ns != UINT64_MAX) {
+        (void)umbw_timeout_format((int64_t)left, timeout);
+        headers[header_count++] = header("grpc-timeout", timeout);
+    }
+    if (client->bearer != NULL) {
+        headers[header_count++] = secret_header("authorization", client->bearer);
+    }
     nghttp2_data_provider body = {.source = {.ptr = NULL}, .read_callback = read_body};
     int32_t id =
         nghttp2_submit_request(connection->session, NULL, headers, header_count, &body, call);

@@ -41,9 +41,9 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
     pthread_mutex_unlock(&waiter->lock);
 }
 
-enum umb_status umb__call_wait(struct umb_client *client, const char *path,
-                               struct umbw_buffer *body, uint32_t timeout_ms, umb__decode_fn decode,
-                               void *out, struct umb_error *error)
+enum umb_status umb__call_wait(struct umb_client *client, const struct umb__call_plan *plan,
+                               struct umbw_buffer *body, umb__decode_fn decode, void *out,
+                               struct umb_error *error)
 {
     struct waiter waiter = {.finished = false, .error = error, .decode = decode, .out = out};
     enum umb_status status;
@@ -62,7 +62,7 @@ enum umb_status umb__call_wait(struct umb_client *client, const char *path,
         status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot wait");
         goto end_lock;
     }
-    status = umb__call_start(client, path, body, timeout_ms, on_done, &waiter, error);
+    status = umb__call_start(client, plan, body, on_done, &waiter, error);
     if (status != UMB_OK) {
         goto end_condition;
     }

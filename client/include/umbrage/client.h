@@ -40,7 +40,8 @@
 extern "C" {
 #endif
 
-struct umb_client; /* opaque */
+struct umb_client;        /* opaque */
+struct umb_client_stream; /* opaque */
 
 struct umb_client_options {
     uint32_t connect_timeout_ms; /* until the server's first frame, or sign of life; 0 = 5000 */
@@ -60,9 +61,10 @@ struct umb_client_options {
 struct umb_client_query_request {
     const char *asset; /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
-    struct umb_points points; /* that they are finite is checked by the server alone */
-    int want_stats;           /* 0 or 1 */
-    uint32_t timeout_ms;      /* 0 = the client's */
+    struct umb_points points;         /* that they are finite is checked by the server alone */
+    int want_stats;                   /* 0 or 1 */
+    uint32_t timeout_ms;              /* 0 = the client's */
+    struct umb_client_stream *stream; /* of the same client; NULL: a call of its own */
 };
 
 struct umb_client_query_reply {
@@ -161,6 +163,24 @@ umb_client_query_start(struct umb_client *client, const struct umb_client_query_
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query(struct umb_client *client, const struct umb_client_query_request *request,
                  void *values, struct umb_client_query_reply *reply, struct umb_error *error);
+
+/*
+ * Makes a stream: queries that name it are answered in the order in which they were started, at a
+ * fraction of a call's cost. For whoever asks again and again, as a frame loop. Nothing is sent
+ * before the first query; a stream that the server or the network ended is opened again by the
+ * next one. A query that meets its deadline or is refused fails alone.
+ *
+ * Owns:  the caller closes it with umb_client_stream_close before it closes the client.
+ * Fails: E_NO_MEMORY.
+ * Threads: any; several may ask over one stream.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_client_stream_open(struct umb_client *client,
+                                                           struct umb_client_stream **out,
+                                                           struct umb_error *error);
+
+/* Cancels what is under way on a stream (call-backs get E_CANCELLED, soon) and frees it. NULL is
+ * allowed. Nobody else may use the stream; a call-back may close it. */
+UMB_API void umb_client_stream_close(struct umb_client_stream *stream);
 
 /*
  * Lists the server's assets, by name, and waits for the answer.

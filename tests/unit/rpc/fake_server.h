@@ -39,7 +39,7 @@ struct fake_server {
     uint32_t max_streams; /* 0 = 100 */
     const char *unix_path;
     /* what it saw */
-    atomic_uint connections, requests, resets;
+    atomic_uint connections, requests, resets, streamed;
     int listener;
     int port;
     pthread_t thread;
@@ -58,6 +58,10 @@ struct fake_stream {
     size_t reply_size, reply_sent;
     int drop_after; /* close the connection once so many reply bytes are sent; -1 = no */
     bool without_status;
+    /* QueryStream: how much of the body is answered, whether an answer was begun */
+    size_t taken;
+    bool answering;
+    const char *end; /* grpc-status that ends it, or NULL */
 };
 
 struct fake_connection {
@@ -115,10 +119,13 @@ static ssize_t fake_read(nghttp2_session *session, int32_t id, uint8_t *buffer, 
         connection->hang_up = true;
         return (ssize_t)count;
     }
+    if (stream->answering && stream->end == NULL) {
+        return count > 0 ? (ssize_t)count : NGHTTP2_ERR_DEFERRED;
+    }
     if (count == left) {
         *flags |= NGHTTP2_DATA_FLAG_EOF;
         if (!stream->without_status) {
-            nghttp2_nv trailer = fake_header("grpc-status", "0");
+            nghttp2_nv trailer = fake_header("grpc-status", stream->end ? stream->end : "0");
             *flags |= NGHTTP2_DATA_FLAG_NO_END_STREAM;
             (void)nghttp2_submit_trailer(session, id, &trailer, 1);
         }
@@ -331,6 +338,44 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
     }
 }
 
+/* Answers the requests of a QueryStream that are there. "silent" and what follows get no answer,
+ * "not-found" ends the stream, "away" ends it as a server that shuts down, "drop" the connection.
+ */
+static void fake_stream_respond(struct fake_connection *connection, struct fake_stream *stream)
+{
+    struct umbw_query_request request;
+    while (stream->end == NULL && !connection->hang_up && stream->body_size - stream->taken >= 5) {
+        const uint8_t *at = stream->body + stream->taken;
+        size_t size = (size_t)at[3] << 8 | (size_t)at[4] | (size_t)at[2] << 16;
+        if (stream->body_size - stream->taken - 5 < size) {
+            break;
+        }
+        if (umbw_decode_query_request(at + 5, size, SIZE_MAX, &request, NULL) != UMB_OK) {
+            abort();
+        }
+        atomic_fetch_add(&connection->server->streamed, 1);
+        if (strcmp(request.asset, "silent") == 0) {
+            return;
+        }
+        stream->taken += 5 + size;
+        if (strcmp(request.asset, "drop") == 0) {
+            connection->hang_up = true;
+        } else if (strcmp(request.asset, "not-found") == 0) {
+            stream->end = "5";
+        } else if (strcmp(request.asset, "away") == 0) {
+            stream->end = "14";
+        } else {
+            fake_answer(stream, &request, request.points.count);
+        }
+    }
+    if (!stream->answering) {
+        stream->answering = true;
+        fake_send_reply(connection, stream, "200", "application/grpc");
+    } else {
+        (void)nghttp2_session_resume_data(connection->session, stream->id);
+    }
+}
+
 static int fake_on_begin(nghttp2_session *session, const nghttp2_frame *frame, void *user)
 {
     struct fake_connection *connection = user;
@@ -371,7 +416,7 @@ static int fake_on_data(nghttp2_session *session, uint8_t flags, int32_t id, con
                         size_t size, void *user)
 {
     (void)flags;
-    (void)user;
+    struct fake_connection *connection = user;
     struct fake_stream *stream = nghttp2_session_get_stream_user_data(session, id);
     if (stream == NULL || stream->body_size + size > FAKE_BODY_MAX) {
         return 0;
@@ -385,6 +430,9 @@ static int fake_on_data(nghttp2_session *session, uint8_t flags, int32_t id, con
     }
     memcpy(stream->body + stream->body_size, data, size);
     stream->body_size += size;
+    if (strcmp(stream->path, UMBW_PATH_STREAM) == 0) {
+        fake_stream_respond(connection, stream);
+    }
     return 0;
 }
 
