@@ -9,20 +9,16 @@
 #include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
-#include <zstd.h>
 
 #include "base/bytes.h"
-#include "format/canonical.h"
-#include "format/head.h"
 #include "format/layout.h"
-#include "format/page.h"
 #include "fuzz.h"
+#include "fuzz_pages.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
 #include "umbrage/volume.h"
 
 enum {
-    MAX_PAGES = 8,
     MAX_FILE = 1 << 20
 };
 
@@ -159,74 +155,11 @@ static void seal_mapped(uint8_t *file, size_t size)
     umb__store64(file + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
 }
 
-/* Adds one page to the file under construction. */
-static void add_page(const uint8_t *raw, size_t size, struct bytes *stored, uint8_t *entry,
-                     uint64_t counts[UMB_LEVEL_MAX + 1])
-{
-    struct umb__page page;
-    uint8_t compressed[1 << 17];
-    size_t length = ZSTD_compress(compressed, sizeof compressed, raw, size, 1);
-    FUZZ_DEMAND(!ZSTD_isError(length));
-    umb__store64(entry + UMB__PAGE_OFFSET, stored->size);
-    umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
-    umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)size);
-    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(compressed, length));
-    if (umb__page_parse(raw, size, &page, NULL) == UMB_OK) {
-        uint64_t records = 0;
-        for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-            counts[level] += page.node_count[level];
-            records += page.node_count[level];
-        }
-        entry[UMB__PAGE_LEVEL_HIGH] = (uint8_t)page.level_high;
-        entry[UMB__PAGE_LEVEL_LOW] = (uint8_t)page.level_low;
-        umb__store32(entry + UMB__PAGE_RECORDS, (uint32_t)records);
-    }
-    struct umb_sink sink = bytes_sink(stored);
-    FUZZ_DEMAND(sink.write(sink.user, compressed, length) == UMB_OK);
-}
-
 static void try_pages(const uint8_t *data, size_t size)
 {
-    static const double origin[3] = {0, 0, 0};
-    struct bytes stored = {0};
-    uint8_t directory[MAX_PAGES * UMB__PAGE_ENTRY] = {0};
-    struct umb__packed_root root = {UMB_NODE_MIXED, 0, 0};
-    struct umb__canonical canonical = {.roots = &root};
-    uint32_t log2_size = size > 0 ? 6 + data[0] % 5 : 6, pages = 0;
-    struct voxels voxels = {NULL, NULL, log2_size, 1};
-    size_t at = 1;
-    while (pages < MAX_PAGES && at + 2 <= size) {
-        size_t length = umb__load16(data + at);
-        at += 2;
-        length = length < size - at ? length : size - at;
-        add_page(data + at, length, &stored, directory + pages * UMB__PAGE_ENTRY, canonical.counts);
-        at += length;
-        pages++;
-    }
-    make_content(&voxels, 1, origin, &canonical.content);
-    struct umb__head head = {
-        .encoding = UMB_ENCODING_PACKED, .directory = directory, .directory_count = pages};
-    uint8_t *block;
-    FUZZ_DEMAND(umb__canonical_encode(&canonical, NULL, &block, &head.canonical_length, NULL) ==
-                UMB_OK);
-    head.canonical = block;
-    head.head_length = umb__head_length(head.canonical_length, pages, UMB__PAGE_ENTRY, 0);
-    head.file_length = head.head_length + stored.size;
-    for (uint32_t i = 0; i < pages; i++) {
-        uint8_t *entry = directory + i * UMB__PAGE_ENTRY;
-        umb__store64(entry, umb__load64(entry) + head.head_length);
-    }
-    uint8_t *file = malloc((size_t)head.file_length);
-    if (file) {
-        umb__head_write(&head, UMB__PAGE_ENTRY, file);
-        if (stored.size > 0) {
-            memcpy(file + head.head_length, stored.data, stored.size);
-        }
-        try_file(file, (size_t)head.file_length);
-    }
-    free(file);
-    free(block);
-    bytes_finish(&stored);
+    struct bytes file = fuzz_file_of_pages(data, size);
+    try_file(file.data, file.size);
+    bytes_finish(&file);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

@@ -39,6 +39,10 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
         head->encoding = UMB_ENCODING_PACKED;
     } else if (seen > 0 && memcmp(bytes, UMB__MAGIC_MAPPED, seen) == 0) {
         head->encoding = UMB_ENCODING_MAPPED;
+    } else if (seen == 8 && memcmp(bytes, UMB__MAGIC_PARTIAL, seen) == 0) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "magic: a partial file, which holds some pages only; `umbrage stream` "
+                        "reads and completes it");
     } else {
         return umb_fail(error, UMB_E_FORMAT, "magic: the file does not begin as an asset does");
     }

@@ -24,6 +24,7 @@
 
 #define UMB__MAGIC_PACKED  "\x89UMB\r\n\x1a\n"
 #define UMB__MAGIC_MAPPED  "\x89UMM\r\n\x1a\n"
+#define UMB__MAGIC_PARTIAL "\x89UMP\r\n\x1a\n"
 #define UMB__VERSION_MAJOR 1
 #define UMB__VERSION_MINOR 0
 

@@ -1,0 +1,400 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Opening, and the pages: proven one by one, see partial.h. */
+#include "partial/partial.h"
+
+#include <string.h>
+#include <xxhash.h>
+#include <zstd.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "partial/partial_parts.h"
+
+#define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
+
+/* Of a page and the pages that it refers to for the first time; beyond it adding fails. */
+enum {
+    ROOM_FOR_LINKS = 4096
+};
+
+static enum umb_status no_memory(struct umb_error *error, const char *what)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory within the budget for %s",
+                    what);
+}
+
+enum umb_status umb_partial_head_length(const void *front, size_t size, uint64_t *length,
+                                        struct umb_error *error)
+{
+    return umb__head_measure(front, size, length, error);
+}
+
+struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
+{
+    struct umb__held *held = &p->pages[page];
+    if (!held->links) {
+        held->links = umb__alloc_zeroed(&p->alloc, 1, sizeof *held->links);
+    }
+    return held->links;
+}
+
+/* The id that was asked for, and the one that canonical block and hashes have. */
+static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
+                                struct umb_error *error)
+{
+    uint8_t id[UMB_ID_BYTES];
+    if (wanted && memcmp(wanted, p->head.id, sizeof id) != 0) {
+        return umb_fail(error, UMB_E_CORRUPT, "id: the head is that of another asset");
+    }
+    if (!umb__directory_identify(&p->head, p->sha256, &p->alloc, id)) {
+        return no_memory(error, "the hash list");
+    }
+    if (memcmp(id, p->head.id, sizeof id) != 0) {
+        return umb_fail(error, UMB_E_CORRUPT, "id: does not match the canonical block and hashes");
+    }
+    return UMB_OK;
+}
+
+/* The pages that roots stand in; notes what must be in them. */
+static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error)
+{
+    for (uint32_t i = 0; i < p->canonical.content.frustum_count; i++) {
+        const struct umb__packed_root *root = &p->canonical.roots[i];
+        const uint32_t level = p->canonical.content.frusta[i].log2_size;
+        if (root->state != UMB_NODE_MIXED) {
+            continue;
+        }
+        if (root->page >= p->head.directory_count || root->position == UINT32_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "root %u: page %u is not there", i, root->page);
+        }
+        struct umb__links *links = umb__partial_links(p, root->page);
+        if (!links) {
+            return no_memory(error, "the roots");
+        }
+        if (links->needed[level] <= root->position) {
+            links->needed[level] = root->position + 1;
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status open_front(struct umb_partial *p, const void *front, size_t size,
+                                  const uint8_t *id, struct umb_error *error)
+{
+    struct umb__head head;
+    uint64_t raw_total;
+    enum umb_status status = umb__head_parse_front(front, size, &head, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (head.encoding != UMB_ENCODING_PACKED) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "encoding: a mapped file has no pages");
+    }
+    p->head_bytes = umb__alloc(&p->alloc, (size_t)head.head_length, 1);
+    if (!p->head_bytes) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the budget is %llu",
+                        (unsigned long long)head.head_length, (unsigned long long)p->meter.limit);
+    }
+    memcpy(p->head_bytes, front, (size_t)head.head_length);
+    status = umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error);
+    if (status == UMB_OK) {
+        status = umb__directory_check(&p->head, &raw_total, error);
+    }
+    if (status == UMB_OK) {
+        status = check_id(p, id, error);
+    }
+    if (status == UMB_OK) {
+        status = umb__canonical_decode(p->head.canonical, p->head.canonical_length, &p->alloc,
+                                       &p->canonical, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    p->zstd = ZSTD_createDCtx();
+    p->pages = umb__alloc_zeroed(&p->alloc, p->head.directory_count, sizeof *p->pages);
+    if (!p->zstd || !p->pages) {
+        return no_memory(error, "the list of pages");
+    }
+    return link_roots(p, error);
+}
+
+enum umb_status umb_partial_open(const void *front, size_t size,
+                                 const struct umb_partial_options *options,
+                                 struct umb_partial **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_partial *p = umb__alloc_zeroed(options->alloc, 1, sizeof *p);
+    if (!p) {
+        return no_memory(error, "itself");
+    }
+    umb__meter_init(&p->meter, options->alloc,
+                    options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY,
+                    &p->alloc);
+    p->meter.used = sizeof *p;
+    p->sha256 = options->sha256;
+    enum umb_status status = open_front(p, front, size, options->id, error);
+    if (status != UMB_OK) {
+        umb_partial_close(p);
+        return status;
+    }
+    *out = p;
+    return UMB_OK;
+}
+
+void umb_partial_close(struct umb_partial *p)
+{
+    if (!p) {
+        return;
+    }
+    umb__partial_unbuild(p);
+    for (uint32_t page = 0; p->pages && page < p->head.directory_count; page++) {
+        umb__free(&p->alloc, p->pages[page].stored);
+        umb__free(&p->alloc, p->pages[page].links);
+    }
+    umb__free(&p->alloc, p->pages);
+    umb__canonical_finish(&p->canonical, &p->alloc);
+    umb__free(&p->alloc, p->head_bytes);
+    ZSTD_freeDCtx(p->zstd);
+    umb__free(p->meter.inner, p);
+}
+
+enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit, void *user)
+{
+    for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
+        for (size_t i = 0; i < page->external_count[level]; i++) {
+            enum umb_status status =
+                visit(user, level, umb__load32(page->external_pages[level] + 4 * i),
+                      umb__load32(page->external_positions[level] + 4 * i));
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+/* Checking a page's links to others. */
+struct link_check {
+    struct umb_partial *p;
+    const struct umb__page *page;
+    uint32_t number;
+    struct umb_error *error;
+};
+
+static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uint32_t position)
+{
+    const struct link_check *c = user;
+    const struct umb_partial *p = c->p;
+    bool there = page < p->head.directory_count && position < p->canonical.counts[level - 1];
+    if (there && page == c->number) {
+        there = position < c->page->node_count[level - 1];
+    } else if (there && p->pages[page].stored) {
+        there = position < p->pages[page].links->count[level - 1];
+    } else if (there) {
+        const struct umb__page_entry entry = umb__directory_load(&p->head, page);
+        there = position < entry.records && level - 1 <= entry.level_high &&
+                level - 1 >= entry.level_low;
+    }
+    return there ? UMB_OK
+                 : umb_fail(c->error, UMB_E_CORRUPT,
+                            "page %u of the file: refers to node %u of level %u in page %u, which "
+                            "is not there",
+                            c->number, position, level - 1, page);
+}
+
+static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint32_t position)
+{
+    const struct link_check *c = user;
+    struct umb__links *links = umb__partial_links(c->p, page);
+    if (!links) {
+        return no_memory(c->error, "a page's links");
+    }
+    if (links->needed[level - 1] <= position) {
+        links->needed[level - 1] = position + 1;
+    }
+    return UMB_OK;
+}
+
+/* What others expect of the page, and what the asset says there is in all. */
+static enum umb_status check_counts(const struct umb_partial *p, uint32_t number,
+                                    const struct umb__page *page, struct umb_error *error)
+{
+    const struct umb__links *links = p->pages[number].links;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        if (links && links->needed[level] > page->node_count[level]) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "page %u of the file: has %u nodes of level %u, others refer to %u",
+                            number, page->node_count[level], level, links->needed[level]);
+        }
+        if (p->totals[level] + page->node_count[level] > p->canonical.counts[level]) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "page %u of the file: more nodes of level %u than the asset has",
+                            number, level);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status prove(const struct umb_partial *p, const struct umb__page_entry *entry,
+                             const uint8_t *raw, struct umb_error *error)
+{
+    const void *part = raw;
+    const size_t size = entry->raw_length;
+    uint8_t hash[UMB_ID_BYTES];
+    p->sha256->digest(p->sha256->user, &part, &size, 1, hash);
+    if (!umb__digest_made(hash)) {
+        return no_memory(error, "a hash");
+    }
+    return memcmp(hash, umb__directory_hash(&p->head, entry->page), sizeof hash) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
+                          entry->page);
+}
+
+/* Keeps a page that was found good. */
+static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
+                            const struct umb__page_entry *entry, const void *stored,
+                            struct umb_error *error)
+{
+    struct link_check check = {.p = p, .page = page, .number = entry->page, .error = error};
+    struct umb__links *links = umb__partial_links(p, entry->page);
+    uint8_t *copy = umb__alloc(&p->alloc, entry->stored_length, 1);
+    enum umb_status status = links && copy ? umb__partial_each_link(page, note_link, &check)
+                                           : no_memory(error, "a page");
+    if (status != UMB_OK) {
+        umb__free(&p->alloc, copy);
+        return status;
+    }
+    memcpy(copy, stored, entry->stored_length);
+    memcpy(links->count, page->node_count, sizeof links->count);
+    for (size_t level = 0; level < UMB__LEVELS; level++) {
+        p->totals[level] += links->count[level];
+    }
+    p->pages[entry->page].stored = copy;
+    p->held_count++;
+    p->held_bytes += entry->stored_length;
+    return UMB_OK;
+}
+
+/* Drops pages that matter less than one that comes, until there is room to take it. */
+static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry)
+{
+    const uint64_t needed = (uint64_t)entry->raw_length + entry->stored_length + ROOM_FOR_LINKS;
+    while (p->meter.limit - p->meter.used < needed) {
+        const uint32_t worst = umb__partial_worst(p);
+        if (worst == UINT32_MAX || p->pages[worst].benefit >= p->pages[entry->page].benefit) {
+            return false;
+        }
+        umb_partial_drop(p, worst);
+        p->dropped++;
+    }
+    return true;
+}
+
+enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void *stored,
+                                size_t size, struct umb_error *error)
+{
+    if (page >= p->head.directory_count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "page: %u, the asset has %u", page,
+                        p->head.directory_count);
+    }
+    const struct umb__page_entry entry = umb__directory_load(&p->head, page);
+    if (p->pages[page].stored) {
+        return umb_fail(error, UMB_E_EXISTS, "page %u of the file: is here already", page);
+    }
+    if (size != entry.stored_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: %zu bytes came, it has %u",
+                        page, size, entry.stored_length);
+    }
+    if (XXH3_64bits(stored, size) != entry.check) {
+        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: checksum does not match", page);
+    }
+    if (!make_room(p, &entry)) {
+        return no_memory(error, "a page that matters less than those here");
+    }
+    uint8_t *raw = umb__alloc(&p->alloc, entry.raw_length, 1);
+    struct umb__page parsed;
+    struct link_check check = {.p = p, .page = &parsed, .number = page, .error = error};
+    enum umb_status status =
+        raw ? umb__page_expand(p->zstd, stored, &entry, raw, error) : no_memory(error, "a page");
+    if (status == UMB_OK) {
+        status = prove(p, &entry, raw, error);
+    }
+    if (status == UMB_OK) {
+        status = umb__page_open(raw, &entry, &parsed, error);
+    }
+    if (status == UMB_OK) {
+        status = check_counts(p, page, &parsed, error);
+    }
+    if (status == UMB_OK) {
+        status = umb__partial_each_link(&parsed, check_link, &check);
+    }
+    if (status == UMB_OK) {
+        status = keep(p, &parsed, &entry, stored, error);
+    }
+    umb__free(&p->alloc, raw);
+    return status;
+}
+
+void umb_partial_drop(struct umb_partial *p, uint32_t page)
+{
+    struct umb__held *held = page < p->head.directory_count ? &p->pages[page] : NULL;
+    if (!held || !held->stored) {
+        return;
+    }
+    for (size_t level = 0; level < UMB__LEVELS; level++) {
+        p->totals[level] -= held->links->count[level];
+    }
+    p->held_bytes -= umb__directory_load(&p->head, page).stored_length;
+    p->held_count--;
+    umb__free(&p->alloc, held->stored);
+    held->stored = NULL;
+}
+
+int umb_partial_has(const struct umb_partial *p, uint32_t page)
+{
+    return page < p->head.directory_count && p->pages[page].stored;
+}
+
+void umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
+                        uint32_t *length)
+{
+    const struct umb__page_entry entry = umb__directory_load(&p->head, page);
+    *offset = entry.offset;
+    *length = entry.stored_length;
+}
+
+const uint8_t *umb_partial_stored(const struct umb_partial *p, uint32_t page)
+{
+    return page < p->head.directory_count ? p->pages[page].stored : NULL;
+}
+
+const uint8_t *umb_partial_head(const struct umb_partial *p)
+{
+    return p->head_bytes;
+}
+
+const struct umb_asset *umb_partial_lower(const struct umb_partial *p)
+{
+    return p->built ? &p->lower : NULL;
+}
+
+const struct umb_asset *umb_partial_upper(const struct umb_partial *p)
+{
+    return p->built ? &p->upper : NULL;
+}
+
+void umb_partial_get_stats(const struct umb_partial *p, struct umb_partial_stats *stats)
+{
+    *stats = (struct umb_partial_stats){
+        .page_count = p->head.directory_count,
+        .pages_held = p->held_count,
+        .asset_bytes = p->head.file_length,
+        .head_bytes = p->head.head_length,
+        .held_bytes = p->held_bytes,
+        .memory_bytes = p->meter.used,
+        .memory_peak_bytes = p->meter.peak,
+        .pages_dropped = p->dropped,
+        .builds = p->builds,
+    };
+}

@@ -1,0 +1,200 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_PARTIAL_PARTIAL_H
+#define UMBRAGE_CORE_PARTIAL_PARTIAL_H
+/*
+ * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
+ * them.
+ *
+ *     umb_partial_open(front, size, &options, &partial, &error);  head and directory, against the
+ * id umb_partial_want(partial, &view);                 which pages matter, and how much count =
+ * umb_partial_missing(partial, list, room, budget);   the best first umb_partial_add(partial, page,
+ * stored, size, &error);       for each that came umb_partial_build(partial, &error); lays out what
+ * is there umb_partial_query(partial, &settings, &points, &answers, &error);
+ *     umb_partial_close(partial);
+ *
+ * How a missing page is answered. What is there is laid out twice: in the lower asset every subtree
+ * that is not there is all shadowed, in the upper one all lit. Both are ordinary assets, so that
+ * every query runs on them as it is, and since a window counts lit voxels the truth lies between
+ * the two answers. Where they are equal, the answer is exact, bit for bit that of the whole file.
+ * Elsewhere it is the occupancy of the deepest node that is there, put between the two.
+ *
+ * Trust: head, directory and canonical block are checked against the id, each page against its
+ * SHA-256 in the directory, its structure and its links to the pages that are there. Safe on
+ * hostile bytes; what is wrong is refused with the page named, and the rest stays as it was.
+ * Memory: everything, stored pages included, stays within options.max_memory_bytes: a build that
+ * does not fit drops the pages that matter least and tries again. zstd's working memory (about 0.2
+ * MiB) comes from malloc on top. A dropped page is missing again.
+ * Threads: one at a time; but between two builds any number may query.
+ * Space: voxels and boxes as in umbrage/geom.h.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "format/content.h"
+#include "umbrage/query.h"
+
+struct umb_partial; /* opaque */
+
+struct umb_partial_options {
+    const struct umb_sha256 *sha256; /* needed; borrowed until close */
+    const uint8_t *id;               /* uint8[UMB_ID_BYTES] that was asked for; NULL: any */
+    uint64_t max_memory_bytes;       /* 0 = 1 GiB; less than the head takes: E_TOO_LARGE */
+    const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial */
+};
+
+/* What one wants to see. World space, metres, radians. */
+struct umb_partial_view {
+    uint32_t light;     /* UINT32_MAX: all lights */
+    int has_box;        /* only what answers points in `box` */
+    struct umb_box box; /* finite, min <= max */
+    int has_camera;     /* only what answers points in the camera's pyramid; nearer is better */
+    double eye[3];
+    double forward[3], up[3]; /* need not be unit length; not parallel */
+    double fov_y;             /* of the picture's height, 0 < fov_y < pi */
+    double aspect;            /* width / height, > 0 */
+    double far_m;             /* 0: no limit */
+    double max_error_m;       /* cells this small need not be looked into; 0: exact */
+    double max_error_rad;     /* the same, as seen from the eye: half a pixel, say; 0: exact */
+    uint32_t taps;            /* widest window that will be asked; 0 = UMB_TAPS_MAX */
+    double bias_m;            /* longest bias that will be asked beyond UMB_BIAS_AUTO's */
+};
+
+struct umb_partial_stats {
+    uint32_t page_count, pages_held;          /* of the asset; here */
+    uint64_t asset_bytes;                     /* of the packed file */
+    uint64_t head_bytes;                      /* of its head */
+    uint64_t held_bytes;                      /* stored bytes of the pages here */
+    uint64_t memory_bytes, memory_peak_bytes; /* taken now and at most */
+    uint64_t pages_dropped;                   /* by the budget, since open */
+    uint64_t builds;
+};
+
+/*
+ * How long the head of a packed file is, from its first 128 bytes or more.
+ * Fails: E_FORMAT, E_VERSION, E_TRUNCATED (under 128 bytes), E_CORRUPT.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_partial_head_length(const void *front, size_t size, uint64_t *length, struct umb_error *error);
+
+/*
+ * Opens the front of a packed file: its head at least; what follows is not looked at.
+ *
+ * In:    front: uint8[size], copied. options: copied, but for what it borrows.
+ * Out:   out: the partial asset without a page, or NULL.
+ * Fails: as umb_asset_open_bytes; E_UNSUPPORTED (a mapped file), E_CORRUPT (not the id that was
+ *        asked for, or not what its own id says).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_open(const void *front, size_t size,
+                                                     const struct umb_partial_options *options,
+                                                     struct umb_partial **out,
+                                                     struct umb_error *error);
+
+/* Frees it. NULL is allowed. */
+UMB_API void umb_partial_close(struct umb_partial *partial);
+
+/*
+ * Takes one page as it stands in the file.
+ *
+ * In:    stored: uint8[size], copied.
+ * Fails: E_ARGUMENT (no such page), E_EXISTS (it is here), E_CORRUPT (length, checksum, SHA-256,
+ *        structure, or links to or from pages that are here), E_VERSION, E_NO_MEMORY (beyond the
+ *        budget, and no page here matters less: those are dropped first). The page is then not
+ * here.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial, uint32_t page,
+                                                    const void *stored, size_t size,
+                                                    struct umb_error *error);
+
+/* Forgets a page; it can be added again. The last build stays as it is. */
+UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
+
+/* 1 if a page is here. */
+UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
+
+/* Where a page stands in the file. In: page: below page_count. */
+UMB_API void umb_partial_locate(const struct umb_partial *partial, uint32_t page, uint64_t *offset,
+                                uint32_t *length);
+
+/* Stored bytes of a page that is here, borrowed until it is dropped; NULL if it is not. */
+UMB_API const uint8_t *umb_partial_stored(const struct umb_partial *partial, uint32_t page);
+
+/* The head's bytes: uint8[head_bytes], borrowed until close. */
+UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
+
+/*
+ * Says what matters from now on: gives every page that a view leads to a benefit, as far as the
+ * pages of the last build tell. `add` keeps what earlier views said, for several lights or cameras.
+ *
+ * Fails: E_ARGUMENT (view, named), E_STATE (nothing built yet).
+ * Cost:  linear in the unique nodes inside, and in the cubes that the view's border cuts.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial,
+                                                     const struct umb_partial_view *view, int add,
+                                                     struct umb_error *error);
+
+/*
+ * Lists missing pages that matter, the greatest benefit per stored byte first.
+ *
+ * In:    room: of list. budget_bytes: stop before more stored bytes than this; 0 = no limit.
+ * Out:   list: page numbers. Returns how many; 0: all that the view needs is here, or too large.
+ */
+UMB_API size_t umb_partial_missing(const struct umb_partial *partial, uint32_t *list, size_t room,
+                                   uint64_t budget_bytes);
+
+/*
+ * Lays out what is there for queries. Within the memory budget: drops pages of no benefit first,
+ * then those of least.
+ *
+ * Fails: E_NO_MEMORY (not even without pages), E_CORRUPT.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_build(struct umb_partial *partial,
+                                                      struct umb_error *error);
+
+/* The assets between which the truth lies, of the last build; borrowed until the next. Equal
+ * answers of both are the whole asset's. NULL before the first build. */
+UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *partial);
+UMB_API const struct umb_asset *umb_partial_upper(const struct umb_partial *partial);
+
+/* Answers of a partial asset. Arrays of points->count; only values is needed. */
+struct umb_partial_answers {
+    float *values;     /* best guess, within [low, high] */
+    float *low, *high; /* the truth lies between; equal where it is known */
+    float *error_m;    /* 0 where exact, else the widest edge of a cube that is not there, metres */
+    uint64_t exact;    /* out: points whose low and high are equal */
+    double worst_error_m;         /* out: greatest of error_m */
+    struct umb_query_stats stats; /* of the lower asset, added to */
+};
+
+/*
+ * Answers points as umb_query_run does, as well as the pages at hand allow.
+ *
+ * In:    settings: format is ignored; answers are floats. want: 1 gives the pages that inexact
+ *        points miss a benefit of 1 a point (umb_partial_missing then lists them); needs that no
+ *        other thread queries.
+ * Fails: as umb_query_prepare and umb_points_check; E_STATE (nothing built yet), E_NO_MEMORY.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_query(struct umb_partial *partial,
+                                                      const struct umb_query_settings *settings,
+                                                      const struct umb_points *points, int want,
+                                                      struct umb_partial_answers *answers,
+                                                      struct umb_error *error);
+
+UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
+                                   struct umb_partial_stats *stats);
+
+/*
+ * Writes what is there as a partial file (docs/umb-format.md, section 7).
+ * Fails: E_NO_MEMORY, or what the sink returns.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_save(const struct umb_partial *partial,
+                                                     const struct umb_sink *sink,
+                                                     struct umb_error *error);
+
+/*
+ * Opens a partial file from memory, and builds it.
+ * Fails: as umb_partial_open, umb_partial_add and umb_partial_build; E_FORMAT, E_TRUNCATED.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_partial_open_saved(const void *bytes, size_t size, const struct umb_partial_options *options,
+                       struct umb_partial **out, struct umb_error *error);
+
+#endif

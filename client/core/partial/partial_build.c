@@ -1,0 +1,341 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * From the pages at hand to the two assets of partial.h. First a graph: the octree of all nodes
+ * that are here, in which a child elsewhere is UMB__ABSENT | its page. From it the lower and the
+ * upper octree, in which such a child is a uniform state, and their mapped layouts; bricks are the
+ * same in both and shared.
+ */
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "partial/partial_parts.h"
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY,
+                    "partial asset: the pages at hand do not fit the "
+                    "memory budget");
+}
+
+void umb__partial_unbuild(struct umb_partial *p)
+{
+    umb__mapped_finish(&p->upper.mapped); /* its bricks are the lower one's */
+    umb__mapped_finish(&p->lower.mapped);
+    for (size_t level = 0; level < UMB__LEVELS; level++) {
+        umb__free(&p->alloc, p->seen[level]);
+        p->seen[level] = NULL;
+    }
+    p->graph.alloc = &p->alloc;
+    umb_octree_finish(&p->graph);
+    umb__free(&p->alloc, p->order);
+    p->order = NULL;
+    p->order_count = 0;
+    p->built = false;
+}
+
+uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
+{
+    /* The last page whose first node is not behind: pages without nodes of the level stand before
+     * the one that has it. */
+    uint32_t low = 0, high = p->order_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (p->pages[p->order[middle]].links->first[level] <= index) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return p->order[low];
+}
+
+/* Numbers the nodes of all pages here, in the order of the file. */
+static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__LEVELS])
+{
+    memset(totals, 0, UMB__LEVELS * sizeof *totals);
+    p->order = umb__alloc(&p->alloc, p->held_count, sizeof *p->order);
+    if (!p->order) {
+        return UMB_E_NO_MEMORY;
+    }
+    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+        struct umb__links *links = p->pages[page].links;
+        if (!p->pages[page].stored) {
+            continue;
+        }
+        p->order[p->order_count++] = page;
+        for (size_t level = 0; level < UMB__LEVELS; level++) {
+            links->first[level] = (uint32_t)totals[level];
+            totals[level] += links->count[level];
+            if (totals[level] >= UMB__ABSENT) {
+                return UMB_E_CORRUPT;
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+/* Arrays for the nodes; children are made when their number is known. */
+static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
+{
+    struct umb_octree *g = &p->graph;
+    bool ok = true;
+    g->alloc = &p->alloc;
+    g->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
+    g->root_count = p->canonical.content.frustum_count;
+    g->bricks = umb__alloc_large(&p->alloc, g->brick_count, sizeof *g->bricks);
+    g->roots = umb__alloc_zeroed(&p->alloc, g->root_count, sizeof *g->roots);
+    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
+        struct umb_octree_level *level = &g->level[l];
+        level->masks = umb__alloc(&p->alloc, (size_t)totals[l], sizeof *level->masks);
+        level->first = umb__alloc_zeroed(&p->alloc, (size_t)totals[l] + 1, sizeof *level->first);
+        level->children = umb__alloc(&p->alloc, 1, sizeof *level->children);
+        ok = ok && level->masks && level->first && level->children;
+    }
+    return ok && g->bricks && g->roots;
+}
+
+/* Number of a child in the graph, or the page it is absent with. */
+static uint32_t child_of(const struct umb_partial *p, uint32_t self, const struct umb__page *page,
+                         uint32_t l, uint32_t reference)
+{
+    const uint32_t local = page->node_count[l - 1];
+    uint32_t number = self, position = reference;
+    if (reference >= local) {
+        const size_t k = reference - local;
+        number = umb__load32(page->external_pages[l] + 4 * k);
+        position = umb__load32(page->external_positions[l] + 4 * k);
+    }
+    return p->pages[number].stored ? p->pages[number].links->first[l - 1] + position
+                                   : UMB__ABSENT | number;
+}
+
+/* Adds one page's nodes of one level to the graph; pages come in order, so that they append. */
+static bool fill_level(struct umb_partial *p, uint32_t self, const struct umb__page *page,
+                       uint32_t l, size_t *capacity)
+{
+    struct umb_octree_level *level = &p->graph.level[l];
+    const uint64_t begin = level->first[level->count];
+    const uint64_t end = begin + page->reference_count[l];
+    if (end >= UINT32_MAX ||
+        !umb__grow(&p->alloc, &level->children, capacity, (size_t)end, sizeof *level->children)) {
+        return false;
+    }
+    for (uint32_t i = 0; i < page->node_count[l]; i++) {
+        const uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)i);
+        level->masks[level->count] = mask;
+        level->first[level->count + 1] = level->first[level->count] + umb_mask_mixed_count(mask);
+        level->count++;
+    }
+    for (uint64_t i = 0; i < page->reference_count[l]; i++) {
+        const unsigned width = page->width[l];
+        const uint32_t reference = umb__load_narrow(page->references[l] + i * width, width);
+        level->children[begin + i] = child_of(p, self, page, l, reference);
+    }
+    return true;
+}
+
+static enum umb_status fill_page(struct umb_partial *p, uint32_t number, uint8_t *raw,
+                                 size_t capacity[UMB__LEVELS], struct umb_error *error)
+{
+    const struct umb__page_entry entry = umb__directory_load(&p->head, number);
+    struct umb__page page;
+    enum umb_status status = umb__page_expand(p->zstd, p->pages[number].stored, &entry, raw, error);
+    if (status == UMB_OK) {
+        status = umb__page_open(raw, &entry, &page, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+        if (!fill_level(p, number, &page, l, &capacity[l])) {
+            return no_memory(error);
+        }
+    }
+    const uint32_t first = p->pages[number].links->first[UMB_LEVEL_BRICK];
+    const uint8_t *leaf = page.leaf_numbers;
+    for (uint32_t i = 0; i < page.node_count[UMB_LEVEL_BRICK]; i++) {
+        umb__page_brick(&page, i, &leaf, p->graph.bricks[first + i]);
+    }
+    return UMB_OK;
+}
+
+static void place_roots(struct umb_partial *p)
+{
+    for (uint32_t i = 0; i < p->graph.root_count; i++) {
+        const struct umb__packed_root *packed = &p->canonical.roots[i];
+        struct umb_octree_root *root = &p->graph.roots[i];
+        root->state = (enum umb_node_state)packed->state;
+        root->level = p->canonical.content.frusta[i].log2_size;
+        if (root->state == UMB_NODE_MIXED) {
+            root->index = p->pages[packed->page].stored
+                              ? p->pages[packed->page].links->first[root->level] + packed->position
+                              : UMB__ABSENT | packed->page;
+        }
+    }
+}
+
+static enum umb_status build_graph(struct umb_partial *p, struct umb_error *error)
+{
+    uint64_t totals[UMB__LEVELS];
+    size_t capacity[UMB__LEVELS] = {0};
+    enum umb_status status = number_pages(p, totals);
+    if (status != UMB_OK || !allocate_graph(p, totals)) {
+        return status == UMB_E_CORRUPT ? umb_fail(error, status, "pages: 2^31 nodes of one level")
+                                       : no_memory(error);
+    }
+    uint32_t longest = 1;
+    for (uint32_t i = 0; i < p->order_count; i++) {
+        uint32_t length = umb__directory_load(&p->head, p->order[i]).raw_length;
+        longest = length > longest ? length : longest;
+    }
+    uint8_t *raw = umb__alloc(&p->alloc, longest, 1);
+    status = raw ? UMB_OK : no_memory(error);
+    for (uint32_t i = 0; i < p->order_count && status == UMB_OK; i++) {
+        status = fill_page(p, p->order[i], raw, capacity, error);
+    }
+    umb__free(&p->alloc, raw);
+    if (status == UMB_OK) {
+        place_roots(p);
+    }
+    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS && status == UMB_OK; l++) {
+        p->seen[l] = umb__alloc(&p->alloc, p->graph.level[l].count, sizeof *p->seen[l]);
+        status = p->seen[l] ? UMB_OK : no_memory(error);
+    }
+    return status;
+}
+
+/* One level of the graph with absent children settled as `state`. False: out of memory. */
+static bool settle_level(struct umb_partial *p, const struct umb_octree_level *from,
+                         enum umb_node_state state, struct umb_octree_level *to)
+{
+    to->masks = umb__alloc(&p->alloc, from->count, sizeof *to->masks);
+    to->first = umb__alloc_zeroed(&p->alloc, (size_t)from->count + 1, sizeof *to->first);
+    to->children = umb__alloc(&p->alloc, from->first[from->count], sizeof *to->children);
+    if (!to->masks || !to->first || !to->children) {
+        return false;
+    }
+    to->count = from->count;
+    uint32_t next = 0;
+    for (uint32_t node = 0; node < from->count; node++) {
+        const uint32_t *child = from->children + from->first[node];
+        uint16_t mask = from->masks[node];
+        for (unsigned c = 0; c < 8; c++) {
+            if (umb_mask_state(mask, c) != UMB_NODE_MIXED) {
+                continue;
+            }
+            if (*child & UMB__ABSENT) {
+                mask = (uint16_t)((mask & ~(3U << (2 * c))) | (unsigned)state << (2 * c));
+            } else {
+                to->children[next++] = *child;
+            }
+            child++;
+        }
+        to->masks[node] = mask;
+        to->first[node + 1] = next;
+    }
+    return true;
+}
+
+/* The graph as an octree without absent children, laid out. bricks: taken by the layout, or NULL
+ * for one that will share them. */
+static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
+                               uint64_t (*bricks)[8], struct umb__mapped *mapped,
+                               struct umb_error *error)
+{
+    struct umb_octree octree = {.alloc = &p->alloc,
+                                .brick_count = p->graph.brick_count,
+                                .bricks = bricks,
+                                .root_count = p->graph.root_count};
+    octree.roots = umb__alloc(&p->alloc, octree.root_count, sizeof *octree.roots);
+    bool ok = octree.roots != NULL;
+    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS && ok; l++) {
+        ok = settle_level(p, &p->graph.level[l], state, &octree.level[l]);
+    }
+    enum umb_status status = UMB_E_NO_MEMORY;
+    if (ok) {
+        memcpy(octree.roots, p->graph.roots, octree.root_count * sizeof *octree.roots);
+        for (uint32_t i = 0; i < octree.root_count; i++) {
+            struct umb_octree_root *root = &octree.roots[i];
+            if (root->state == UMB_NODE_MIXED && (root->index & UMB__ABSENT)) {
+                root->state = state;
+                root->index = 0;
+            }
+        }
+        status = umb__mapped_build(&octree, &p->canonical.content, p->meter.limit, mapped, error);
+    }
+    umb_octree_finish(&octree);
+    return status == UMB_OK ? UMB_OK : no_memory(error);
+}
+
+/* An asset as queries see one; content and id stay the partial asset's. */
+static void dress(const struct umb_partial *p, struct umb_asset *asset)
+{
+    asset->alloc = &p->alloc;
+    asset->canonical = p->canonical;
+    asset->view = asset->mapped.view;
+    asset->notes = (char *)(uintptr_t) "";
+    asset->encoding = UMB_ENCODING_PACKED;
+    asset->file_bytes = p->head.file_length;
+    memcpy(asset->id, p->head.id, UMB_ID_BYTES);
+}
+
+static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
+{
+    umb__partial_unbuild(p);
+    enum umb_status status = build_graph(p, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    uint64_t(*bricks)[8] = p->graph.bricks;
+    p->graph.bricks = NULL;
+    status = lay_out(p, UMB_NODE_SHADOWED, bricks, &p->lower.mapped, error);
+    if (status == UMB_OK) {
+        status = lay_out(p, UMB_NODE_LIT, NULL, &p->upper.mapped, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    p->upper.mapped.view.bricks = p->lower.mapped.view.bricks;
+    dress(p, &p->lower);
+    dress(p, &p->upper);
+    p->built = true;
+    p->builds++;
+    return UMB_OK;
+}
+
+uint32_t umb__partial_worst(const struct umb_partial *p)
+{
+    uint32_t worst = UINT32_MAX;
+    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+        if (p->pages[page].stored &&
+            (worst == UINT32_MAX || p->pages[page].benefit <= p->pages[worst].benefit)) {
+            worst = page;
+        }
+    }
+    return worst;
+}
+
+/* Drops the least useful pages, about an eighth of the bytes. */
+static void shed(struct umb_partial *p)
+{
+    const uint64_t goal = p->held_bytes - p->held_bytes / 8;
+    do {
+        umb_partial_drop(p, umb__partial_worst(p));
+        p->dropped++;
+    } while (p->held_count > 0 && p->held_bytes > goal);
+}
+
+enum umb_status umb_partial_build(struct umb_partial *p, struct umb_error *error)
+{
+    enum umb_status status = try_build(p, error);
+    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* ends: each round drops a page */
+        umb__partial_unbuild(p);
+        shed(p);
+        status = try_build(p, error);
+    }
+    if (status != UMB_OK) {
+        umb__partial_unbuild(p);
+    }
+    return status;
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An allocator that keeps to a budget. Each block begins with its size, 16 bytes for alignment. */
+#include <string.h>
+
+#include "base/memory.h"
+#include "partial/partial_parts.h"
+
+enum {
+    PREFIX = 16
+};
+
+static void *resize(void *user, void *block, size_t bytes)
+{
+    struct umb__meter *meter = user;
+    uint8_t *old = block ? (uint8_t *)block - PREFIX : NULL;
+    uint64_t had = 0;
+    if (old) {
+        memcpy(&had, old, sizeof had);
+    }
+    if (bytes == 0) {
+        umb__free(meter->inner, old);
+        meter->used -= had;
+        return NULL;
+    }
+    const uint64_t all = (uint64_t)bytes + PREFIX;
+    if (all < bytes || all > meter->limit || meter->used - had > meter->limit - all) {
+        return NULL;
+    }
+    uint8_t *made = umb__resize(meter->inner, old, (size_t)all);
+    if (!made) {
+        return NULL;
+    }
+    memcpy(made, &all, sizeof all);
+    meter->used += all - had;
+    meter->peak = meter->used > meter->peak ? meter->used : meter->peak;
+    return made + PREFIX;
+}
+
+void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
+                     struct umb_alloc *alloc)
+{
+    *meter = (struct umb__meter){.inner = inner, .limit = limit};
+    *alloc = (struct umb_alloc){.resize = resize, .user = meter};
+}

@@ -1,0 +1,117 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Both assets are asked; where they differ, the graph says how far the truth may be. */
+#include <math.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "partial/partial_parts.h"
+
+enum {
+    CHUNK = 1024
+}; /* points asked of both at a time: their answers stay in the cache */
+
+struct bracket {
+    struct umb_partial *p;
+    struct umb_query lower, upper;
+    const struct umb_points *points;
+    bool want;
+    uint32_t taps;
+    struct umb_partial_answers *answers;
+};
+
+static uint32_t clamp_voxel(double v, double size)
+{
+    return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
+}
+
+/* What point i misses: its window, looked up in the graph. */
+static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
+{
+    struct umb_explanation e;
+    double edges[3];
+    umb_query_explain(&b->lower, b->points, i, &e);
+    const struct umb_frustum_info *f = &b->p->canonical.content.frusta[e.frustum];
+    const double size = (double)(1U << f->log2_size), half = b->taps / 2;
+    uint32_t low[3], high[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const double reach = axis < 2 ? half : 0;
+        low[axis] = clamp_voxel(floor(e.voxel[axis]) - reach, size);
+        high[axis] = clamp_voxel(floor(e.voxel[axis]) + reach, size);
+    }
+    const struct umb__lack lack = umb__partial_look(b->p, e.frustum, low, high, b->want);
+    umb_frustum_voxel_edges(f, edges);
+    *error_m = fmax(edges[0], fmax(edges[1], edges[2])) * (double)(1U << lack.level);
+    return lack;
+}
+
+static void settle(const struct bracket *b, size_t i, float low, float high)
+{
+    struct umb_partial_answers *a = b->answers;
+    double error_m = 0;
+    float value = low;
+    if (low < high) {
+        const struct umb__lack lack = explain(b, i, &error_m);
+        value = low + (high - low) * (float)lack.occupancy;
+    } else {
+        a->exact++;
+    }
+    a->values[i] = value;
+    if (a->low) {
+        a->low[i] = low;
+    }
+    if (a->high) {
+        a->high[i] = high;
+    }
+    if (a->error_m) {
+        a->error_m[i] = (float)error_m;
+    }
+    a->worst_error_m = error_m > a->worst_error_m ? error_m : a->worst_error_m;
+}
+
+static void run_chunk(const struct bracket *b, size_t first, size_t count)
+{
+    float low[CHUNK], high[CHUNK];
+    struct umb_points points = *b->points;
+    const size_t scalar = points.format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
+    points.positions = (const uint8_t *)points.positions + 3 * first * scalar;
+    points.normals = points.normals ? (const uint8_t *)points.normals + 12 * first : NULL;
+    points.count = count;
+    struct umb_answers below = {.values = low, .stats = b->answers->stats};
+    struct umb_answers above = {.values = high};
+    umb_query_run(&b->lower, &points, 0, count, &below);
+    umb_query_run(&b->upper, &points, 0, count, &above);
+    b->answers->stats = below.stats;
+    for (size_t i = 0; i < count; i++) {
+        settle(b, first + i, low[i], high[i]);
+    }
+}
+
+enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_settings *settings,
+                                  const struct umb_points *points, int want,
+                                  struct umb_partial_answers *answers, struct umb_error *error)
+{
+    struct bracket b = {.p = p, .points = points, .want = want != 0, .answers = answers};
+    struct umb_query_settings floats = *settings;
+    floats.format = UMB_ANSWER_F32;
+    answers->exact = 0;
+    answers->worst_error_m = 0;
+    if (!p->built) {
+        return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
+    }
+    enum umb_status status = umb_query_prepare(&p->lower, &floats, &b.lower, error);
+    if (status == UMB_OK) {
+        status = umb_query_prepare(&p->upper, &floats, &b.upper, error);
+    }
+    if (status == UMB_OK) {
+        status = umb_points_check(points, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    b.taps = umb_query_taps(&b.lower);
+    for (size_t first = 0; first < points->count; first += CHUNK) {
+        const size_t rest = points->count - first;
+        run_chunk(&b, first, rest < CHUNK ? rest : CHUNK);
+    }
+    return UMB_OK;
+}

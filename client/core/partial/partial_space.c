@@ -1,0 +1,270 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See partial_space.h. Comparisons are written so that NaN, which only a hostile frustum makes,
+ * counts as inside. */
+#include "partial/partial_space.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "format/canonical.h"
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static bool normalize(double v[3])
+{
+    const double length = sqrt(dot(v, v));
+    for (unsigned i = 0; i < 3; i++) {
+        v[i] /= length;
+    }
+    return length > 0 && isfinite(length);
+}
+
+/* The camera's four side planes; false if forward and up span nothing. */
+static bool make_planes(struct umb__sight *sight)
+{
+    const struct umb_partial_view *view = sight->view;
+    double forward[3], right[3], up[3];
+    memcpy(forward, view->forward, sizeof forward);
+    cross(view->forward, view->up, right);
+    if (!normalize(forward) || !normalize(right)) {
+        return false;
+    }
+    cross(right, forward, up);
+    const double tall = tan(view->fov_y / 2), wide = tall * view->aspect;
+    for (unsigned side = 0; side < 4; side++) {
+        const double *across = side < 2 ? right : up;
+        const double slope = side < 2 ? wide : tall, sign = side % 2 ? 1.0 : -1.0;
+        double *plane = sight->planes[side];
+        for (unsigned i = 0; i < 3; i++) {
+            plane[i] = forward[i] * slope + sign * across[i];
+        }
+        if (!normalize(plane)) {
+            return false;
+        }
+        plane[3] = -dot(plane, view->eye);
+    }
+    return true;
+}
+
+static bool finite3(const double v[3])
+{
+    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
+}
+
+static enum umb_status check_box(const struct umb_partial_view *view, struct umb_error *error)
+{
+    for (unsigned i = 0; i < 3; i++) {
+        if (!isfinite(view->box.min[i]) || !isfinite(view->box.max[i]) ||
+            view->box.min[i] > view->box.max[i]) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "box: %g to %g along axis %u, must be finite "
+                            "and in order",
+                            view->box.min[i], view->box.max[i], i);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_partial_view *view,
+                                struct umb_error *error)
+{
+    memset(sight, 0, sizeof *sight);
+    sight->view = view;
+    if (!(view->max_error_m >= 0) || !(view->max_error_rad >= 0) || !(view->bias_m >= 0) ||
+        !(view->far_m >= 0)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "view: max_error_m %g, max_error_rad %g, bias_m %g "
+                        "and far_m %g must be 0 or more",
+                        view->max_error_m, view->max_error_rad, view->bias_m, view->far_m);
+    }
+    if (view->taps > UMB_TAPS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "taps: %u, at most %d", view->taps, UMB_TAPS_MAX);
+    }
+    if (view->has_box) {
+        enum umb_status status = check_box(view, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    if (!view->has_camera) {
+        return UMB_OK;
+    }
+    if (!finite3(view->eye) || !(view->fov_y > 0 && view->fov_y < 3.14159) ||
+        !(view->aspect > 0 && view->aspect < 1e6) || !make_planes(sight)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera: eye, forward and up must be finite and span a picture, fov_y %g "
+                        "must be 0 to pi, aspect %g above 0",
+                        view->fov_y, view->aspect);
+    }
+    return UMB_OK;
+}
+
+/* The linear part of a perspective frustum: X, Y and W as functions of the world, turned around. */
+static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f,
+                             const double apex[3])
+{
+    const double(*m)[4] = f->world_to_voxel;
+    cross(m[0], m[1], s->axis);
+    const double turn = dot(m[3], s->axis);
+    for (unsigned i = 0; i < 3; i++) {
+        s->axis[i] /= turn;
+        s->base[i] = apex[i];
+    }
+    const double rate = dot(m[2], s->axis); /* Z a W */
+    s->w_step = 1.0 / rate;
+    s->w0 = m[3][3] + dot(m[3], apex) - (m[2][3] + dot(m[2], apex)) / rate;
+}
+
+/*
+ * How far from a point its answer may be looked up: it moves by its bias, (taps (|n.ex| + |n.ey|) +
+ * |n.ez|) / 2 along a normal or (2 taps + 1) / (2 sqrt(3)) voxels of depth without one (query.h),
+ * and its window reaches half its width around it, a voxel more for the rounding down. Between the
+ * faces of a perspective light it moves at most twice as far.
+ */
+static double margin_of(const struct umb__space *s, double taps)
+{
+    const double diagonal = sqrt(s->edges[0] * s->edges[0] + s->edges[1] * s->edges[1]);
+    const double slack = 65.0 / 64.0;
+    const double normal = slack * 0.5 * (taps * diagonal + s->edges[2]);
+    const double plain = slack * (2 * taps + 1) / (2 * sqrt(3.0)) * s->edges[2];
+    const double bias = normal > plain ? normal : plain;
+    return (s->perspective ? 4 * bias : bias) + (taps / 2 + 1) * diagonal + s->edges[2];
+}
+
+void umb__space_init(struct umb__space *s, const struct umb_content *content, uint32_t frustum,
+                     const struct umb_partial_view *view)
+{
+    const struct umb_frustum_info *f = &content->frusta[frustum];
+    const struct umb_light_info *light = &content->lights[f->light];
+    memset(s, 0, sizeof *s);
+    memcpy(s->step, f->voxel_step, sizeof s->step);
+    s->perspective = umb__is_perspective(f) != 0;
+    s->log2_size = f->log2_size;
+    umb_frustum_voxel_edges(f, s->edges);
+    if (s->perspective) {
+        double apex[3];
+        for (unsigned i = 0; i < 3; i++) {
+            apex[i] = light->position[i] - content->origin[i];
+        }
+        init_perspective(s, f, apex);
+    } else {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            for (unsigned i = 0; i < 3; i++) {
+                s->base[i] -= f->voxel_step[axis][i] * f->world_to_voxel[axis][3];
+            }
+        }
+    }
+    for (unsigned i = 0; i < 3; i++) {
+        s->base[i] += content->origin[i];
+    }
+    s->margin_m = margin_of(s, view->taps ? view->taps : UMB_TAPS_MAX) + view->bias_m;
+}
+
+static void corner(const struct umb__space *s, const double v[3], double world[3])
+{
+    const double w = s->perspective ? s->w0 + s->w_step * v[2] : 1.0;
+    for (unsigned i = 0; i < 3; i++) {
+        const double across = v[0] * s->step[0][i] + v[1] * s->step[1][i];
+        world[i] = s->base[i] +
+                   (s->perspective ? w * (across + s->axis[i]) : across + v[2] * s->step[2][i]);
+    }
+}
+
+/* The world box around a cube of voxels. The last layer answers for all behind it: it reaches four
+ * frusta further. */
+static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_t at[3],
+                       double low[3], double high[3])
+{
+    const double edge = (double)(1U << level), size = (double)(1U << s->log2_size);
+    const bool last = at[2] + (1U << level) == 1U << s->log2_size;
+    for (unsigned c = 0; c < 8; c++) {
+        double v[3], world[3];
+        for (unsigned i = 0; i < 3; i++) {
+            v[i] = (double)at[i] + (c >> i & 1 ? edge : 0.0);
+        }
+        if (last && c >> 2) {
+            v[2] += 4 * size;
+        }
+        corner(s, v, world);
+        for (unsigned i = 0; i < 3; i++) {
+            low[i] = c == 0 || world[i] < low[i] ? world[i] : low[i];
+            high[i] = c == 0 || world[i] > high[i] ? world[i] : high[i];
+        }
+    }
+    for (unsigned i = 0; i < 3; i++) {
+        low[i] -= s->margin_m;
+        high[i] += s->margin_m;
+    }
+}
+
+static void see_box(const struct umb_box *box, const double low[3], const double high[3],
+                    struct umb__seen_cube *cube)
+{
+    for (unsigned i = 0; i < 3; i++) {
+        cube->out = cube->out || high[i] < box->min[i] || low[i] > box->max[i];
+        cube->whole = cube->whole && low[i] >= box->min[i] && high[i] <= box->max[i];
+    }
+}
+
+static void see_camera(const struct umb__sight *sight, const double low[3], const double high[3],
+                       struct umb__seen_cube *cube)
+{
+    double square = 0, reach = 0;
+    for (unsigned i = 0; i < 3; i++) {
+        const double eye = sight->view->eye[i];
+        const double gap = eye < low[i] ? low[i] - eye : eye > high[i] ? eye - high[i] : 0;
+        const double most = fabs(low[i] - eye) > fabs(high[i] - eye) ? low[i] - eye : high[i] - eye;
+        square += gap * gap;
+        reach += most * most;
+    }
+    cube->distance_m = sqrt(square);
+    for (unsigned side = 0; side < 4; side++) {
+        const double *plane = sight->planes[side];
+        double most = plane[3], least = plane[3];
+        for (unsigned i = 0; i < 3; i++) {
+            const double a = plane[i] * low[i], b = plane[i] * high[i];
+            most += a > b ? a : b;
+            least += a > b ? b : a;
+        }
+        cube->out = cube->out || most < 0;
+        cube->whole = cube->whole && least >= 0;
+    }
+    const double far = sight->view->far_m;
+    if (far > 0) {
+        cube->out = cube->out || square > far * far;
+        cube->whole = cube->whole && reach <= far * far;
+    }
+}
+
+struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
+                                      const struct umb__space *space, uint32_t level, uint32_t x,
+                                      uint32_t y, uint32_t z)
+{
+    const struct umb_partial_view *view = sight->view;
+    const double longest = fmax(space->edges[0], fmax(space->edges[1], space->edges[2]));
+    struct umb__seen_cube cube = {.whole = true, .edge_m = longest * (double)(1U << level)};
+    double low[3], high[3];
+    if (view->has_box || view->has_camera) {
+        bound_cube(space, level, (const uint32_t[3]){x, y, z}, low, high);
+    }
+    if (view->has_box) {
+        see_box(&view->box, low, high, &cube);
+    }
+    cube.benefit = cube.edge_m * cube.edge_m;
+    if (view->has_camera && !cube.out) {
+        see_camera(sight, low, high, &cube);
+        const double near = 16 * longest; /* nearer than this nothing is more urgent */
+        cube.benefit /= cube.distance_m * cube.distance_m + near * near;
+    }
+    return cube;
+}

@@ -1,0 +1,220 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Which pages matter. A view is walked through the graph from the roots, cube by cube; where a
+ * child is absent, its page gets the cube's benefit, and so does the page of every node on the
+ * way, so that what is above is never worth less than what is below it. A node of which a whole
+ * cube was seen is not walked again for one that is worth no more: everything below it was found.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "partial/partial_parts.h"
+#include "partial/partial_space.h"
+
+/* A node about to be looked into, or an absent one. */
+struct cube {
+    uint32_t level, x, y, z; /* first voxel */
+    uint32_t child;          /* node of the graph, brick, or UMB__ABSENT | page */
+};
+
+struct walk {
+    struct umb_partial *p;
+    const struct umb__sight *sight;
+    const struct umb__space *space;
+};
+
+static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
+{
+    const uint32_t page =
+        child & UMB__ABSENT ? child & ~UMB__ABSENT : umb__partial_page_of(p, level, child);
+    p->pages[page].benefit += benefit;
+}
+
+/* Child c of a cube. */
+static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
+{
+    const uint32_t half = 1U << (cube->level - 1);
+    return (struct cube){cube->level - 1, cube->x + (c & 1 ? half : 0),
+                         cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
+}
+
+/* Depth ends at bricks: levels strictly descend. */
+static void walk_cube(const struct walk *w, const struct cube *cube)
+{
+    struct umb_partial *p = w->p;
+    const struct umb_partial_view *view = w->sight->view;
+    const struct umb__seen_cube seen =
+        umb__sight_cube(w->sight, w->space, cube->level, cube->x, cube->y, cube->z);
+    if (seen.out || seen.edge_m <= view->max_error_m ||
+        seen.edge_m <= view->max_error_rad * seen.distance_m) {
+        return;
+    }
+    const bool absent = (cube->child & UMB__ABSENT) != 0;
+    if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
+        /* Where cells are cut by how they are seen, one seen larger may reveal more. */
+        float *best = &p->seen[cube->level][cube->child];
+        const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
+        if (seen.benefit <= (double)*best * room) {
+            return;
+        }
+        *best = nextafterf((float)seen.benefit, 0.0F);
+    }
+    add_benefit(p, cube->level, cube->child, seen.benefit);
+    if (absent || cube->level == UMB_LEVEL_BRICK) {
+        return;
+    }
+    const struct umb_octree_level *level = &p->graph.level[cube->level];
+    const uint32_t *child = level->children + level->first[cube->child];
+    for (unsigned c = 0; c < 8; c++) {
+        if (umb_mask_state(level->masks[cube->child], c) == UMB_NODE_MIXED) {
+            const struct cube part = part_of(cube, c, *child++);
+            walk_cube(w, &part);
+        }
+    }
+}
+
+static void forget(struct umb_partial *p)
+{
+    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+        p->pages[page].benefit = 0;
+    }
+}
+
+enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial_view *view,
+                                 int add, struct umb_error *error)
+{
+    struct umb__sight sight;
+    if (!add) {
+        forget(p);
+    }
+    if (!view) {
+        return UMB_OK;
+    }
+    if (!p->built) {
+        return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
+    }
+    const struct umb_content *content = &p->canonical.content;
+    if (view->light != UINT32_MAX && view->light >= content->light_count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "light: %u, the asset has %u", view->light,
+                        content->light_count);
+    }
+    enum umb_status status = umb__sight_init(&sight, view, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
+        memset(p->seen[level], 0, p->graph.level[level].count * sizeof(float));
+    }
+    for (uint32_t i = 0; i < p->graph.root_count; i++) {
+        const struct umb_octree_root *root = &p->graph.roots[i];
+        if (root->state != UMB_NODE_MIXED ||
+            (view->light != UINT32_MAX && content->frusta[i].light != view->light)) {
+            continue;
+        }
+        struct umb__space space;
+        umb__space_init(&space, content, i, view);
+        const struct walk w = {p, &sight, &space};
+        const struct cube cube = {root->level, 0, 0, 0, root->index};
+        walk_cube(&w, &cube);
+    }
+    return UMB_OK;
+}
+
+/* Worth of a missing page a byte; 0 for one that is here or does not matter. */
+static double worth(const struct umb_partial *p, uint32_t page)
+{
+    const struct umb__held *held = &p->pages[page];
+    return held->stored || !(held->benefit > 0)
+               ? 0
+               : held->benefit / (umb__directory_load(&p->head, page).stored_length + 64.0);
+}
+
+size_t umb_partial_missing(const struct umb_partial *p, uint32_t *list, size_t room,
+                           uint64_t budget_bytes)
+{
+    size_t count = 0;
+    for (uint32_t page = 0; page < p->head.directory_count && room > 0; page++) {
+        const double value = worth(p, page);
+        if (!(value > 0) || (count == room && !(value > worth(p, list[count - 1])))) {
+            continue;
+        }
+        size_t low = 0,
+               high = count; /* the first that is worth less; equal ones keep their order */
+        while (low < high) {
+            const size_t middle = low + (high - low) / 2;
+            if (worth(p, list[middle]) < value) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        count += count < room;
+        memmove(list + low + 1, list + low, (count - 1 - low) * sizeof *list);
+        list[low] = page;
+    }
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < count && budget_bytes > 0; i++) {
+        bytes += umb__directory_load(&p->head, list[i]).stored_length;
+        if (bytes > budget_bytes) {
+            return i;
+        }
+    }
+    return count;
+}
+
+/* A box of voxels on its way through the graph. */
+struct look {
+    struct umb_partial *p;
+    const uint32_t *low, *high;
+    bool want;
+    struct umb__lack lack;
+};
+
+static double occupancy_of(uint16_t mask)
+{
+    const unsigned lit = (unsigned)__builtin_popcount(mask & 0x5555U);
+    return (lit + 0.5 * umb_mask_mixed_count(mask)) / 8.0;
+}
+
+/* In: above: occupancy of the node that the cube is a child of. */
+static void look_cube(struct look *l, const struct cube *cube, double above)
+{
+    const uint32_t at[3] = {cube->x, cube->y, cube->z}, last = (1U << cube->level) - 1;
+    for (unsigned i = 0; i < 3; i++) {
+        if (at[i] > l->high[i] || at[i] + last < l->low[i]) {
+            return;
+        }
+    }
+    if (cube->child & UMB__ABSENT) {
+        if (cube->level > l->lack.level) {
+            l->lack = (struct umb__lack){cube->level, above};
+        }
+        l->p->pages[cube->child & ~UMB__ABSENT].benefit += l->want ? 1 : 0;
+        return;
+    }
+    if (cube->level == UMB_LEVEL_BRICK) {
+        return;
+    }
+    const struct umb_octree_level *level = &l->p->graph.level[cube->level];
+    const uint16_t mask = level->masks[cube->child];
+    const uint32_t *child = level->children + level->first[cube->child];
+    for (unsigned c = 0; c < 8; c++) {
+        if (umb_mask_state(mask, c) == UMB_NODE_MIXED) {
+            const struct cube part = part_of(cube, c, *child++);
+            look_cube(l, &part, occupancy_of(mask));
+        }
+    }
+}
+
+struct umb__lack umb__partial_look(struct umb_partial *p, uint32_t frustum, const uint32_t low[3],
+                                   const uint32_t high[3], bool want)
+{
+    struct look l = {.p = p, .low = low, .high = high, .want = want};
+    const struct umb_octree_root *root = &p->graph.roots[frustum];
+    if (root->state == UMB_NODE_MIXED) {
+        const struct cube cube = {root->level, 0, 0, 0, root->index};
+        look_cube(&l, &cube, 0.5);
+    }
+    return l.lack;
+}

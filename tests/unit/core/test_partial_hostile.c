@@ -1,0 +1,255 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Pages from a hostile server: refused with the page named, and what was there stays good. */
+#include "partial_fixture.h"
+#include "format/directory.h"
+#include <zstd.h>
+
+static const struct umb_query_settings one_tap = {.taps = 1};
+
+static void expect_refused(struct umb_partial *partial, uint32_t page, const uint8_t *bytes,
+                           size_t size, enum umb_status wanted, const char *words)
+{
+    struct umb_error error = {0};
+    uint8_t *exact = malloc(size ? size : 1); /* ASan sees the first byte too many */
+    memcpy(exact, bytes, size);
+    const enum umb_status status = umb_partial_add(partial, page, exact, size, &error);
+    free(exact);
+    if (status != wanted || !strstr(error.message, words)) {
+        fail_msg("page %u: %s: %s, wanted %s and '%s'", page, umb_status_name(status),
+                 error.message, umb_status_name(wanted), words);
+    }
+    assert_false(umb_partial_has(partial, page) && wanted != UMB_E_EXISTS);
+}
+
+static void spoilt_swapped_repeated_and_unknown_pages_are_refused_by_number(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    uint32_t length;
+    char name[32];
+    uint64_t seed = 5;
+    partial_fixture_open(&f, 0);
+    for (uint32_t page = 0; page < f.page_count; page++) {
+        const uint8_t *stored = partial_page(&f, page, &length);
+        uint8_t *copy = malloc(length);
+        (void)snprintf(name, sizeof name, "page %u ", page);
+        for (unsigned i = 0; i < 50; i++) {
+            memcpy(copy, stored, length);
+            copy[next_random(&seed) % length] ^= (uint8_t)(1 << i % 8);
+            expect_refused(f.partial, page, copy, length, UMB_E_CORRUPT, name);
+        }
+        expect_refused(f.partial, page, stored, length - 1, UMB_E_CORRUPT, name);
+        expect_refused(f.partial, page, stored, 0, UMB_E_CORRUPT, name);
+        free(copy);
+        uint32_t other_length;
+        const uint8_t *other = partial_page(&f, (page + 1) % f.page_count, &other_length);
+        expect_refused(f.partial, page, other, other_length, UMB_E_CORRUPT, name);
+        partial_add(&f, page);
+        expect_refused(f.partial, page, stored, length, UMB_E_EXISTS, name);
+    }
+    expect_refused(f.partial, f.page_count, f.file.data, 10, UMB_E_ARGUMENT, "page");
+    partial_build(&f);
+    assert_int_equal(partial_compare(&f, &one_tap, 5000, 0), 5000);
+    partial_fixture_close(&f);
+}
+
+/* Makes check and id of a head right again. */
+static void seal(struct bytes *file, int with_id)
+{
+    struct umb__head head;
+    struct umb_error error;
+    uint8_t both[16];
+    for (int pass = 0; pass < 2; pass++) {
+        const uint64_t length = umb__load64(file->data + UMB__HEAD_LENGTH);
+        umb__store64(both, XXH3_64bits(file->data, UMB__HEAD_CHECK));
+        umb__store64(both + 8, XXH3_64bits(file->data + UMB__HEAD_SIZE, length - UMB__HEAD_SIZE));
+        umb__store64(file->data + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
+        if (pass == 0 && with_id) {
+            assert_int_equal(umb__head_parse_front(file->data, file->size, &head, &error), UMB_OK);
+            assert_true(
+                umb__directory_identify(&head, &test_digest, NULL, file->data + UMB__HEAD_ID));
+        }
+    }
+}
+
+static void a_head_that_is_not_its_id_is_refused(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb_error error;
+    struct umb_partial *partial;
+    partial_fixture_open(&f, 0);
+    const size_t directory = UMB__HEAD_SIZE + umb__load64(f.file.data + UMB__HEAD_CANONICAL_LENGTH);
+    const uint8_t id[UMB_ID_BYTES] = {1, 2, 3};
+    struct umb_partial_options options = {.sha256 = &test_digest, .id = id};
+    assert_int_equal(umb_partial_open(f.file.data, f.file.size, &options, &partial, &error),
+                     UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "another asset"));
+    options.id = NULL;
+    for (size_t i = 0; i < UMB_ID_BYTES; i++) {
+        uint8_t *hash = f.file.data + directory + UMB__PAGE_HASH + i;
+        *hash ^= 0x10;
+        seal(&f.file, 0);
+        assert_int_equal(umb_partial_open(f.file.data, f.file.size, &options, &partial, &error),
+                         UMB_E_CORRUPT);
+        assert_non_null(strstr(error.message, "id"));
+        assert_null(partial);
+        *hash ^= 0x10;
+    }
+    seal(&f.file, 0);
+    const size_t head = (size_t)umb__load64(f.file.data + UMB__HEAD_LENGTH);
+    for (size_t size = 0; size < head; size += size < 200 ? 1 : 101) {
+        uint8_t *exact = malloc(size ? size : 1);
+        memcpy(exact, f.file.data, size);
+        assert_int_not_equal(umb_partial_open(exact, size, &options, &partial, &error), UMB_OK);
+        free(exact);
+    }
+    partial_fixture_close(&f);
+}
+
+/* Rewrites the page that has links to others so that one of them is wrong, with all checks right.
+ * Returns its number. */
+static uint32_t spoil_link(struct bytes *file, uint32_t *target)
+{
+    struct umb__head head;
+    struct umb_error error = {0};
+    assert_int_equal(umb__head_parse(file->data, file->size, &head, &error), UMB_OK);
+    ZSTD_DCtx *zstd = ZSTD_createDCtx();
+    for (uint32_t number = head.directory_count; number-- > 0;) {
+        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        uint8_t *raw = malloc(entry.raw_length),
+                *entry_at =
+                    file->data + (head.directory - file->data) + (size_t)number * UMB__PAGE_ENTRY;
+        struct umb__page page;
+        assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, &error),
+                         UMB_OK);
+        assert_int_equal(umb__page_open(raw, &entry, &page, &error), UMB_OK);
+        if (page.external_count[4] == 0) {
+            free(raw);
+            continue;
+        }
+        *target = umb__load32(page.external_pages[4]);
+        const size_t at = (size_t)(page.external_positions[4] - raw);
+        const uint32_t target_records = umb__directory_load(&head, *target).records;
+        umb__store32(raw + at, target_records - 1); /* of another level, or beyond this one's */
+        const size_t room = ZSTD_compressBound(entry.raw_length);
+        uint8_t *stored = malloc(room);
+        const size_t length = ZSTD_compress(stored, room, raw, entry.raw_length, 1);
+        /* The page grows or shrinks: everything behind it moves. */
+        const size_t tail = (size_t)entry.offset + entry.stored_length;
+        struct bytes made = {.data = malloc(file->size + room)};
+        memcpy(made.data, file->data, (size_t)entry.offset);
+        memcpy(made.data + entry.offset, stored, length);
+        memcpy(made.data + entry.offset + length, file->data + tail, file->size - tail);
+        made.size = made.capacity = file->size - entry.stored_length + length;
+        entry_at = made.data + (entry_at - file->data);
+        umb__store32(entry_at + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+        umb__store64(entry_at + UMB__PAGE_CHECK, XXH3_64bits(stored, length));
+        const void *part = raw;
+        const size_t raw_length = entry.raw_length;
+        test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
+        for (uint32_t later = number + 1; later < head.directory_count; later++) {
+            uint8_t *at_later = entry_at + (size_t)(later - number) * UMB__PAGE_ENTRY;
+            umb__store64(at_later, umb__load64(at_later) - entry.stored_length + length);
+        }
+        umb__store64(made.data + UMB__HEAD_FILE_LENGTH, made.size);
+        free(raw);
+        free(stored);
+        ZSTD_freeDCtx(zstd);
+        bytes_finish(file);
+        *file = made;
+        seal(file, 1);
+        return number;
+    }
+    fail_msg("no page refers to bricks of another");
+    return 0;
+}
+
+static void links_to_nodes_that_are_not_there_are_refused_by_whoever_comes_second(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    uint32_t target = 0, length;
+    char name[32];
+    partial_fixture_open(&f, 0);
+    const uint32_t liar = spoil_link(&f.file, &target);
+    for (int liar_first = 0; liar_first < 2; liar_first++) {
+        const uint32_t order[2] = {liar_first ? liar : target, liar_first ? target : liar};
+        umb_partial_close(f.partial);
+        f.partial = partial_open(&f.file, 0);
+        const uint8_t *first = partial_page(&f, order[0], &length);
+        struct umb_error error = {0};
+        (void)snprintf(name, sizeof name, "page %u ", order[0]);
+        if (umb_partial_add(f.partial, order[0], first, length, &error) != UMB_OK) {
+            assert_non_null(strstr(error.message, name)); /* found from the directory alone */
+            continue;
+        }
+        const uint8_t *second = partial_page(&f, order[1], &length);
+        (void)snprintf(name, sizeof name, "page %u ", order[1]);
+        expect_refused(f.partial, order[1], second, length, UMB_E_CORRUPT, name);
+        partial_build(&f); /* and what is there still answers */
+    }
+    partial_fixture_close(&f);
+}
+
+/* Fails every allocation from the n-th on. */
+struct failing {
+    size_t left;
+};
+
+static void *failing_resize(void *user, void *block, size_t bytes)
+{
+    struct failing *failing = user;
+    if (bytes == 0) {
+        free(block);
+        return NULL;
+    }
+    if (failing->left == 0) {
+        return NULL;
+    }
+    failing->left--;
+    return realloc(block, bytes);
+}
+
+static void memory_that_runs_out_is_an_error_and_nothing_else(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb_error error;
+    partial_fixture_open(&f, 0);
+    for (size_t n = 0;; n += n < 40 ? 1 : 7) {
+        struct failing failing = {.left = n};
+        const struct umb_alloc alloc = {failing_resize, &failing};
+        const struct umb_partial_options options = {.sha256 = &test_digest, .alloc = &alloc};
+        struct umb_partial *partial;
+        enum umb_status status =
+            umb_partial_open(f.file.data, f.file.size, &options, &partial, &error);
+        for (uint32_t page = 0; page < 3 && status == UMB_OK; page++) {
+            uint32_t length;
+            const uint8_t *stored = partial_page(&f, page, &length);
+            status = umb_partial_add(partial, page, stored, length, &error);
+        }
+        if (status == UMB_OK) {
+            status = umb_partial_build(partial, &error);
+        }
+        umb_partial_close(partial);
+        if (failing.left > 0) {
+            assert_int_equal(status, UMB_OK);
+            break;
+        }
+        assert_true(n < 2000);
+        assert_true(status == UMB_E_NO_MEMORY || status == UMB_E_TOO_LARGE || status == UMB_OK);
+    }
+    partial_fixture_close(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(spoilt_swapped_repeated_and_unknown_pages_are_refused_by_number),
+        cmocka_unit_test(a_head_that_is_not_its_id_is_refused),
+        cmocka_unit_test(links_to_nodes_that_are_not_there_are_refused_by_whoever_comes_second),
+        cmocka_unit_test(memory_that_runs_out_is_an_error_and_nothing_else),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
