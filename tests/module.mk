@@ -73,7 +73,10 @@ larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB
 soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged files under load: five minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/soak.py
 	@BUILD=$(BUILD) ROUNDS=160 /usr/bin/python3 tests/system/test_store_damage.py
-.PHONY: larger-than-memory soak
+
+attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attackers, 60 s each, beside a victim: an hour
+	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
+.PHONY: larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:
