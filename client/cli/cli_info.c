@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage info: what an asset is, from a file or from a daemon, for people or as JSON. */
 #include "cli_common.h"
+#include "cli_curve.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -164,6 +165,8 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
         if (umb_asset_get_light(asset, i, &light) == UMB_OK) {
             print_light(i, &light);
             print_frusta(asset, &light);
+            struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+            umbc_curve_print(rows, NULL, umb_curve_get(asset, i, rows));
         }
     }
     (void)printf("unique nodes  ");
@@ -231,6 +234,8 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
             umbc_json_begin(&json, NULL, '{');
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
+            struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+            umbc_curve_json(&json, rows, NULL, umb_curve_get(asset, i, rows));
             umbc_json_end(&json, '}');
         }
     }

@@ -17,6 +17,7 @@
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
+#include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "common/file.h"
 #include "common/scene.h"
@@ -216,7 +217,14 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
     run->publish.threads = run->options->threads;
-    const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
+    enum umb_status status = umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
+    if (status == UMB_OK) {
+        status = umbb_curve_add(&run->analysis, &run->octree, &content, error);
+    }
+    if (status == UMB_OK) {
+        status = umbb_publish_write(&run->publish, &content, &run->octree, error);
+    }
+    free(content.curve);
     umb_octree_finish(&run->octree);
     run->report.seconds_write = umbb_clock_s() - start;
     return status;

@@ -19,13 +19,26 @@ enum entry {
     ENTRY_PLAN,
     ENTRY_SETTINGS,
     ENTRY_ROOTS,
+    ENTRY_CURVE,
     ENTRY_COUNT,
 };
 
 static const uint32_t entry_tags[ENTRY_COUNT] = {
     UMB__TAG_SCENE, UMB__TAG_LIGHTS,   UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
-    UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,
+    UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,
 };
+
+/* Entries that need not be there: without bytes they are left out, and a reader that does not know
+ * them skips them. */
+static bool is_optional(size_t entry)
+{
+    return entry == ENTRY_CURVE;
+}
+
+static uint32_t entry_flags(size_t entry)
+{
+    return is_optional(entry) ? 0 : UMB__MUST_UNDERSTAND;
+}
 
 static bool all_zero(const uint8_t *bytes, uint64_t count)
 {
@@ -85,6 +98,17 @@ static void write_counts(uint8_t *at, const struct umb__canonical *canonical)
     umb__store64(at + UMB__COUNTS_SIZE - 8, canonical->content.bytes_2014);
 }
 
+static void write_curve(uint8_t *at, const struct umb_curve_record *record)
+{
+    umb__store32(at, record->light);
+    umb__store32(at + 4, record->level);
+    umb__store32(at + 8, record->taps);
+    umb__store32(at + 12, record->points);
+    umb__store64(at + 16, record->nodes);
+    umb__store64(at + 24, record->lines);
+    umb__store64(at + 32, record->squares);
+}
+
 static void write_entry(uint8_t *at, enum entry entry, const struct umb__canonical *canonical)
 {
     const struct umb_content *content = &canonical->content;
@@ -118,6 +142,11 @@ static void write_entry(uint8_t *at, enum entry entry, const struct umb__canonic
             umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 8, canonical->roots[i].position);
         }
         break;
+    case ENTRY_CURVE:
+        for (uint32_t i = 0; i < content->curve_count; i++) {
+            write_curve(at + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
+        }
+        break;
     case ENTRY_COUNT:
         break;
     }
@@ -140,6 +169,12 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
     return UMB_OK;
 }
 
+/* Bytes of an entry with its head; 0 for one that is left out. */
+static uint64_t entry_length(size_t entry, uint64_t length)
+{
+    return length == 0 && is_optional(entry) ? 0 : UMB__ENTRY_HEAD + padded(length);
+}
+
 enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
                                       const struct umb_alloc *alloc, uint8_t **bytes,
                                       uint64_t *length, struct umb_error *error)
@@ -151,6 +186,7 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
         [ENTRY_FRUSTA] = (uint64_t)content->frustum_count * UMB__FRUSTUM_SIZE,
         [ENTRY_COUNTS] = UMB__COUNTS_SIZE,
         [ENTRY_ROOTS] = (uint64_t)content->frustum_count * UMB__ROOT_SIZE,
+        [ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE,
     };
     enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
     if (status == UMB_OK) {
@@ -161,7 +197,7 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
     }
     *length = 0;
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        *length += UMB__ENTRY_HEAD + padded(lengths[i]);
+        *length += entry_length(i, lengths[i]);
     }
     *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
     if (!*bytes) {
@@ -170,11 +206,14 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
     }
     uint8_t *at = *bytes;
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
+        if (entry_length(i, lengths[i]) == 0) {
+            continue;
+        }
         umb__store32(at, entry_tags[i]);
-        umb__store32(at + 4, UMB__MUST_UNDERSTAND);
+        umb__store32(at + 4, entry_flags(i));
         umb__store64(at + 8, lengths[i]);
         write_entry(at + UMB__ENTRY_HEAD, (enum entry)i, canonical);
-        at += UMB__ENTRY_HEAD + padded(lengths[i]);
+        at += entry_length(i, lengths[i]);
     }
     return UMB_OK;
 }
@@ -217,7 +256,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
             }
             continue;
         }
-        if (umb__load32(head + 4) != UMB__MUST_UNDERSTAND) {
+        if (umb__load32(head + 4) != entry_flags(i)) {
             return umb_fail(error, UMB_E_VERSION,
                             "canonical block: entry %.4s has flags 0x%x of a newer writer",
                             (const char *)head, umb__load32(head + 4));
@@ -230,7 +269,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
         entries->lengths[i] = size;
     }
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        if (!entries->bytes[i]) {
+        if (!entries->bytes[i] && !is_optional(i)) {
             return umb_fail(error, UMB_E_CORRUPT, "canonical block: an entry (0x%08x) is missing",
                             entry_tags[i]);
         }
@@ -299,6 +338,17 @@ static void read_root(const uint8_t *at, struct umb__packed_root *root)
     root->position = umb__load32(at + 8);
 }
 
+static void read_curve(const uint8_t *at, struct umb_curve_record *record)
+{
+    record->light = umb__load32(at);
+    record->level = umb__load32(at + 4);
+    record->taps = umb__load32(at + 8);
+    record->points = umb__load32(at + 12);
+    record->nodes = umb__load64(at + 16);
+    record->lines = umb__load64(at + 24);
+    record->squares = umb__load64(at + 32);
+}
+
 static enum umb_status check_lengths(const struct entries *entries, struct umb_error *error)
 {
     const uint64_t *lengths = entries->lengths;
@@ -306,7 +356,9 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     if (lengths[ENTRY_SCENE] != UMB__SCENE_SIZE || lengths[ENTRY_COUNTS] != UMB__COUNTS_SIZE ||
         lengths[ENTRY_LIGHTS] % UMB__LIGHT_SIZE != 0 ||
         lengths[ENTRY_FRUSTA] % UMB__FRUSTUM_SIZE != 0 ||
-        lengths[ENTRY_ROOTS] != frusta * UMB__ROOT_SIZE) {
+        lengths[ENTRY_ROOTS] != frusta * UMB__ROOT_SIZE ||
+        lengths[ENTRY_CURVE] % UMB__CURVE_SIZE != 0 ||
+        (entries->bytes[ENTRY_CURVE] && lengths[ENTRY_CURVE] == 0)) {
         return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry lengths do not fit");
     }
     if (lengths[ENTRY_PLAN] > UMB__TEXT_MAX || lengths[ENTRY_SETTINGS] > UMB__TEXT_MAX ||
@@ -341,11 +393,15 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     content->lights = umb__alloc_zeroed(alloc, content->light_count, sizeof *content->lights);
     content->frusta = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *content->frusta);
     canonical->roots = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *canonical->roots);
+    content->curve_count = (uint32_t)(entries->lengths[ENTRY_CURVE] / UMB__CURVE_SIZE);
+    if (content->curve_count > 0) {
+        content->curve = umb__alloc_zeroed(alloc, content->curve_count, sizeof *content->curve);
+    }
     content->plan = read_text(entries->bytes[ENTRY_PLAN], entries->lengths[ENTRY_PLAN], alloc);
     content->settings =
         read_text(entries->bytes[ENTRY_SETTINGS], entries->lengths[ENTRY_SETTINGS], alloc);
     if (!content->lights || !content->frusta || !canonical->roots || !content->plan ||
-        !content->settings) {
+        !content->settings || (content->curve_count > 0 && !content->curve)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
     }
     for (uint32_t i = 0; i < content->light_count; i++) {
@@ -370,6 +426,9 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     const uint8_t *counts = entries->bytes[ENTRY_COUNTS];
     for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         canonical->counts[level] = umb__load64(counts + 8 * (level - UMB_LEVEL_BRICK));
+    }
+    for (uint32_t i = 0; i < content->curve_count; i++) {
+        read_curve(entries->bytes[ENTRY_CURVE] + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
     }
     content->bytes_2014 = umb__load64(counts + UMB__COUNTS_SIZE - 8);
     enum umb_status status = umb__content_check(content, error);
@@ -404,6 +463,7 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
     umb__free(alloc, canonical->content.frusta);
     umb__free(alloc, canonical->content.plan);
     umb__free(alloc, canonical->content.settings);
+    umb__free(alloc, canonical->content.curve);
     umb__free(alloc, canonical->roots);
     memset(canonical, 0, sizeof *canonical);
 }

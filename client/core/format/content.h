@@ -8,6 +8,19 @@
  */
 #include "format/octree.h"
 
+/* One row of an accuracy curve: sums over the points that the bake asked (umbrage/curve.h). */
+struct umb_curve_record {
+    uint32_t light;
+    uint32_t level, taps; /* the settings; one of them says nothing: level 0, or taps 1 */
+    uint32_t points;      /* asked: 1 to UMB_CURVE_POINTS_MAX */
+    uint64_t nodes;       /* distinct mixed nodes above bricks in each point's window */
+    uint64_t lines;       /* cache lines, as docs/umb-format.md counts them */
+    uint64_t squares;     /* of differences, in units of 1 / 2^20, each rounded down */
+};
+
+#define UMB_CURVE_POINTS_MAX (1U << 20)
+#define UMB_CURVE_SQUARE     (1U << 20)
+
 struct umb_content {
     uint32_t light_count;
     uint32_t frustum_count;
@@ -16,10 +29,12 @@ struct umb_content {
     double origin[3];                /* metres, world space */
     struct umb_box bounds;           /* metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES];
-    uint64_t bytes_2014; /* yardstick, 0 = not computed */
-    char *plan;          /* NUL-terminated UTF-8, one line an effect */
-    char *settings;      /* NUL-terminated key=value lines */
-    char *notes;         /* outside the identity */
+    uint64_t bytes_2014;            /* yardstick, 0 = not computed */
+    char *plan;                     /* NUL-terminated UTF-8, one line an effect */
+    char *settings;                 /* NUL-terminated key=value lines */
+    char *notes;                    /* outside the identity */
+    struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
+    uint32_t curve_count;
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */
@@ -86,8 +101,7 @@ struct umb_pack_job {
 
 /* umb_pack_write with helpers: they encode and compress pages. The same bytes for any number. */
 UMB_API UMB_CHECKED enum umb_status umb_pack_run(const struct umb_pack_job *job,
-                                                 uint8_t id[UMB_ID_BYTES],
-                                                 struct umb_error *error);
+                                                 uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
 /*
  * Writes the mapped form (.umbm) of an open asset.

@@ -9,6 +9,8 @@
 
 #include "base/utf8.h"
 #include "format/canonical.h"
+#include "format/layout.h"
+#include "umbrage/curve.h"
 
 static bool all_finite(const double *values, size_t count)
 {
@@ -147,8 +149,60 @@ static enum umb_status check_frustum(const struct umb_content *content, uint32_t
                         i, last[0], last[1], last[2], last[3]);
     }
     if (!derive_voxel_step(frustum, step)) {
-        return umb_fail(error, UMB_E_CORRUPT, "frusta[%u].world_to_voxel: not invertible, or "
-                        "depth does not follow the axis", i);
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "frusta[%u].world_to_voxel: not invertible, or "
+                        "depth does not follow the axis",
+                        i);
+    }
+    return UMB_OK;
+}
+
+/* Highest level of coarse look-ups in all frusta of a light; 0 if it takes none. */
+static uint32_t coarse_level_max(const struct umb_content *content, uint32_t light)
+{
+    const struct umb_light_info *info = &content->lights[light];
+    return info->kind == UMB_LIGHT_DIRECTIONAL
+               ? umb_level_max(content->frusta[info->first_frustum].log2_size)
+               : 0;
+}
+
+static bool record_in_range(const struct umb_content *content,
+                            const struct umb_curve_record *record)
+{
+    const uint64_t points = record->points;
+    return record->light < content->light_count && points >= 1 && points <= UMB_CURVE_POINTS_MAX &&
+           (record->level == 0 ||
+            (record->level % 2 == 1 && record->level >= UMB_LEVEL_BRICK && record->taps == 1 &&
+             record->level <= coarse_level_max(content, record->light))) &&
+           record->taps % 2 == 1 && record->taps <= UMB_TAPS_MAX &&
+           record->nodes <= points * UMB__CURVE_READS_MAX && record->lines >= points &&
+           record->lines <= points * UMB__CURVE_READS_MAX &&
+           record->squares <= points * UMB_CURVE_SQUARE;
+}
+
+/* 1 if a record stands before another. */
+static bool record_before(const struct umb_curve_record *a, const struct umb_curve_record *b)
+{
+    const uint32_t x[3] = {a->light, a->level, a->taps}, y[3] = {b->light, b->level, b->taps};
+    for (int i = 0; i < 3; i++) {
+        if (x[i] != y[i]) {
+            return x[i] < y[i];
+        }
+    }
+    return false;
+}
+
+static enum umb_status check_curve(const struct umb_content *content, struct umb_error *error)
+{
+    for (uint32_t i = 0; i < content->curve_count; i++) {
+        const struct umb_curve_record *record = &content->curve[i];
+        if (!record_in_range(content, record) ||
+            (i > 0 && !record_before(&content->curve[i - 1], record))) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "curve[%u]: light %u, level %u, %u taps: out of order, or %u points "
+                            "with sums out of range",
+                            i, record->light, record->level, record->taps, record->points);
+        }
     }
     return UMB_OK;
 }
@@ -160,8 +214,8 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
                         UMB_LIGHTS_MAX);
     }
     if (content->frustum_count < 1 || content->frustum_count > UMB_FRUSTA_MAX) {
-        return umb_fail(error, UMB_E_CORRUPT, "frusta: %u, allowed 1 to %d",
-                        content->frustum_count, UMB_FRUSTA_MAX);
+        return umb_fail(error, UMB_E_CORRUPT, "frusta: %u, allowed 1 to %d", content->frustum_count,
+                        UMB_FRUSTA_MAX);
     }
     if (!all_finite(content->origin, 3) || !all_finite(content->bounds.min, 3) ||
         !all_finite(content->bounds.max, 3)) {
@@ -174,7 +228,7 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
     for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
         status = check_frustum(content, i, error);
     }
-    return status;
+    return status == UMB_OK ? check_curve(content, error) : status;
 }
 
 void umb__content_derive(struct umb_content *content)

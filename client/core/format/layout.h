@@ -79,6 +79,7 @@ enum {
 #define UMB__TAG_PLAN     UMB__TAG('P', 'L', 'A', 'N')
 #define UMB__TAG_SETTINGS UMB__TAG('B', 'A', 'K', 'E')
 #define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
+#define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS                                                                              \
@@ -95,6 +96,8 @@ enum {
 #define UMB__FRUSTUM_SIZE    144U
 #define UMB__COUNTS_SIZE     152U /* levels 3..20, then the 2014 bytes */
 #define UMB__ROOT_SIZE       16U
+#define UMB__CURVE_SIZE      40U
+#define UMB__CURVE_READS_MAX 1024U /* nodes or lines of one window: more than 17 texels can touch */
 #define UMB__TOP_SIZE        16U
 #define UMB__MUST_UNDERSTAND 1U
 

@@ -2,7 +2,13 @@
 #ifndef UMBRAGE_CURVE_H
 #define UMBRAGE_CURVE_H
 /*
- * How far an answer may be off.
+ * What accuracy costs: how far an answer may be off, the accuracy curve that an asset carries, and
+ * the dial that turns a wanted accuracy or a budget into settings.
+ *
+ *     struct umb_dial dial = {.max_error_m = 0.05};
+ *     struct umb_curve_row row;
+ *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
+ *     umb_query_prepare(asset, &settings, &query, &error);
  *
  * The bound. A voxel's value is the true visibility of its centre (docs/umb-format.md, section 1),
  * so an answer that differs from the truth at a point looked at a place on the other side of a
@@ -11,15 +17,23 @@
  * is the sum: whatever a query answers, a true boundary is no farther from the point than that, or
  * the answer is true. It holds in defined space, for windows that do not reach into closed solids.
  *
- * Threads: any.
+ * The curve. For each level and filter that an asset answers with, measured by the bake on points
+ * on the scene's surfaces: how much the answer depends on where in a voxel the point lies, and what
+ * it reads. Costs are counts, the same on every machine; nanoseconds come from umb_calibrate.
+ *
+ * Threads: everything here may be called at once; only struct umb_calibration is written to.
  */
+#include <stddef.h>
 #include <stdint.h>
 #include "umbrage/asset.h"
 #include "umbrage/query.h"
+#include "umbrage/status.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+#define UMB_CURVE_ROWS_MAX 24 /* rows a light */
 
 /* Returns the highest level that look-ups in a frustum of 1 << log2_size voxels a side can stop at:
  * the least odd number that is not below log2_size - 7, nor below 3. */
@@ -38,6 +52,73 @@ UMB_API double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint3
  * a light's frusta. 0 for a light that the asset does not have. */
 UMB_API double umb_query_bound_m(const struct umb_asset *asset,
                                  const struct umb_query_settings *settings);
+
+/* One setting and what it gives, of one light. */
+struct umb_curve_row {
+    uint32_t level, taps;
+    double bound_m; /* with automatic bias; follows from the frusta, not stored */
+    /* Root mean square difference of the answer, 0..1, when the point is moved by up to half a
+     * voxel across the light; of coarse rows, to a full look-up there. */
+    double visibility_error;
+    double nodes; /* mixed octree nodes above bricks that a point's look-up goes through */
+    double lines; /* cache lines it reads: grid, wide nodes, bricks */
+};
+
+/*
+ * Copies the curve of a light out of an asset, coarse levels first, then by taps.
+ *
+ * Returns the number of rows: 0 if the light is unknown or the asset carries no curve.
+ */
+UMB_API size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
+                             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX]);
+
+/* What rows cost on this machine; umb_calibrate fills it in. */
+struct umb_calibration {
+    size_t count;                  /* rows, in the order of umb_curve_get */
+    double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
+};
+
+/*
+ * Measures what the rows of a light's curve cost here: asks the asset about points of its own, some
+ * that lie in large uniform cells and some at shadow boundaries, and goes along the line between
+ * both to the counts of the curve.
+ *
+ * In:    now_s: a clock in seconds that does not go back.
+ * Out:   calibration: costs that do not fall where the counts of the curve rise.
+ * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
+ * Cost:  about 50 ms of one core; 1 MiB for the points, freed again.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light,
+                                                  double (*now_s)(void),
+                                                  struct umb_calibration *calibration,
+                                                  struct umb_error *error);
+
+/* What is wanted of an answer; 0 where nothing is. */
+struct umb_dial {
+    double max_error_m;    /* bound, metres */
+    double max_visibility; /* root mean square error of visibility, 0..1 */
+    double budget_ns;      /* nanoseconds a point on one core; needs a calibration */
+};
+
+/*
+ * Chooses level and taps from the curve of settings->light.
+ *
+ * With max_error_m, max_visibility or both: the row that reads the fewest lines of those that keep
+ * to them, so that every machine chooses the same. Asking for less error therefore never gives a
+ * larger bound and never a lower cost. With budget_ns alone: of the rows that cost no more, the one
+ * with the least visibility error. With both, a row must keep to all.
+ *
+ * In:    calibration: of this light; NULL unless budget_ns is given.
+ *        settings: light is read; taps, level and footprint_m must be 0, filter must be box.
+ * Out:   settings: level and taps. row: what they give; may be NULL. Untouched on failure.
+ * Fails: E_ARGUMENT (not finite or below 0; nothing wanted; settings that leave no choice; no row
+ *        keeps to what is wanted: says what the asset can do), E_NOT_FOUND (light), E_UNSUPPORTED
+ *        (the asset carries no curve).
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_dial_choose(const struct umb_asset *asset, const struct umb_dial *dial,
+                const struct umb_calibration *calibration, struct umb_query_settings *settings,
+                struct umb_curve_row *row, struct umb_error *error);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See cli_curve.h. */
+#include "cli_curve.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+void umbc_curve_print(const struct umb_curve_row *rows, const double *ns, size_t count)
+{
+    if (count == 0) {
+        return;
+    }
+    (void)printf("  level taps     bound, m  visibility error  nodes  cache lines%s\n",
+                 ns != NULL ? "  ns a point" : "");
+    for (size_t i = 0; i < count; i++) {
+        const struct umb_curve_row *row = &rows[i];
+        (void)printf("  %5" PRIu32 " %4" PRIu32 " %12.4g %17.4f %6.2f %12.2f", row->level,
+                     row->taps, row->bound_m, row->visibility_error, row->nodes, row->lines);
+        if (ns != NULL) {
+            (void)printf(" %11.1f", ns[i]);
+        }
+        (void)putchar('\n');
+    }
+}
+
+void umbc_curve_json(struct umbc_json *json, const struct umb_curve_row *rows, const double *ns,
+                     size_t count)
+{
+    umbc_json_begin(json, "curve", '[');
+    for (size_t i = 0; i < count; i++) {
+        umbc_json_begin(json, NULL, '{');
+        umbc_json_integer(json, "level", rows[i].level);
+        umbc_json_integer(json, "taps", rows[i].taps);
+        umbc_json_number(json, "bound_m", rows[i].bound_m);
+        umbc_json_number(json, "visibility_error", rows[i].visibility_error);
+        umbc_json_number(json, "nodes", rows[i].nodes);
+        umbc_json_number(json, "lines", rows[i].lines);
+        if (ns != NULL) {
+            umbc_json_number(json, "ns", ns[i]);
+        }
+        umbc_json_end(json, '}');
+    }
+    umbc_json_end(json, ']');
+}

@@ -1,0 +1,181 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading an asset's accuracy curve, and choosing from it; see umbrage/curve.h. */
+#include "umbrage/curve.h"
+
+#include <math.h>
+
+#include "format/asset_parts.h"
+
+/* Largest bound of a light's frusta. */
+static double light_bound_m(const struct umb_content *content,
+                            const struct umb_curve_record *record)
+{
+    const struct umb_light_info *light = &content->lights[record->light];
+    double bound = 0;
+    for (uint32_t i = 0; i < light->frustum_count; i++) {
+        const struct umb_frustum_info *frustum = &content->frusta[light->first_frustum + i];
+        bound = fmax(bound, umb_frustum_bound_m(frustum, record->level, record->taps));
+    }
+    return bound;
+}
+
+size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
+                     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX])
+{
+    const struct umb_content *content = &asset->canonical.content;
+    size_t count = 0;
+    for (uint32_t i = 0; i < content->curve_count && count < UMB_CURVE_ROWS_MAX; i++) {
+        const struct umb_curve_record *record = &content->curve[i];
+        const double points = record->points;
+        if (record->light != light) {
+            continue;
+        }
+        rows[count++] = (struct umb_curve_row){
+            .level = record->level,
+            .taps = record->taps,
+            .bound_m = light_bound_m(content, record),
+            .visibility_error = sqrt((double)record->squares / (points * UMB_CURVE_SQUARE)),
+            .nodes = (double)record->nodes / points,
+            .lines = (double)record->lines / points,
+        };
+    }
+    return count;
+}
+
+/* A choice under way. */
+struct choice {
+    const struct umb_dial *dial;
+    const struct umb_calibration *calibration;
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    size_t count;
+};
+
+static enum umb_status check_dial(const struct umb_dial *dial,
+                                  const struct umb_query_settings *settings,
+                                  struct umb_error *error)
+{
+    const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
+    static const char *const names[3] = {"max_error", "max_visibility", "budget"};
+    int any = 0;
+    for (int i = 0; i < 3; i++) {
+        if (!(wanted[i] >= 0) || !isfinite(wanted[i])) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: %g, must be finite and above 0", names[i],
+                            wanted[i]);
+        }
+        any |= wanted[i] > 0;
+    }
+    if (!any) {
+        return umb_fail(error, UMB_E_ARGUMENT, "max_error: give an error or a budget");
+    }
+    if (settings->taps != 0 || settings->level != 0 || settings->footprint_m != 0 ||
+        settings->filter != UMB_FILTER_BOX) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "max_error, budget: choose level and taps; taps %u, level %u, footprint %g "
+                        "and another filter than box leave no choice",
+                        settings->taps, settings->level, settings->footprint_m);
+    }
+    return UMB_OK;
+}
+
+static double cost_ns(const struct choice *choice, size_t row)
+{
+    return choice->calibration && row < choice->calibration->count ? choice->calibration->ns[row]
+                                                                   : INFINITY;
+}
+
+static int is_accurate(const struct choice *choice, size_t i)
+{
+    const struct umb_curve_row *row = &choice->rows[i];
+    const struct umb_dial *dial = choice->dial;
+    return (dial->max_error_m == 0 || row->bound_m <= dial->max_error_m) &&
+           (dial->max_visibility == 0 || row->visibility_error <= dial->max_visibility);
+}
+
+static int is_affordable(const struct choice *choice, size_t i)
+{
+    return choice->dial->budget_ns == 0 || cost_ns(choice, i) <= choice->dial->budget_ns;
+}
+
+/* 1 if row a is to be taken rather than row b; both are accurate and affordable. */
+static int is_better(const struct choice *choice, size_t a, size_t b)
+{
+    const struct umb_curve_row *x = &choice->rows[a], *y = &choice->rows[b];
+    const int cheapest = choice->dial->max_error_m > 0 || choice->dial->max_visibility > 0;
+    if (cheapest && x->lines != y->lines) {
+        return x->lines < y->lines;
+    }
+    if (!cheapest && x->visibility_error != y->visibility_error) {
+        return x->visibility_error < y->visibility_error;
+    }
+    return x->bound_m < y->bound_m;
+}
+
+/* Says what the asset can do, where it cannot do what is wanted. */
+static enum umb_status fail_choice(const struct choice *choice, struct umb_error *error)
+{
+    const struct umb_curve_row *finest = &choice->rows[0], *softest = &choice->rows[0];
+    size_t least = 0, accurate = choice->count;
+    for (size_t i = 0; i < choice->count; i++) {
+        const struct umb_curve_row *row = &choice->rows[i];
+        finest = row->bound_m < finest->bound_m ? row : finest;
+        softest = row->visibility_error < softest->visibility_error ? row : softest;
+        least = cost_ns(choice, i) < cost_ns(choice, least) ? i : least;
+        if (is_accurate(choice, i) &&
+            (accurate == choice->count || cost_ns(choice, i) < cost_ns(choice, accurate))) {
+            accurate = i;
+        }
+    }
+    if (accurate < choice->count) {
+        const double *ns = choice->calibration ? choice->calibration->ns : NULL;
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "budget: %g ns a point, but what keeps to the error costs %.3g ns, and the "
+                        "cheapest setting %.3g ns",
+                        choice->dial->budget_ns, ns ? ns[accurate] : 0.0, ns ? ns[least] : 0.0);
+    }
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "max_error: %g m, visibility %g: this light's asset reaches %.4g m (level %u, "
+                    "%u taps), or visibility %.3g (level %u, %u taps)",
+                    choice->dial->max_error_m, choice->dial->max_visibility, finest->bound_m,
+                    finest->level, finest->taps, softest->visibility_error, softest->level,
+                    softest->taps);
+}
+
+enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_dial *dial,
+                                const struct umb_calibration *calibration,
+                                struct umb_query_settings *settings, struct umb_curve_row *row,
+                                struct umb_error *error)
+{
+    struct choice choice = {.dial = dial, .calibration = calibration};
+    enum umb_status status = check_dial(dial, settings, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (settings->light >= asset->canonical.content.light_count) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
+                        asset->canonical.content.light_count);
+    }
+    choice.count = umb_curve_get(asset, settings->light, choice.rows);
+    if (choice.count == 0 || (dial->budget_ns > 0 && !calibration)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        choice.count == 0
+                            ? "max_error, budget: the asset carries no accuracy curve for light %u"
+                            : "budget: light %u is not calibrated",
+                        settings->light);
+    }
+    size_t best = choice.count;
+    for (size_t i = 0; i < choice.count; i++) {
+        if (is_accurate(&choice, i) && is_affordable(&choice, i) &&
+            (best == choice.count || is_better(&choice, i, best))) {
+            best = i;
+        }
+    }
+    if (best == choice.count) {
+        return fail_choice(&choice, error);
+    }
+    settings->level = choice.rows[best].level;
+    settings->taps = choice.rows[best].taps;
+    if (row) {
+        *row = choice.rows[best];
+    }
+    return UMB_OK;
+}
