@@ -33,7 +33,8 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
 {
     const struct umbb_depth_options options = {.tile_log2 = series->memory->tile_log2,
                                                .threads = series->options->threads,
-                                               .max_bytes = series->memory->shared_max_bytes};
+                                               .max_bytes = series->memory->shared_max_bytes,
+                                               .plain = series->options->depth == UMBB_DEPTH_PLAIN};
     if (series->options->depth == UMBB_DEPTH_EMBREE) {
         return umbb_depth_embree_create(casters, &options, depth, error);
     }

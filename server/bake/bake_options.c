@@ -52,7 +52,10 @@ const char umbb_options_help[] =
     "counts,\n"
     "                         from 0 on (all)\n"
     "  --from DIR             with merge: the folder that tile wrote to\n"
-    "  --depth auto|embree|raster   how depth is found; all give the same bits (auto: raster)\n"
+    "  --depth auto|embree|raster|plain\n"
+    "                         how depth is found; all give the same bits (auto: raster; plain: "
+    "that\n"
+    "                         without vector instructions)\n"
     "  --verify N             compare N points with traced rays before publishing; 0 = off "
     "(1000000)\n"
     "  --plan                 print the plan and its reasons only\n"
@@ -295,10 +298,10 @@ static enum umb_status set_tile(struct umbb_options *o, const char *option, cons
 static enum umb_status set_depth(struct umbb_options *o, const char *option, const char *value,
                                  struct umb_error *error)
 {
-    static const char *const names[] = {"auto", "embree", "raster"};
-    const int choice = read_choice(value, names, 3);
+    static const char *const names[] = {"auto", "embree", "raster", "plain"};
+    const int choice = read_choice(value, names, 4);
     if (choice < 0) {
-        return umbb_option_refuse(error, option, value, "auto, embree or raster");
+        return umbb_option_refuse(error, option, value, "auto, embree, raster or plain");
     }
     o->depth = (enum umbb_depth_path)choice;
     return UMB_OK;
@@ -418,7 +421,7 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
     if ((o->task != UMBB_TASK_BAKE || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "--depth: 'embree' cannot tell which triangles reach a tile, so that its "
-                        "tiles cannot be kept (auto, raster)");
+                        "tiles cannot be kept (auto, raster, plain)");
     }
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");

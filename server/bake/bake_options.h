@@ -21,6 +21,7 @@ enum umbb_depth_path {
     UMBB_DEPTH_AUTO = 0, /* the rasteriser */
     UMBB_DEPTH_EMBREE = 1,
     UMBB_DEPTH_RASTER = 2,
+    UMBB_DEPTH_PLAIN = 3, /* the rasteriser without vector kernels, whatever the processor has */
 };
 
 enum umbb_up_axis {

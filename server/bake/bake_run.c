@@ -168,7 +168,9 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbb_clock_s();
-    run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE ? "embree" : "raster";
+    run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE  ? "embree"
+                             : o->depth == UMBB_DEPTH_PLAIN ? "plain"
+                                                            : "raster";
     const struct umbb_frusta_job job = {
         .analysis = &run->analysis,
         .view = &run->scene->view,

@@ -54,8 +54,8 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
     for (uint32_t log2 = input->tile_log2; log2 >= UMBB_TILE_LOG2_MIN; log2--) {
         const uint64_t fixed = base + tile_bytes(input, log2);
         least = fixed < least ? fixed : least;
-        /* The octree gets at least a third of what a tile leaves, and something in any case. */
-        const uint64_t wanted = fixed + (fixed - base) / 2 + OCTREE_MIN;
+        /* The octree gets at least as much as the tiles, and something in any case. */
+        const uint64_t wanted = fixed + (fixed - base) + OCTREE_MIN;
         if (wanted <= input->memory_bytes) {
             const uint64_t rest = input->memory_bytes - fixed;
             plan->tile_log2 = log2;
@@ -74,5 +74,5 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
                     "than %llu MiB",
                     (unsigned long long)(input->memory_bytes >> 20), input->triangles,
                     1U << input->log2_size,
-                    (unsigned long long)((least + (least - base) / 2 + OCTREE_MIN) >> 20));
+                    (unsigned long long)((least + (least - base) + OCTREE_MIN) >> 20));
 }
