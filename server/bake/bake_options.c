@@ -15,9 +15,11 @@ const char umbb_options_help[] =
     "umbrage-bake SCENE --plan [options]         print what would be baked and why; write nothing\n"
     "umbrage-bake tile SCENE -o DIR [options]    bake tiles and leave their results in a folder\n"
     "umbrage-bake merge SCENE --from DIR -o OUT.umb [options]    make the asset of such tiles\n"
+    "umbrage-bake import SCENE -o FILE [options] read a scene once, for many bakes and tiles of "
+    "it\n"
     "umbrage-bake doctor [--json]                check this machine and the importer's sandbox\n"
     "\n"
-    "SCENE is a glTF, GLB, OBJ, PLY or STL file.\n"
+    "SCENE is a glTF, GLB, OBJ, PLY or STL file, or what import made of one.\n"
     "\n"
     "  -o, --output FILE      the asset to write, replaced atomically\n"
     "  --resolution N         voxels a side, a power of two, 64 to 262144 (16384)\n"
@@ -423,6 +425,9 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
                         "--depth: 'embree' cannot tell which triangles reach a tile, so that its "
                         "tiles cannot be kept (auto, raster, plain)");
     }
+    if (o->task == UMBB_TASK_IMPORT && o->plan) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--plan: umbrage-bake import only reads the scene");
+    }
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
     }
@@ -442,7 +447,8 @@ static int take_task(struct umbb_options *options, int argc, char *const argv[])
     static const struct {
         const char *name;
         enum umbb_task task;
-    } tasks[] = {{"tile", UMBB_TASK_TILE}, {"merge", UMBB_TASK_MERGE}};
+    } tasks[] = {
+        {"tile", UMBB_TASK_TILE}, {"merge", UMBB_TASK_MERGE}, {"import", UMBB_TASK_IMPORT}};
     for (size_t i = 0; argc > 1 && i < sizeof tasks / sizeof tasks[0]; i++) {
         if (strcmp(argv[1], tasks[i].name) == 0) {
             options->task = tasks[i].task;

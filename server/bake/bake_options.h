@@ -33,8 +33,9 @@ enum umbb_up_axis {
 /* What is to be done. */
 enum umbb_task {
     UMBB_TASK_BAKE = 0,
-    UMBB_TASK_TILE = 1,  /* `tile`: results of tiles into a folder */
-    UMBB_TASK_MERGE = 2, /* `merge`: an asset from a folder of such results */
+    UMBB_TASK_TILE = 1,   /* `tile`: results of tiles into a folder */
+    UMBB_TASK_MERGE = 2,  /* `merge`: an asset from a folder of such results */
+    UMBB_TASK_IMPORT = 3, /* `import`: the scene as a file that needs no importer any more */
 };
 
 #define UMBB_RESOLUTION_LOG2_MIN 6U
@@ -67,7 +68,7 @@ struct umbb_options {
 };
 
 /*
- * Reads argv[1..]. argv[1] may name the task: tile, merge.
+ * Reads argv[1..]. argv[1] may name the task: import, tile, merge.
  *
  * Out:   options: complete; with help or version nothing else need be there.
  * Fails: E_ARGUMENT.

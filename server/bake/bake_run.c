@@ -20,7 +20,7 @@
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "common/file.h"
-#include "common/scene.h"
+#include "common/scene_file.h"
 
 /* A run under way. */
 struct run {
@@ -61,24 +61,29 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
                : umbs_file_check(options->output, error);
 }
 
-static enum umb_status import_and_analyse(struct run *run, struct umb_error *error)
+static enum umb_status import(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
-    const struct umbs_import_options import = {.max_memory_bytes = o->memory_bytes};
-    double start = umbb_clock_s();
-    enum umb_status status = umbs_scene_import(o->scene, &import, &run->scene, error);
+    const struct umbs_import_options limits = {.max_memory_bytes = o->memory_bytes};
+    const double start = umbb_clock_s();
+    const enum umb_status status = umbs_scene_open(o->scene, &limits, &run->scene, error);
     run->report.seconds_import = umbb_clock_s() - start;
-    if (status != UMB_OK) {
-        return status;
+    if (status == UMB_OK && !o->quiet) {
+        print_notices(run->scene->view.warnings);
     }
-    start = umbb_clock_s();
+    return status;
+}
+
+static enum umb_status analyse(struct run *run, struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    const double start = umbb_clock_s();
     const struct umbs_scene_view *view = &run->scene->view;
-    status = umbb_analysis_run(view, o, &run->analysis, error);
+    enum umb_status status = umbb_analysis_run(view, o, &run->analysis, error);
     if (status != UMB_OK) {
         return status;
     }
     if (!o->quiet) {
-        print_notices(view->warnings);
         print_notices(run->analysis.choice.notices);
     }
     status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
@@ -280,6 +285,23 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     return status;
 }
 
+/* Keeps what was imported, as a file. */
+static enum umb_status save_scene(struct run *run, struct umb_error *error)
+{
+    umbb_interrupt_defer(); /* whose temporary goes with it */
+    const enum umb_status status = umbs_scene_save(run->scene, run->options->output, error);
+    if (status == UMB_OK && run->options->json) {
+        char id[UMB_ID_TEXT_SIZE];
+        uint8_t hash[UMB_ID_BYTES];
+        umbs_scene_hash(&run->scene->view, hash);
+        umb_id_to_text(hash, id);
+        fprintf(stdout, "{\"scene\":\"%s\",\"bytes\":%zu,\"triangles\":%llu,\"lights\":%u}\n", id,
+                run->scene->map_bytes, (unsigned long long)run->scene->view.world_triangle_count,
+                run->scene->view.light_count);
+    }
+    return status;
+}
+
 /* Bakes tiles for a merge elsewhere. */
 static enum umb_status bake_tiles(struct run *run, struct umb_error *error)
 {
@@ -303,27 +325,40 @@ static void print_report(struct run *run)
     }
 }
 
+/* What there is to do with an imported scene. */
+static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error)
+{
+    const struct umbb_options *options = run->options;
+    enum umb_status status = analyse(run, error);
+    if (status == UMB_OK && options->plan) {
+        const uint64_t tiles = umbb_tile_count(&run->analysis, options->tile_log2);
+        if (options->json) {
+            umbb_plan_print_json(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
+        } else {
+            umbb_plan_print(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
+        }
+    } else if (status == UMB_OK) {
+        status =
+            options->task == UMBB_TASK_TILE ? bake_tiles(run, error) : bake_and_publish(run, error);
+        if (status == UMB_OK) {
+            print_report(run);
+        }
+    }
+    return status;
+}
+
 enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error)
 {
     struct run run = {.options = options, .start_s = umbb_clock_s()};
     umbb_interrupt_install();
     enum umb_status status = check_output(options, error);
     if (status == UMB_OK) {
-        status = import_and_analyse(&run, error);
+        status = import(&run, error);
     }
-    if (status == UMB_OK && options->plan) {
-        const uint64_t tiles = umbb_tile_count(&run.analysis, options->tile_log2);
-        if (options->json) {
-            umbb_plan_print_json(stdout, &run.analysis, &run.scene->view, run.plan, tiles);
-        } else {
-            umbb_plan_print(stdout, &run.analysis, &run.scene->view, run.plan, tiles);
-        }
+    if (status == UMB_OK && options->task == UMBB_TASK_IMPORT) {
+        status = save_scene(&run, error);
     } else if (status == UMB_OK) {
-        status = options->task == UMBB_TASK_TILE ? bake_tiles(&run, error)
-                                                 : bake_and_publish(&run, error);
-        if (status == UMB_OK) {
-            print_report(&run);
-        }
+        status = analyse_and_bake(&run, error);
     }
     if (status == UMB_OK && fflush(stdout) != 0) {
         status = umb_fail(error, UMB_E_IO, "cannot write to standard output");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading goes into memory of our own: a map could change after it was checked. */
-#define XXH_INLINE_ALL
 #define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
+#define XXH_INLINE_ALL
 #include "common/scene_file.h"
 
 #include <errno.h>
@@ -70,7 +70,8 @@ static enum umb_status load(int fd, const char *path, uint64_t checksum,
         return umb_fail(error, UMB_E_LIMIT, "--memory: scene file '%.200s' has %llu MiB", path,
                         (unsigned long long)(size >> 20));
     }
-    void *map = mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    void *map =
+        mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (map == MAP_FAILED) {
         return umb_fail_errno(error, UMB_E_NO_MEMORY, errno, "memory for %llu MiB of scene refused",
                               (unsigned long long)(size >> 20));
@@ -103,10 +104,9 @@ enum umb_status umbs_scene_open(const char *path, const struct umbs_import_optio
     }
     *out = NULL;
     struct umbs_scene *scene = calloc(1, sizeof *scene);
-    enum umb_status status =
-        scene == NULL
-            ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene")
-            : load(fd, path, umb__load64(head + 8), options, scene, error);
+    enum umb_status status = scene == NULL
+                                 ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene")
+                                 : load(fd, path, umb__load64(head + 8), options, scene, error);
     (void)close(fd);
     if (status != UMB_OK) {
         umbs_scene_destroy(scene);

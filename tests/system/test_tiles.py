@@ -129,6 +129,28 @@ def farm(folder, scene, asset):
     check("the plan counts tiles", plan["tiles"] == 64, plan)
 
 
+def imported(folder, scene, asset):
+    """A scene read once stands for the scene in every command; damage is found."""
+    once, out = os.path.join(folder, "once.scene"), os.path.join(folder, "once.umb")
+    tiles = os.path.join(folder, "tiles")
+    report = bake("import", scene, "-o", once, "--quiet", "--json")
+    check("import tells what it read", report["triangles"] == 902 * 12, report)
+    check("a scene file bakes to the same id",
+          bake(once, "-o", out, "--verify", "0", *SETTINGS)["asset"] == asset)
+    check("its tiles are those of the scene",
+          bake("tile", once, "-o", tiles, *SETTINGS)["tiles_found"] == 64)
+    check("and merge", bake("merge", once, "--from", tiles, "-o", out, *SETTINGS)["asset"] == asset)
+    with open(once, "rb") as file:
+        whole = file.read()
+    for number in range(24):
+        cut, flip = number * len(whole) // 24, bytearray(whole)
+        flip[8 + number * (len(whole) - 8) // 24] ^= 1 << number % 8
+        for damaged in (whole[:cut], bytes(flip)):
+            with open(once, "wb") as file:
+                file.write(damaged)
+            bake(once, "--plan", "--quiet", expect=65)
+
+
 def killed_and_resumed(folder, scene, asset):
     """kill -9 at random moments, then on with the same command."""
     cache, out = os.path.join(folder, "cache3"), os.path.join(folder, "resumed.umb")
@@ -168,6 +190,7 @@ def main():
         asset = edits(folder, scene)
         damage(folder, scene, asset)
         farm(folder, scene, asset)
+        imported(folder, scene, asset)
         killed_and_resumed(folder, scene, asset)
         interrupted(folder, scene)
     return 1 if failures else 0

@@ -207,6 +207,8 @@ static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
         {"tile s -o d --cache c", "--cache", "folder"},
         {"tile s -o d --depth embree", "--depth", "embree"},
         {"tile s", "-o", "no output"},
+        {"import s", "-o", "no output"},
+        {"import s --plan", "--plan", "import"},
         {"merge s -o o", "--from", "no folder"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
