@@ -377,7 +377,7 @@ static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
     return conn->patience_ms < -STALL_MARGIN_MS;
 }
 
-/* Asks a connection that is older than --max-age to go, in the steps of a drain. Returns 1 if it
+/* Asks a connection whose time has come to go, in the steps of a drain. Returns 1 if it
  * had to be closed. */
 static int retire(struct umbd_conn *conn, uint64_t now_ms)
 {
@@ -424,11 +424,12 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
             return;
         }
     }
+    if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms &&
+        conn->retired == UMBD_DRAIN_NO) {
+        conn->retire_at_ms = now_ms; /* a call may be on its way: no hard end */
+    }
     if (retire(conn, now_ms)) {
         return;
-    }
-    if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms) {
-        umbd_conn_doom(conn, NGHTTP2_NO_ERROR);
     }
     umbd_conn_flush(conn);
 }

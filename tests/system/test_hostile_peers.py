@@ -195,6 +195,15 @@ with test.check("PINGs do not keep a connection without calls open"):
     assert pinging.goaway == 0, "it is still open"
     assert not calling.closed
     daemon.stop()
+with test.check("a call that meets the end of an idle connection is answered"):
+    daemon = test.daemon("--idle-timeout", "500ms")
+    late = h2.Connection(port=daemon.port)
+    late.settle()
+    assert late.wait(lambda: late.goaway is not None, 5) and late.goaway == 0
+    reply = late.call("/umbrage.v1.Shadows/Limits", h2.prefixed(b""))  # sent before it could be read
+    assert reply.status == 0, reply
+    assert late.wait(lambda: late.closed, 5), "it stays open"
+    daemon.stop()
 with test.check("peers who only connect do not lock others out"):
     daemon = test.daemon("--max-connections", 8)
     busy = connect(daemon)
