@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "bake/effect_options.h"
 #include "bake/option_text.h"
 
 const char umbb_options_help[] =
@@ -42,6 +43,8 @@ const char umbb_options_help[] =
     "  --closed auto|on|off   leave the inside of closed solids undefined: of those that are "
     "closed\n"
     "                         (auto), of everything on your word (on), never (off)\n"
+    "  --effect NAME=on|off   overrule the plan: closed; penumbra, cut-out, transmittance,\n"
+    "                         static, mraa and voaa can only be off in this version\n"
     "  --threads N            1 to 256 (the processors there are)\n"
     "  --memory SIZE          stay within this, for example 900MiB (4GiB)\n"
     "  --tile N               texels a side baked at a time, a power of two from 64 (4096)\n"
@@ -173,18 +176,6 @@ static enum umb_status set_up(struct umbb_options *o, const char *option, const 
         return umbb_option_refuse(error, option, value, "y or z");
     }
     o->up = choice == 0 ? UMBB_UP_Y : UMBB_UP_Z;
-    return UMB_OK;
-}
-
-static enum umb_status set_closed(struct umbb_options *o, const char *option, const char *value,
-                                  struct umb_error *error)
-{
-    static const char *const names[] = {"auto", "on", "off"};
-    const int choice = read_choice(value, names, 3);
-    if (choice < 0) {
-        return umbb_option_refuse(error, option, value, "auto, on or off");
-    }
-    o->closed = (enum umbb_closed_mode)choice;
     return UMB_OK;
 }
 
@@ -338,7 +329,8 @@ static const struct {
     {"--point", set_point},
     {"--sun-path", set_sun_path},
     {"--light-size", set_light_size},
-    {"--closed", set_closed},
+    {"--closed", umbb_closed_set},
+    {"--effect", umbb_effect_set},
     {"--threads", set_threads},
     {"--memory", set_memory},
     {"--cache", set_cache},

@@ -58,6 +58,7 @@ struct umbb_options {
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
+    uint32_t effects_off; /* enum umbb_missing_effect that --effect switched off */
     unsigned threads; /* 1.. */
     uint64_t memory_bytes;
     uint32_t tile_log2;

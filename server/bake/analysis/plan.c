@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/effect_options.h"
 #include "bake/print_text.h"
 #include "common/json_text.h"
 
@@ -63,6 +64,12 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
             on ? "on" : "off", most, off, off / voxel, voxel);
 }
 
+/* Why an effect that this version lacks is off. */
+static const char *missing_reason(const struct umbb_options *options, uint32_t effect)
+{
+    return options->effects_off & effect ? "switched off" : "not in this version";
+}
+
 /* How wide half shadows become, in metres and in voxels: behind the whole depth of a directional
  * light's frustum; for other lights behind a caster halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
@@ -79,7 +86,8 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
 }
 
 /* A light that is no point: what its half shadows would be, of the light that has the widest. */
-static void write_penumbra(FILE *to, const struct umbb_analysis *a)
+static void write_penumbra(FILE *to, const struct umbb_analysis *a,
+                           const struct umbb_options *options)
 {
     const struct umb_light_info *worst = &a->choice.lights[0];
     double most = 0.0, voxels;
@@ -94,7 +102,8 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a)
         return;
     }
     const double width = penumbra_width(a, worst, &voxels);
-    fprintf(to, "effect=penumbra state=off reason=\"not in this version: ");
+    fprintf(to, "effect=penumbra state=off reason=\"%s: ",
+            missing_reason(options, UMBB_MISSING_PENUMBRA));
     if (worst->kind == UMB_LIGHT_DIRECTIONAL) {
         fprintf(to, "a light %.3g degrees across over %.6g m makes half shadows up to %.3g m",
                 worst->extent * 57.29577951308232, width / worst->extent, width);
@@ -131,7 +140,7 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
 }
 
 /* An effect this version does not have, for materials that call for it. */
-static void write_missing(FILE *to, const char *effect, const char *mode,
+static void write_missing(FILE *to, const char *effect, const char *why, const char *mode,
                           const struct umbb_material_use *use, const struct umbs_scene_view *view)
 {
     if (use->triangles == 0) {
@@ -140,9 +149,9 @@ static void write_missing(FILE *to, const char *effect, const char *mode,
     char name[UMBB_ESCAPED_NAME_SIZE];
     umbb_escape(view->materials[use->first].name, name, sizeof name);
     fprintf(to,
-            "effect=%s state=off reason=\"not in this version: %zu triangles of %zu %s materials, "
+            "effect=%s state=off reason=\"%s: %zu triangles of %zu %s materials, "
             "the first '%s', are baked as opaque\" cost=\"none\"\n",
-            effect, use->triangles, use->materials, mode, name);
+            effect, why, use->triangles, use->materials, mode, name);
 }
 
 /* Closes a memory stream; its text is freed on failure. */
@@ -171,10 +180,12 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     }
     write_closed(to, analysis, options->closed);
     write_origin(to, analysis);
-    write_penumbra(to, analysis);
+    write_penumbra(to, analysis, options);
     write_lights(to, analysis);
-    write_missing(to, "cut-out", "MASK", &analysis->mask, view);
-    write_missing(to, "transmittance", "BLEND", &analysis->blend, view);
+    write_missing(to, "cut-out", missing_reason(options, UMBB_MISSING_CUT_OUT), "MASK",
+                  &analysis->mask, view);
+    write_missing(to, "transmittance", missing_reason(options, UMBB_MISSING_TRANSMITTANCE), "BLEND",
+                  &analysis->blend, view);
     return close_text(to, text, error);
 }
 

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "bake/bake_options.h"
+#include "bake/effect_options.h"
 
 #define MAX_WORDS 16
 
@@ -216,6 +217,37 @@ static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
     }
 }
 
+static void effects_are_overruled_by_name(void **state)
+{
+    (void)state;
+    struct umbb_options o;
+    struct umb_error e;
+    assert_int_equal(parse("s.ply -o o --effect closed=on", &o, &e), UMB_OK);
+    assert_int_equal(o.closed, UMBB_CLOSED_ON);
+    assert_int_equal(o.effects_off, 0);
+    assert_int_equal(parse("s.ply -o o --closed on --effect=closed=off", &o, &e), UMB_OK);
+    assert_int_equal(o.closed, UMBB_CLOSED_OFF);
+    assert_int_equal(
+        parse("s.ply -o o --effect cut-out=off --effect penumbra=off --effect mraa=off", &o, &e),
+        UMB_OK);
+    assert_int_equal(o.effects_off, UMBB_MISSING_CUT_OUT | UMBB_MISSING_PENUMBRA);
+    assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
+    static const struct {
+        const char *line, *value;
+    } cases[] = {
+        {"s -o o --effect closed", "'closed' is not NAME=on or NAME=off"},
+        {"s -o o --effect closed=auto", "'closed=auto' is not NAME=on or NAME=off"},
+        {"s -o o --effect =on", "'=on' is not an effect"},
+        {"s -o o --effect close=on", "'close=on' is not an effect"},
+        {"s -o o --effect suns=off", "'suns=off': the effect follows from the lights"},
+        {"s -o o --effect penumbra=on", "this version does not have the effect"},
+        {"s -o o --effect voaa=on", "this version does not have the effect"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        assert_refused(cases[i].line, "--effect", cases[i].value);
+    }
+}
+
 static void refusals_name_the_option_and_the_value(void **state)
 {
     (void)state;
@@ -298,6 +330,7 @@ int main(void)
         cmocka_unit_test(more_lights_than_there_is_room_for_are_refused),
         cmocka_unit_test(help_version_and_plan_need_no_output),
         cmocka_unit_test(options_of_tiles_are_refused_where_they_mean_nothing),
+        cmocka_unit_test(effects_are_overruled_by_name),
         cmocka_unit_test(refusals_name_the_option_and_the_value),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A table of effects: who decides each, and where. */
+#include "bake/effect_options.h"
+
+#include <string.h>
+
+#include "bake/bake_options.h"
+#include "bake/option_text.h"
+
+/* What may be said about an effect. */
+enum decider {
+    BY_CALLER,  /* on or off */
+    BY_SCENE,   /* nothing: it follows from something else */
+    BY_VERSION, /* off: there is none yet */
+};
+
+static const struct {
+    const char *name;
+    enum decider decider;
+    const char *where;    /* BY_SCENE: what it follows from */
+    uint32_t missing_bit; /* BY_VERSION: enum umbb_missing_effect, if a scene may call for it */
+} effects[] = {
+    {"closed", BY_CALLER, NULL, 0},
+    {"origin", BY_SCENE, "the coordinates and the size of a voxel (--resolution)", 0},
+    {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)", 0},
+    {"faces", BY_SCENE, "the lights (--point, --spot, --light)", 0},
+    {"penumbra", BY_VERSION, NULL, UMBB_MISSING_PENUMBRA},
+    {"cut-out", BY_VERSION, NULL, UMBB_MISSING_CUT_OUT},
+    {"transmittance", BY_VERSION, NULL, UMBB_MISSING_TRANSMITTANCE},
+    {"static", BY_VERSION, NULL, 0},
+    {"mraa", BY_VERSION, NULL, 0},
+    {"voaa", BY_VERSION, NULL, 0},
+};
+
+/* Sets an effect that the caller decides. */
+static void decide(struct umbb_options *options, int on)
+{
+    options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
+}
+
+enum umb_status umbb_effect_set(struct umbb_options *options, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    const size_t length = strcspn(value, "=");
+    const int on = strcmp(value + length, "=on") == 0;
+    if (!on && strcmp(value + length, "=off") != 0) {
+        return umbb_option_refuse(error, option, value, "NAME=on or NAME=off");
+    }
+    size_t i = 0;
+    const size_t count = sizeof effects / sizeof effects[0];
+    while (i < count &&
+           (strlen(effects[i].name) != length || memcmp(effects[i].name, value, length) != 0)) {
+        i++;
+    }
+    if (i == count) {
+        return umbb_option_refuse(error, option, value,
+                                  "an effect: closed; off also for penumbra, cut-out, "
+                                  "transmittance, static, mraa, voaa");
+    }
+    if (effects[i].decider == BY_SCENE) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': the effect follows from %s", option,
+                        value, effects[i].where);
+    }
+    if (effects[i].decider == BY_VERSION && on) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': this version does not have the effect",
+                        option, value);
+    }
+    if (effects[i].decider == BY_VERSION) {
+        options->effects_off |= effects[i].missing_bit;
+    } else {
+        decide(options, on);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbb_closed_set(struct umbb_options *options, const char *option, const char *value,
+                                struct umb_error *error)
+{
+    static const char *const names[] = {
+        [UMBB_CLOSED_AUTO] = "auto", [UMBB_CLOSED_ON] = "on", [UMBB_CLOSED_OFF] = "off"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (strcmp(value, names[i]) == 0) {
+            options->closed = (enum umbb_closed_mode)i;
+            return UMB_OK;
+        }
+    }
+    return umbb_option_refuse(error, option, value, "auto, on or off");
+}

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_EFFECT_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_EFFECT_OPTIONS_H
+/*
+ * --effect NAME=on|off and --closed: overruling what the analysis decides.
+ *
+ * Only effects that a caller can decide are taken. What follows from the lights or the coordinates
+ * is refused with where to change it; what this version does not have may be off, never on.
+ */
+#include <stdint.h>
+#include "umbrage/status.h"
+
+struct umbb_options;
+
+/* Effects that this version does not have and that a scene may call for; bits of effects_off. */
+enum umbb_missing_effect {
+    UMBB_MISSING_PENUMBRA = 1,
+    UMBB_MISSING_CUT_OUT = 2,
+    UMBB_MISSING_TRANSMITTANCE = 4,
+};
+
+/* Reads --effect NAME=on|off. Fails: E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbb_effect_set(struct umbb_options *options, const char *option,
+                                            const char *value, struct umb_error *error);
+
+/* Reads --closed auto|on|off. Fails: E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbb_closed_set(struct umbb_options *options, const char *option,
+                                            const char *value, struct umb_error *error);
+
+#endif
