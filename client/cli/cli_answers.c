@@ -154,9 +154,13 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     }
     (void)fprintf(file,
                   "  to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64 " %" PRId64 " %" PRId64
-                  ") of frustum %" PRIu32 ", %.6g m a voxel\n",
+                  ") of frustum %" PRIu32 ", %.6g m a %s\n",
                   e->moved[0], e->moved[1], e->moved[2], e->voxel[0], e->voxel[1], e->voxel[2],
-                  e->cell[0], e->cell[1], e->cell[2], e->frustum, e->voxel_size_m);
+                  e->cell[0], e->cell[1], e->cell[2], e->frustum, e->voxel_size_m,
+                  e->level > 0 ? "cell" : "voxel");
+    if (e->level > 0) {
+        (void)fprintf(file, "  stops at cells of %u voxels a side\n", 1U << e->level);
+    }
     explain_steps(file, e);
     if (e->taps > 1 && !e->facing_away) {
         explain_window(file, e);
@@ -173,6 +177,7 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_number(json, "answer", (double)value);
     umbc_json_integer(json, "lit_taps", e->lit_taps);
     umbc_json_integer(json, "taps", e->taps);
+    umbc_json_integer(json, "level", e->level);
     umbc_json_bool(json, "facing_away", e->facing_away != 0);
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
@@ -241,6 +246,17 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
         umbc_json_end(json, ']');
     }
     umbc_json_integer(json, "taps", total->taps);
+    if (total->bound_m > 0) {
+        umbc_json_integer(json, "level", total->level);
+        umbc_json_number(json, "bound_m", total->bound_m);
+    }
+    if (total->row.lines > 0) {
+        umbc_json_number(json, "visibility_error", total->row.visibility_error);
+        umbc_json_number(json, "lines_per_point", total->row.lines);
+    }
+    if (total->expected_ns > 0) {
+        umbc_json_number(json, "expected_ns", total->expected_ns);
+    }
     umbc_json_integer(json, "points", total->points);
     umbc_json_begin(json, "stats", '{');
     umbc_json_integer(json, "outside", total->stats.outside);

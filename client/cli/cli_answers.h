@@ -18,7 +18,10 @@ struct umbc_query_total {
     uint64_t points;
     const uint32_t *lights; /* [light_count] */
     size_t light_count;
-    uint32_t taps; /* of the first light */
+    uint32_t taps, level;     /* of the first light */
+    double bound_m;           /* of the first light; 0: not known here */
+    struct umb_curve_row row; /* of the curve, if the asset has one for these settings */
+    double expected_ns;       /* a point, calibrated for a budget; else 0 */
 };
 
 struct umbc_answers {

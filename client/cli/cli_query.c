@@ -234,16 +234,54 @@ static enum umb_status choose_lights(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
+/* What the settings of the first light come to. */
+static void state_settings(struct job *job, const struct umb_query_settings *settings,
+                           const struct umb_calibration *calibration)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    const size_t count = umb_curve_get(job->asset, settings->light, rows);
+    job->total.level = settings->level;
+    job->total.bound_m = umb_query_bound_m(job->asset, settings);
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].level == settings->level && rows[i].taps == job->total.taps) {
+            job->total.row = rows[i];
+            job->total.expected_ns = i < calibration->count ? calibration->ns[i] : 0;
+        }
+    }
+}
+
+/* Lets the dial choose, if there is one. */
+static enum umb_status choose_settings(struct job *job, struct umb_query_settings *settings,
+                                       struct umb_calibration *calibration, struct umb_error *error)
+{
+    const struct umb_dial *dial = &job->options->dial;
+    enum umb_status status = UMB_OK;
+    memset(calibration, 0, sizeof *calibration);
+    if (!job->options->has_dial) {
+        return UMB_OK;
+    }
+    if (dial->budget_ns > 0) {
+        status = umb_calibrate(job->asset, settings->light, umbc_clock_s, calibration, error);
+    }
+    return status == UMB_OK ? umb_dial_choose(job->asset, dial, calibration, settings, NULL, error)
+                            : status;
+}
+
 static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
 {
-    struct umb_query_settings settings = job->options->settings;
     enum umb_status status = UMB_OK;
     for (size_t k = 0; status == UMB_OK && k < job->light_count; k++) {
+        struct umb_query_settings settings = job->options->settings;
+        struct umb_calibration calibration;
         settings.light = job->lights[k];
-        status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
-    }
-    if (status == UMB_OK && job->light_count > 0) {
-        job->total.taps = umb_query_taps(&job->queries[0]);
+        status = choose_settings(job, &settings, &calibration, error);
+        if (status == UMB_OK) {
+            status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
+        }
+        if (status == UMB_OK && k == 0) {
+            job->total.taps = umb_query_taps(&job->queries[0]);
+            state_settings(job, &settings, &calibration);
+        }
     }
     return status;
 }
@@ -359,6 +397,18 @@ static void print_summary(const struct umbc_query_total *total)
                   total->points, total->seconds, (double)total->points / seconds,
                   total->stats.outside, total->stats.before, total->stats.behind,
                   total->stats.facing_away);
+    if (total->bound_m > 0) {
+        (void)fprintf(stderr, "level %" PRIu32 ", %" PRIu32 " taps: true boundaries within %.4g m",
+                      total->level, total->taps, total->bound_m);
+        if (total->row.lines > 0) {
+            (void)fprintf(stderr, ", visibility error %.3g, %.3g cache lines a point",
+                          total->row.visibility_error, total->row.lines);
+        }
+        if (total->expected_ns > 0) {
+            (void)fprintf(stderr, ", %.3g ns a point expected", total->expected_ns);
+        }
+        (void)fputc('\n', stderr);
+    }
 }
 
 int umbc_query(int argc, char **argv)

@@ -20,6 +20,9 @@ enum query_option {
     OPTION_TAPS,
     OPTION_FOOTPRINT,
     OPTION_FILTER,
+    OPTION_LEVEL,
+    OPTION_MAX_ERROR,
+    OPTION_BUDGET,
     OPTION_BIAS,
     OPTION_BATCH,
     OPTION_OUT,
@@ -49,6 +52,16 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_FOOTPRINT] = {"footprint", "M",
                           "FILE only: width of the window in metres instead of --taps", 0},
     [OPTION_FILTER] = {"filter", "NAME", "box (default), or FILE only: tent", 0},
+    [OPTION_LEVEL] = {"level", "N",
+                      "FILE only: stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
+                      0},
+    [OPTION_MAX_ERROR] = {"max-error", "E",
+                          "FILE only, instead of --taps: the cheapest setting within E metres "
+                          "(0.05, 0.05m) or visibility (0.1vis)",
+                          0},
+    [OPTION_BUDGET] = {"budget", "NS",
+                       "FILE only, instead of --taps: the least error for NS nanoseconds a point",
+                       0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
                       0},
@@ -235,6 +248,64 @@ static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settin
     return -1;
 }
 
+/* A number above 0 with one of two endings, or none; which: 0 none, 1 or 2. */
+static bool take_amount(const char *text, const char *const endings[2], double *value, int *which)
+{
+    char copy[64];
+    const size_t length = strlen(text);
+    *which = 0;
+    if (length >= sizeof copy) {
+        return false;
+    }
+    memcpy(copy, text, length + 1);
+    for (int i = 0; i < 2 && *which == 0; i++) {
+        const size_t ending = strlen(endings[i]);
+        if (length > ending && strcmp(copy + length - ending, endings[i]) == 0) {
+            copy[length - ending] = '\0';
+            *which = i + 1;
+        }
+    }
+    return umbc_parse_number(copy, value) && *value > 0;
+}
+
+/* --level, or --max-error and --budget, which choose level and taps. */
+static int take_dial(const struct umbc_parsed *parsed, struct umbc_query_options *options)
+{
+    static const char *const errors[2] = {"vis", "m"}, *const times[2] = {"ns", "ns"};
+    const char *level = parsed->values[OPTION_LEVEL];
+    const char *error = parsed->values[OPTION_MAX_ERROR];
+    const char *budget = parsed->values[OPTION_BUDGET];
+    unsigned long long number = 0;
+    double value;
+    int ending;
+    if (level != NULL && !umbc_parse_count(level, UMB_LEVEL_MAX, &number)) {
+        return umbc_usage_error("query: --level '%s' is not within 0..%d", level, UMB_LEVEL_MAX);
+    }
+    options->settings.level = (uint32_t)number;
+    if (error != NULL) {
+        if (!take_amount(error, errors, &value, &ending)) {
+            return umbc_usage_error("query: --max-error '%s' is not above 0, in metres as 0.05 or "
+                                    "0.05m or in visibility as 0.1vis",
+                                    error);
+        }
+        *(ending == 1 ? &options->dial.max_visibility : &options->dial.max_error_m) = value;
+    }
+    if (budget != NULL && !take_amount(budget, times, &options->dial.budget_ns, &ending)) {
+        return umbc_usage_error("query: --budget '%s' is not above 0 nanoseconds", budget);
+    }
+    options->has_dial = error != NULL || budget != NULL;
+    if (options->has_dial &&
+        (level != NULL || parsed->values[OPTION_TAPS] != NULL ||
+         parsed->values[OPTION_FOOTPRINT] != NULL || parsed->values[OPTION_FILTER] != NULL)) {
+        return umbc_usage_error("query: --max-error and --budget choose the setting; --taps, "
+                                "--footprint, --filter and --level do not go with them");
+    }
+    if (options->has_dial) {
+        options->settings.taps = 0;
+    }
+    return -1;
+}
+
 static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
     unsigned long long value;
@@ -274,9 +345,9 @@ static int check_lights(const struct umbc_query_options *options)
 static int check_question(const struct umbc_parsed *parsed,
                           const struct umbc_query_options *options)
 {
-    static const enum query_option refused[] = {OPTION_NORMALS, OPTION_TAPS, OPTION_FOOTPRINT,
-                                                OPTION_FILTER,  OPTION_BIAS, OPTION_ENCODING,
-                                                OPTION_EXPLAIN};
+    static const enum query_option refused[] = {
+        OPTION_NORMALS,  OPTION_TAPS,  OPTION_FOOTPRINT, OPTION_FILTER, OPTION_BIAS,
+        OPTION_ENCODING, OPTION_LEVEL, OPTION_MAX_ERROR, OPTION_BUDGET, OPTION_EXPLAIN};
     static const char *const names[] = {"points", "segments", "columns", "boxes"};
     if (options->question == UMBC_QUESTION_POINTS) {
         return -1;
@@ -335,6 +406,13 @@ static int check_together(const struct umbc_query_options *options)
                                 options->settings.footprint_m > 0 ? "footprint" : "filter",
                                 options->target);
     }
+    if ((options->has_dial || options->settings.level > 0) && !umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
+                                options->settings.level > 0   ? "level"
+                                : options->dial.budget_ns > 0 ? "budget"
+                                                              : "max-error",
+                                options->target);
+    }
     if (options->explain && !umbc_is_file(options->target)) {
         return umbc_usage_error("query: --explain works on files only, '%s' is an asset",
                                 options->target);
@@ -368,6 +446,9 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     if (code < 0) {
         code = take_filter(&parsed, &options->settings);
+    }
+    if (code < 0) {
+        code = take_dial(&parsed, options);
     }
     if (code < 0) {
         code = take_counts(&parsed, options);

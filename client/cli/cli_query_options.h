@@ -5,6 +5,7 @@
 #include "cli_common.h"
 #include "cli_points.h"
 #include "cli_session.h"
+#include "umbrage/curve.h"
 
 enum umbc_encoding {
     UMBC_ENCODING_TEXT, /* "%.9g" a line */
@@ -31,6 +32,8 @@ struct umbc_query_options {
     enum umbc_points_format format;
     bool with_normals;
     struct umb_query_settings settings; /* of the first light */
+    struct umb_dial dial;               /* chooses level and taps if has_dial */
+    bool has_dial;
     uint32_t lights[UMBC_QUERY_LIGHTS_MAX];
     size_t light_count;
     bool all_lights; /* of the asset; then light_count is 0 */

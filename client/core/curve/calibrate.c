@@ -1,10 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From counts to nanoseconds, on this machine. A setting's cost is nearly a line in what it reads:
- * points anywhere give one end of it (mostly large uniform cells), points where the light first
- * meets a caster the other. The curve's own counts, taken on surfaces, lie between or close by.
+ * From counts to nanoseconds, on this machine. Points of two kinds are asked with every setting:
+ * easy ones anywhere in the frustum (mostly large uniform cells), hard ones where the light first
+ * meets a caster. How hard the points of the curve are, which lie on surfaces, is told by the lines
+ * that one tap reads there, counted alike for all three; every setting's cost goes as far from easy
+ * to hard. Each timing asks other points, more altogether than a core's own caches hold, since
+ * callers' points are spread over the whole asset, too.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -14,16 +18,19 @@
 #include "umbrage/curve.h"
 
 enum {
-    POINTS = 4096,    /* of each kind: more than the nearest cache keeps warm */
-    RUNS = 5,         /* of each row, interleaved; the fastest counts */
-    COLUMN_STEPS = 64 /* cubes looked at along a ray before another ray is tried */
+    POINTS = 32768,    /* of each kind */
+    SLICE = 4096,      /* of them, asked at a time */
+    RUNS = 5,          /* of each row, interleaved; the median counts */
+    COLUMN_STEPS = 64, /* cubes looked at along a ray before another ray is tried */
+    HARDNESS_MAX = 2,  /* surfaces may be harder than what the light sees of them, but not much */
 };
 
 /* Points of one kind, world space relative to the asset's origin. */
 struct sample {
     double (*positions)[3];
-    double lines[UMB_CURVE_ROWS_MAX]; /* read a point, as the kernels count */
-    double seconds[UMB_CURVE_ROWS_MAX];
+    double lines; /* that one tap reads, as the curve counts them */
+    double seconds[UMB_CURVE_ROWS_MAX][RUNS];
+    size_t next; /* slice to be asked */
 };
 
 struct job {
@@ -45,15 +52,20 @@ static double unit(uint64_t *state)
     return (double)((*state * UINT64_C(0x2545f4914f6cdd1d)) >> 11) * 0x1p-53;
 }
 
+static struct umb__tree tree_of(const struct job *job)
+{
+    const struct umb__top *top = &job->asset->view.tops[job->first_frustum];
+    return (struct umb__tree){.grid = job->asset->view.grid + top->first_cell,
+                              .nodes = job->asset->view.nodes,
+                              .bricks = job->asset->view.bricks,
+                              .log2_size = job->frustum->log2_size,
+                              .grid_log2 = top->grid_log2};
+}
+
 /* Depth in voxels where a texel's ray first leaves the light; -1 if it is lit for COLUMN_STEPS. */
 static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
 {
-    const struct umb__top *top = &job->asset->view.tops[job->first_frustum];
-    const struct umb__tree tree = {.grid = job->asset->view.grid + top->first_cell,
-                                   .nodes = job->asset->view.nodes,
-                                   .bricks = job->asset->view.bricks,
-                                   .log2_size = job->frustum->log2_size,
-                                   .grid_log2 = top->grid_log2};
+    const struct umb__tree tree = tree_of(job);
     const uint32_t size = 1U << job->frustum->log2_size;
     struct umb_volume_stats ignored = {0};
     uint32_t z = 0;
@@ -65,6 +77,19 @@ static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
         z = place.brick ? z + 1 : ((z >> place.level) + 1) << place.level;
     }
     return -1;
+}
+
+/* Cache lines of a voxel's look-up as docs/umb-format.md counts them: the smallest uniform cube
+ * around it tells which odd levels above are mixed. */
+static double lines_at(const struct job *job, const double voxel[3])
+{
+    const struct umb__tree tree = tree_of(job);
+    const uint32_t highest = umb_level_max(job->frustum->log2_size);
+    struct umb_volume_stats ignored = {0};
+    const struct umb__place place = umb__tree_locate(&tree, (uint32_t)voxel[0], (uint32_t)voxel[1],
+                                                     (uint32_t)voxel[2], &ignored);
+    const uint32_t lowest = place.brick ? UMB_LEVEL_BRICK : place.level + 2;
+    return lowest > highest ? 1 : 2 + (highest - lowest) / 2;
 }
 
 /* World position of a place in voxel space, relative to the asset's origin. */
@@ -95,7 +120,11 @@ static void draw_points(struct job *job)
     const double size = (double)(1U << job->frustum->log2_size);
     uint64_t state = 1;
     for (size_t i = 0; i < POINTS; i++) {
-        double voxel[3] = {unit(&state) * size, unit(&state) * size, unit(&state) * size};
+        double voxel[3];
+        for (unsigned axis = 0; axis < 3; axis++) { /* one draw a statement: their order is fixed */
+            voxel[axis] = unit(&state) * size;
+        }
+        job->easy.lines += lines_at(job, voxel) / POINTS;
         to_world(job->frustum, voxel, job->easy.positions[i]);
         double depth = -1;
         for (int tries = 0; tries < 8 && depth < 0; tries++) {
@@ -104,12 +133,13 @@ static void draw_points(struct job *job)
             depth = first_shadow(job, (uint32_t)voxel[0], (uint32_t)voxel[1]);
         }
         voxel[2] = depth >= 0 ? depth : voxel[2];
+        job->hard.lines += lines_at(job, voxel) / POINTS;
         to_world(job->frustum, voxel, job->hard.positions[i]);
     }
 }
 
-/* Runs a row on a sample; keeps the fastest. */
-static enum umb_status time_row(struct job *job, size_t row, struct sample *sample,
+/* Asks a slice of a sample with a row's settings. */
+static enum umb_status time_row(struct job *job, size_t row, int run, struct sample *sample,
                                 struct umb_error *error)
 {
     struct umb_query query;
@@ -124,34 +154,51 @@ static enum umb_status time_row(struct job *job, size_t row, struct sample *samp
         return status;
     }
     const double start = job->now_s();
-    umb_query_run(&query, &points, 0, POINTS, &answers);
-    sample->seconds[row] = fmin(sample->seconds[row], job->now_s() - start);
-    sample->lines[row] = (double)(answers.stats.nodes + answers.stats.bricks) / POINTS;
+    umb_query_run(&query, &points, sample->next, SLICE, &answers);
+    sample->seconds[row][run] = job->now_s() - start;
+    sample->next = (sample->next + SLICE) % POINTS;
     return status;
 }
 
-/* Nanoseconds of a row at the curve's counts. */
-static double row_ns(const struct job *job, size_t row)
+static int by_size(const void *a, const void *b)
 {
-    const double scale = 1e9 / POINTS;
-    const double easy = job->easy.seconds[row] * scale, hard = job->hard.seconds[row] * scale;
-    const double span = job->hard.lines[row] - job->easy.lines[row];
-    if (!(span > 0.05) || !(hard > easy)) {
-        return fmax(easy, hard);
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median_ns(double seconds[RUNS])
+{
+    qsort(seconds, RUNS, sizeof *seconds, by_size);
+    return seconds[RUNS / 2] * 1e9 / SLICE;
+}
+
+/* How far the curve's points are from easy (0) to hard (1). */
+static double hardness(const struct job *job)
+{
+    const double span = job->hard.lines - job->easy.lines;
+    size_t plain = 0;
+    while (plain + 1 < job->count && (job->rows[plain].level > 0 || job->rows[plain].taps > 1)) {
+        plain++;
     }
-    const double ns = easy + (hard - easy) / span * (job->rows[row].lines - job->easy.lines[row]);
-    return fmax(ns, easy / 2);
+    const double from_easy = job->rows[plain].lines - job->easy.lines;
+    return span > 0.05 ? fmin(fmax(from_easy / span, 0), HARDNESS_MAX) : 1;
 }
 
 /* Fills in the costs; one that reads more never costs less. */
-static void conclude(const struct job *job, struct umb_calibration *calibration)
+static void conclude(struct job *job, struct umb_calibration *calibration)
 {
+    const double far = hardness(job);
+    double row_ns[UMB_CURVE_ROWS_MAX];
+    for (size_t i = 0; i < job->count; i++) {
+        const double easy = median_ns(job->easy.seconds[i]), hard = median_ns(job->hard.seconds[i]);
+        row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
+    }
     calibration->count = job->count;
     for (size_t i = 0; i < job->count; i++) {
         double ns = 0;
         for (size_t k = 0; k < job->count; k++) {
             if (job->rows[k].lines <= job->rows[i].lines) {
-                ns = fmax(ns, row_ns(job, k));
+                ns = fmax(ns, row_ns[k]);
             }
         }
         calibration->ns[i] = ns;
@@ -161,14 +208,11 @@ static void conclude(const struct job *job, struct umb_calibration *calibration)
 static enum umb_status time_rows(struct job *job, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    for (size_t row = 0; row < job->count; row++) {
-        job->easy.seconds[row] = job->hard.seconds[row] = INFINITY;
-    }
     for (int run = 0; run < RUNS; run++) {
         for (size_t row = 0; row < job->count && status == UMB_OK; row++) {
-            status = time_row(job, row, &job->easy, error);
+            status = time_row(job, row, run, &job->easy, error);
             if (status == UMB_OK) {
-                status = time_row(job, row, &job->hard, error);
+                status = time_row(job, row, run, &job->hard, error);
             }
         }
     }

@@ -128,8 +128,8 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
     if (accurate < choice->count) {
         const double *ns = choice->calibration ? choice->calibration->ns : NULL;
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "budget: %g ns a point, but what keeps to the error costs %.3g ns, and the "
-                        "cheapest setting %.3g ns",
+                        "budget: %g ns a point; the cheapest setting that keeps to the errors "
+                        "wanted costs %.3g ns, any other at least %.3g ns",
                         choice->dial->budget_ns, ns ? ns[accurate] : 0.0, ns ? ns[least] : 0.0);
     }
     return umb_fail(error, UMB_E_ARGUMENT,

@@ -80,13 +80,14 @@ struct umb_calibration {
 
 /*
  * Measures what the rows of a light's curve cost here: asks the asset about points of its own, some
- * that lie in large uniform cells and some at shadow boundaries, and goes along the line between
- * both to the counts of the curve.
+ * that lie anywhere and some where the light first meets a caster, and goes as far from the ones to
+ * the others as the curve's points do. For points spread over the scene, on one core that does
+ * nothing else.
  *
  * In:    now_s: a clock in seconds that does not go back.
  * Out:   calibration: costs that do not fall where the counts of the curve rise.
  * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
- * Cost:  about 50 ms of one core; 1 MiB for the points, freed again.
+ * Cost:  about 100 ms of one core; 2 MiB for the points, freed again.
  */
 UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light,
                                                   double (*now_s)(void),

@@ -205,6 +205,20 @@ static void questions_and_lists_of_lights_are_taken(void **state)
     assert_int_equal(parsed.light_count, 1);
 }
 
+static void dials_replace_taps(void **state)
+{
+    struct umbc_query_options parsed;
+    (void)state;
+    assert_int_equal(query("query a.umb --points p --max-error 0.05", &parsed), -1);
+    assert_true(parsed.has_dial && parsed.dial.max_error_m == 0.05 && parsed.settings.taps == 0);
+    assert_int_equal(query("query a.umb --points p --max-error 0.5m --budget 40ns", &parsed), -1);
+    assert_true(parsed.dial.max_error_m == 0.5 && parsed.dial.budget_ns == 40);
+    assert_int_equal(query("query a.umb --points p --max-error 0.1vis", &parsed), -1);
+    assert_true(parsed.dial.max_visibility == 0.1 && parsed.dial.max_error_m == 0);
+    assert_int_equal(query("query a.umb --points p --level 5", &parsed), -1);
+    assert_true(!parsed.has_dial && parsed.settings.level == 5 && parsed.settings.taps == 1);
+}
+
 static void bad_query_options_are_usage_errors(void **state)
 {
     static const char *const bad[] = {
@@ -221,6 +235,18 @@ static void bad_query_options_are_usage_errors(void **state)
         "query a.umb --points p --footprint 0",
         "query a.umb --points p --footprint x",
         "query a.umb --points p --filter gauss",
+        "query a.umb --points p --max-error 0",
+        "query a.umb --points p --max-error 1km",
+        "query a.umb --points p --max-error m",
+        "query a.umb --points p --max-error 1 --taps 3",
+        "query a.umb --points p --budget -1",
+        "query a.umb --points p --budget 5ms",
+        "query a.umb --points p --budget 50 --level 3",
+        "query a.umb --points p --level x",
+        "query a.umb --boxes p --max-error 1",
+        "query a --points p --max-error 1",
+        "query a --points p --budget 50",
+        "query a --points p --level 3",
         "query a --points p --filter tent",
         "query a --points p --footprint 1",
         "query a.umb --boxes p --footprint 1",
@@ -279,6 +305,7 @@ int main(void)
         cmocka_unit_test(query_options_have_their_defaults),
         cmocka_unit_test(query_options_are_taken),
         cmocka_unit_test(questions_and_lists_of_lights_are_taken),
+        cmocka_unit_test(dials_replace_taps),
         cmocka_unit_test(bad_query_options_are_usage_errors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
