@@ -3,8 +3,9 @@
  * Hash-consing of bricks and nodes, level by level.
  *
  * Slots are one 64-bit word, tag above number, so that most probes that miss touch one cache line
- * only. Tables grow at three quarters full and are refilled from the keys. The hash's low half
- * gives the place, the high half the tag.
+ * only. Tables double at three quarters full and are refilled from the keys; arrays double. Where
+ * the budget does not allow that, tables fill to seven eighths and arrays grow by an eighth, so
+ * that most of the budget can be used. The hash's low half gives the place, the high half the tag.
  */
 #define XXH_INLINE_ALL
 #include "format/node_pool.h"
@@ -72,13 +73,18 @@ static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, si
     return UMB_OK;
 }
 
-/* Capacity after growth: twice as much, within the numbers a reference can hold. */
-static uint32_t doubled(uint32_t capacity)
+static int can_afford(const struct umb_pool *pool, uint64_t more)
 {
-    if (capacity == 0) {
-        return ITEMS_MIN;
-    }
-    return capacity > UMB_REF_INDEX_MAX / 2U ? UMB_REF_INDEX_MAX + 1U : 2U * capacity;
+    return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
+}
+
+/* Capacity after growth, at most `most`. In: item: bytes that it takes of each. */
+static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t item, uint32_t most)
+{
+    const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
+    const uint64_t more = (uint64_t)capacity + capacity / 8 + 8;
+    const uint64_t wanted = can_afford(pool, twice * item) ? twice : more;
+    return wanted > most ? most : (uint32_t)wanted;
 }
 
 static size_t slot_place(const struct umb_hash_slots *slots, uint64_t hash)
@@ -103,9 +109,15 @@ static void slots_put(struct umb_hash_slots *slots, uint64_t hash, uint32_t numb
 }
 
 /* Whether a table must grow before it takes one more. */
-static int slots_full(const struct umb_hash_slots *slots, uint32_t count)
+static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *slots,
+                      uint32_t count)
 {
-    return slots->words == NULL || (uint64_t)count + 1 > ((uint64_t)3 << slots->log2_size) / 4;
+    if (slots->words == NULL) {
+        return 1;
+    }
+    const uint64_t size = (uint64_t)1 << slots->log2_size, wanted = (uint64_t)count + 1;
+    return wanted > size / 4 * 3 &&
+           (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
 }
 
 /* Replaces a table by an empty one twice as large. */
@@ -151,7 +163,8 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
                         UMB_REF_INDEX_MAX);
     }
     if (pool->brick_count == pool->brick_capacity) {
-        const uint32_t capacity = doubled(pool->brick_capacity);
+        const uint32_t capacity =
+            grown(pool, pool->brick_capacity, sizeof *pool->bricks, UMB_REF_INDEX_MAX + 1U);
         void *block = pool->bricks;
         status = grow(pool, &block, sizeof *pool->bricks, pool->brick_capacity, capacity, error);
         pool->bricks = block;
@@ -160,7 +173,7 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
         }
         pool->brick_capacity = capacity;
     }
-    if (slots_full(&pool->brick_slots, pool->brick_count)) {
+    if (slots_full(pool, &pool->brick_slots, pool->brick_count)) {
         status = slots_grow(pool, &pool->brick_slots, error);
         if (status != UMB_OK) {
             return status;
@@ -173,7 +186,7 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
 }
 
 enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
-                                struct umb_error *error)
+                               struct umb_error *error)
 {
     uint64_t any = 0, all = UINT64_MAX;
     for (int z = 0; z < 8; z++) {
@@ -253,7 +266,8 @@ static int node_equals(const struct umb_pool_level *level, uint32_t node,
 static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *level,
                                   struct umb_error *error)
 {
-    const uint32_t capacity = doubled(level->capacity);
+    const uint32_t capacity = grown(
+        pool, level->capacity, sizeof *level->masks + sizeof *level->first, UMB_REF_INDEX_MAX + 1U);
     void *block = level->masks;
     enum umb_status status =
         grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);
@@ -296,7 +310,7 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
     }
     if (level->child_capacity - level->child_count < 8) {
         const uint32_t capacity =
-            level->child_capacity > UINT32_MAX / 2U ? UINT32_MAX : doubled(level->child_capacity);
+            grown(pool, level->child_capacity, sizeof *level->children, UINT32_MAX);
         void *block = level->children;
         status =
             grow(pool, &block, sizeof *level->children, level->child_capacity, capacity, error);
@@ -306,7 +320,7 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
         }
         level->child_capacity = capacity;
     }
-    if (slots_full(&level->slots, level->count)) {
+    if (slots_full(pool, &level->slots, level->count)) {
         status = slots_grow(pool, &level->slots, error);
         if (status != UMB_OK) {
             return status;
@@ -321,7 +335,7 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
 }
 
 enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
-                               const uint32_t children[8], uint32_t *ref, struct umb_error *error)
+                              const uint32_t children[8], uint32_t *ref, struct umb_error *error)
 {
     struct umb_pool_level *level = &pool->level[level_number];
     struct node_key key;
@@ -357,9 +371,9 @@ enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
     return UMB_OK;
 }
 
-enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs,
-                              const uint32_t *levels, uint32_t root_count,
-                              struct umb_octree *octree, struct umb_error *error)
+enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const uint32_t *levels,
+                              uint32_t root_count, struct umb_octree *octree,
+                              struct umb_error *error)
 {
     memset(octree, 0, sizeof *octree);
     octree->alloc = pool->alloc;

@@ -192,13 +192,15 @@ static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t
         view->triangle_count * 3 * sizeof(uint32_t) + view->alpha_bytes;
     const uint64_t left = allowed_bytes > scene_bytes ? allowed_bytes - scene_bytes : 0;
     if (view->world_triangle_count > left / UMBB_TRIANGLE_BYTES) {
-        return umb_fail(error, UMB_E_LIMIT,
-                        "--memory: %llu triangles need about %.0f MiB, %llu MiB are allowed",
-                        (unsigned long long)view->world_triangle_count,
-                        ceil(((double)scene_bytes +
-                              (double)view->world_triangle_count * (double)UMBB_TRIANGLE_BYTES) /
-                             1048576.0),
-                        (unsigned long long)(allowed_bytes >> 20));
+        return umb_fail(
+            error, UMB_E_LIMIT,
+            "--memory: %llu triangles%s need about %.0f MiB, %llu MiB are allowed",
+            (unsigned long long)view->world_triangle_count,
+            view->world_triangle_count > view->triangle_count ? " (instances multiplied out)" : "",
+            ceil(((double)scene_bytes +
+                  (double)view->world_triangle_count * (double)UMBB_TRIANGLE_BYTES) /
+                 1048576.0),
+            (unsigned long long)(allowed_bytes >> 20));
     }
     return UMB_OK;
 }
