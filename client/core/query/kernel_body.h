@@ -11,63 +11,13 @@
  * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
  * waits once a point and stage (docs/performance.md has what that gives).
  *
- * A window is found by the level-5 cells (32 voxels) it touches, four at most: each is looked up
+ * One tap is kernel_points.h. A window is found by the level-5 cells (32 voxels) it touches, four at most: each is looked up
  * once, all its bricks are taken from that one node ("share", reference/core.md section 3). Within
  * a brick the window is a rectangle of the slice at depth z: one mask, one popcount (Sintorn et
  * al. 2014, section 6.2). Cells and bricks that are lit or shadowed throughout stand as constants
  * in the place of nodes and slices, so that a stage need not tell them apart.
  */
-#include "query/kernel_parts.h"
-
-/* One tap: cells are looked up down to the brick. */
-static void count_points(const struct umb__query *q, struct umb__block *block,
-                         struct umb_query_stats *stats)
-{
-    uint32_t level = q->log2_size - q->grid_log2;
-    uint32_t number[UMB__BLOCK]; /* first a cell's value, then the node's or brick's number */
-    const uint32_t *child[UMB__BLOCK];
-    stats->nodes += umb__count_bits(block->todo);
-    UMB__GRID(q, block, number);
-    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        number[i] -= UMB__CELL_FIRST;
-        if (level > UMB_LEVEL_BRICK) {
-            UMB__PREFETCH(q->nodes + number[i]);
-        }
-    }
-    while (level > UMB_LEVEL_BRICK) {
-        uint64_t mixed = 0;
-        level -= 2;
-        stats->nodes += umb__count_bits(block->todo);
-        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-            uint32_t i = umb__first_bit(rest);
-            const uint64_t *node = q->nodes + number[i];
-            unsigned bit = umb__child_bit(block->x[i], block->y[i], block->z[i], level);
-            block->lit[i] = (uint32_t)(node[1] >> bit & 1);
-            child[i] = umb__child_place(node, bit);
-            UMB__PREFETCH(child[i]);
-            mixed |= (node[0] >> bit & 1) << i;
-        }
-        block->todo = mixed;
-        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-            uint32_t i = umb__first_bit(rest);
-            number[i] = *child[i];
-            if (level > UMB_LEVEL_BRICK) {
-                UMB__PREFETCH(q->nodes + number[i]);
-            }
-        }
-    }
-    stats->bricks += umb__count_bits(block->todo);
-    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        UMB__PREFETCH(&q->bricks[number[i]][block->z[i] & 7]);
-    }
-    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        uint64_t slice = q->bricks[number[i]][block->z[i] & 7];
-        block->lit[i] = (uint32_t)(slice >> ((block->x[i] & 7) | (block->y[i] & 7) << 3)) & 1;
-    }
-}
+#include "query/kernel_points.h"
 
 /* Lists the level-5 cells that the windows touch, each once. */
 static uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
@@ -257,7 +207,7 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(query, points, first, &block, &stats);
         if (query->taps == 1) {
-            count_points(query, &block, &stats);
+            umb__count_points(query, &block, &stats);
         } else {
             count_windows(query, &block, &idle, &stats);
         }

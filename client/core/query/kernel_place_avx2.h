@@ -15,11 +15,40 @@ struct umb__four {
     __m256d axis[3];
 };
 
-static inline __m256d umb__dot_four(const struct umb__four *v, const double w[3])
+/* What placing needs of a query and its points, once for a block: four equal lanes each. */
+struct umb__placer {
+    const struct umb__query *query;
+    const struct umb_points *points;
+    __m256d offset[3]; /* the batch's origin less the asset's */
+    __m256d push[3];   /* towards the light, for points without a normal */
+    __m256d to_voxel[3][4];
+    __m256d voxel_step[3][3]; /* these two: only if the points have normals */
+    __m256d direction[3];
+};
+
+static inline void umb__placer_init(const struct umb__query *q, const struct umb_points *points,
+                                    struct umb__placer *placer)
 {
-    __m256d x = _mm256_mul_pd(v->axis[0], _mm256_set1_pd(w[0]));
-    __m256d y = _mm256_mul_pd(v->axis[1], _mm256_set1_pd(w[1]));
-    __m256d z = _mm256_mul_pd(v->axis[2], _mm256_set1_pd(w[2]));
+    placer->query = q;
+    placer->points = points;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        placer->offset[axis] = _mm256_set1_pd(points->origin[axis] - q->origin[axis]);
+        placer->push[axis] = _mm256_set1_pd(q->direction[axis] * q->no_normal_m);
+        placer->direction[axis] = _mm256_set1_pd(q->direction[axis]);
+        for (unsigned k = 0; k < 4; k++) {
+            placer->to_voxel[axis][k] = _mm256_set1_pd(q->world_to_voxel[axis][k]);
+        }
+        for (unsigned k = 0; k < 3; k++) {
+            placer->voxel_step[axis][k] = _mm256_set1_pd(q->voxel_step[axis][k]);
+        }
+    }
+}
+
+static inline __m256d umb__dot_four(const struct umb__four *v, const __m256d w[3])
+{
+    __m256d x = _mm256_mul_pd(v->axis[0], w[0]);
+    __m256d y = _mm256_mul_pd(v->axis[1], w[1]);
+    __m256d z = _mm256_mul_pd(v->axis[2], w[2]);
     return _mm256_add_pd(_mm256_add_pd(x, y), z);
 }
 
@@ -52,22 +81,13 @@ static inline struct umb__four umb__load_four(const struct umb_points *points, s
     return four;
 }
 
-/* umb__move; returns the lanes whose normal faces away. */
-static inline unsigned umb__move_four(const struct umb__query *q, const struct umb_points *points,
-                                      size_t i, struct umb__four *p)
+/* umb__move for points with normals; returns the lanes whose normal faces away. */
+static inline unsigned umb__move_four(const struct umb__placer *placer, size_t i,
+                                      struct umb__four *p)
 {
-    struct umb__four n;
-    __m256d unmoved[3], scale;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        unmoved[axis] = p->axis[axis];
-        p->axis[axis] =
-            _mm256_sub_pd(p->axis[axis], _mm256_set1_pd(q->direction[axis] * q->no_normal_m));
-    }
-    if (!points->normals) {
-        return 0;
-    }
-    n = umb__load_four_f32((const uint8_t *)points->normals + 12 * i);
-    __m256d length2 = _mm256_mul_pd(n.axis[0], n.axis[0]);
+    const struct umb__query *q = placer->query;
+    struct umb__four n = umb__load_four_f32((const uint8_t *)placer->points->normals + 12 * i);
+    __m256d length2 = _mm256_mul_pd(n.axis[0], n.axis[0]), scale;
     length2 = _mm256_add_pd(length2, _mm256_mul_pd(n.axis[1], n.axis[1]));
     length2 = _mm256_add_pd(length2, _mm256_mul_pd(n.axis[2], n.axis[2]));
     __m256d has =
@@ -77,7 +97,7 @@ static inline unsigned umb__move_four(const struct umb__query *q, const struct u
         __m256d sum[3];
         for (unsigned axis = 0; axis < 3; axis++) {
             sum[axis] =
-                _mm256_andnot_pd(_mm256_set1_pd(-0.0), umb__dot_four(&n, q->voxel_step[axis]));
+                _mm256_andnot_pd(_mm256_set1_pd(-0.0), umb__dot_four(&n, placer->voxel_step[axis]));
         }
         scale = _mm256_mul_pd(_mm256_set1_pd(q->taps), _mm256_add_pd(sum[0], sum[1]));
         scale = _mm256_add_pd(scale, sum[2]);
@@ -87,55 +107,94 @@ static inline unsigned umb__move_four(const struct umb__query *q, const struct u
         scale = _mm256_div_pd(_mm256_set1_pd(q->bias_m), _mm256_sqrt_pd(length2));
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        __m256d moved = _mm256_add_pd(unmoved[axis], _mm256_mul_pd(n.axis[axis], scale));
-        p->axis[axis] = _mm256_blendv_pd(p->axis[axis], moved, has);
+        __m256d pushed = _mm256_sub_pd(p->axis[axis], placer->push[axis]);
+        __m256d moved = _mm256_add_pd(p->axis[axis], _mm256_mul_pd(n.axis[axis], scale));
+        p->axis[axis] = _mm256_blendv_pd(pushed, moved, has);
     }
-    __m256d away = _mm256_cmp_pd(umb__dot_four(&n, q->direction), _mm256_setzero_pd(), _CMP_GE_OQ);
+    __m256d away =
+        _mm256_cmp_pd(umb__dot_four(&n, placer->direction), _mm256_setzero_pd(), _CMP_GE_OQ);
     return (unsigned)_mm256_movemask_pd(_mm256_and_pd(away, has));
 }
 
-/* Lanes from `low` to below `high`. */
-static inline __m256d umb__between_four(__m256d v, double low, double high)
+/* Texels of four points, and a bit for each that is negative or faces away. */
+struct umb__placed_four {
+    __m128i axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or not a number */
+    unsigned negative, away;
+};
+
+static inline __attribute__((always_inline)) struct umb__placed_four
+umb__place_four(const struct umb__placer *placer, size_t index)
 {
-    return _mm256_and_pd(_mm256_cmp_pd(v, _mm256_set1_pd(low), _CMP_GE_OQ),
-                         _mm256_cmp_pd(v, _mm256_set1_pd(high), _CMP_LT_OQ));
+    struct umb__four p = umb__load_four(placer->points, index), v;
+    struct umb__placed_four to = {.away = 0};
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p.axis[axis] = _mm256_add_pd(placer->offset[axis], p.axis[axis]);
+    }
+    if (placer->points->normals) {
+        to.away = umb__move_four(placer, index, &p);
+    } else {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            p.axis[axis] = _mm256_sub_pd(p.axis[axis], placer->push[axis]);
+        }
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const __m256d *m = placer->to_voxel[axis];
+        v.axis[axis] = _mm256_add_pd(umb__dot_four(&p, m), m[3]);
+        to.axis[axis] = _mm256_cvttpd_epi32(v.axis[axis]);
+    }
+    __m256d negative = _mm256_or_pd(_mm256_or_pd(v.axis[0], v.axis[1]), v.axis[2]);
+    to.negative = (unsigned)_mm256_movemask_pd(negative);
+    return to;
 }
 
-/* Points index .. index + 3, as lanes i .. i + 3 of the block. Returns false, having done nothing
- * that counts, if one of them is not plainly inside and does not face away. */
-static inline bool umb__place_four(const struct umb__query *q, const struct umb_points *points,
-                                   size_t index, struct umb__block *block, uint32_t i,
-                                   struct umb_query_stats *stats)
+static inline void umb__store_eight(int32_t to[8], __m128i low, __m128i high, __m256i less,
+                                    __m256i which)
 {
-    struct umb__four p = umb__load_four(points, index), v;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        double offset = points->origin[axis] - q->origin[axis];
-        p.axis[axis] = _mm256_add_pd(_mm256_set1_pd(offset), p.axis[axis]);
+    __m256i both = _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
+    both = _mm256_and_si256(_mm256_sub_epi32(both, less), which);
+    _mm256_storeu_si256((__m256i *)(void *)to, both);
+}
+
+/*
+ * Points index .. index + 7, as lanes i .. i + 7 of the block. Returns false, having done nothing
+ * that counts, if one of them is not plainly inside and does not face away: a window lies inside if
+ * no bit from the frustum's size up is set in any of its ends.
+ */
+static inline bool umb__place_eight(const struct umb__placer *placer, size_t index,
+                                    struct umb__block *block, uint32_t i,
+                                    struct umb_query_stats *stats)
+{
+    const struct umb__query *q = placer->query;
+    const struct umb__placed_four a = umb__place_four(placer, index);
+    const struct umb__placed_four b = umb__place_four(placer, index + 4);
+    const __m128i half = _mm_set1_epi32(q->taps / 2);
+    __m128i ends[2] = {a.axis[2], b.axis[2]};
+    for (unsigned axis = 0; axis < 2; axis++) {
+        ends[0] = _mm_or_si128(ends[0], _mm_or_si128(_mm_sub_epi32(a.axis[axis], half),
+                                                     _mm_add_epi32(a.axis[axis], half)));
+        ends[1] = _mm_or_si128(ends[1], _mm_or_si128(_mm_sub_epi32(b.axis[axis], half),
+                                                     _mm_add_epi32(b.axis[axis], half)));
     }
-    unsigned away = umb__move_four(q, points, index, &p);
-    for (unsigned axis = 0; axis < 3; axis++) {
-        const double *m = q->world_to_voxel[axis];
-        v.axis[axis] = _mm256_add_pd(umb__dot_four(&p, m), _mm256_set1_pd(m[3]));
-    }
-    int32_t size = (int32_t)1 << q->log2_size, half = q->taps / 2;
-    __m256d inside = _mm256_and_pd(umb__between_four(v.axis[0], half, size - half),
-                                   umb__between_four(v.axis[1], half, size - half));
-    inside = _mm256_and_pd(inside, umb__between_four(v.axis[2], 0, size));
-    unsigned look = (unsigned)_mm256_movemask_pd(inside) & ~away;
-    if ((look | away) != 15) {
+    __m256i beyond = _mm256_inserti128_si256(_mm256_castsi128_si256(ends[0]), ends[1], 1);
+    beyond = _mm256_srl_epi32(beyond, _mm_cvtsi32_si128((int)q->log2_size));
+    __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
+    unsigned away = a.away | b.away << 4;
+    unsigned look = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(inside)) &
+                    ~(a.negative | b.negative << 4) & ~away;
+    if ((look | away) != 0xff) {
         return false;
     }
-    /* All bits where a point is to be looked up, in four lanes of 32 bits. */
-    __m128i which = _mm_and_si128(_mm_set1_epi32((int)look), _mm_setr_epi32(1, 2, 4, 8));
-    which = _mm_cmpgt_epi32(which, _mm_setzero_si128());
-    __m128i corner = _mm_set1_epi32(half); /* the window's first texel, not its centre */
-    __m128i x = _mm_sub_epi32(_mm256_cvttpd_epi32(v.axis[0]), corner);
-    __m128i y = _mm_sub_epi32(_mm256_cvttpd_epi32(v.axis[1]), corner);
-    __m128i z = _mm256_cvttpd_epi32(v.axis[2]);
-    _mm_storeu_si128((__m128i *)(void *)(block->x + i), _mm_and_si128(x, which));
-    _mm_storeu_si128((__m128i *)(void *)(block->y + i), _mm_and_si128(y, which));
-    _mm_storeu_si128((__m128i *)(void *)(block->z + i), _mm_and_si128(z, which));
-    _mm_storeu_si128((__m128i *)(void *)(block->lit + i), _mm_setzero_si128());
+    /* All bits where a point is to be looked up. */
+    __m256i which = _mm256_set1_epi32(-1);
+    if (away) {
+        __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        which = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32((int)look), bits), bits);
+    }
+    __m256i corner = _mm256_set1_epi32(q->taps / 2); /* the window's first texel, not its centre */
+    umb__store_eight(block->x + i, a.axis[0], b.axis[0], corner, which);
+    umb__store_eight(block->y + i, a.axis[1], b.axis[1], corner, which);
+    umb__store_eight(block->z + i, a.axis[2], b.axis[2], _mm256_setzero_si256(), which);
+    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_setzero_si256());
     block->todo |= (uint64_t)look << i;
     stats->facing_away += (uint64_t)__builtin_popcount(away);
     return true;
@@ -145,11 +204,14 @@ static inline void umb__place_block_avx2(const struct umb__query *q,
                                          const struct umb_points *points, size_t first,
                                          struct umb__block *block, struct umb_query_stats *stats)
 {
+    const bool fits = umb__stages_fit(q);
+    struct umb__placer placer;
     uint32_t i = 0;
+    umb__placer_init(q, points, &placer);
     block->todo = 0;
-    for (; i + 4 <= block->size; i += 4) {
-        if (!umb__stages_fit(q) || !umb__place_four(q, points, first + i, block, i, stats)) {
-            for (uint32_t lane = i; lane < i + 4; lane++) {
+    for (; i + 8 <= block->size; i += 8) {
+        if (!fits || !umb__place_eight(&placer, first + i, block, i, stats)) {
+            for (uint32_t lane = i; lane < i + 8; lane++) {
                 umb__place_point(q, points, first + lane, block, lane, stats);
             }
         }
@@ -157,7 +219,7 @@ static inline void umb__place_block_avx2(const struct umb__query *q,
     for (; i < block->size; i++) {
         umb__place_point(q, points, first + i, block, i, stats);
     }
-    for (; i % 8 != 0; i++) { /* the rest of what the grid stage takes at a time */
+    for (; i % 8 != 0; i++) { /* the rest of what the stages take at a time */
         block->x[i] = block->y[i] = block->z[i] = 0;
         block->lit[i] = 0;
     }
