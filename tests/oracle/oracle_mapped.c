@@ -94,7 +94,7 @@ static int read_tops(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     return 1;
 }
 
-/* Notes where the nodes of one level begin; they stand without gaps from word `at` to `end`. */
+/* Notes where the nodes of one level begin; between them are pairs of zero words. */
 static int find_starts(const struct oracle *oracle, uint32_t level, const uint64_t range[2],
                        uint8_t *starts, char error[ORACLE_ERROR_SIZE])
 {
@@ -103,19 +103,25 @@ static int find_starts(const struct oracle *oracle, uint32_t level, const uint64
             return oracle_refuse(error, "NODE: level %" PRIu32 " ends inside a node", level);
         }
         uint64_t mixed = word_at(oracle, at), lit = word_at(oracle, at + 1);
+        if (mixed == 0 && lit == 0) { /* a gap: no node is all shadowed */
+            at += 2;
+            continue;
+        }
         uint32_t children = (uint32_t)__builtin_popcountll(mixed);
-        uint64_t words = 2 + ((uint64_t)children + 1) / 2;
+        uint64_t words = 2 + ((uint64_t)children + 3) / 4 * 2;
         if (words > range[1] - at) {
             return oracle_refuse(error, "NODE: level %" PRIu32 " ends inside a node", level);
         }
         if ((mixed & lit) != 0) {
             return oracle_refuse(error, "NODE: word %" PRIu64 ": a child both mixed and lit", at);
         }
-        if (mixed == 0 && (lit == 0 || lit == UINT64_MAX)) {
-            return oracle_refuse(error, "NODE: word %" PRIu64 ": all lit or all shadowed", at);
+        if (mixed == 0 && lit == UINT64_MAX) {
+            return oracle_refuse(error, "NODE: word %" PRIu64 ": all lit", at);
         }
-        if (children % 2 == 1 && child_at(oracle, at, children) != 0) {
-            return oracle_refuse(error, "NODE: word %" PRIu64 ": padding is not zero", at);
+        for (uint32_t k = children; k < 2 * (words - 2); k++) {
+            if (child_at(oracle, at, k) != 0) {
+                return oracle_refuse(error, "NODE: word %" PRIu64 ": padding is not zero", at);
+            }
         }
         starts[at] = (uint8_t)level;
         at += words;

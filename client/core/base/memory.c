@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
+#define CACHE_LINE 64U
 #define LARGE_PAGE ((uintptr_t)2 << 20) /* x86-64; a system of other sizes rounds or refuses */
 
 void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes)
@@ -32,12 +33,18 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
 
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
 {
-    void *block = umb__alloc(alloc, count, size);
+    size_t bytes;
+    if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX - LARGE_PAGE) {
+        return NULL;
+    }
+    size_t align = bytes < LARGE_PAGE ? CACHE_LINE : LARGE_PAGE;
+    void *block =
+        alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
 #ifdef MADV_HUGEPAGE
     if (block) {
         /* Whole large pages inside the block only: nothing of anybody else is touched. */
         uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
-        uintptr_t end = ((uintptr_t)block + count * size) & ~(LARGE_PAGE - 1);
+        uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
         if (first < end) {
             (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
         }

@@ -18,7 +18,8 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /*
  * The same for an array that queries will read all over: asks the system for large pages, which it
- * may ignore. Looking up a point in 200 MB of small pages misses the TLB at every node.
+ * may ignore. Looking up a point in 200 MB of small pages misses the TLB at every node. With malloc
+ * (alloc NULL) it begins where a cache line does.
  */
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size);
 

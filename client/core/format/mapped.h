@@ -19,8 +19,8 @@ struct umb__mapped {
 /*
  * Lays an octree out for queries. Takes the bricks out of the octree (they are the same bytes).
  *
- * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay within a
- * quarter of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
+ * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay within
+ * an eighth of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
  * least the smallest grid). Wide nodes of levels above every grid's cells are then left out.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
  *        words of nodes). The octree still owns its bricks then.

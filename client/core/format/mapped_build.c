@@ -10,6 +10,8 @@
 
 #include "base/memory.h"
 
+#define LINE_WORDS 8U /* of a cache */
+
 struct builder {
     const struct umb_octree *octree;
     const struct umb_content *content;
@@ -78,7 +80,7 @@ static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32
     for (uint32_t c = upper->first[index]; c < upper->first[index + 1]; c++) {
         mixed += lower->first[upper->children[c] + 1] - lower->first[upper->children[c]];
     }
-    return 2 + (mixed + 1) / 2;
+    return umb__wide_words(mixed);
 }
 
 /* Bytes of the wide nodes of all levels and of the bricks: what grids are sized by. */
@@ -91,6 +93,15 @@ static uint64_t content_bytes(const struct umb_octree *octree)
         }
     }
     return bytes;
+}
+
+/* Where a node of `length` words may begin from `word` on: so that it lies in as few lines as its
+ * length allows, since each of them is a cache miss. */
+static uint64_t clear_of_lines(uint64_t word, uint64_t length)
+{
+    uint64_t in_line = word % LINE_WORDS;
+    uint64_t lines = (length + LINE_WORDS - 1) / LINE_WORDS;
+    return in_line + length > lines * LINE_WORDS ? word - in_line + LINE_WORDS : word;
 }
 
 /* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the
@@ -111,8 +122,10 @@ static enum umb_status place_nodes(struct builder *b)
             if (words > UINT32_MAX - 64) {
                 return umb_fail(b->error, UMB_E_TOO_LARGE, "expanding: more than 32 GiB of nodes");
             }
+            uint64_t length = words_of(b->octree, level, node);
+            words = clear_of_lines(words, length);
             b->word_of[level][node] = (uint32_t)words;
-            words += words_of(b->octree, level, node);
+            words += length;
         }
     }
     view->level_begin[UMB__WIDE_COUNT] = words;
@@ -128,9 +141,13 @@ static uint32_t number_of(const struct builder *b, uint32_t level, uint32_t inde
 static void write_nodes(const struct builder *b)
 {
     struct wide wide;
+    uint64_t *end = b->mapped->nodes;
     for (uint32_t level = UMB__WIDE_FIRST; level <= b->level_highest; level += 2) {
         for (uint32_t node = 0; node < b->octree->level[level].count; node++) {
             uint64_t *words = b->mapped->nodes + b->word_of[level][node];
+            for (; end < words; end++) {
+                *end = 0;
+            }
             widen(b->octree, level, node, &wide);
             words[0] = wide.mixed;
             words[1] = wide.lit;
@@ -139,6 +156,10 @@ static void write_nodes(const struct builder *b)
                 uint64_t low = number_of(b, level - 2, wide.numbers[i]);
                 uint64_t high = i + 1 < count ? number_of(b, level - 2, wide.numbers[i + 1]) : 0;
                 words[2 + i / 2] = low | high << 32;
+            }
+            end = words + umb__wide_words(count);
+            if ((count + 1) / 2 % 2 == 1) {
+                end[-1] = 0;
             }
         }
     }
@@ -198,7 +219,7 @@ static enum umb_status size_grids(struct builder *b)
 {
     struct umb__mapped *mapped = b->mapped;
     uint32_t count = b->content->frustum_count;
-    uint64_t budget = content_bytes(b->octree) / 4 / count;
+    uint64_t budget = content_bytes(b->octree) / 8 / count;
     uint64_t cells = 0;
     mapped->tops = umb__alloc_zeroed(mapped->alloc, count, sizeof *mapped->tops);
     if (!mapped->tops) {

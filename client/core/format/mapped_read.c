@@ -76,8 +76,8 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
         end = offset + length;
         sections->bytes[i] = file + offset;
         sections->lengths[i] = length;
-        if (full && XXH3_64bits(file + offset, (size_t)length) !=
-                        umb__load64(entry + UMB__SECTION_CHECK)) {
+        if (full &&
+            XXH3_64bits(file + offset, (size_t)length) != umb__load64(entry + UMB__SECTION_CHECK)) {
             return umb_fail(error, UMB_E_CORRUPT, "section %.4s: checksum does not match",
                             (const char *)entry);
         }
@@ -158,12 +158,22 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     uint64_t word = view->level_begin[wide], end = view->level_begin[wide + 1];
     while (word < end) {
         const uint64_t *node = view->nodes + word;
-        if (end - word < 2 || end - word < umb__wide_words(node[0]) || (node[0] & node[1]) != 0) {
+        if (end - word < 2) {
             return false;
         }
+        if (node[0] == 0 && node[1] == 0) { /* between nodes */
+            word += 2;
+            continue;
+        }
         unsigned count = (unsigned)__builtin_popcountll(node[0]);
+        if (end - word < umb__wide_words(count) || (node[0] & node[1]) != 0) {
+            return false;
+        }
         if (count % 2 == 1 && node[2 + count / 2] >> 32 != 0) {
             return false; /* the unused half of the last word */
+        }
+        if ((count + 1) / 2 % 2 == 1 && node[2 + count / 2 + count % 2] != 0) {
+            return false; /* the unused word */
         }
         for (unsigned i = 0; i < count; i++) {
             uint64_t number = i % 2 ? node[2 + i / 2] >> 32 : node[2 + i / 2] & 0xffffffffU;
@@ -172,7 +182,7 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
             }
         }
         starts[word / 64] |= (uint64_t)1 << (word % 64);
-        word += umb__wide_words(node[0]);
+        word += umb__wide_words(count);
     }
     return true;
 }

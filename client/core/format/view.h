@@ -10,8 +10,12 @@
  * children of level 5 are bricks of 64 bytes (eight 8x8x1 masks, one a depth slice).
  *
  *   wide node, in 8-byte words: u64 mixed, u64 lit, then u32 number of each mixed child in order,
- *   padded to a whole word. Child x + 4 * y + 16 * z is bit that of both masks; lit is 0 where
- *   mixed is 1. A number counts words from the start of the node section, or bricks.
+ *   padded with zeros to a multiple of two words. Child x + 4 * y + 16 * z is bit that of both
+ *   masks; lit is 0 where mixed is 1. A number counts words from the start of the node section, or
+ *   bricks.
+ *
+ * A node that would begin in one line of 64 bytes and end in more than it needs begins in the next;
+ * what it leaves is zero, and no node begins with two zero words.
  *
  * Why: against an octree it halves the dependent cache lines of a look-up (reference/core.md,
  * section 3, layout C: 1.7 to 2.3 times faster than one octree level a node), and a whole window
@@ -41,10 +45,10 @@ struct umb__view {
     uint64_t level_begin[UMB__WIDE_COUNT + 1]; /* first word of level 5 + 2i; the last is the end */
 };
 
-/* Words of a wide node with `mixed` as its first word. */
-static inline uint64_t umb__wide_words(uint64_t mixed)
+/* Words of a wide node with so many mixed children. */
+static inline uint64_t umb__wide_words(uint64_t mixed_count)
 {
-    return 2 + ((uint64_t)__builtin_popcountll(mixed) + 1) / 2;
+    return 2 + (mixed_count + 3) / 4 * 2;
 }
 
 /* Number of the mixed child at bit `child` of a wide node. */

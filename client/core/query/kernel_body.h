@@ -11,11 +11,12 @@
  * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
  * waits once a point and stage (docs/performance.md has what that gives).
  *
- * One tap is kernel_points.h. A window is found by the level-5 cells (32 voxels) it touches, four at most: each is looked up
- * once, all its bricks are taken from that one node ("share", reference/core.md section 3). Within
- * a brick the window is a rectangle of the slice at depth z: one mask, one popcount (Sintorn et
- * al. 2014, section 6.2). Cells and bricks that are lit or shadowed throughout stand as constants
- * in the place of nodes and slices, so that a stage need not tell them apart.
+ * One tap is kernel_points.h. A window is found by the level-5 cells (32 voxels) it touches, four
+ * at most: each is looked up once, all its bricks are taken from that one node ("share",
+ * reference/core.md section 3). Within a brick the window is a rectangle of the slice at depth z:
+ * one mask, one popcount (Sintorn et al. 2014, section 6.2). Cells and bricks that are lit or
+ * shadowed throughout stand as constants in the place of nodes and slices, so that a stage need not
+ * tell them apart.
  */
 #include "query/kernel_points.h"
 
