@@ -18,6 +18,7 @@ RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
+CLI_LIBS := -lcurl
 
 # Numerics: the sanitizers also watch floats that do not fit an integer and divisions by zero.
 FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
@@ -29,7 +30,7 @@ $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
 $(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 
 core: $(CORE_LIB) ## the core library alone
 client: $(BUILD)/umbrage ## libumbrage and the umbrage command

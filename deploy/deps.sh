@@ -12,7 +12,7 @@ set -eu
 
 needed="
     gcc g++ libc6-dev make pkg-config
-    libuv1-dev libnghttp2-dev
+    libuv1-dev libnghttp2-dev libcurl4-openssl-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libinih-dev libsqlite3-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
     libembree-dev libassimp-dev libpng-dev

@@ -98,6 +98,7 @@ int umbc_info(int argc, char **argv);
 int umbc_query(int argc, char **argv);
 int umbc_list(int argc, char **argv);
 int umbc_verify(int argc, char **argv);
+int umbc_stream(int argc, char **argv);
 int umbc_pack(int argc, char **argv);
 int umbc_unpack(int argc, char **argv);
 

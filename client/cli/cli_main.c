@@ -63,6 +63,7 @@ static const struct command COMMANDS[] = {
     {"query", umbc_query, "how much of a light reaches points"},
     {"list", umbc_list, "the assets of a daemon"},
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene"},
+    {"stream", umbc_stream, "fetch the part of an asset that is needed, coarse first"},
     {"pack", umbc_pack, "turn a file into the packed form (.umb)"},
     {"unpack", umbc_unpack, "turn a file into the mapped form (.umbm)"},
     {"bake", run_bake, "bake a scene (starts umbrage-bake)"},

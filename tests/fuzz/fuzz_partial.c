@@ -5,7 +5,7 @@
  *   odd   the second byte is the order of coming; then a file of raw pages (fuzz_pages.h)
  */
 #include "fuzz_pages.h"
-#include "partial/partial.h"
+#include "umbrage/partial.h"
 #include "umbrage/query.h"
 
 static void query_everywhere(struct umb_partial *partial)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Opening, and the pages: proven one by one, see partial.h. */
-#include "partial/partial.h"
+#include "umbrage/partial.h"
 
 #include <string.h>
 #include <xxhash.h>

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include "format/asset_parts.h"
 #include "format/directory.h"
-#include "partial/partial.h"
+#include "umbrage/partial.h"
 
 #define UMB__LEVELS (UMB_LEVEL_MAX + 1)
 

@@ -6,7 +6,8 @@
  * are seen. Everything errs on the side of too many.
  */
 #include <stdbool.h>
-#include "partial/partial.h"
+#include "format/content.h"
+#include "umbrage/partial.h"
 
 /* One frustum's voxel space in the world. */
 struct umb__space {

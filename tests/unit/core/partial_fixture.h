@@ -18,7 +18,7 @@
 #include "base/bytes.h"
 #include "format/layout.h"
 #include "make_asset.h"
-#include "partial/partial.h"
+#include "umbrage/partial.h"
 #include "volume_fixture.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

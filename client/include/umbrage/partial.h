@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_CORE_PARTIAL_PARTIAL_H
-#define UMBRAGE_CORE_PARTIAL_PARTIAL_H
+#ifndef UMBRAGE_PARTIAL_H
+#define UMBRAGE_PARTIAL_H
 /*
  * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
  * them.
@@ -29,10 +29,15 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "format/content.h"
 #include "umbrage/query.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 struct umb_partial; /* opaque */
+struct umb_sha256;  /* the core has no hash of its own: libumbrage brings one (umbrage/region.h) */
+struct umb_sink;    /* writes bytes in order */
 
 struct umb_partial_options {
     const struct umb_sha256 *sha256; /* needed; borrowed until close */
@@ -197,4 +202,7 @@ UMB_API UMB_CHECKED enum umb_status
 umb_partial_open_saved(const void *bytes, size_t size, const struct umb_partial_options *options,
                        struct umb_partial **out, struct umb_error *error);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * See cli_http.h. Ranges are asked for one a request, several requests at a time over connections
+ * that stay open: a server that speaks HTTP/2 gets them all on one. A server that ignores ranges
+ * (200 instead of 206) is refused before it sends the whole file.
+ */
+#include "cli_http.h"
+
+#include <curl/curl.h>
+#include <inttypes.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    AT_ONCE = 16, /* requests under way: hides the round trip of ranges that are apart */
+    CONNECT_TIMEOUT_S = 15,
+    STALL_S = 30, /* slower than a byte a second for as long: given up */
+};
+
+/* One request under way. */
+struct fetch {
+    CURL *easy;
+    size_t index;
+    uint64_t wanted;
+    uint8_t *bytes;
+    size_t size, capacity;
+    bool whole_file; /* the server sends more than was asked */
+    char reason[CURL_ERROR_SIZE];
+};
+
+struct http {
+    CURLM *multi;
+    char *url;
+    struct fetch fetches[AT_ONCE];
+};
+
+static size_t take_bytes(char *bytes, size_t size, size_t count, void *user)
+{
+    struct fetch *fetch = user;
+    const size_t all = size * count;
+    long code = 0;
+    (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
+    if (code != 206) {
+        fetch->whole_file = code == 200;
+        return code == 200 ? 0 : all; /* the body of an error is not looked at */
+    }
+    if (all > fetch->wanted - fetch->size) {
+        fetch->whole_file = true;
+        return 0;
+    }
+    memcpy(fetch->bytes + fetch->size, bytes, all);
+    fetch->size += all;
+    return all;
+}
+
+static enum umb_status begin(struct http *http, struct fetch *fetch, size_t index,
+                             const struct umb_range *range, struct umb_error *error)
+{
+    char text[64];
+    if (range->length > fetch->capacity) {
+        uint8_t *bytes = realloc(fetch->bytes, (size_t)range->length);
+        if (!bytes) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "http: no memory for %" PRIu64 " bytes",
+                            range->length);
+        }
+        fetch->bytes = bytes;
+        fetch->capacity = (size_t)range->length;
+    }
+    fetch->index = index;
+    fetch->wanted = range->length;
+    fetch->size = 0;
+    fetch->whole_file = false;
+    (void)snprintf(text, sizeof text, "%" PRIu64 "-%" PRIu64, range->offset,
+                   range->offset + range->length - 1);
+    if (curl_easy_setopt(fetch->easy, CURLOPT_RANGE, text) != CURLE_OK ||
+        curl_multi_add_handle(http->multi, fetch->easy) != CURLM_OK) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "http: out of memory");
+    }
+    return UMB_OK;
+}
+
+static enum umb_status judge(const struct http *http, const struct fetch *fetch, CURLcode result,
+                             struct umb_error *error)
+{
+    long code = 0;
+    (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
+    if (fetch->whole_file) {
+        return umb_fail(error, UMB_E_PROTOCOL, "'%.200s': the server does not serve ranges",
+                        http->url);
+    }
+    if (result != CURLE_OK) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "'%.200s': %.200s", http->url,
+                        fetch->reason[0] ? fetch->reason : curl_easy_strerror(result));
+    }
+    if (code != 206) {
+        return umb_fail(error, code == 404 ? UMB_E_NO_INPUT : UMB_E_UNAVAILABLE,
+                        "'%.200s': the server says %ld", http->url, code);
+    }
+    return UMB_OK;
+}
+
+/* Waits until something has ended and hands it over. Out: the fetch is free again. */
+static enum umb_status finish_some(struct http *http, size_t *under_way, bool *free_fetch,
+                                   umb_range_fn got, void *got_user, struct umb_error *error)
+{
+    int running, left;
+    enum umb_status status = UMB_OK;
+    if (curl_multi_perform(http->multi, &running) != CURLM_OK ||
+        curl_multi_poll(http->multi, NULL, 0, running > 0 ? 1000 : 0, NULL) != CURLM_OK) {
+        return umb_fail(error, UMB_E_IO, "http: waiting for the server failed");
+    }
+    const CURLMsg *message;
+    while (status == UMB_OK && (message = curl_multi_info_read(http->multi, &left)) != NULL) {
+        if (message->msg != CURLMSG_DONE) {
+            continue;
+        }
+        size_t i = 0;
+        while (http->fetches[i].easy != message->easy_handle) {
+            i++;
+        }
+        status = judge(http, &http->fetches[i], message->data.result, error);
+        (void)curl_multi_remove_handle(http->multi, http->fetches[i].easy);
+        free_fetch[i] = true;
+        (*under_way)--;
+        if (status == UMB_OK) {
+            status = got(got_user, http->fetches[i].index, http->fetches[i].bytes,
+                         http->fetches[i].size);
+        }
+    }
+    return status;
+}
+
+static enum umb_status read_ranges(void *user, const struct umb_range *ranges, size_t count,
+                                   umb_range_fn got, void *got_user, struct umb_error *error)
+{
+    struct http *http = user;
+    bool free_fetch[AT_ONCE];
+    size_t next = 0, under_way = 0;
+    enum umb_status status = UMB_OK;
+    memset(free_fetch, true, sizeof free_fetch);
+    while (status == UMB_OK && (next < count || under_way > 0)) {
+        for (size_t i = 0; i < AT_ONCE && next < count && status == UMB_OK; i++) {
+            if (free_fetch[i]) {
+                status = begin(http, &http->fetches[i], next, &ranges[next], error);
+                free_fetch[i] = false;
+                next++;
+                under_way++;
+            }
+        }
+        if (status == UMB_OK) {
+            status = finish_some(http, &under_way, free_fetch, got, got_user, error);
+        }
+    }
+    for (size_t i = 0; i < AT_ONCE; i++) {
+        if (!free_fetch[i]) {
+            (void)curl_multi_remove_handle(http->multi, http->fetches[i].easy);
+        }
+    }
+    return status;
+}
+
+static bool prepare(const struct http *http, struct fetch *fetch)
+{
+    fetch->easy = curl_easy_init();
+    return fetch->easy && curl_easy_setopt(fetch->easy, CURLOPT_URL, http->url) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_PROTOCOLS_STR, "http,https") == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_WRITEFUNCTION, take_bytes) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_WRITEDATA, fetch) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_ERRORBUFFER, fetch->reason) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_FOLLOWLOCATION, 1L) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https") == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_MAXREDIRS, 5L) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_NOSIGNAL, 1L) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_CONNECTTIMEOUT, (long)CONNECT_TIMEOUT_S) ==
+               CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_LOW_SPEED_LIMIT, 1L) == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_LOW_SPEED_TIME, (long)STALL_S) == CURLE_OK;
+}
+
+enum umb_status umbc_http_open(const char *url, struct umb_region_source *source,
+                               struct umb_error *error)
+{
+    *source = (struct umb_region_source){0};
+    if (strncmp(url, "http://", 7) != 0 && strncmp(url, "https://", 8) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "url: '%.200s', must begin with http:// or https://",
+                        url);
+    }
+    struct http *http = calloc(1, sizeof *http);
+    bool ok = http && curl_global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
+    if (ok) {
+        *source = (struct umb_region_source){.read = read_ranges, .user = http};
+        http->multi = curl_multi_init();
+        http->url = strdup(url);
+        ok = http->multi && http->url;
+    }
+    for (size_t i = 0; i < AT_ONCE && ok; i++) {
+        ok = prepare(http, &http->fetches[i]);
+    }
+    if (!ok) {
+        umbc_http_close(source);
+        return umb_fail(error, UMB_E_NO_MEMORY, "http: out of memory");
+    }
+    return UMB_OK;
+}
+
+void umbc_http_close(struct umb_region_source *source)
+{
+    struct http *http = source->user;
+    if (!http) {
+        return;
+    }
+    for (size_t i = 0; i < AT_ONCE; i++) {
+        curl_easy_cleanup(http->fetches[i].easy);
+        free(http->fetches[i].bytes);
+    }
+    (void)curl_multi_cleanup(http->multi);
+    free(http->url);
+    free(http);
+    curl_global_cleanup();
+    source->user = NULL;
+}

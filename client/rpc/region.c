@@ -1,0 +1,352 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * See umbrage/region.h. An update goes in rounds: pages that are here tell which ones matter and
+ * are missing; as many of them as a round may take are asked for at once; they are proven as they
+ * come and laid out together. Rounds grow with what is here, so that laying out stays a small part.
+ */
+#include "umbrage/region.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rpc_sha256.h"
+
+enum {
+    FIRST_BYTES = 64 << 10,
+    ROUND_BYTES_MIN = 256 << 10,
+    ROUND_PAGES_MAX = 4096,
+};
+
+struct umb_region {
+    struct umb_region_source source;
+    struct umb_partial *partial;
+    uint64_t received_bytes, requests, rounds, pages_received;
+    uint32_t pages[ROUND_PAGES_MAX];
+    struct umb_range ranges[ROUND_PAGES_MAX];
+    uint32_t first_page[ROUND_PAGES_MAX]; /* of each range: pages follow one another */
+};
+
+/* The front of the file. */
+struct front {
+    uint8_t *bytes;
+    size_t size, capacity;
+    uint64_t received;
+};
+
+static enum umb_status take_front(void *user, size_t index, const void *bytes, size_t size)
+{
+    struct front *front = user;
+    (void)index;
+    if (size > front->capacity - front->size) {
+        return UMB_E_PROTOCOL;
+    }
+    memcpy(front->bytes + front->size, bytes, size);
+    front->size += size;
+    front->received += size;
+    return UMB_OK;
+}
+
+static enum umb_status read_front(struct umb_region *region, struct front *front, uint64_t length,
+                                  struct umb_error *error)
+{
+    const struct umb_range range = {front->size, length - front->size};
+    uint8_t *bytes = length <= SIZE_MAX ? realloc(front->bytes, (size_t)length) : NULL;
+    if (!bytes) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
+                        (unsigned long long)length);
+    }
+    front->bytes = bytes;
+    front->capacity = (size_t)length;
+    region->requests++;
+    region->rounds++;
+    return region->source.read(region->source.user, &range, 1, take_front, front, error);
+}
+
+/* Adds the pages that the first read brought along. Beyond the budget the rest stays missing. */
+static enum umb_status add_front_pages(struct umb_region *region, const struct front *front,
+                                       struct umb_error *error)
+{
+    struct umb_partial_stats stats;
+    umb_partial_get_stats(region->partial, &stats);
+    for (uint32_t page = 0; page < stats.page_count; page++) {
+        uint64_t offset;
+        uint32_t length;
+        umb_partial_locate(region->partial, page, &offset, &length);
+        if (offset + length > front->size) {
+            break;
+        }
+        enum umb_status status =
+            umb_partial_add(region->partial, page, front->bytes + offset, length, error);
+        if (status == UMB_E_NO_MEMORY) {
+            break;
+        }
+        if (status != UMB_OK) {
+            return status;
+        }
+        region->pages_received++;
+    }
+    return umb_partial_build(region->partial, error);
+}
+
+static struct umb_partial_options partial_options(const struct umb_region_options *options)
+{
+    return (struct umb_partial_options){.sha256 = &umb__client_sha256,
+                                        .id = options ? options->id : NULL,
+                                        .max_memory_bytes =
+                                            options ? options->max_memory_bytes : 0};
+}
+
+static enum umb_status open_front(struct umb_region *region,
+                                  const struct umb_region_options *options, struct front *front,
+                                  struct umb_error *error)
+{
+    const struct umb_partial_options partial = partial_options(options);
+    const uint64_t limit = partial.max_memory_bytes ? partial.max_memory_bytes : (uint64_t)1 << 30;
+    const uint64_t first = options && options->first_bytes ? options->first_bytes : FIRST_BYTES;
+    uint64_t head = 0;
+    enum umb_status status = read_front(region, front, first, error);
+    if (status == UMB_OK) {
+        status = umb_partial_head_length(front->bytes, front->size, &head, error);
+    }
+    if (status == UMB_OK && head > limit) {
+        status = umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the memory budget is %llu",
+                          (unsigned long long)head, (unsigned long long)limit);
+    }
+    if (status == UMB_OK && head > front->size) {
+        status = read_front(region, front, head, error);
+    }
+    region->received_bytes = front->received;
+    if (status == UMB_OK) {
+        status = umb_partial_open(front->bytes, front->size, &partial, &region->partial, error);
+    }
+    return status == UMB_OK ? add_front_pages(region, front, error) : status;
+}
+
+static struct umb_region *make_region(const struct umb_region_source *source,
+                                      struct umb_error *error)
+{
+    struct umb_region *region = calloc(1, sizeof *region);
+    if (region) {
+        region->source = *source;
+    } else {
+        (void)umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    }
+    return region;
+}
+
+enum umb_status umb_region_open(const struct umb_region_source *source,
+                                const struct umb_region_options *options, struct umb_region **out,
+                                struct umb_error *error)
+{
+    struct front front = {0};
+    *out = NULL;
+    struct umb_region *region = make_region(source, error);
+    if (!region) {
+        return UMB_E_NO_MEMORY;
+    }
+    enum umb_status status = open_front(region, options, &front, error);
+    free(front.bytes);
+    if (status != UMB_OK) {
+        umb_region_close(region);
+        return status;
+    }
+    *out = region;
+    return UMB_OK;
+}
+
+enum umb_status umb_region_resume(const void *bytes, size_t size,
+                                  const struct umb_region_source *source,
+                                  const struct umb_region_options *options, struct umb_region **out,
+                                  struct umb_error *error)
+{
+    const struct umb_partial_options partial = partial_options(options);
+    *out = NULL;
+    struct umb_region *region = make_region(source, error);
+    if (!region) {
+        return UMB_E_NO_MEMORY;
+    }
+    enum umb_status status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
+    if (status != UMB_OK) {
+        umb_region_close(region);
+        return status;
+    }
+    *out = region;
+    return UMB_OK;
+}
+
+void umb_region_close(struct umb_region *region)
+{
+    if (region) {
+        umb_partial_close(region->partial);
+        free(region);
+    }
+}
+
+/* Joins pages that follow one another in the file. Ranges keep the order of their first pages in
+ * the list, which is that of benefit. Returns how many. */
+static size_t join_pages(struct umb_region *region, size_t count)
+{
+    size_t ranges = 0;
+    for (size_t i = 0; i < count; i++) {
+        uint64_t offset;
+        uint32_t length;
+        umb_partial_locate(region->partial, region->pages[i], &offset, &length);
+        if (ranges > 0 &&
+            region->ranges[ranges - 1].offset + region->ranges[ranges - 1].length == offset) {
+            region->ranges[ranges - 1].length += length;
+            continue;
+        }
+        region->ranges[ranges] = (struct umb_range){offset, length};
+        region->first_page[ranges++] = region->pages[i];
+    }
+    return ranges;
+}
+
+/* A round under way. */
+struct round {
+    struct umb_region *region;
+    bool full; /* the memory budget: what comes further is left out */
+    size_t added;
+    struct umb_error *error;
+};
+
+static enum umb_status take_range(void *user, size_t index, const void *bytes, size_t size)
+{
+    struct round *round = user;
+    struct umb_region *region = round->region;
+    const uint8_t *at = bytes;
+    uint32_t page = region->first_page[index];
+    region->received_bytes += size;
+    if (size != region->ranges[index].length) {
+        return umb_fail(round->error, UMB_E_TRUNCATED,
+                        "page %u of the file: %zu bytes came of a range of %llu", page, size,
+                        (unsigned long long)region->ranges[index].length);
+    }
+    while (size > 0 && !round->full) {
+        uint64_t offset;
+        uint32_t length;
+        umb_partial_locate(region->partial, page, &offset, &length);
+        enum umb_status status = umb_partial_add(region->partial, page, at, length, round->error);
+        if (status == UMB_E_NO_MEMORY) {
+            round->full = true;
+            break;
+        }
+        if (status != UMB_OK) {
+            return status;
+        }
+        region->pages_received++;
+        round->added++;
+        at += length;
+        size -= length;
+        page++;
+    }
+    return UMB_OK;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* Asks for what matters most. Out: round. Nothing is asked for if nothing is missing. */
+static enum umb_status run_round(struct umb_region *region, uint64_t bytes, struct round *round)
+{
+    const size_t count =
+        umb_partial_missing(region->partial, region->pages, ROUND_PAGES_MAX, bytes);
+    if (count == 0) {
+        return UMB_OK;
+    }
+    /* All of a round are needed before it is laid out, so that their order is free: neighbours go
+     * in one range. */
+    qsort(region->pages, count, sizeof *region->pages, by_number);
+    const size_t ranges = join_pages(region, count);
+    region->requests += ranges;
+    region->rounds++;
+    return region->source.read(region->source.user, region->ranges, ranges, take_range, round,
+                               round->error);
+}
+
+static enum umb_status want_views(struct umb_region *region,
+                                  const struct umb_region_request *request, struct umb_error *error)
+{
+    for (size_t i = 0; i < request->view_count; i++) {
+        enum umb_status status =
+            umb_partial_want(region->partial, &request->views[i], i > 0, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* Bytes that the next round may take; 0: the limit is reached. */
+static uint64_t round_bytes(const struct umb_region *region,
+                            const struct umb_region_request *request, uint64_t start)
+{
+    struct umb_partial_stats stats;
+    umb_partial_get_stats(region->partial, &stats);
+    uint64_t bytes = request->round_bytes ? request->round_bytes : stats.held_bytes / 4;
+    if (!request->round_bytes && bytes < ROUND_BYTES_MIN) {
+        bytes = ROUND_BYTES_MIN;
+    }
+    if (request->max_bytes > 0) {
+        const uint64_t used = region->received_bytes - start;
+        const uint64_t left = used < request->max_bytes ? request->max_bytes - used : 0;
+        bytes = bytes < left ? bytes : left;
+    }
+    return bytes;
+}
+
+enum umb_status umb_region_update(struct umb_region *region,
+                                  const struct umb_region_request *request, struct umb_error *error)
+{
+    const uint64_t start = region->received_bytes;
+    for (;;) { /* ends: each round adds a page, or is the last */
+        struct round round = {.region = region, .error = error};
+        const uint64_t bytes = round_bytes(region, request, start);
+        enum umb_status status = want_views(region, request, error);
+        if (status != UMB_OK || bytes == 0) {
+            return status;
+        }
+        status = run_round(region, bytes, &round);
+        if (round.added > 0) {
+            struct umb_partial_stats before, after;
+            umb_partial_get_stats(region->partial, &before);
+            const enum umb_status built =
+                umb_partial_build(region->partial, status == UMB_OK ? error : NULL);
+            umb_partial_get_stats(region->partial, &after);
+            round.full = round.full || after.pages_dropped > before.pages_dropped;
+            status = status == UMB_OK ? built : status;
+        }
+        if (status == UMB_OK && round.added > 0 && request->progress) {
+            status = request->progress(request->progress_user, region);
+        }
+        if (status != UMB_OK || round.added == 0 || round.full) {
+            return status;
+        }
+    }
+}
+
+enum umb_status umb_region_query(struct umb_region *region,
+                                 const struct umb_query_settings *settings,
+                                 const struct umb_points *points, int want,
+                                 struct umb_partial_answers *answers, struct umb_error *error)
+{
+    return umb_partial_query(region->partial, settings, points, want, answers, error);
+}
+
+void umb_region_get_stats(const struct umb_region *region, struct umb_region_stats *stats)
+{
+    *stats = (struct umb_region_stats){.received_bytes = region->received_bytes,
+                                       .requests = region->requests,
+                                       .rounds = region->rounds,
+                                       .pages_received = region->pages_received};
+    umb_partial_get_stats(region->partial, &stats->partial);
+}
+
+struct umb_partial *umb_region_partial(struct umb_region *region)
+{
+    return region->partial;
+}

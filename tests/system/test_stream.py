@@ -1,0 +1,135 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""umbrage stream: parts of an asset from a file and a web server, over good and bad links."""
+import json
+import os
+import subprocess
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import link  # noqa: E402
+import umbrage_test as ut  # noqa: E402
+
+test = ut.Test()
+folder = test.folder
+scene, asset = os.path.join(folder, "city.glb"), os.path.join(folder, "city.umb")
+subprocess.run([ut.program("scenegen"), "city", "--size", "24", "-o", scene], check=True,
+               stderr=subprocess.DEVNULL)
+ut.run("umbrage-bake", scene, "-o", asset, "--resolution", "4096", "--sun", "135,45", "--quiet")
+CAMERA = "eye=1,1.7,1,target=100,1.7,9,fov=60,far=150"
+points = os.path.join(folder, "points.f32")
+ut.run("umbrage", "points", scene, "-o", points, "--kind", "gbuffer", "--camera",
+       "eye=1,1.7,1,target=100,1.7,9,fov=60", "--size", "320x180", "--normals", "--quiet")
+whole = os.path.getsize(asset)
+
+
+def stream(*words, code=0):
+    """Runs umbrage stream; returns its JSON, or its complaint."""
+    done = ut.run("umbrage", "stream", "--json", *words, code=code)
+    return json.loads(done.stdout) if code == 0 else done.stderr.decode()
+
+
+def checks_steps(told):
+    """Figures only get better, and the bound is 0 exactly when all is exact."""
+    for before, after in zip(told["steps"], told["steps"][1:]):
+        assert after["bytes"] > before["bytes"], told
+        assert after["exact"] >= before["exact"], told
+    for step in told["steps"]:
+        assert (step["worst_m"] == 0) == (step["exact"] == told["points"]), step
+
+
+with test.check("a file's points become exact with a part of its bytes, coarse first"):
+    told = stream(asset, "--points", points, "--normals", "--only-points")
+    checks_steps(told)
+    assert told["steps"][0]["bytes"] <= 65536 and told["steps"][0]["rounds"] == 1
+    assert told["steps"][-1]["exact"] == told["points"], told["steps"][-1]
+    assert told["steps"][-1]["bytes"] < whole * 0.7, (told["steps"][-1], whole)
+
+with test.check("everything is fetched once without a view, and answers are the file's"):
+    told = stream(asset, "--points", points, "--normals")
+    checks_steps(told)
+    assert told["pages_held"] == told["page_count"]
+    # The page in which the first read ended came whole once more.
+    assert whole <= told["steps"][-1]["bytes"] < whole + 65536, (told["steps"][-1], whole)
+
+server = link.RangeServer(folder)
+url = f"http://127.0.0.1:{server.port}/city.umb"
+
+with test.check("a web server gives the same part as the file"):
+    part_a, part_b = os.path.join(folder, "a.part"), os.path.join(folder, "b.part")
+    from_file = stream(asset, "--camera", CAMERA, "-o", part_a)
+    from_url = stream("--from-url", url, "--camera", CAMERA, "-o", part_b)
+    assert from_file["steps"][-1]["bytes"] == from_url["steps"][-1]["bytes"]
+    with open(part_a, "rb") as one, open(part_b, "rb") as other:
+        assert one.read() == other.read()
+    assert "partial" in ut.run("umbrage", "info", part_a, code=69).stderr.decode()
+
+with test.check("over a path of 20 reconnects no byte comes twice"):
+    part, seen = os.path.join(folder, "path.part"), []
+    for i in range(20):
+        del server.ranges[:]
+        camera = f"eye={-60 + 6 * i},1.7,1,target={40 + 6 * i},1.7,9,fov=60,far=60"
+        resume = ["--resume", part] if i > 0 else []
+        stream("--from-url", url, "--camera", camera, "-o", part, *resume)
+        seen += server.ranges
+    assert len(seen) > 20, len(seen)
+    seen.sort()
+    for before, after in zip(seen, seen[1:]):
+        # The first read ends inside a page, which then comes whole.
+        assert before[1] < after[0] or before[0] == 0, (before, after)
+
+with test.check("a memory budget holds over a path, and every point is still answered"):
+    path = os.path.join(folder, "path.txt")
+    with open(path, "w", encoding="utf-8") as file:
+        for i in range(6):
+            print(f"eye={-60 + 20 * i},1.7,1,target={40 + 20 * i},1.7,9,fov=60,far=60", file=file)
+    told = stream(asset, "--path", path, "--points", points, "--normals", "--memory", "1200K")
+    assert told["memory_peak_bytes"] <= 1200 << 10, told["memory_peak_bytes"]
+    assert told["pages_dropped"] > 0, told
+    assert told["steps"][-1]["worst_m"] > 0, told["steps"][-1]
+
+with test.check("a slow link carries the first answers in two round trips"):
+    slow = link.Link(server.port, 20, 100)
+    told = stream("--from-url", f"http://127.0.0.1:{slow.port}/city.umb", "--camera", CAMERA,
+                  "--points", points, "--normals")
+    checks_steps(told)
+    assert told["steps"][0]["seconds"] > 0.2, told["steps"][0]  # handshake, request: the link is real
+    assert told["steps"][0]["bytes"] <= 65536 and told["steps"][0]["rounds"] == 1
+
+with test.check("the wrong asset, damaged pages, no ranges, no file, nobody there: said clearly"):
+    assert "another asset" in stream("--from-url", url, "--id", "0" * 64, code=65)
+    with open(asset, "rb") as file:
+        spoilt = bytearray(file.read())
+    spoilt[-1] ^= 1
+    with open(os.path.join(folder, "spoilt.umb"), "wb") as file:
+        file.write(spoilt)
+    said = stream("--from-url", url.replace("city", "spoilt"), code=65)
+    assert "page " in said and "checksum" in said, said
+    assert "404" in stream("--from-url", url.replace("city", "none"), code=66)
+    plain = link.RangeServer(folder, serves_ranges=False)
+    said = stream("--from-url", f"http://127.0.0.1:{plain.port}/city.umb", code=70)
+    assert "does not serve ranges" in said, said
+    plain.close()
+    server.close()
+    stream("--from-url", url, code=69)
+    assert "http" in stream("--from-url", "ftp://x/y", code=2)
+
+with test.check("frames show the shadows sharpening"):
+    frames = os.path.join(folder, "frames")
+    os.mkdir(frames)
+    told = stream(asset, "--camera", CAMERA, "--points", points, "--normals", "--frames", frames,
+                  "--size", "320x180")
+    pictures = sorted(os.listdir(frames))
+    assert len(pictures) == len(told["steps"]), (pictures, len(told["steps"]))
+    orange = []
+    for name in pictures:
+        with open(os.path.join(frames, name), "rb") as file:
+            assert file.readline() == b"P6\n" and file.readline() == b"320 180\n"
+            file.readline()
+            body = file.read()
+        assert len(body) == 320 * 180 * 3
+        pixels = [body[i:i + 3] for i in range(0, len(body), 3)]
+        orange.append(sum(1 for p in pixels if p[0] > p[2]))
+    assert orange[0] > orange[-1], orange
+
+test.finish()
