@@ -24,8 +24,7 @@ enum umb_status umbw_encode_describe_request(const char *asset, struct umbw_buff
 {
     Umbrage__V1__DescribeRequest message = UMBRAGE__V1__DESCRIBE_REQUEST__INIT;
     char copy[UMBW_ASSET_NAME_MAX + 1];
-    enum umb_status status =
-        umbw_asset_copy((const uint8_t *)asset, strlen(asset), copy, error);
+    enum umb_status status = umbw_asset_copy((const uint8_t *)asset, strlen(asset), copy, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -21,6 +21,7 @@ enum umbw_grpc_code {
     UMBW_GRPC_INTERNAL = 13,
     UMBW_GRPC_UNAVAILABLE = 14,
     UMBW_GRPC_DATA_LOSS = 15,
+    UMBW_GRPC_UNAUTHENTICATED = 16,
 };
 
 /* Name of a code ("NOT_FOUND"), never NULL. */

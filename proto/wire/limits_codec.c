@@ -24,6 +24,9 @@ enum umb_status umbw_encode_limits_reply(const struct umbw_limits *limits,
     message.encodings = encodings;
     message.n_encodings = limits->takes_gzip ? 2 : 1;
     message.version = version;
+    message.max_bundle_bytes = limits->max_bundle_bytes;
+    message.max_bundle_files = limits->max_bundle_files;
+    message.max_owner_jobs = limits->max_owner_jobs;
     return umbw_message_append(&message.base, buffer, error);
 }
 
@@ -44,6 +47,9 @@ enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
     limits->max_taps = reply->max_taps;
     limits->max_streams = reply->max_streams;
     limits->queue = reply->queue;
+    limits->max_bundle_bytes = reply->max_bundle_bytes;
+    limits->max_bundle_files = reply->max_bundle_files;
+    limits->max_owner_jobs = reply->max_owner_jobs;
     for (size_t i = 0; i < reply->n_encodings; i++) {
         limits->takes_gzip |= strcmp(reply->encodings[i], "gzip") == 0;
     }

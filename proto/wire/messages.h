@@ -70,6 +70,9 @@ struct umbw_limits {
     uint32_t max_targets, max_taps, max_streams, queue;
     char version[32];
     int takes_gzip; /* beside identity */
+    /* Of jobs; 0 = none are taken. */
+    uint64_t max_bundle_bytes;
+    uint32_t max_bundle_files, max_owner_jobs;
 };
 
 struct umbw_asset_summary {

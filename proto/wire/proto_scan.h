@@ -21,7 +21,7 @@
 #include "umbrage/status.h"
 
 #define UMBW_FIELDS_MAX  65536 /* in one message, unknown ones too: a millisecond of looking */
-#define UMBW_SCRATCH_MAX 4096 /* bytes of small fields in one message; a full request needs 400 */
+#define UMBW_SCRATCH_MAX 4096  /* bytes of small fields in one message; a full request needs 400 */
 
 enum umbw_wire_type {
     UMBW_WIRE_VARINT = 0,

@@ -4,6 +4,7 @@
  */
 #include "bake/bake_options.h"
 
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -65,6 +66,7 @@ const char umbb_options_help[] =
     "(1000000)\n"
     "  --plan                 print the plan and its reasons only\n"
     "  --json                 print one JSON object\n"
+    "  --progress-fd N        tell phases, plan and progress on descriptor N, line by line\n"
     "  --quiet                no notices, no progress, no summary\n"
     "  -h, --help\n"
     "  --version\n"
@@ -313,6 +315,19 @@ static enum umb_status set_verify(struct umbb_options *o, const char *option, co
     return UMB_OK;
 }
 
+static enum umb_status set_progress_fd(struct umbb_options *o, const char *option,
+                                       const char *value, struct umb_error *error)
+{
+    uint64_t number;
+    const char *rest;
+    if (!umbb_option_count(value, &rest, &number) || *rest != '\0' || number < 1 || number > 1023 ||
+        fcntl((int)number, F_GETFD) < 0) {
+        return umbb_option_refuse(error, option, value, "an open descriptor from 1 to 1023");
+    }
+    o->progress_fd = (int)number;
+    return UMB_OK;
+}
+
 /* Options with a value. */
 static const struct {
     const char *name;
@@ -340,6 +355,7 @@ static const struct {
     {"--tile", set_tile},
     {"--depth", set_depth},
     {"--verify", set_verify},
+    {"--progress-fd", set_progress_fd},
 };
 
 /* Options without one. */
@@ -463,6 +479,7 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
         .tile_log2 = 12,
         .verify_points = 1000000,
         .cache_bytes = (uint64_t)10 << 30,
+        .progress_fd = -1,
     };
     int only_names = 0; /* after -- */
     for (int at = 1 + take_task(options, argc, argv); at < argc; at++) {

@@ -65,6 +65,7 @@ struct umbb_options {
     int tile_given; /* --tile was typed */
     enum umbb_depth_path depth;
     uint64_t verify_points; /* 0 = off */
+    int progress_fd;        /* see progress.h; -1 = nobody is told */
     int plan, json, quiet, help, version;
 };
 

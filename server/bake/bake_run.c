@@ -66,6 +66,7 @@ static enum umb_status import(struct run *run, struct umb_error *error)
     const struct umbb_options *o = run->options;
     const struct umbs_import_options limits = {.max_memory_bytes = o->memory_bytes};
     const double start = umbb_clock_s();
+    umbb_progress_phase("import");
     const enum umb_status status = umbs_scene_open(o->scene, &limits, &run->scene, error);
     run->report.seconds_import = umbb_clock_s() - start;
     if (status == UMB_OK && !o->quiet) {
@@ -78,6 +79,7 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
     const double start = umbb_clock_s();
+    umbb_progress_phase("analysis");
     const struct umbs_scene_view *view = &run->scene->view;
     enum umb_status status = umbb_analysis_run(view, o, &run->analysis, error);
     if (status != UMB_OK) {
@@ -88,6 +90,7 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
     }
     status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
     if (status == UMB_OK) {
+        umbb_progress_plan(run->plan);
         status = umbb_settings_text(&run->analysis, o, &run->settings, error);
     }
     run->report.seconds_analysis = umbb_clock_s() - start;
@@ -173,6 +176,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbb_clock_s();
+    umbb_progress_phase("bake");
     run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE  ? "embree"
                              : o->depth == UMBB_DEPTH_PLAIN ? "plain"
                                                             : "raster";
@@ -210,6 +214,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
 {
     char notes[160];
     const double start = umbb_clock_s();
+    umbb_progress_phase("write");
     write_notes(run, notes, sizeof notes);
     struct umb_content content = {
         .light_count = run->analysis.choice.count,
@@ -240,6 +245,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
 static enum umb_status check_asset(struct run *run, struct umb_error *error)
 {
     const double start = umbb_clock_s();
+    umbb_progress_phase("verify");
     if (run->options->verify_points > 0) {
         const enum umb_status status =
             umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
@@ -351,6 +357,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
 {
     struct run run = {.options = options, .start_s = umbb_clock_s()};
     umbb_interrupt_install();
+    umbb_progress_tell_to(options->progress_fd);
     enum umb_status status = check_output(options, error);
     if (status == UMB_OK) {
         status = import(&run, error);

@@ -2,6 +2,7 @@
 /* Drawing the line; the rate is the mean since the start. */
 #include "bake/progress.h"
 
+#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -14,6 +15,38 @@ double umbb_clock_s(void)
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int told = -1; /* descriptor of a supervisor */
+
+void umbb_progress_tell_to(int fd)
+{
+    told = fd;
+}
+
+/* A line leaves in one write, so that a pipe does not cut it. */
+static void tell(const char *text, size_t length)
+{
+    if (told >= 0 && write(told, text, length) < 0) {
+        told = -1; /* SIGPIPE is ignored */
+    }
+}
+
+void umbb_progress_phase(const char *phase)
+{
+    char line[64];
+    tell(line, (size_t)snprintf(line, sizeof line, "phase %.40s\n", phase));
+}
+
+void umbb_progress_plan(const char *plan)
+{
+    while (*plan != '\0') {
+        char line[512];
+        const size_t length = strcspn(plan, "\n");
+        tell(line, (size_t)snprintf(line, sizeof line, "plan %.*s\n",
+                                    (int)(length < 500 ? length : 500), plan));
+        plan += length + (plan[length] == '\n');
+    }
 }
 
 void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
@@ -47,13 +80,29 @@ void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done
              left_s - 60.0 * (double)(int64_t)(left_s / 60.0));
 }
 
+/* Tells a supervisor, if it is time. */
+static void tell_progress(struct umbb_progress *progress, uint64_t done, double now)
+{
+    if (told >= 0 && now - progress->told_s >= INTERVAL_S) {
+        char line[96];
+        progress->told_s = now;
+        tell(line, (size_t)snprintf(line, sizeof line, "progress %llu %llu %.31s\n",
+                                    (unsigned long long)done, (unsigned long long)progress->total,
+                                    progress->unit + 1)); /* without the M of a million */
+    }
+}
+
 void umbb_progress_update(void *user, uint64_t done)
 {
     struct umbb_progress *progress = user;
-    if (progress->to == NULL) {
+    if (progress->to == NULL && told < 0) {
         return;
     }
     const double now = umbb_clock_s();
+    tell_progress(progress, done, now);
+    if (progress->to == NULL) {
+        return;
+    }
     const double since =
         progress->shown_s > 0.0 ? now - progress->shown_s : now - progress->start_s;
     if (since < (progress->shown_s > 0.0 ? INTERVAL_S : SILENT_S)) {

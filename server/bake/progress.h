@@ -12,6 +12,7 @@ struct umbb_progress {
     FILE *to;       /* NULL = silent */
     double start_s; /* monotonic */
     double shown_s; /* when last drawn; 0 = never */
+    double told_s;  /* when last told (umbb_progress_tell_to); 0 = never */
     uint64_t total;
     const char *unit; /* of a million: "Mtexel" */
 };
@@ -29,6 +30,20 @@ void umbb_progress_end(struct umbb_progress *progress);
 /* Writes the line's text for a state, without a newline: a pure function (tests). */
 void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done, uint64_t total,
                         double seconds);
+
+/*
+ * Whoever supervises the bake is told on a descriptor, besides the line and whatever --quiet says:
+ *
+ *     phase import | analysis | bake | write | verify
+ *     plan ...                                     each line of the plan
+ *     progress DONE TOTAL UNIT                     of the phase, at most five a second
+ *
+ * _tell_to: sets the descriptor, -1 = nobody (tests). _phase, _plan: write those lines. A reader
+ * who went away is not told any more. Threads: as umbb_progress_update; one bake a process.
+ */
+void umbb_progress_tell_to(int fd);
+void umbb_progress_phase(const char *phase);
+void umbb_progress_plan(const char *plan);
 
 /* Seconds of the monotonic clock. */
 double umbb_clock_s(void);

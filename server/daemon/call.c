@@ -7,6 +7,7 @@
  * it; a call that was failed keeps no request bytes.
  */
 #include "daemon/call_rights.h"
+#include "daemon/errand.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -67,6 +68,7 @@ void umbd_call_destroy(struct umbd_call *call)
     struct umbd_conn *conn = call->conn;
     struct umbd_daemon *daemon = conn->loop->daemon;
     umbd_call_count(call, call->responded && call->reply_ended ? call->code : UMBW_GRPC_CANCELLED);
+    umbd_errand_drop(call);
     if (call->batch != NULL) {
         /* The workers may still read it: its bytes stay counted until the loop gets it back. */
         call->batch->charged = call->charged;
@@ -197,6 +199,12 @@ static const struct {
     [UMBD_METHOD_DESCRIBE] = {UMBW_PATH_DESCRIBE, 0, 0, umbd_service_describe},
     [UMBD_METHOD_LIST] = {UMBW_PATH_LIST, 0, 0, umbd_service_list},
     [UMBD_METHOD_LIMITS] = {UMBW_PATH_LIMITS, 0, 0, umbd_service_limits},
+    [UMBD_METHOD_BAKES_SUBMIT] = {UMBW_PATH_BAKES_SUBMIT, 1, 0, umbd_service_bakes_submit},
+    [UMBD_METHOD_BAKES_WATCH] = {UMBW_PATH_BAKES_WATCH, 0, 1, umbd_service_bakes_watch},
+    [UMBD_METHOD_BAKES_CANCEL] = {UMBW_PATH_BAKES_CANCEL, 0, 0, umbd_service_bakes_cancel},
+    [UMBD_METHOD_BAKES_LIST] = {UMBW_PATH_BAKES_LIST, 0, 0, umbd_service_bakes_list},
+    [UMBD_METHOD_BAKES_FETCH] = {UMBW_PATH_BAKES_FETCH, 0, 1, umbd_service_bakes_fetch},
+    [UMBD_METHOD_BAKES_DELETE] = {UMBW_PATH_BAKES_DELETE, 0, 0, umbd_service_bakes_delete},
     [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check},
     [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch},
     [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection},
@@ -210,6 +218,11 @@ static enum umbd_method method_of(const char *path)
         method++;
     }
     return method;
+}
+
+int umbd_call_is_busy(const struct umbd_call *call)
+{
+    return call->batch != NULL || (call->errand != NULL && call->errand->away);
 }
 
 int umbd_method_takes_many(enum umbd_method method)
@@ -428,7 +441,7 @@ static int is_body_late(struct umbd_call *call, uint64_t now_ms)
     if (!umbd_method_takes_many(call->method)) {
         return now_ms - call->started_ms > body_limit_ms(call);
     }
-    if (call->batch != NULL || call->queue_first != NULL || umbd_call_unsent(call) > 0) {
+    if (umbd_call_is_busy(call) || call->queue_first != NULL || umbd_call_unsent(call) > 0) {
         call->message_ms = now_ms;
         return 0;
     }
@@ -475,5 +488,6 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms)
     if (call->watch_service != NULL) {
         umbd_service_health_update(call);
     }
+    umbd_service_bakes_update(call);
     return 1;
 }

@@ -83,11 +83,12 @@ struct umbd_call {
     int last_call;       /* a drain: end after what has been received */
 
     /* work */
-    struct umbd_batch *batch; /* with the pool */
-    size_t batch_bytes;       /* its message and answers */
-    char *watch_service;      /* Watch: what is watched, owned */
-    int watch_last;           /* last serving status sent, -1 = none */
-    uint64_t watch_ms;        /* uv_now of the last look */
+    struct umbd_batch *batch;   /* with the pool */
+    struct umbd_errand *errand; /* to the job service, errand.h */
+    size_t batch_bytes;         /* its message and answers */
+    char *watch_service;        /* Watch: what is watched, owned */
+    int watch_last;             /* last serving status sent, -1 = none */
+    uint64_t watch_ms;          /* uv_now of the last look */
 
     /* reply */
     int counted;   /* in the metrics */
@@ -172,6 +173,9 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 /* Timers of one call. Returns 0 if the connection must be closed. */
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 
+/* 1 if a batch or an errand of the call is under way: it serves no further message. */
+int umbd_call_is_busy(const struct umbd_call *call);
+
 /* 1 if the method takes, or gives, more than one message. */
 int umbd_method_takes_many(enum umbd_method method);
 int umbd_method_gives_many(enum umbd_method method);
@@ -206,6 +210,18 @@ void umbd_service_describe(struct umbd_call *call);
 void umbd_service_list(struct umbd_call *call);
 void umbd_service_health_check(struct umbd_call *call);
 void umbd_service_health_watch(struct umbd_call *call);
+
+/* Bakes (service_bakes*.c). _submit_end: all data came; _update: tells a Watch what changed; _more:
+ * goes on with a Fetch whose client takes what was sent. */
+void umbd_service_bakes_submit(struct umbd_call *call);
+void umbd_service_bakes_submit_end(struct umbd_call *call);
+void umbd_service_bakes_watch(struct umbd_call *call);
+void umbd_service_bakes_update(struct umbd_call *call);
+void umbd_service_bakes_cancel(struct umbd_call *call);
+void umbd_service_bakes_list(struct umbd_call *call);
+void umbd_service_bakes_fetch(struct umbd_call *call);
+void umbd_service_bakes_more(struct umbd_call *call);
+void umbd_service_bakes_delete(struct umbd_call *call);
 
 /* Tells a Watch call the current state if it changed. Asset states are looked at once a second. */
 void umbd_service_health_update(struct umbd_call *call);

@@ -97,9 +97,10 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
             umbw_buffer_finish(&call->out);
         }
     }
-    if (call->queue_first != NULL && call->batch == NULL) {
+    if (call->queue_first != NULL && !umbd_call_is_busy(call)) {
         umbd_stream_later(call); /* the client takes its replies: there is room for more */
     }
+    umbd_service_bakes_more(call);
 }
 
 /* Frees the request's bytes; they are of no use once the answer is known. */

@@ -19,6 +19,13 @@ static enum umbd_scope scope_of(enum umbd_method method)
     case UMBD_METHOD_WATCH:
     case UMBD_METHOD_UNKNOWN:
         return UMBD_SCOPE_NONE; /* balancers and probes have no tokens, and are never held up */
+    case UMBD_METHOD_BAKES_SUBMIT:
+    case UMBD_METHOD_BAKES_WATCH:
+    case UMBD_METHOD_BAKES_CANCEL:
+    case UMBD_METHOD_BAKES_LIST:
+    case UMBD_METHOD_BAKES_FETCH:
+    case UMBD_METHOD_BAKES_DELETE:
+        return UMBD_SCOPE_SUBMIT;
     default:
         return UMBD_SCOPE_QUERY;
     }
@@ -62,11 +69,29 @@ static struct umbd_token *find_token(struct umbd_call *call)
     return conn->token;
 }
 
+const struct umbd_token *umbd_call_token(struct umbd_call *call)
+{
+    return call->conn->loop->daemon->tokens != NULL && call->has_token ? find_token(call) : NULL;
+}
+
+/* Whoever listens on the way could send what he heard, and everybody can connect. */
+static int is_plain_tcp(const struct umbd_conn *conn)
+{
+    return conn->tls == NULL && conn->socket.handle.type == UV_TCP;
+}
+
 int umbd_call_is_allowed(struct umbd_call *call)
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
     enum umbd_scope scope = scope_of(call->method);
     struct umb_error error;
+    if (scope == UMBD_SCOPE_SUBMIT && daemon->tokens == NULL && is_plain_tcp(call->conn)) {
+        umbd_count(&daemon->metrics.unauthorized, 1);
+        umbd_call_fail(call, UMBW_GRPC_UNAUTHENTICATED,
+                       "authorization: jobs are refused on plain TCP without a token (use unix:, "
+                       "tls:, or --token-file)");
+        return 0;
+    }
     if (daemon->tokens == NULL || scope == UMBD_SCOPE_NONE) {
         return 1;
     }
@@ -78,7 +103,8 @@ int umbd_call_is_allowed(struct umbd_call *call)
                      call->has_token ? "the token is not known" : "'Bearer TOKEN' is needed here");
     } else if ((token->scopes & (unsigned)scope) == 0) {
         status = umb_fail(&error, UMB_E_PERMISSION,
-                          "authorization: token '%s' does not have the scope query", token->name);
+                          "authorization: token '%s' does not have the scope %s", token->name,
+                          scope == UMBD_SCOPE_SUBMIT ? "submit" : "query");
     }
     if (status != UMB_OK) {
         umbd_count(&daemon->metrics.unauthorized, 1);

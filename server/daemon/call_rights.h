@@ -11,6 +11,9 @@ void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_
  * PERMISSION_DENIED. */
 int umbd_call_is_allowed(struct umbd_call *call);
 
+/* The call's token, looked for now; NULL: it has none, or it is not known any more. */
+const struct umbd_token *umbd_call_token(struct umbd_call *call);
+
 /* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
  * call: RESOURCE_EXHAUSTED, with the time after which to come again, or, if a reload took its token
  * away meanwhile, as umbd_call_is_allowed. */

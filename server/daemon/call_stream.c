@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Calls with a stream of requests: QueryStream and reflection.
+ * Calls with a stream of requests: QueryStream, Submit and reflection.
  *
  * One message is served at a time, so replies come in order. A message that comes meanwhile waits
- * in a queue. Three things hold a stream up: a batch that is with the workers, replies that the
- * client does not take (UMBD_BACKLOG_BYTES), and its share of this turn of the loop. While more
- * than UMBD_BACKLOG_BYTES wait, the stream's window is not opened again, so a client that writes
- * ahead or does not read is stopped by flow control at one window beyond that.
+ * in a queue. Three things hold a stream up: a batch that is with the workers (or an errand,
+ * errand.h), replies that the client does not take (UMBD_BACKLOG_BYTES), and its share of this turn
+ * of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not opened again, so
+ * a client that writes ahead or does not read is stopped by flow control at one window beyond that.
  *
  * Invariants: queue_bytes is the sum of the sizes in the queue; what is given back to the window
  * and what is in window_held add up to what was received; a failed call has an empty queue.
@@ -20,7 +20,8 @@
 
 static int may_serve(const struct umbd_call *call)
 {
-    return call->batch == NULL && !call->reply_ended && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES;
+    return !umbd_call_is_busy(call) && !call->reply_ended &&
+           umbd_call_unsent(call) < UMBD_BACKLOG_BYTES;
 }
 
 void umbd_stream_charge(struct umbd_call *call)
@@ -28,7 +29,7 @@ void umbd_stream_charge(struct umbd_call *call)
     if (!umbd_method_takes_many(call->method)) {
         return;
     }
-    size_t batch = call->batch != NULL ? call->batch_bytes : 0;
+    size_t batch = umbd_call_is_busy(call) ? call->batch_bytes : 0;
     size_t held = call->reader.received + call->queue_bytes + call->queue_count * QUEUED_OVERHEAD +
                   batch + umbd_call_unsent(call);
     if (held < call->charged) {
@@ -156,10 +157,12 @@ void umbd_stream_pump(struct umbd_call *call)
     }
     give_back(call);
     umbd_stream_charge(call);
-    if (call->reply_ended || call->batch != NULL || call->queue_first != NULL) {
+    if (call->reply_ended || umbd_call_is_busy(call) || call->queue_first != NULL) {
         return;
     }
-    if (call->request_ended) {
+    if (call->request_ended && call->method == UMBD_METHOD_BAKES_SUBMIT) {
+        umbd_service_bakes_submit_end(call);
+    } else if (call->request_ended) {
         umbd_call_finish(call);
     } else if (call->last_call) {
         umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");

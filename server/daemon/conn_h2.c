@@ -21,7 +21,7 @@
 #define STREAM_WINDOW_BYTES  (16 * 1024 * 1024)
 #define FRAME_BYTES          (1024 * 1024)
 #define HEADER_FRAME_BYTES   32768 /* encoded; decoded lists are UMBD_HEADER_BYTES_MAX at most */
-#define RESET_BURST          1000 /* resets by the peer; a cancelled call is cheap here */
+#define RESET_BURST          1000  /* resets by the peer; a cancelled call is cheap here */
 #define RESET_RATE           200
 #define CONTINUATIONS_MAX    8
 #define SETTINGS_ENTRIES_MAX 32

@@ -3,10 +3,64 @@
 #include "daemon/daemon.h"
 
 #include "daemon/loop_group.h"
+#include "jobs/service.h"
 #include "daemon/service_manager.h"
 
 #include <string.h>
 #include <unistd.h>
+
+/* What the job service asks of the daemon; on its thread. */
+static void jobs_changed_store(void *user)
+{
+    struct umbd_daemon *daemon = user;
+    umbd_store_watch_kick(daemon->watch);
+}
+
+static int jobs_is_served(void *user, const uint8_t *asset)
+{
+    struct umbd_daemon *daemon = user;
+    struct umbs_entry *entry = NULL;
+    struct umb_error error;
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(asset, id);
+    enum umb_status status = umbs_store_acquire(daemon->store, id, &entry, &error);
+    umbs_entry_release(entry);
+    return status == UMB_OK ? 1 : status == UMB_E_NOT_FOUND ? 0 : -1;
+}
+
+static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *error)
+{
+    const struct umbd_options *options = &daemon->options;
+    const struct umbj_service_options service = {
+        .folder = options->jobs,
+        .store = options->stores[0],
+        .program = options->bake_program,
+        .workers = options->bake_workers,
+        .threads = options->bake_threads,
+        .memory_bytes = options->bake_memory,
+        .cache_bytes = options->tile_cache,
+        .timeout_ms = options->job_time_ms,
+        .max_output_bytes = options->max_asset,
+        .max_bundle_bytes = options->max_bundle,
+        .keep_ms = options->job_keep_ms,
+        .limits = {.owner_jobs = options->owner_jobs,
+                   .owner_bytes = (int64_t)options->owner_bytes,
+                   .total_bytes = (int64_t)options->job_bytes,
+                   .lease_ms = (int64_t)options->job_lease_ms},
+        .log = &daemon->log,
+        .store_changed = jobs_changed_store,
+        .is_served = jobs_is_served,
+        .user = daemon,
+    };
+    return umbj_service_create(&service, &daemon->jobs, error);
+}
+
+void umbd_daemon_end_jobs(struct umbd_daemon *daemon)
+{
+    struct umbj_service *jobs = daemon->jobs;
+    daemon->jobs = NULL; /* no loop runs any more */
+    umbj_service_destroy(jobs);
+}
 
 enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_options *options,
                                  struct umb_error *error)
@@ -61,6 +115,9 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
         status = umbd_store_watch_start(daemon->watch, daemon->store, daemon->options.stores,
                                         options->scrub_interval_ms, error);
     }
+    if (status == UMB_OK && options->jobs != NULL) {
+        status = start_jobs(daemon, error);
+    }
     if (status != UMB_OK) {
         (void)umbd_daemon_finish(daemon); /* its thread is not running yet */
     }
@@ -69,6 +126,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
 
 int umbd_daemon_finish(struct umbd_daemon *daemon)
 {
+    umbd_daemon_end_jobs(daemon);
     umbd_pool_destroy(daemon->pool);
     daemon->pool = NULL;
     umbd_peers_destroy(daemon->peers);
@@ -107,6 +165,7 @@ void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
     umbs_store_count(daemon->store, &gauges->assets);
     gauges->queue_depth = umbd_pool_depth(daemon->pool);
     gauges->buffered_bytes = atomic_load(&daemon->buffered);
+    gauges->jobs = daemon->jobs != NULL ? umbj_service_counters(daemon->jobs) : NULL;
     gauges->ready = !atomic_load(&daemon->draining);
 }
 

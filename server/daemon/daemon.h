@@ -17,6 +17,7 @@
 #include "daemon/tokens.h"
 
 struct umbd_loop;
+struct umbj_service;
 
 struct umbd_daemon {
     struct umbd_options options;
@@ -27,6 +28,7 @@ struct umbd_daemon {
     struct umbd_pool *pool;
     struct umbd_peer_table *peers;
     struct umbd_tokens *tokens;       /* NULL = anybody may query */
+    struct umbj_service *jobs;        /* NULL without --jobs, and after the loops have run */
     struct umbd_tls *tls;             /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
     atomic_uint_fast64_t next_serial; /* of connections; never reused */
@@ -43,6 +45,10 @@ struct umbd_daemon {
 UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
                                              const struct umbd_options *options,
                                              struct umb_error *error);
+
+/* Ends the job service, whose last errands the loops then get: between umbd_loops_run and
+ * umbd_loops_finish. */
+void umbd_daemon_end_jobs(struct umbd_daemon *daemon);
 
 /* Takes everything down; returns 1, or 0 if the store's thread is still busy and keeps using the
  * daemon: the process must then end by _exit (store_watch.h). */

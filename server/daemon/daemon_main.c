@@ -155,6 +155,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
         umbd_notify("READY=1\nSTATUS=serving");
         status = umbd_loops_run(&daemon, error);
     }
+    umbd_daemon_end_jobs(&daemon);
     umbd_loops_finish(&daemon);
     if (status != UMB_OK) {
         complain(status, error);

@@ -22,6 +22,12 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
     {"umbrage.v1.Shadows", "Describe", "unary"},
     {"umbrage.v1.Shadows", "List", "unary"},
     {"umbrage.v1.Shadows", "Limits", "unary"},
+    {"umbrage.v1.Bakes", "Submit", "client_stream"},
+    {"umbrage.v1.Bakes", "Watch", "server_stream"},
+    {"umbrage.v1.Bakes", "Cancel", "unary"},
+    {"umbrage.v1.Bakes", "List", "unary"},
+    {"umbrage.v1.Bakes", "Fetch", "server_stream"},
+    {"umbrage.v1.Bakes", "Delete", "unary"},
     {"grpc.health.v1.Health", "Check", "unary"},
     {"grpc.health.v1.Health", "Watch", "server_stream"},
     {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
@@ -229,6 +235,24 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION);
 }
 
+static void write_jobs(FILE *out, struct umbj_counters *jobs)
+{
+    head(out, "umbrage_jobs", "gauge", "Bake jobs that the table knows, by state.");
+    for (int i = 0; i < UMBJ_STATE_COUNT; i++) {
+        fprintf(out, "umbrage_jobs{state=\"%s\"} %lld\n", umbj_state_name((enum umbj_state)i),
+                (long long)atomic_load(&jobs->states[i]));
+    }
+    head(out, "umbrage_job_failures_total", "counter", "Tries of jobs that failed, by class.");
+    for (int i = UMBJ_REJECTED; i < UMBJ_FAILURE_COUNT; i++) {
+        fprintf(out, "umbrage_job_failures_total{class=\"%s\"} %llu\n",
+                umbj_failure_name((enum umbj_failure)i), get(&jobs->failures[i]));
+    }
+    single(out, "umbrage_jobs_submitted_total", "counter", "Jobs accepted.", get(&jobs->submitted));
+    head(out, "umbrage_job_bake_seconds", "summary", "Time from the start of a bake to its asset.");
+    fprintf(out, "umbrage_job_bake_seconds_sum %.3f\numbrage_job_bake_seconds_count %llu\n",
+            (double)get(&jobs->bake_ms) * 1e-3, get(&jobs->finished));
+}
+
 /* Resident pages from /proc; 0 where there is no such file. */
 static unsigned long long resident_bytes(void)
 {
@@ -265,6 +289,9 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
     write_calls(out, metrics);
     write_times(out, metrics);
     write_own(out, metrics, gauges);
+    if (gauges->jobs != NULL) {
+        write_jobs(out, gauges->jobs);
+    }
     write_process(out);
     int bad = ferror(out);
     /* glibc closes well even if the last realloc fails, and then there is no text. */

@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "common/store.h"
+#include "jobs/service.h"
 #include "umbrage/status.h"
 
 enum umbd_method {
@@ -18,6 +19,12 @@ enum umbd_method {
     UMBD_METHOD_DESCRIBE,
     UMBD_METHOD_LIST,
     UMBD_METHOD_LIMITS,
+    UMBD_METHOD_BAKES_SUBMIT,
+    UMBD_METHOD_BAKES_WATCH,
+    UMBD_METHOD_BAKES_CANCEL,
+    UMBD_METHOD_BAKES_LIST,
+    UMBD_METHOD_BAKES_FETCH,
+    UMBD_METHOD_BAKES_DELETE,
     UMBD_METHOD_CHECK,
     UMBD_METHOD_WATCH,
     UMBD_METHOD_REFLECTION,
@@ -72,6 +79,7 @@ struct umbd_gauges {
     size_t queue_depth;
     uint64_t buffered_bytes;
     int ready;
+    struct umbj_counters *jobs; /* NULL without --jobs */
 };
 
 static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)

@@ -77,6 +77,33 @@ static const struct option table[] = {
      "points a second that one address may ask; default 0; then any number"},
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
      "who may ask: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
+    {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
+     "take scenes over the network and bake them into the first --store; their table is in DIR"},
+    {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
+     "umbrage-bake; the one beside this program if not given"},
+    {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
+    {"--bake-threads", KIND_COUNT, AT(bake_threads), 1, 256, "N",
+     "threads of one bake; default: one a core"},
+    {"--bake-memory", KIND_BYTES, AT(bake_memory), 16 << 20, (uint64_t)1 << 50, "BYTES",
+     "memory of one bake; default 4GiB"},
+    {"--tile-cache", KIND_BYTES, AT(tile_cache), 0, (uint64_t)1 << 50, "BYTES",
+     "baked tiles kept for each owner, so that retries and edits go faster; default 10GiB"},
+    {"--job-time", KIND_TIME, AT(job_time_ms), 1000, 31 * 24 * HOUR_MS, "TIME",
+     "longest that one bake may take; default 240m"},
+    {"--job-lease", KIND_TIME, AT(job_lease_ms), 1000, 31 * 24 * HOUR_MS, "TIME",
+     "longest that a bake may give no sign of life; default 15m"},
+    {"--job-keep", KIND_TIME, AT(job_keep_ms), 60000, 3660 * 24 * HOUR_MS, "TIME",
+     "for jobs that are over, then they are forgotten; default 43200m (30 days)"},
+    {"--max-bundle", KIND_BYTES, AT(max_bundle), 1024, (uint64_t)1 << 44, "BYTES",
+     "files of one submission together; default 1GiB"},
+    {"--max-asset", KIND_BYTES, AT(max_asset), 1024, (uint64_t)1 << 44, "BYTES",
+     "size of what one bake makes; default 16GiB"},
+    {"--owner-jobs", KIND_COUNT, AT(owner_jobs), 1, 1000000, "N",
+     "unfinished jobs of one owner; default 64"},
+    {"--owner-bytes", KIND_BYTES, AT(owner_bytes), 1024, (uint64_t)1 << 50, "BYTES",
+     "files of all of them together; default 4GiB"},
+    {"--job-bytes", KIND_BYTES, AT(job_bytes), 1024, (uint64_t)1 << 50, "BYTES",
+     "files of all owners' unfinished jobs together; default 16GiB"},
     {"--queue", KIND_COUNT, AT(queue), 1, 1000000, "N",
      "batches that may wait for a worker; default 1024"},
     {"--log-level", KIND_LEVEL, AT(log_level), 0, 0, "LEVEL",
@@ -269,6 +296,18 @@ static void set_defaults(struct umbd_options *options)
         .body_timeout_ms = 30000,
         .stall_timeout_ms = 30000,
         .scrub_interval_ms = HOUR_MS,
+        .bake_workers = 1,
+        .bake_threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
+        .bake_memory = (uint64_t)4 << 30,
+        .tile_cache = (uint64_t)10 << 30,
+        .job_time_ms = 4 * HOUR_MS,
+        .job_lease_ms = HOUR_MS / 4,
+        .job_keep_ms = 30 * 24 * HOUR_MS,
+        .max_bundle = (uint64_t)1 << 30,
+        .max_asset = (uint64_t)16 << 30,
+        .owner_jobs = 64,
+        .owner_bytes = (uint64_t)4 << 30,
+        .job_bytes = (uint64_t)16 << 30,
         .log_level = UMB_LOG_INFO,
     };
 }
@@ -289,6 +328,14 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             (unsigned long long)options->max_message,
             (unsigned long long)options->connection_buffer,
             (unsigned long long)options->max_buffer);
+    }
+    if (options->max_bundle > options->owner_bytes || options->owner_bytes > options->job_bytes) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--max-bundle (%llu) must not be above --owner-bytes (%llu), nor that "
+                        "above --job-bytes (%llu)",
+                        (unsigned long long)options->max_bundle,
+                        (unsigned long long)options->owner_bytes,
+                        (unsigned long long)options->job_bytes);
     }
     int has_tls = 0;
     for (size_t i = 0; i < options->listen_count; i++) {

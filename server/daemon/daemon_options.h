@@ -42,6 +42,17 @@ struct umbd_options {
     uint64_t scrub_interval_ms; /* 0 = never */
     uint64_t max_age_ms;        /* of a connection, 0 = any */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
+    const char *jobs;                   /* folder of the job service, or NULL */
+    const char *bake_program;           /* umbrage-bake, NULL = beside this program */
+    uint32_t bake_workers;              /* bakes at once */
+    uint32_t bake_threads;              /* of one */
+    uint32_t owner_jobs;                /* unfinished ones of one owner */
+    uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */
+    uint64_t bake_memory;               /* bytes, of one bake */
+    uint64_t max_bundle, max_asset;     /* bytes */
+    uint64_t owner_bytes, job_bytes;    /* of unfinished jobs' bundles: one owner's, all */
+    uint64_t job_time_ms, job_lease_ms; /* of one try */
+    uint64_t job_keep_ms;               /* of jobs that are over */
     enum umb_log_level log_level;
     enum umbs_log_format log_format;
     const char *config;                     /* file or NULL */

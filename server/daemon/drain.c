@@ -39,7 +39,7 @@ void umbd_conn_notice(struct umbd_conn *conn)
 void umbd_conn_last_call(struct umbd_conn *conn)
 {
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (call->watch_last >= 0) {
+        if (call->watch_last >= 0 || call->method == UMBD_METHOD_BAKES_WATCH) {
             umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
         } else if (umbd_method_takes_many(call->method)) {
             umbd_stream_last_call(call);

@@ -15,6 +15,7 @@
 
 #include "daemon/admin.h"
 #include "daemon/call.h"
+#include "daemon/errand.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/loop_reserve.h"
@@ -144,6 +145,7 @@ static void collect_done(struct umbd_loop *loop)
         deliver(loop, batch);
         batch = next;
     }
+    umbd_errands_collect(loop);
     struct umbd_conn *conn = loop->first_dirty;
     loop->first_dirty = NULL;
     while (conn != NULL) {

@@ -72,7 +72,8 @@ struct umbd_loop {
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 
     pthread_mutex_t done_mutex;
-    struct umbd_batch *done_first, *done_last; /* under done_mutex */
+    struct umbd_batch *done_first, *done_last;      /* under done_mutex */
+    struct umbd_errand *errand_first, *errand_last; /* the same */
 };
 
 UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
 #include "daemon/call_rights.h"
+#include "jobs/bundle.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -139,6 +140,11 @@ void umbd_service_limits(struct umbd_call *call)
         .version = UMB_VERSION,
         .takes_gzip = 1,
     };
+    if (options->jobs != NULL) {
+        limits.max_bundle_bytes = options->max_bundle;
+        limits.max_bundle_files = UMBJ_FILES_MAX;
+        limits.max_owner_jobs = options->owner_jobs;
+    }
     finish(call, umbw_encode_limits_reply(&limits, &head, &error), &head, &error);
 }
 

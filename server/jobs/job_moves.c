@@ -310,3 +310,9 @@ enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now, int64_
     }
     return status;
 }
+
+enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error)
+{
+    return umbj_sql_run(&table->sql, error, NULL, NULL,
+                        "UPDATE job SET state = 0, not_before_ms = 0 WHERE state = 1", "");
+}

@@ -111,6 +111,9 @@ UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t
 UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now,
                                                int64_t *count, struct umb_error *error);
 
+/* Before a planned end: running jobs are queued again, and it counts for nothing. */
+UMB_CHECKED enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error);
+
 /* Reads a job of an owner (NULL = anybody's). Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_get(struct umbj_table *table, const char *id,
                                            const char *owner, struct umbj_job *job,

@@ -17,6 +17,7 @@ BUILD names the build folder (default build/release). Exit code 77 with a last l
 import array
 import atexit
 import contextlib
+import hashlib
 import importlib
 import json
 import os
@@ -128,11 +129,13 @@ class Messages:
         out = os.path.join(folder, "generated")
         os.makedirs(out, exist_ok=True)
         subprocess.run(["protoc", "-I" + os.path.join(ROOT, "proto"), "--python_out=" + out,
-                        "umbrage/v1/shadows.proto", "grpc/health/v1/health.proto",
+                        "umbrage/v1/shadows.proto", "umbrage/v1/bakes.proto",
+                        "grpc/health/v1/health.proto",
                         "grpc/reflection/v1/reflection.proto"], check=True)
         # Our grpc/ folder must not hide the installed grpc package: load its file by its path.
         sys.path.insert(0, out)
         self.shadows = importlib.import_module("umbrage.v1.shadows_pb2")
+        self.bakes = importlib.import_module("umbrage.v1.bakes_pb2")
         sys.path.pop(0)
         self.health = self._load(out, "health")
         self.reflection = self._load(out, "reflection")
@@ -166,6 +169,17 @@ class Client:
         self.reflect = [self.bidi(f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo",
                                   messages.reflection.ServerReflectionResponse)
                         for version in ("v1", "v1alpha")]
+        b = self.bakes = messages.bakes
+        pack = {"request_serializer": lambda m: m.SerializeToString()}
+        self.raw_submit = self.channel.stream_unary(
+            "/umbrage.v1.Bakes/Submit", response_deserializer=b.SubmitReply.FromString, **pack)
+        self.watch_job = self.channel.unary_stream(
+            "/umbrage.v1.Bakes/Watch", response_deserializer=b.JobStatus.FromString, **pack)
+        self.fetch = self.channel.unary_stream(
+            "/umbrage.v1.Bakes/Fetch", response_deserializer=b.FetchReply.FromString, **pack)
+        self.cancel_job = self.unary("/umbrage.v1.Bakes/Cancel", b.JobStatus)
+        self.list_jobs = self.unary("/umbrage.v1.Bakes/List", b.ListJobsReply)
+        self.delete_asset = self.unary("/umbrage.v1.Bakes/Delete", b.DeleteReply)
         self.check = self.unary("/grpc.health.v1.Health/Check", h.HealthCheckResponse)
         self.watch = self.channel.unary_stream(
             "/grpc.health.v1.Health/Watch", request_serializer=lambda m: m.SerializeToString(),
@@ -185,6 +199,33 @@ class Client:
         """Query as a message; returns the reply."""
         return self.query(self.shadows.QueryRequest(asset=asset, points=points, **fields),
                           timeout=timeout)
+
+    def manifest(self, files, scene, **settings):
+        """Manifest of files {path: bytes}; settings with _ for -, a list repeats."""
+        manifest = self.bakes.Manifest(scene=scene)
+        for path, data in files.items():
+            manifest.files.add(path=path, size=len(data), sha256=hashlib.sha256(data).digest())
+        for name, values in settings.items():
+            for value in values if isinstance(values, list) else [values]:
+                manifest.settings.add(name=name.replace("_", "-"), value=str(value))
+        return manifest
+
+    def submit(self, files, scene, metadata=None, timeout=60, **settings):
+        """Submits a bundle; the reply."""
+        def messages():
+            yield self.bakes.SubmitRequest(manifest=self.manifest(files, scene, **settings))
+            for data in files.values():
+                for at in range(0, len(data), 1 << 18):
+                    yield self.bakes.SubmitRequest(data=data[at:at + (1 << 18)])
+        return self.raw_submit(messages(), timeout=timeout, metadata=metadata)
+
+    def finished_job(self, job, metadata=None, timeout=60):
+        """Watches a job to its end; its last status."""
+        status = None
+        for status in self.watch_job(self.bakes.WatchRequest(job=job), timeout=timeout,
+                                     metadata=metadata):
+            pass
+        return status
 
     def refused(self, call, code, *words):
         """Runs call() and demands that it fails with that code and a message with those words."""

@@ -41,7 +41,8 @@ sort -u -o "$folder/options" "$folder/options"
 sed -E 's/umbrage(-bake)? [^`]*//g' "$operations" "$protocol" >"$folder/docs"
 names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
 all_in "every option of --help is in docs/operations.md or docs/protocol.md" "$folder/options" "$folder/told"
-all_in "every option in the two pages is in --help" "$folder/told" "$folder/options"
+"$BUILD/umbrage-bake" --help | grep -oE -- '--[a-z][a-z-]+' | sort -u - "$folder/options" >"$folder/known"
+all_in "every option in the two pages is in --help, there or of umbrage-bake" "$folder/told" "$folder/known"
 names '^\| `--[a-z-]+[^|]*' "$operations" | grep -oE -- '--[a-z-]+' | sort -u >"$folder/table"
 printf '%s\n' --check --check-config --help --print-config --version | sort >"$folder/flags"
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
@@ -72,7 +73,7 @@ EOF
 same "the defaults in docs/operations.md are those of --help" "" "$(cat "$folder/defaults")"
 
 mkdir "$folder/store"
-"$BUILD/umbraged" --store "$folder/store" --listen "unix:$folder/socket" --admin 127.0.0.1:0 \
+"$BUILD/umbraged" --store "$folder/store" --jobs "$folder/jobs" --listen "unix:$folder/socket" --admin 127.0.0.1:0 \
     --address-file "$folder/addresses" --drain-delay 0 2>"$folder/log" &
 children=$!
 waited=0

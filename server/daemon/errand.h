@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_ERRAND_H
+#define UMBRAGE_SERVER_DAEMON_ERRAND_H
+/*
+ * What a call of the Bakes service has to do with the job service, whose thread may block on the
+ * disk. One errand a call; it is either at home, with the call, or away, with that thread:
+ *
+ *     umbd_errand_create(call, &error)        whose call it is
+ *     umbd_errand_send(call, work, answer)    work runs on the jobs' thread, then answer on the
+ * loop umbd_errand_drop(call)                  the call ends
+ *
+ * A call finds its errand again by (connection serial, stream id), never by pointer, since it may
+ * be gone; an errand that comes home to nobody is only freed. While it is away neither the call
+ * nor the loop touches what it holds.
+ */
+#include "daemon/call.h"
+#include "jobs/service.h"
+#include "wire/bakes.h"
+
+struct umbd_errand {
+    struct umbj_request request; /* first: the service knows only this */
+    struct umbd_errand *next_done;
+    struct umbd_loop *home;
+    uint64_t lane;
+    int32_t stream_id;
+    int away;
+    size_t charged; /* counted for a call that is gone */
+    void (*work)(struct umbd_errand *errand, struct umbj_service *service);
+    void (*answer)(struct umbd_errand *errand, struct umbd_call *call);
+
+    char owner[UMBJ_OWNER_SIZE];
+    int is_admin;
+    enum umb_status status; /* of the work */
+    struct umb_error error;
+
+    /* Submit */
+    uint8_t *message; /* of data, owned while it is written */
+    const uint8_t *data;
+    size_t data_size;
+    struct umbw_manifest wire;
+    struct umbj_manifest manifest; /* borrows from wire */
+    struct umbj_bundle_file *files;
+    struct umbj_setting *settings;
+    struct umbj_upload *upload;
+    /* Submit, Watch, Cancel */
+    struct umbj_job job;
+    /* Watch */
+    int watching;
+    uint64_t version, told_ms;
+    /* List */
+    uint32_t limit;
+    struct umbj_job *jobs;
+    size_t job_count;
+    /* Fetch, Delete */
+    uint8_t asset[UMB_ID_BYTES];
+    int fd; /* -1 = not open */
+    int fetching;
+    uint64_t size, offset;
+    uint8_t *chunk; /* UMBD_CHUNK_BYTES, once fetching */
+    size_t chunk_size;
+};
+
+#define UMBD_CHUNK_BYTES ((size_t)256 << 10) /* of a file, a message of Fetch */
+
+/* Makes the call's errand, or fails the call: UNIMPLEMENTED without --jobs, NO_MEMORY. */
+struct umbd_errand *umbd_errand_create(struct umbd_call *call);
+
+/* Sends it; it is away then. */
+void umbd_errand_send(struct umbd_call *call,
+                      void (*work)(struct umbd_errand *, struct umbj_service *),
+                      void (*answer)(struct umbd_errand *, struct umbd_call *));
+
+/* The owner that jobs are looked for with: NULL = anybody's. */
+const char *umbd_errand_owner(const struct umbd_errand *errand);
+
+/* Gives the call's errand up. What it holds is freed on the jobs' thread. */
+void umbd_errand_drop(struct umbd_call *call);
+
+/* Takes those that came home; called by the loop. */
+void umbd_errands_collect(struct umbd_loop *loop);
+
+/* Fills what a job's status says on the wire; texts are borrowed. */
+void umbd_status_of_job(const struct umbj_job *job, struct umbw_job_status *status);
+
+#endif

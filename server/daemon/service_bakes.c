@@ -1,0 +1,232 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Bakes.Watch, Cancel, List and Delete. Submit and Fetch are in service_bakes_data.c. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/errand.h"
+
+#define WATCH_MS     200 /* between two messages about progress */
+#define LIST_DEFAULT 100
+
+/* Sends an encoded reply, or the failure instead. */
+static void finish(struct umbd_call *call, enum umb_status status, struct umbw_buffer *reply,
+                   const struct umb_error *error)
+{
+    if (status != UMB_OK) {
+        umbw_buffer_finish(reply);
+        umbd_call_fail_status(call, status, error);
+    } else if (umbd_call_charge(call, call->charged + reply->size)) {
+        umbd_call_reply(call, reply);
+    } else {
+        umbw_buffer_finish(reply);
+    }
+}
+
+static void reply_status(struct umbd_call *call, const struct umbw_job_status *job)
+{
+    struct umbw_buffer reply = {0};
+    struct umb_error error = {0};
+    finish(call, umbw_encode_job_status(job, &reply, &error), &reply, &error);
+}
+
+/* --- Cancel --- */
+
+static void cancel(struct umbd_errand *errand, struct umbj_service *service)
+{
+    char id[UMBJ_ID_SIZE];
+    memcpy(id, errand->job.id, sizeof id);
+    errand->status =
+        umbj_service_cancel(service, id, umbd_errand_owner(errand), &errand->job, &errand->error);
+}
+
+static void cancelled(struct umbd_errand *errand, struct umbd_call *call)
+{
+    struct umbw_job_status status;
+    umbd_status_of_job(&errand->job, &status);
+    reply_status(call, &status);
+}
+
+void umbd_service_bakes_cancel(struct umbd_call *call)
+{
+    struct umb_error error = {0};
+    struct umbd_errand *errand = umbd_errand_create(call);
+    if (errand == NULL) {
+        return;
+    }
+    enum umb_status status =
+        umbw_decode_job_request(call->message, call->message_size, errand->job.id, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    umbd_errand_send(call, cancel, cancelled);
+}
+
+/* --- Watch --- */
+
+static void show(struct umbd_errand *errand, struct umbj_service *service)
+{
+    errand->status =
+        umbj_service_show(service, errand->job.id, umbd_errand_owner(errand), &errand->error);
+}
+
+/* A copy of a standing's status, encoded under the board's lock. */
+struct look {
+    struct umbw_buffer reply;
+    struct umb_error error;
+    enum umb_status status;
+    uint64_t version;
+    int over;
+};
+
+static void take_look(void *user, const struct umbj_standing *standing)
+{
+    struct look *look = user;
+    struct umbw_job_status status;
+    umbd_status_of_job(&standing->job, &status);
+    if (standing->loading) { /* nobody could ask it anything yet */
+        status.state = UMBJ_RUNNING;
+        status.has_asset = 0;
+        status.ended_ms = 0;
+    }
+    if (status.state == UMBJ_RUNNING) {
+        memcpy(status.phase, standing->phase, sizeof status.phase);
+        memcpy(status.unit, standing->unit, sizeof status.unit);
+        status.done = standing->done;
+        status.total = standing->total;
+        status.rate = standing->rate;
+        status.left_ms = standing->left_ms;
+    }
+    status.plan = standing->plan;
+    status.notices = standing->notices;
+    look->version = standing->version;
+    look->over = umbj_is_over((enum umbj_state)status.state);
+    look->status = umbw_encode_job_status(&status, &look->reply, &look->error);
+}
+
+void umbd_service_bakes_update(struct umbd_call *call)
+{
+    struct umbd_errand *errand = call->errand;
+    struct umbj_service *jobs = call->conn->loop->daemon->jobs;
+    const uint64_t now_ms = uv_now(&call->conn->loop->uv);
+    if (errand == NULL || !errand->watching || call->reply_ended || jobs == NULL ||
+        now_ms - errand->told_ms < WATCH_MS || umbd_call_unsent(call) > 0) {
+        return;
+    }
+    struct umbj_board *board = umbj_service_board(jobs);
+    if (umbj_board_version(board, errand->job.id) == errand->version) {
+        return;
+    }
+    struct look look = {.status = UMB_OK};
+    errand->told_ms = now_ms;
+    if (!umbj_board_look(board, errand->job.id, umbd_errand_owner(errand), take_look, &look)) {
+        look.status =
+            umb_fail(&look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", errand->job.id);
+    }
+    errand->version = look.version;
+    finish(call, look.status, &look.reply, &look.error);
+    if (look.status == UMB_OK && look.over) {
+        umbd_call_finish(call);
+    }
+}
+
+static void watch(struct umbd_errand *errand, struct umbd_call *call)
+{
+    errand->watching = 1;
+    umbd_service_bakes_update(call);
+}
+
+void umbd_service_bakes_watch(struct umbd_call *call)
+{
+    struct umb_error error = {0};
+    struct umbd_errand *errand = umbd_errand_create(call);
+    if (errand == NULL) {
+        return;
+    }
+    enum umb_status status =
+        umbw_decode_job_request(call->message, call->message_size, errand->job.id, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    umbd_errand_send(call, show, watch);
+}
+
+/* --- List --- */
+
+static void list(struct umbd_errand *errand, struct umbj_service *service)
+{
+    errand->status = umbj_service_list(service, errand->owner, errand->limit, &errand->jobs,
+                                       &errand->job_count, &errand->error);
+}
+
+static void listed(struct umbd_errand *errand, struct umbd_call *call)
+{
+    struct umbw_job_list reply = {.count = errand->job_count};
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    enum umb_status status = UMB_E_NO_MEMORY;
+    reply.jobs = calloc(reply.count + 1, sizeof *reply.jobs);
+    if (reply.jobs != NULL) {
+        for (size_t i = 0; i < reply.count; i++) {
+            umbd_status_of_job(&errand->jobs[i], &reply.jobs[i]);
+        }
+        status = umbw_encode_job_list(&reply, &head, &error);
+        free(reply.jobs);
+    }
+    finish(call, status, &head, &error);
+}
+
+void umbd_service_bakes_list(struct umbd_call *call)
+{
+    struct umb_error error = {0};
+    struct umbd_errand *errand = umbd_errand_create(call);
+    if (errand == NULL) {
+        return;
+    }
+    enum umb_status status =
+        umbw_decode_list_jobs_request(call->message, call->message_size, &errand->limit, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    errand->limit = errand->limit > 0 ? errand->limit : LIST_DEFAULT;
+    umbd_errand_send(call, list, listed);
+}
+
+/* --- Delete --- */
+
+static void delete (struct umbd_errand *errand, struct umbj_service *service)
+{
+    errand->status =
+        umbj_service_delete(service, errand->asset, umbd_errand_owner(errand), &errand->error);
+}
+
+static void deleted(struct umbd_errand *errand, struct umbd_call *call)
+{
+    struct umbw_buffer reply = {0};
+    struct umb_error error = {0};
+    (void)errand;
+    finish(call, umbw_encode_delete_reply(&reply, &error), &reply, &error);
+}
+
+void umbd_service_bakes_delete(struct umbd_call *call)
+{
+    char text[UMBW_ASSET_NAME_MAX + 1];
+    struct umb_error error = {0};
+    struct umbd_errand *errand = umbd_errand_create(call);
+    if (errand == NULL) {
+        return;
+    }
+    enum umb_status status =
+        umbw_decode_delete_request(call->message, call->message_size, text, &error);
+    if (status == UMB_OK && !umb_id_from_text(text, errand->asset)) {
+        status = umb_fail(&error, UMB_E_ARGUMENT,
+                          "asset: '%.80s' is not an id of 64 hexadecimal digits", text);
+    }
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    umbd_errand_send(call, delete, deleted);
+}

@@ -1,0 +1,344 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The board, see board.h. Two hash tables by the first byte of id: jobs, and (asset, owner) pairs.
+ * An asset that lost its last owner keeps an entry of nobody until it is disowned for all: between
+ * the loss and the removal of its file it must not become everybody's.
+ */
+#include "jobs/board.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BUCKETS 1024 /* a power of 2 */
+
+struct entry {
+    struct entry *next;
+    struct entry *older; /* of those that are over: in the order of their end */
+    struct umbj_standing standing;
+    char *plan, *notices;
+    int64_t phase_at_ms; /* when the phase began; 0 = not known */
+    int is_over;
+};
+
+struct owned {
+    struct owned *next;
+    uint8_t asset[UMBJ_HASH_BYTES];
+    char owner[UMBJ_OWNER_SIZE];
+    int nobody; /* its last owner is gone, its file not yet */
+};
+
+struct umbj_board {
+    pthread_mutex_t mutex;
+    struct entry *jobs[BUCKETS];
+    struct owned *assets[BUCKETS];
+    struct entry *over_first, *over_last;
+    size_t over_count;
+    uint64_t version;
+};
+
+enum umb_status umbj_board_create(struct umbj_board **out, struct umb_error *error)
+{
+    *out = calloc(1, sizeof **out);
+    if (*out == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs' board");
+    }
+    pthread_mutex_init(&(*out)->mutex, NULL);
+    return UMB_OK;
+}
+
+static void entry_free(struct entry *entry)
+{
+    free(entry->plan);
+    free(entry->notices);
+    free(entry);
+}
+
+void umbj_board_destroy(struct umbj_board *board)
+{
+    if (board == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < BUCKETS; i++) {
+        while (board->jobs[i] != NULL) {
+            struct entry *entry = board->jobs[i];
+            board->jobs[i] = entry->next;
+            entry_free(entry);
+        }
+        while (board->assets[i] != NULL) {
+            struct owned *owned = board->assets[i];
+            board->assets[i] = owned->next;
+            free(owned);
+        }
+    }
+    pthread_mutex_destroy(&board->mutex);
+    free(board);
+}
+
+/* Ids are random hexadecimal digits. */
+static size_t bucket_of_job(const char *id)
+{
+    size_t bucket = 0;
+    for (int i = 0; i < 8 && id[i] != '\0'; i++) {
+        bucket = bucket * 31 + (unsigned char)id[i];
+    }
+    return bucket % BUCKETS;
+}
+
+static size_t bucket_of_asset(const uint8_t *asset)
+{
+    return ((size_t)asset[0] << 8 | asset[1]) % BUCKETS;
+}
+
+static struct entry *find(struct umbj_board *board, const char *id)
+{
+    struct entry *entry = board->jobs[bucket_of_job(id)];
+    while (entry != NULL && strcmp(entry->standing.job.id, id) != 0) {
+        entry = entry->next;
+    }
+    return entry;
+}
+
+static struct entry *find_or_add(struct umbj_board *board, const char *id)
+{
+    struct entry *entry = find(board, id);
+    if (entry == NULL) {
+        entry = calloc(1, sizeof *entry);
+        if (entry != NULL) {
+            struct entry **bucket = &board->jobs[bucket_of_job(id)];
+            entry->next = *bucket;
+            *bucket = entry;
+            entry->standing.left_ms = -1;
+        }
+    }
+    return entry;
+}
+
+static void drop_oldest(struct umbj_board *board)
+{
+    struct entry *oldest = board->over_first;
+    struct entry **at = &board->jobs[bucket_of_job(oldest->standing.job.id)];
+    board->over_first = oldest->older;
+    board->over_last = board->over_first != NULL ? board->over_last : NULL;
+    board->over_count--;
+    while (*at != oldest) {
+        at = &(*at)->next;
+    }
+    *at = oldest->next;
+    entry_free(oldest);
+}
+
+static void note_end(struct umbj_board *board, struct entry *entry)
+{
+    if (entry->is_over) {
+        return;
+    }
+    entry->is_over = 1;
+    if (board->over_last != NULL) {
+        board->over_last->older = entry;
+    } else {
+        board->over_first = entry;
+    }
+    board->over_last = entry;
+    if (++board->over_count > UMBJ_BOARD_MAX) {
+        drop_oldest(board);
+    }
+}
+
+static void clear_progress(struct umbj_standing *standing)
+{
+    standing->done = standing->total = 0;
+    standing->rate = 0;
+    standing->left_ms = -1;
+    standing->unit[0] = '\0';
+}
+
+void umbj_board_set(struct umbj_board *board, const struct umbj_job *job, int loading)
+{
+    pthread_mutex_lock(&board->mutex);
+    struct entry *entry = find_or_add(board, job->id);
+    if (entry != NULL) {
+        struct umbj_standing *standing = &entry->standing;
+        if (standing->job.epoch != job->epoch || job->state != UMBJ_RUNNING || loading) {
+            clear_progress(standing);
+            standing->phase[0] = '\0';
+        }
+        standing->job = *job;
+        standing->loading = loading;
+        if (loading) {
+            memcpy(standing->phase, "load", sizeof "load");
+        }
+        standing->version = ++board->version;
+        if (umbj_is_over(job->state) && !loading) {
+            note_end(board, entry);
+        }
+    }
+    pthread_mutex_unlock(&board->mutex);
+}
+
+/* Adds a line to a text of lines; what is over the limit, or the memory, is left out. */
+static void add_line(char **text, const char *line)
+{
+    const size_t have = *text != NULL ? strlen(*text) : 0, more = strlen(line);
+    if (have + more + 2 > UMBJ_PLAN_MAX) {
+        return;
+    }
+    char *longer = realloc(*text, have + more + 2);
+    if (longer != NULL) {
+        memcpy(longer + have, line, more);
+        memcpy(longer + have + more, "\n", 2);
+        *text = longer;
+    }
+}
+
+static void copy_word(char out[UMBJ_PHASE_SIZE], const char *text)
+{
+    size_t length = strlen(text);
+    length = length < UMBJ_PHASE_SIZE ? length : UMBJ_PHASE_SIZE - 1;
+    memcpy(out, text, length);
+    out[length] = '\0';
+}
+
+static void take_progress(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
+{
+    struct umbj_standing *standing = &entry->standing;
+    const double seconds = 1e-3 * (double)(now_ms - entry->phase_at_ms);
+    standing->done = report->done < report->total ? report->done : report->total;
+    standing->total = report->total;
+    copy_word(standing->unit, report->text);
+    standing->rate = seconds > 0 ? (double)standing->done / seconds : 0;
+    standing->left_ms =
+        standing->rate > 0
+            ? (int64_t)(1e3 * (double)(standing->total - standing->done) / standing->rate)
+            : -1;
+}
+
+static void take_report(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
+{
+    switch (report->kind) {
+    case UMBJ_REPORT_PHASE:
+        copy_word(entry->standing.phase, report->text);
+        clear_progress(&entry->standing);
+        entry->phase_at_ms = now_ms;
+        break;
+    case UMBJ_REPORT_PROGRESS:
+        take_progress(entry, report, now_ms);
+        break;
+    case UMBJ_REPORT_PLAN:
+        add_line(&entry->plan, report->text);
+        break;
+    case UMBJ_REPORT_NOTICE:
+        add_line(&entry->notices, report->text);
+        break;
+    case UMBJ_REPORT_ENDED:
+        break;
+    }
+    entry->standing.plan = entry->plan;
+    entry->standing.notices = entry->notices;
+}
+
+/* A further try begins with its own plan and notices. */
+static void forget_texts(struct entry *entry)
+{
+    free(entry->plan);
+    free(entry->notices);
+    entry->plan = entry->notices = NULL;
+}
+
+void umbj_board_report(struct umbj_board *board, const struct umbj_report *report, int64_t now_ms)
+{
+    pthread_mutex_lock(&board->mutex);
+    struct entry *entry = find(board, report->job);
+    if (entry != NULL && entry->standing.job.epoch == report->epoch) {
+        if (report->kind == UMBJ_REPORT_PHASE && entry->standing.phase[0] == '\0') {
+            forget_texts(entry);
+        }
+        take_report(entry, report, now_ms);
+        entry->standing.version = ++board->version;
+    }
+    pthread_mutex_unlock(&board->mutex);
+}
+
+int umbj_board_look(struct umbj_board *board, const char *id, const char *owner,
+                    void (*look)(void *user, const struct umbj_standing *standing), void *user)
+{
+    pthread_mutex_lock(&board->mutex);
+    const struct entry *entry = find(board, id);
+    const int found =
+        entry != NULL && (owner == NULL || strcmp(owner, entry->standing.job.owner) == 0);
+    if (found) {
+        look(user, &entry->standing);
+    }
+    pthread_mutex_unlock(&board->mutex);
+    return found;
+}
+
+uint64_t umbj_board_version(struct umbj_board *board, const char *id)
+{
+    pthread_mutex_lock(&board->mutex);
+    const struct entry *entry = find(board, id);
+    const uint64_t version = entry != NULL ? entry->standing.version : 0;
+    pthread_mutex_unlock(&board->mutex);
+    return version;
+}
+
+static int is_asset(const struct owned *owned, const uint8_t *asset)
+{
+    return memcmp(owned->asset, asset, UMBJ_HASH_BYTES) == 0;
+}
+
+void umbj_board_own(struct umbj_board *board, const uint8_t *asset, const char *owner)
+{
+    pthread_mutex_lock(&board->mutex);
+    struct owned **bucket = &board->assets[bucket_of_asset(asset)], *at = *bucket;
+    while (at != NULL && !(is_asset(at, asset) && !at->nobody && strcmp(at->owner, owner) == 0)) {
+        at = at->next;
+    }
+    struct owned *owned = at == NULL ? calloc(1, sizeof *owned) : NULL;
+    if (owned != NULL) {
+        memcpy(owned->asset, asset, UMBJ_HASH_BYTES);
+        memcpy(owned->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+        owned->next = *bucket;
+        *bucket = owned;
+    }
+    pthread_mutex_unlock(&board->mutex);
+}
+
+void umbj_board_disown(struct umbj_board *board, const uint8_t *asset, const char *owner)
+{
+    pthread_mutex_lock(&board->mutex);
+    struct owned **at = &board->assets[bucket_of_asset(asset)];
+    size_t left = 0;
+    for (const struct owned *other = *at; other != NULL; other = other->next) {
+        left += is_asset(other, asset) ? 1 : 0;
+    }
+    while (*at != NULL) {
+        struct owned *owned = *at;
+        if (!is_asset(owned, asset) || (owner != NULL && strcmp(owned->owner, owner) != 0)) {
+            at = &owned->next;
+        } else if (owner != NULL && left == 1) {
+            owned->nobody = 1;
+            at = &owned->next;
+        } else {
+            *at = owned->next;
+            free(owned);
+            left--;
+        }
+    }
+    pthread_mutex_unlock(&board->mutex);
+}
+
+int umbj_board_may_read(struct umbj_board *board, const uint8_t *asset, const char *owner)
+{
+    int known = 0, owns = 0;
+    pthread_mutex_lock(&board->mutex);
+    for (const struct owned *at = board->assets[bucket_of_asset(asset)]; at != NULL;
+         at = at->next) {
+        if (is_asset(at, asset)) {
+            known = 1;
+            owns |= !at->nobody && strcmp(at->owner, owner) == 0;
+        }
+    }
+    pthread_mutex_unlock(&board->mutex);
+    return !known || owns;
+}

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_BOARD_H
+#define UMBRAGE_SERVER_JOBS_BOARD_H
+/*
+ * What everybody may look at without waiting for the disk: where the jobs stand, and whose the
+ * assets are that jobs made. The table is the truth; the board is its copy in memory, and holds
+ * besides what only matters while a job runs: phase, progress, plan, notices.
+ *
+ * Threads: all functions from any thread; one mutex, held for a look-up or a copy.
+ */
+#include "jobs/executor.h"
+
+#define UMBJ_PLAN_MAX  16384 /* bytes of a plan, and of the notices */
+#define UMBJ_BOARD_MAX 8192  /* jobs that are over and still on the board */
+
+struct umbj_board; /* opaque */
+
+/* Where a job stands. */
+struct umbj_standing {
+    struct umbj_job job;
+    char phase[UMBJ_PHASE_SIZE];
+    char unit[UMBJ_PHASE_SIZE];
+    uint64_t done, total; /* of the phase; total 0 = not known */
+    int64_t left_ms;      /* of the phase; -1 = not known */
+    double rate;          /* units a second */
+    const char *plan, *notices;
+    int loading;      /* done, and not served yet: watchers are told that it runs */
+    uint64_t version; /* grows with each change of any job */
+};
+
+UMB_CHECKED enum umb_status umbj_board_create(struct umbj_board **out, struct umb_error *error);
+void umbj_board_destroy(struct umbj_board *board); /* NULL is allowed */
+
+/* Takes a job's state over; makes its entry if there is none. Without memory it is not on the
+ * board: watchers then find it missing. loading: see above. */
+void umbj_board_set(struct umbj_board *board, const struct umbj_job *job, int loading);
+
+/* Takes a report of a running job; now_ms: of a clock that only goes forward. */
+void umbj_board_report(struct umbj_board *board, const struct umbj_report *report, int64_t now_ms);
+
+/* Calls look(user, standing) under the lock; returns 0 if the job is not on the board. owner: NULL
+ * = anybody's. */
+int umbj_board_look(struct umbj_board *board, const char *id, const char *owner,
+                    void (*look)(void *user, const struct umbj_standing *standing), void *user);
+
+/* The job's version, 0 = not on the board. */
+uint64_t umbj_board_version(struct umbj_board *board, const char *id);
+
+/* Assets: _own, _disown (owner NULL: all); _may_read: 1 if no job made the asset, or it is the
+ * owner's. */
+void umbj_board_own(struct umbj_board *board, const uint8_t *asset, const char *owner);
+void umbj_board_disown(struct umbj_board *board, const uint8_t *asset, const char *owner);
+int umbj_board_may_read(struct umbj_board *board, const uint8_t *asset, const char *owner);
+
+#endif

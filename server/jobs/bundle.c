@@ -1,0 +1,266 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Checks of what strangers submit, and its key. */
+#include "jobs/bundle.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "common/sha256.h"
+
+/* The options of umbrage-bake that decide what the asset holds. What belongs to the machine
+ * (--threads, --memory, --tile) is the server's, what names files is nobody's. */
+static const struct {
+    const char *name;
+    int has_value;
+} allowed[] = {
+    {"resolution", 1}, {"sun", 1},    {"sun-path", 1},   {"point", 1},     {"spot", 1},
+    {"light", 1},      {"up", 1},     {"light-size", 1}, {"closed", 1},    {"depth", 1},
+    {"verify", 1},     {"static", 0}, {"effect", 1},     {"max-error", 1},
+};
+
+/* What the importer reads; it also looks at the content. */
+static const char *const scene_endings[] = {".gltf", ".glb", ".obj", ".ply", ".stl"};
+
+static int is_component(const char *text, size_t length)
+{
+    return length > 0 && !(length == 1 && text[0] == '.') &&
+           !(length == 2 && text[0] == '.' && text[1] == '.');
+}
+
+/* Depth of a path that may be unpacked, or 0. */
+static int path_depth(const char *path)
+{
+    int depth = 0;
+    for (;;) {
+        size_t length = strcspn(path, "/");
+        if (!is_component(path, length)) {
+            return 0;
+        }
+        depth++;
+        if (path[length] == '\0') {
+            return depth;
+        }
+        path += length + 1;
+    }
+}
+
+static enum umb_status check_path(size_t index, const char *path, struct umb_error *error)
+{
+    const size_t length = strlen(path);
+    if (length == 0 || length > UMBJ_PATH_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "files[%zu].path: has %zu bytes, must have 1 to %d",
+                        index, length, UMBJ_PATH_MAX);
+    }
+    for (size_t i = 0; i < length; i++) {
+        if ((unsigned char)path[i] < 0x20 || path[i] == 0x7f || path[i] == '\\') {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "files[%zu].path: '%.80s' has a control character or a backslash",
+                            index, path);
+        }
+    }
+    const int depth = path_depth(path);
+    if (depth == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "files[%zu].path: '%.80s' must be relative, without empty components, "
+                        "'.' and '..'",
+                        index, path);
+    }
+    if (depth > UMBJ_PATH_DEPTH_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "files[%zu].path: '%.80s' has %d components, the limit is %d", index, path,
+                        depth, UMBJ_PATH_DEPTH_MAX);
+    }
+    return UMB_OK;
+}
+
+static int ends_in(const char *text, const char *ending)
+{
+    const size_t length = strlen(text), tail = strlen(ending);
+    return length > tail && strcasecmp(text + length - tail, ending) == 0;
+}
+
+static int is_scene_name(const char *path)
+{
+    for (size_t i = 0; i < sizeof scene_endings / sizeof scene_endings[0]; i++) {
+        if (ends_in(path, scene_endings[i])) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+static int compare_files(const void *a, const void *b)
+{
+    const struct umbj_bundle_file *const *left = a, *const *right = b;
+    return strcmp((*left)->path, (*right)->path);
+}
+
+/* Pointers to the files in the order of their paths; free() them. */
+static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *manifest)
+{
+    const struct umbj_bundle_file **sorted = calloc(manifest->file_count + 1, sizeof *sorted);
+    for (size_t i = 0; sorted != NULL && i < manifest->file_count; i++) {
+        sorted[i] = &manifest->files[i];
+    }
+    if (sorted != NULL) {
+        qsort(sorted, manifest->file_count, sizeof *sorted, compare_files);
+    }
+    return sorted;
+}
+
+static enum umb_status check_twins(const struct umbj_manifest *manifest, struct umb_error *error)
+{
+    const struct umbj_bundle_file **sorted = sort_files(manifest);
+    enum umb_status status = UMB_OK;
+    if (sorted == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
+    }
+    for (size_t i = 1; status == UMB_OK && i < manifest->file_count; i++) {
+        if (strcmp(sorted[i - 1]->path, sorted[i]->path) == 0) {
+            status =
+                umb_fail(error, UMB_E_ARGUMENT, "files: '%.80s' is there twice", sorted[i]->path);
+        }
+    }
+    free(sorted);
+    return status;
+}
+
+static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_t max_bytes,
+                                   uint64_t *bytes, struct umb_error *error)
+{
+    int has_scene = 0;
+    *bytes = 0;
+    if (manifest->file_count == 0 || manifest->file_count > UMBJ_FILES_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "files: %zu are given, must be 1 to %d",
+                        manifest->file_count, UMBJ_FILES_MAX);
+    }
+    for (size_t i = 0; i < manifest->file_count; i++) {
+        const struct umbj_bundle_file *file = &manifest->files[i];
+        enum umb_status status = check_path(i, file->path, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (file->size > max_bytes - *bytes) {
+            return umb_fail(error, UMB_E_TOO_LARGE,
+                            "files: together over the limit of %llu bytes (--max-bundle)",
+                            (unsigned long long)max_bytes);
+        }
+        *bytes += file->size;
+        has_scene |= strcmp(file->path, manifest->scene) == 0;
+    }
+    if (!has_scene) {
+        return umb_fail(error, UMB_E_ARGUMENT, "scene: '%.80s' is not one of the files",
+                        manifest->scene);
+    }
+    if (!is_scene_name(manifest->scene)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "scene: '%.80s' is not a .gltf, .glb, .obj, .ply or .stl file",
+                        manifest->scene);
+    }
+    return check_twins(manifest, error);
+}
+
+static enum umb_status check_setting(const struct umbj_setting *setting, struct umb_error *error)
+{
+    size_t i = 0;
+    while (i < sizeof allowed / sizeof allowed[0] && strcmp(allowed[i].name, setting->name) != 0) {
+        i++;
+    }
+    if (i == sizeof allowed / sizeof allowed[0]) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings: '%.40s' is not a setting of a bake",
+                        setting->name);
+    }
+    const size_t length = strlen(setting->value);
+    if ((length > 0) != (allowed[i].has_value != 0) || length > UMBJ_VALUE_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings: %s: '%.60s' must have %s", setting->name,
+                        setting->value,
+                        allowed[i].has_value ? "a value of 1 to 128 bytes" : "no value");
+    }
+    for (size_t at = 0; at < length; at++) {
+        if (!isprint((unsigned char)setting->value[at])) {
+            return umb_fail(error, UMB_E_ARGUMENT, "settings: %s: only printable ASCII is taken",
+                            setting->name);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest, uint64_t max_bytes,
+                                    uint64_t *bytes, struct umb_error *error)
+{
+    enum umb_status status = check_files(manifest, max_bytes, bytes, error);
+    if (status == UMB_OK && manifest->setting_count > UMBJ_SETTINGS_MAX) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "settings: %zu are given, the limit is %d",
+                          manifest->setting_count, UMBJ_SETTINGS_MAX);
+    }
+    for (size_t i = 0; status == UMB_OK && i < manifest->setting_count; i++) {
+        status = check_setting(&manifest->settings[i], error);
+    }
+    if (status == UMB_OK &&
+        (manifest->priority < -UMBJ_PRIORITY_MAX || manifest->priority > UMBJ_PRIORITY_MAX)) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "priority: %d is not in -%d..%d",
+                          manifest->priority, UMBJ_PRIORITY_MAX, UMBJ_PRIORITY_MAX);
+    }
+    return status;
+}
+
+enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,
+                                   char text[UMBJ_SETTINGS_SIZE], struct umb_error *error)
+{
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t i = 0; i < manifest->setting_count; i++) {
+        const struct umbj_setting *setting = &manifest->settings[i];
+        const int count =
+            snprintf(text + used, UMBJ_SETTINGS_SIZE - used, "--%s%s%s\n", setting->name,
+                     setting->value[0] != '\0' ? "=" : "", setting->value);
+        if (count < 0 || (size_t)count >= UMBJ_SETTINGS_SIZE - used) {
+            return umb_fail(error, UMB_E_ARGUMENT, "settings: together over the limit of %d bytes",
+                            UMBJ_SETTINGS_SIZE - 1);
+        }
+        used += (size_t)count;
+    }
+    return UMB_OK;
+}
+
+/* The text whose hash is the key, malloc. Control characters cannot be in any of its parts. */
+static char *key_text(const struct umbj_manifest *manifest,
+                      const struct umbj_bundle_file *const *sorted, const char *settings)
+{
+    const size_t size = 256 + strlen(settings) + (manifest->file_count + 1) * (UMBJ_PATH_MAX + 100);
+    char *text = malloc(size), hash[UMB_ID_TEXT_SIZE];
+    if (text == NULL) {
+        return NULL;
+    }
+    size_t used = (size_t)snprintf(text, size, "umbrage bundle 1\nprogram %s\nscene %s\n%s",
+                                   UMB_VERSION, manifest->scene, settings);
+    for (size_t i = 0; i < manifest->file_count; i++) {
+        umb_id_to_text(sorted[i]->sha256, hash);
+        used += (size_t)snprintf(text + used, size - used, "file %llu %s %s\n",
+                                 (unsigned long long)sorted[i]->size, hash, sorted[i]->path);
+    }
+    return text;
+}
+
+enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
+                                  uint8_t key[UMBJ_HASH_BYTES], struct umb_error *error)
+{
+    char settings[UMBJ_SETTINGS_SIZE];
+    enum umb_status status = umbj_settings_text(manifest, settings, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const struct umbj_bundle_file **sorted = sort_files(manifest);
+    char *text = sorted != NULL ? key_text(manifest, sorted, settings) : NULL;
+    if (text != NULL) {
+        umbs_sha256_bytes(text, strlen(text), key);
+    } else {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
+    }
+    free(text);
+    free(sorted);
+    return status;
+}

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_BUNDLE_H
+#define UMBRAGE_SERVER_JOBS_BUNDLE_H
+/*
+ * A submission: a scene's files with their sizes and hashes, and the settings of its bake.
+ *
+ * Everything in a manifest comes from a stranger. Paths are relative, of plain components, without
+ * "." and "..", so that a bundle unpacked into an empty folder of our own stays in it. Settings are
+ * the options of umbrage-bake that decide what an asset holds, by an allow-list; they reach the
+ * program as one word each, so no value can become another option.
+ *
+ * The key is the SHA-256 of all of that and of the program's version: equal keys give equal assets.
+ */
+#include "jobs/job.h"
+
+#define UMBJ_FILES_MAX      4096
+#define UMBJ_PATH_MAX       512 /* bytes of a file's path */
+#define UMBJ_PATH_DEPTH_MAX 16  /* components */
+#define UMBJ_SETTINGS_MAX   512
+#define UMBJ_VALUE_MAX      128 /* bytes of a setting's value */
+
+struct umbj_bundle_file {
+    const char *path; /* UTF-8 */
+    uint64_t size;
+    uint8_t sha256[UMBJ_HASH_BYTES];
+};
+
+struct umbj_setting {
+    const char *name;  /* "resolution" */
+    const char *value; /* "" for an option without one */
+};
+
+struct umbj_manifest {
+    const char *scene; /* one of the files */
+    const struct umbj_bundle_file *files;
+    size_t file_count;
+    const struct umbj_setting *settings; /* in the order of a command line */
+    size_t setting_count;
+    int priority;
+};
+
+/* Checks a manifest. max_bytes: of all files together. Out: bytes: their sum.
+ * Fails: E_ARGUMENT naming field, value and limit; E_TOO_LARGE (--max-bundle). */
+UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest,
+                                                uint64_t max_bytes, uint64_t *bytes,
+                                                struct umb_error *error);
+
+/* The key of a checked manifest; files in any order give the same. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
+                                              uint8_t key[UMBJ_HASH_BYTES],
+                                              struct umb_error *error);
+
+/* Writes the settings of a checked manifest as lines of --name=value. Fails: E_ARGUMENT (they are
+ * longer than UMBJ_SETTINGS_SIZE). */
+UMB_CHECKED enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,
+                                               char text[UMBJ_SETTINGS_SIZE],
+                                               struct umb_error *error);
+
+#endif

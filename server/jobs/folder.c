@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Folders below the jobs folder, see folder.h. */
+#include "jobs/folder.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+void umbj_names_finish(struct umbj_names *names)
+{
+    for (size_t i = 0; i < names->count; i++) {
+        free(names->list[i]);
+    }
+    free(names->list);
+    *names = (struct umbj_names){NULL, 0};
+}
+
+static int add_name(struct umbj_names *names, const char *name)
+{
+    char **list = realloc(names->list, (names->count + 1) * sizeof *list);
+    if (list == NULL) {
+        return -1;
+    }
+    names->list = list;
+    list[names->count] = strdup(name);
+    return list[names->count] != NULL ? (int)(names->count++, 0) : -1;
+}
+
+int umbj_names_read(int folder, struct umbj_names *names)
+{
+    *names = (struct umbj_names){NULL, 0};
+    int copy = openat(folder, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *listing = copy >= 0 ? fdopendir(copy) : NULL;
+    if (listing == NULL) {
+        if (copy >= 0) {
+            close(copy);
+        }
+        return -1;
+    }
+    int failed = 0;
+    const struct dirent *entry;
+    while (!failed && (entry = readdir(listing)) != NULL) {
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) {
+            failed = add_name(names, entry->d_name);
+        }
+    }
+    closedir(listing);
+    if (failed) {
+        umbj_names_finish(names);
+    }
+    return failed;
+}
+
+void umbj_folder_empty(int folder)
+{
+    struct umbj_names names;
+    if (umbj_names_read(folder, &names) == 0) {
+        for (size_t i = 0; i < names.count; i++) {
+            umbj_folder_remove(folder, names.list[i]);
+        }
+        umbj_names_finish(&names);
+    }
+}
+
+void umbj_folder_remove(int parent, const char *name)
+{
+    if (unlinkat(parent, name, 0) == 0 || (errno != EISDIR && errno != EPERM)) {
+        return;
+    }
+    int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (folder >= 0) {
+        umbj_folder_empty(folder);
+        close(folder);
+    }
+    (void)unlinkat(parent, name, AT_REMOVEDIR); /* what stays is swept at the next start */
+}
+
+enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)
+{
+    if (mkdirat(parent, name, 0700) != 0 && errno != EEXIST) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
+                              "cannot create the folder '%.100s'", name);
+    }
+    return UMB_OK;
+}

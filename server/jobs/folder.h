@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_FOLDER_H
+#define UMBRAGE_SERVER_JOBS_FOLDER_H
+/* Folders below the jobs folder: listed, made, removed. No link is ever followed. */
+#include <stddef.h>
+#include "umbrage/status.h"
+
+/* Names in a folder, without "." and "..". */
+struct umbj_names {
+    char **list;
+    size_t count;
+};
+
+/* Reads the names; returns 0, or -1 and nothing is held. In: folder: a descriptor that stays open.
+ */
+int umbj_names_read(int folder, struct umbj_names *names);
+void umbj_names_finish(struct umbj_names *names);
+
+/* Removes a file, or a folder with all that is in it. Missing is fine. Source: the bundle's paths
+ * have at most UMBJ_PATH_DEPTH_MAX components, so that the recursion is as deep. */
+void umbj_folder_remove(int parent, const char *name);
+
+/* Removes everything in a folder but not itself. */
+void umbj_folder_empty(int folder);
+
+/* Makes a folder, for us alone, if it is not there. Fails: E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error);
+
+#endif

@@ -1,0 +1,392 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The job service's thread: requests, reports, leases, claims.
+ *
+ * Invariants: only this thread touches the table and the executor; a job of the table that is
+ * running has a try with the executor; an asset's file is named, and removed, here only.
+ */
+#define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
+#include "jobs/service_internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "jobs/folder.h"
+#include "jobs/local_executor.h"
+#include "jobs/staging.h"
+
+#define LOOK_MS  1000    /* longest sleep: leases and pauses are looked at so often */
+#define SERVE_MS 20      /* between looks whether the daemon serves what was published */
+#define PRUNE_MS 3600000 /* between removals of old jobs */
+
+int64_t umbj__unix_ms(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
+}
+
+int64_t umbj__steady_ms(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
+}
+
+void umbj_service_post(struct umbj_service *service, struct umbj_request *request)
+{
+    request->next = NULL;
+    request->skipped = 0;
+    pthread_mutex_lock(&service->mutex);
+    if (service->last != NULL) {
+        service->last->next = request;
+    } else {
+        service->first = request;
+    }
+    service->last = request;
+    pthread_cond_signal(&service->wake);
+    pthread_mutex_unlock(&service->mutex);
+}
+
+/* A report on its way to the service's thread. */
+struct report_request {
+    struct umbj_request request;
+    struct umbj_report report;
+};
+
+static void run_report(struct umbj_request *request, struct umbj_service *service)
+{
+    struct report_request *message = (struct report_request *)request;
+    umbj__take_report(service, &message->report);
+}
+
+static void end_report(struct umbj_request *request)
+{
+    struct report_request *message = (struct report_request *)request;
+    if (request->skipped) {
+        umbs_file_abandon(&message->report.staged);
+    }
+    free(message);
+}
+
+/* From the executor's threads. Without memory a step is not told; an end is noticed by its lease.
+ */
+static void on_report(void *user, const struct umbj_report *report)
+{
+    struct report_request *message = malloc(sizeof *message);
+    if (message == NULL) {
+        struct umbs_file staged = report->staged;
+        umbs_file_abandon(&staged);
+        return;
+    }
+    message->request = (struct umbj_request){.run = run_report, .done = end_report};
+    message->report = *report;
+    umbj_service_post(user, &message->request);
+}
+
+/* Leases that are over: their tries are ended, and the jobs lost. */
+static void expire(struct umbj_service *service)
+{
+    struct umbj_job job;
+    struct umb_error error;
+    while (umbj_table_expired(service->table, umbj__unix_ms(), &job, &error) == UMB_OK) {
+        service->executor->cancel(service->executor, job.id, job.epoch);
+        if (umbj__fail_try(service, &job, UMBJ_LOST, "it gave no sign of life for the whole lease",
+                           &error) != UMB_OK) {
+            umbj__log_error(service, "job_expire", &error);
+            return;
+        }
+    }
+}
+
+static void claim(struct umbj_service *service)
+{
+    struct umbj_job job;
+    struct umb_error error = {0};
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK && service->executor->free_slots(service->executor) > 0) {
+        status = umbj_table_claim(service->table, umbj__unix_ms(), &job, &error);
+        if (status == UMB_OK) {
+            umbj__begin_try(service, &job);
+        }
+    }
+    if (status != UMB_OK && status != UMB_E_NOT_FOUND) {
+        umbj__log_error(service, "job_claim", &error);
+    }
+}
+
+/* How long to sleep: until something may start, or be looked at. */
+static int64_t sleep_ms(struct umbj_service *service)
+{
+    struct umb_error error;
+    const int64_t now = umbj__unix_ms();
+    int64_t when = INT64_MAX;
+    if (service->loading_count > 0) {
+        return SERVE_MS;
+    }
+    if (service->executor->free_slots(service->executor) == 0 ||
+        umbj_table_next_start(service->table, now, &when, &error) != UMB_OK ||
+        when > now + LOOK_MS) {
+        return LOOK_MS;
+    }
+    return when > now ? when - now : 1;
+}
+
+static void housekeeping(struct umbj_service *service)
+{
+    struct umb_error error;
+    const int64_t now = umbj__steady_ms();
+    umbj__look_at_loading(service);
+    if (now >= service->look_at_ms) {
+        service->look_at_ms = now + LOOK_MS;
+        expire(service);
+    }
+    claim(service);
+    if (now >= service->prune_at_ms) {
+        service->prune_at_ms = now + PRUNE_MS;
+        const int64_t before = umbj__unix_ms() - (int64_t)service->options.keep_ms;
+        if (umbj_table_prune(service->table, before, &error) != UMB_OK) {
+            umbj__log_error(service, "job_prune", &error);
+        }
+        umbj__recount(service);
+    }
+}
+
+/* Takes the next request; sleeps if there is none. NULL: woken, or it ends. */
+static struct umbj_request *next_request(struct umbj_service *service, int64_t wait_ms)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += wait_ms / 1000;
+    until.tv_nsec += wait_ms % 1000 * 1000000;
+    if (until.tv_nsec >= 1000000000) {
+        until.tv_sec++;
+        until.tv_nsec -= 1000000000;
+    }
+    pthread_mutex_lock(&service->mutex);
+    if (service->first == NULL && !service->closing && wait_ms > 0) {
+        pthread_cond_timedwait(&service->wake, &service->mutex, &until);
+    }
+    struct umbj_request *request = service->first;
+    if (request != NULL) {
+        service->first = request->next;
+        service->last = service->first != NULL ? service->last : NULL;
+    }
+    pthread_mutex_unlock(&service->mutex);
+    return request;
+}
+
+static int is_closing(struct umbj_service *service)
+{
+    pthread_mutex_lock(&service->mutex);
+    const int closing = service->closing;
+    pthread_mutex_unlock(&service->mutex);
+    return closing;
+}
+
+static void *run_service(void *user)
+{
+    struct umbj_service *service = user;
+    while (!is_closing(service)) {
+        struct umbj_request *request = next_request(service, sleep_ms(service));
+        while (request != NULL && !is_closing(service)) {
+            request->run(request, service);
+            request->done(request);
+            request = next_request(service, 0);
+        }
+        if (request != NULL) {
+            request->skipped = 1;
+            request->done(request);
+            break;
+        }
+        housekeeping(service);
+    }
+    return NULL;
+}
+
+static enum umb_status open_folder(struct umbj_service *service, struct umb_error *error)
+{
+    static const char *const names[] = {"incoming", "bundles", "work", "tiles"};
+    const char *path = service->options.folder;
+    enum umb_status status = umbj_folder_make(AT_FDCWD, path, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    service->folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    service->lock = service->folder >= 0 ? openat(service->folder, "lock",
+                                                  O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0600)
+                                         : -1;
+    if (service->lock < 0) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "--jobs: cannot use '%.150s'",
+                              path);
+    }
+    if (flock(service->lock, LOCK_EX | LOCK_NB) != 0) {
+        return umb_fail_errno(error, UMB_E_BUSY, errno,
+                              "--jobs: '%.150s' belongs to another daemon", path);
+    }
+    for (size_t i = 0; status == UMB_OK && i < sizeof names / sizeof names[0]; i++) {
+        status = umbj_folder_make(service->folder, names[i], error);
+    }
+    return status;
+}
+
+/* Workers run in other folders than the daemon. */
+static enum umb_status make_absolute(const char **path, char absolute[4096],
+                                     struct umb_error *error)
+{
+    char *found = realpath(*path, NULL);
+    const size_t length = found != NULL ? strlen(found) : 0;
+    if (length == 0 || length > 3800) {
+        free(found);
+        return umb_fail_errno(error, UMB_E_NO_INPUT, found == NULL ? errno : ENAMETOOLONG,
+                              "the folder '%.150s'", *path);
+    }
+    memcpy(absolute, found, length + 1);
+    *path = absolute;
+    free(found);
+    return UMB_OK;
+}
+
+static enum umb_status open_table(struct umbj_service *service, struct umb_error *error)
+{
+    char path[4200];
+    snprintf(path, sizeof path, "%s/jobs.db", service->options.folder);
+    return umbj_table_open(path, &service->options.limits, &service->table, error);
+}
+
+static enum umb_status make_executor(struct umbj_service *service, struct umb_error *error)
+{
+    const struct umbj_service_options *options = &service->options;
+    const struct umbj_local_options local = {
+        .program = options->program,
+        .store = options->store,
+        .workers = options->workers,
+        .threads = options->threads,
+        .memory_bytes = options->memory_bytes,
+        .cache_bytes = options->cache_bytes,
+        .timeout_ms = options->timeout_ms,
+        .max_output_bytes = options->max_output_bytes,
+        .report = on_report,
+        .user = service,
+    };
+    return umbj_local_executor_create(&local, &service->executor, error);
+}
+
+static enum umb_status start_thread(struct umbj_service *service, struct umb_error *error)
+{
+    int code = pthread_create(&service->thread, NULL, run_service, service);
+    if (code != 0) {
+        return umb_fail_errno(error, UMB_E_LIMIT, code, "no thread for the jobs");
+    }
+    service->running = 1;
+    return UMB_OK;
+}
+
+enum umb_status umbj_service_create(const struct umbj_service_options *options,
+                                    struct umbj_service **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umbj_service *service = calloc(1, sizeof *service);
+    if (service == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs");
+    }
+    pthread_condattr_t monotonic;
+    service->options = *options;
+    service->folder = service->lock = -1;
+    pthread_mutex_init(&service->mutex, NULL);
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&service->wake, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    enum umb_status status = umbj__find_program(service, error);
+    if (status == UMB_OK) {
+        status = umbj_board_create(&service->board, error);
+    }
+    if (status == UMB_OK) {
+        status = open_folder(service, error);
+    }
+    if (status == UMB_OK) {
+        status = make_absolute(&service->options.folder, service->folder_path, error);
+    }
+    if (status == UMB_OK) {
+        status = make_absolute(&service->options.store, service->store_path, error);
+    }
+    if (status == UMB_OK) {
+        status = open_table(service, error);
+    }
+    if (status == UMB_OK) {
+        status = umbj__recover(service, error);
+    }
+    if (status == UMB_OK) {
+        status = make_executor(service, error);
+    }
+    if (status == UMB_OK) {
+        status = start_thread(service, error);
+    }
+    if (status != UMB_OK) {
+        umbj_service_destroy(service);
+        return status;
+    }
+    *out = service;
+    return UMB_OK;
+}
+
+void umbj_service_destroy(struct umbj_service *service)
+{
+    struct umb_error error;
+    if (service == NULL) {
+        return;
+    }
+    if (service->running) {
+        pthread_mutex_lock(&service->mutex);
+        service->closing = 1;
+        pthread_cond_signal(&service->wake);
+        pthread_mutex_unlock(&service->mutex);
+        pthread_join(service->thread, NULL);
+    }
+    if (service->executor != NULL) {
+        service->executor->destroy(service->executor);
+    }
+    struct umbj_request *request = next_request(service, 0);
+    while (request != NULL) {
+        request->skipped = 1;
+        request->done(request);
+        request = next_request(service, 0);
+    }
+    if (service->running && umbj_table_release(service->table, &error) != UMB_OK) {
+        umbj__log_error(service, "job_release", &error); /* then they are lost ones */
+    }
+    umbj_table_close(service->table);
+    umbj_board_destroy(service->board);
+    free(service->loading);
+    if (service->lock >= 0) {
+        close(service->lock);
+    }
+    if (service->folder >= 0) {
+        close(service->folder);
+    }
+    pthread_cond_destroy(&service->wake);
+    pthread_mutex_destroy(&service->mutex);
+    free(service);
+}
+
+struct umbj_board *umbj_service_board(struct umbj_service *service)
+{
+    return service->board;
+}
+
+struct umbj_counters *umbj_service_counters(struct umbj_service *service)
+{
+    return &service->counters;
+}
+
+const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service)
+{
+    return &service->options;
+}

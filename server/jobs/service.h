@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_SERVICE_H
+#define UMBRAGE_SERVER_JOBS_SERVICE_H
+/*
+ * The job service: one thread that owns the table, the bundles and the executor, and the requests
+ * that others send it.
+ *
+ *     umbj_service_create(&options, &service, &error);      recovers what an earlier daemon left
+ *     umbj_service_post(service, &request);                 request.run is called on its thread
+ *     umbj_service_destroy(service);                        workers are ended; their jobs go on
+ *                                                           with the next daemon
+ *
+ * Publishing an asset: the worker's file is staged (staging.h); then, on this thread, the asset is
+ * announced in the table, the file gets its name, and job, asset and owner are noted in one
+ * transaction that the epoch fences. A crash between any two steps leaves at most an announced file
+ * without an owner, which the next start removes; the job itself is tried again and gives the same
+ * bytes. Watchers are told that a job is done when the daemon serves the asset.
+ *
+ * One daemon a jobs folder: a lock file says so.
+ */
+#include <stdatomic.h>
+#include "common/log.h"
+#include "jobs/board.h"
+#include "jobs/bundle.h"
+#include "jobs/job_table.h"
+#include "jobs/upload.h"
+
+struct umbj_service; /* opaque */
+
+struct umbj_service_options {
+    const char *folder;  /* of the jobs; made if it is not there */
+    const char *store;   /* folder for what is baked */
+    const char *program; /* umbrage-bake; NULL = beside the running program */
+    uint32_t workers;    /* bakes at once */
+    uint32_t threads;    /* of one bake */
+    uint64_t memory_bytes, timeout_ms, max_output_bytes; /* of one bake */
+    uint64_t cache_bytes;      /* of one owner's tiles; 0 = none are kept */
+    uint64_t max_bundle_bytes; /* of one submission */
+    uint64_t keep_ms;          /* jobs that are over */
+    struct umbj_limits limits;
+    const struct umbs_log *log;
+    /* The store has a new file, or one less: called on the service's thread. */
+    void (*store_changed)(void *user);
+    /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
+    int (*is_served)(void *user, const uint8_t *asset);
+    void *user;
+};
+
+/* What the metrics tell; each only grows but for the states. */
+struct umbj_counters {
+    atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
+    atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
+    atomic_uint_fast64_t submitted, finished;
+    atomic_uint_fast64_t bake_ms; /* of all that finished */
+};
+
+/* Work for the service's thread. run is called there, then done; the request is the sender's until
+ * run, and again from done on. At the end of the service done is called without run: `skipped`. */
+struct umbj_request {
+    struct umbj_request *next;
+    void (*run)(struct umbj_request *request, struct umbj_service *service);
+    void (*done)(struct umbj_request *request);
+    int skipped;
+};
+
+/* Fails: E_CANNOT_CREATE, E_BUSY (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake),
+ * what umbj_table_open fails with. */
+UMB_CHECKED enum umb_status umbj_service_create(const struct umbj_service_options *options,
+                                                struct umbj_service **out, struct umb_error *error);
+
+/* Ends the workers, answers what waits, joins the thread. NULL is allowed. */
+void umbj_service_destroy(struct umbj_service *service);
+
+/* Any thread, at once. */
+void umbj_service_post(struct umbj_service *service, struct umbj_request *request);
+
+/* Any thread. */
+struct umbj_board *umbj_service_board(struct umbj_service *service);
+struct umbj_counters *umbj_service_counters(struct umbj_service *service);
+const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service);
+
+/* --- on the service's thread, in umbj_request.run --- */
+
+/*
+ * Looks at a submission: a job that stands for it already, or an upload to be filled.
+ *
+ * Out:   job: the existing job, or an empty id and *upload.
+ * Fails: as umbj_manifest_check, umbj_table_check_quota, umbj_upload_begin.
+ */
+UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
+                                                const struct umbj_manifest *manifest,
+                                                struct umbj_job *job, struct umbj_upload **upload,
+                                                struct umb_error *error);
+
+/* Makes the job of an upload whose bytes are there. Fails: as umbj_upload_accept,
+ * umbj_table_submit. */
+UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
+                                                const struct umbj_manifest *manifest,
+                                                struct umbj_upload *upload, struct umbj_job *job,
+                                                struct umb_error *error);
+
+/* Puts a job on the board if it is not there. Fails: E_NOT_FOUND. owner: NULL = anybody's. */
+UMB_CHECKED enum umb_status umbj_service_show(struct umbj_service *service, const char *id,
+                                              const char *owner, struct umb_error *error);
+
+UMB_CHECKED enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id,
+                                                const char *owner, struct umbj_job *job,
+                                                struct umb_error *error);
+
+UMB_CHECKED enum umb_status umbj_service_list(struct umbj_service *service, const char *owner,
+                                              int64_t most, struct umbj_job **jobs, size_t *count,
+                                              struct umb_error *error);
+
+/* Opens the packed file of an asset that a job of the owner made. Fails: E_NOT_FOUND, E_IO. */
+UMB_CHECKED enum umb_status umbj_service_open_asset(struct umbj_service *service,
+                                                    const uint8_t *asset, const char *owner,
+                                                    int *fd, uint64_t *bytes,
+                                                    struct umb_error *error);
+
+/* Takes an asset from an owner; the last one takes the file along. Fails: E_NOT_FOUND, E_IO. */
+UMB_CHECKED enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
+                                                const char *owner, struct umb_error *error);
+
+#endif

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
+#define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
+/* Between the files of the job service: service.c is the thread, service_tries.c what tries do to
+ * jobs, service_requests.c what owners ask for. Everything on the service's thread. */
+#include <pthread.h>
+#include "jobs/service.h"
+
+/* A job that is done and whose asset the daemon does not serve yet. */
+struct umbj_loading {
+    struct umbj_job job;
+    int64_t since_ms;
+};
+
+struct umbj_service {
+    struct umbj_service_options options;
+    char program[4096];
+    char folder_path[4096], store_path[4096]; /* absolute: workers run elsewhere */
+    int folder, lock;                         /* descriptors */
+    struct umbj_table *table;
+    struct umbj_board *board;
+    struct umbj_executor *executor;
+    struct umbj_counters counters;
+    struct umbj_loading *loading;
+    size_t loading_count, loading_capacity;
+    int64_t look_at_ms, prune_at_ms;
+
+    pthread_t thread;
+    int running;
+    pthread_mutex_t mutex;
+    pthread_cond_t wake;
+    struct umbj_request *first, *last; /* under mutex, closing too */
+    int closing;
+};
+
+int64_t umbj__unix_ms(void);
+int64_t umbj__steady_ms(void);
+
+/* Finds umbrage-bake. Fails: E_UNAVAILABLE. */
+UMB_CHECKED enum umb_status umbj__find_program(struct umbj_service *service,
+                                               struct umb_error *error);
+
+/* Before the thread: lost jobs are queued again; bundles, folders and assets of nobody removed. */
+UMB_CHECKED enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error);
+
+/* Hands a claimed job to the executor; what fails then is a failed try. */
+void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job);
+
+/* Takes a report; takes its staged file over. */
+void umbj__take_report(struct umbj_service *service, struct umbj_report *report);
+
+/* Notes a failed try: table, board, log, bundle. *job is then as the table has it. */
+UMB_CHECKED enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *job,
+                                           enum umbj_failure failure, const char *cause,
+                                           struct umb_error *error);
+
+/* Tells those who wait for assets that the daemon serves by now. */
+void umbj__look_at_loading(struct umbj_service *service);
+
+/* Removes files of assets without owners. */
+void umbj__collect_assets(struct umbj_service *service);
+
+/* Removes a key's bundle if no unfinished job needs it. */
+void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
+
+/* A job's state changed: board, counters, one line in the log. */
+void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
+
+/* Counts the states anew. */
+void umbj__recount(struct umbj_service *service);
+
+void umbj__log_error(const struct umbj_service *service, const char *event,
+                     const struct umb_error *error);
+
+#endif

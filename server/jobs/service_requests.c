@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What owners ask of the job service. */
+#include "jobs/service_internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "jobs/staging.h"
+
+/* An asset whose file somebody removed is nobody's any more: else it could never be made again. */
+static void disown_missing(struct umbj_service *service, const struct umbj_job *job)
+{
+    char path[4200];
+    struct umb_error error;
+    umbj_asset_path(service->options.store, job->asset, path, sizeof path);
+    if (job->state == UMBJ_DONE && access(path, F_OK) != 0 && errno == ENOENT) {
+        if (umbj_table_disown(service->table, job->asset, NULL, &error) == UMB_OK) {
+            umbj__collect_assets(service);
+        }
+    }
+}
+
+enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
+                                    const struct umbj_manifest *manifest, struct umbj_job *job,
+                                    struct umbj_upload **upload, struct umb_error *error)
+{
+    uint8_t key[UMBJ_HASH_BYTES];
+    uint64_t bytes = 0;
+    *upload = NULL;
+    memset(job, 0, sizeof *job);
+    enum umb_status status =
+        umbj_manifest_check(manifest, service->options.max_bundle_bytes, &bytes, error);
+    if (status == UMB_OK) {
+        status = umbj_manifest_key(manifest, key, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umbj_table_find_same(service->table, owner, key, job, error);
+    if (status == UMB_OK) {
+        disown_missing(service, job);
+        status = umbj_table_find_same(service->table, owner, key, job, error);
+    }
+    if (status == UMB_OK) {
+        return umbj_service_show(service, job->id, owner, error);
+    }
+    if (status == UMB_E_NOT_FOUND) {
+        memset(job, 0, sizeof *job);
+        status = umbj_table_check_quota(service->table, owner, (int64_t)bytes, error);
+    }
+    return status == UMB_OK
+               ? umbj_upload_begin(service->options.folder, manifest, key, upload, error)
+               : status;
+}
+
+enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
+                                    const struct umbj_manifest *manifest,
+                                    struct umbj_upload *upload, struct umbj_job *job,
+                                    struct umb_error *error)
+{
+    uint8_t key[UMBJ_HASH_BYTES];
+    char settings[UMBJ_SETTINGS_SIZE];
+    uint64_t bytes = 0;
+    int is_new = 0;
+    enum umb_status status =
+        umbj_manifest_check(manifest, service->options.max_bundle_bytes, &bytes, error);
+    if (status == UMB_OK) {
+        status = umbj_manifest_key(manifest, key, error);
+    }
+    if (status == UMB_OK) {
+        status = umbj_settings_text(manifest, settings, error);
+    }
+    if (status == UMB_OK) {
+        status = umbj_upload_accept(upload, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const struct umbj_submission submission = {
+        .owner = owner,
+        .key = key,
+        .priority = manifest->priority,
+        .scene = manifest->scene,
+        .settings = settings,
+        .bundle_bytes = (int64_t)bytes,
+    };
+    status = umbj_table_submit(service->table, &submission, umbj__unix_ms(), job, &is_new, error);
+    if (status != UMB_OK) {
+        umbj__drop_bundle(service, key);
+    } else if (is_new) {
+        atomic_fetch_add(&service->counters.submitted, 1);
+        umbj__changed(service, job, 0);
+    }
+    return status;
+}
+
+enum umb_status umbj_service_show(struct umbj_service *service, const char *id, const char *owner,
+                                  struct umb_error *error)
+{
+    struct umbj_job job;
+    enum umb_status status = umbj_table_get(service->table, id, owner, &job, error);
+    if (status == UMB_OK && umbj_board_version(service->board, id) == 0) {
+        umbj_board_set(service->board, &job, 0);
+    }
+    return status;
+}
+
+enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id, const char *owner,
+                                    struct umbj_job *job, struct umb_error *error)
+{
+    struct umbj_job before;
+    enum umb_status status = umbj_table_get(service->table, id, owner, &before, error);
+    if (status == UMB_OK) {
+        status = umbj_table_cancel(service->table, id, owner, umbj__unix_ms(), job, error);
+    }
+    if (status == UMB_OK && !umbj_is_over(before.state)) {
+        if (before.state == UMBJ_RUNNING) {
+            service->executor->cancel(service->executor, before.id, before.epoch);
+        }
+        atomic_fetch_add(&service->counters.failures[UMBJ_CANCELLED], 1);
+        umbj__changed(service, job, 0);
+        umbj__drop_bundle(service, job->key);
+    }
+    return status;
+}
+
+enum umb_status umbj_service_list(struct umbj_service *service, const char *owner, int64_t most,
+                                  struct umbj_job **jobs, size_t *count, struct umb_error *error)
+{
+    return umbj_table_list(service->table, owner, most, jobs, count, error);
+}
+
+/* Fails as if the asset were not there if it is not the owner's. */
+static enum umb_status check_owned(struct umbj_service *service, const uint8_t *asset,
+                                   const char *owner, struct umb_error *error)
+{
+    int known = 0, owned = 0;
+    enum umb_status status = umbj_table_asset(service->table, asset, owner, &known, &owned, error);
+    if (status == UMB_OK && !owned) {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "asset: no job of yours made it");
+    }
+    return status;
+}
+
+enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint8_t *asset,
+                                        const char *owner, int *fd, uint64_t *bytes,
+                                        struct umb_error *error)
+{
+    char path[4200];
+    struct stat info;
+    *fd = -1;
+    *bytes = 0;
+    enum umb_status status = check_owned(service, asset, owner, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    umbj_asset_path(service->options.store, asset, path, sizeof path);
+    *fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (*fd < 0 || fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        const int cause = errno;
+        if (*fd >= 0) {
+            close(*fd);
+            *fd = -1;
+        }
+        return umb_fail_errno(error, cause == ENOENT ? UMB_E_NOT_FOUND : UMB_E_IO, cause,
+                              "asset: its file cannot be read");
+    }
+    *bytes = (uint64_t)info.st_size;
+    return UMB_OK;
+}
+
+enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
+                                    const char *owner, struct umb_error *error)
+{
+    enum umb_status status = umbj_table_disown(service->table, asset, owner, error);
+    if (status == UMB_OK) {
+        char id[UMB_ID_TEXT_SIZE], quoted[UMBS_LOG_QUOTE_SIZE];
+        umb_id_to_text(asset, id);
+        umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_disowned", "asset=%s owner=%s",
+                       id, owner != NULL ? umbs_log_quote(owner, quoted) : "all");
+        if (owner != NULL) {
+            umbj_board_disown(service->board, asset, owner);
+        }
+        umbj__collect_assets(service);
+    }
+    return status;
+}

@@ -1,0 +1,391 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What tries do to jobs: begun, reported on, published, failed; and what a start finds. */
+#include "jobs/service_internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "common/sha256.h"
+#include "jobs/folder.h"
+#include "jobs/staging.h"
+
+#define PATH_SIZE     4200
+#define SERVE_MOST_MS 600000 /* then a job is told as done all the same, with a warning */
+#define LEASE_PARTS   4      /* a lease is renewed when a quarter of it is over */
+
+void umbj__log_error(const struct umbj_service *service, const char *event,
+                     const struct umb_error *error)
+{
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    umbs_log_event(service->options.log, UMB_LOG_ERROR, event, "reason=%s",
+                   umbs_log_quote(error->message, quoted));
+}
+
+void umbj__recount(struct umbj_service *service)
+{
+    int64_t counts[UMBJ_STATE_COUNT];
+    struct umb_error error;
+    if (umbj_table_count(service->table, counts, &error) == UMB_OK) {
+        for (int i = 0; i < UMBJ_STATE_COUNT; i++) {
+            atomic_store(&service->counters.states[i], counts[i]);
+        }
+    }
+}
+
+void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading)
+{
+    char owner[UMBS_LOG_QUOTE_SIZE], cause[UMBS_LOG_QUOTE_SIZE], asset[UMB_ID_TEXT_SIZE] = "-";
+    umbj_board_set(service->board, job, loading);
+    umbj__recount(service);
+    if (job->has_asset) {
+        umb_id_to_text(job->asset, asset);
+    }
+    umbs_log_event(service->options.log, UMB_LOG_INFO, "job",
+                   "job=%s owner=%s state=%s epoch=%lld tries=%lld failure=%s cause=%s asset=%s",
+                   job->id, umbs_log_quote(job->owner, owner), umbj_state_name(job->state),
+                   (long long)job->epoch, (long long)job->tries, umbj_failure_name(job->failure),
+                   umbs_log_quote(job->cause, cause), asset);
+}
+
+void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
+{
+    int64_t users = 1;
+    struct umb_error error;
+    char id[UMB_ID_TEXT_SIZE];
+    if (umbj_table_bundle_users(service->table, key, &users, &error) != UMB_OK || users > 0) {
+        return;
+    }
+    umb_id_to_text(key, id);
+    int bundles = openat(service->folder, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (bundles >= 0) {
+        umbj_folder_remove(bundles, id);
+        close(bundles);
+    }
+}
+
+void umbj__collect_assets(struct umbj_service *service)
+{
+    uint8_t asset[UMBJ_HASH_BYTES];
+    char path[PATH_SIZE], id[UMB_ID_TEXT_SIZE];
+    struct umb_error error;
+    int removed = 0;
+    while (umbj_table_unowned(service->table, asset, &error) == UMB_OK) {
+        umbj_asset_path(service->options.store, asset, path, sizeof path);
+        if (unlink(path) != 0 && errno != ENOENT) {
+            (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot remove '%.200s'", path);
+            umbj__log_error(service, "asset_remove", &error);
+            break;
+        }
+        int folder = open(service->options.store, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+        if (folder >= 0) {
+            (void)fsync(folder); /* if it comes back with a crash, its row does too */
+            close(folder);
+        }
+        if (umbj_table_forget(service->table, asset, &error) != UMB_OK) {
+            umbj__log_error(service, "asset_forget", &error);
+            break;
+        }
+        umbj_board_disown(service->board, asset, NULL);
+        umb_id_to_text(asset, id);
+        umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_removed", "asset=%s", id);
+        removed = 1;
+    }
+    if (removed && service->options.store_changed != NULL) {
+        service->options.store_changed(service->options.user);
+    }
+}
+
+enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *job,
+                               enum umbj_failure failure, const char *cause,
+                               struct umb_error *error)
+{
+    enum umb_status status =
+        umbj_table_fail(service->table, job, failure, cause, umbj__unix_ms(), error);
+    if (status == UMB_OK) {
+        atomic_fetch_add(&service->counters.failures[failure], 1);
+        umbj__changed(service, job, 0);
+        if (umbj_is_over(job->state)) {
+            umbj__drop_bundle(service, job->key);
+        }
+    }
+    return status;
+}
+
+/* 1 if an earlier bake of the key is there to be shared. */
+static int find_known(struct umbj_service *service, const struct umbj_job *job,
+                      struct umbj_work *work)
+{
+    char path[PATH_SIZE];
+    struct umb_error error;
+    if (umbj_table_find_bake(service->table, job->key, work->known_asset, &work->known_ms,
+                             &error) != UMB_OK) {
+        return 0;
+    }
+    umbj_asset_path(service->options.store, work->known_asset, path, sizeof path);
+    return access(path, R_OK) == 0;
+}
+
+/* An owner's folder of tiles, made if need be: one for each, since a tile that is there already
+ * tells by its speed that somebody baked it. Returns path, or NULL: the bake then goes without. */
+static const char *cache_of(struct umbj_service *service, const char *owner, char path[PATH_SIZE])
+{
+    uint8_t hash[UMBJ_HASH_BYTES];
+    char id[UMB_ID_TEXT_SIZE], name[48];
+    struct umb_error error;
+    if (service->options.cache_bytes == 0) {
+        return NULL;
+    }
+    umbs_sha256_bytes(owner, strlen(owner), hash);
+    umb_id_to_text(hash, id);
+    snprintf(name, sizeof name, "tiles/%.32s", id);
+    if (umbj_folder_make(service->folder, name, &error) != UMB_OK) {
+        umbj__log_error(service, "tile_cache", &error);
+        return NULL;
+    }
+    snprintf(path, PATH_SIZE, "%s/%s", service->options.folder, name);
+    return path;
+}
+
+void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
+{
+    char key[UMB_ID_TEXT_SIZE], bundle[PATH_SIZE], folder[PATH_SIZE], cache[PATH_SIZE];
+    char scene[UMBJ_SCENE_SIZE], settings[UMBJ_SETTINGS_SIZE];
+    struct umbj_job failed = *job;
+    struct umb_error error = {0};
+    umb_id_to_text(job->key, key);
+    snprintf(bundle, sizeof bundle, "%s/bundles/%s", service->options.folder, key);
+    snprintf(folder, sizeof folder, "%s/work/%s.%lld", service->options.folder, job->id,
+             (long long)job->epoch);
+    struct umbj_work work = {.epoch = job->epoch,
+                             .bundle = bundle,
+                             .folder = folder,
+                             .scene = scene,
+                             .settings = settings,
+                             .cache = cache_of(service, job->owner, cache)};
+    memcpy(work.job, job->id, sizeof work.job);
+    work.is_known = find_known(service, job, &work);
+    umbj__changed(service, job, 0);
+    enum umb_status status = umbj_table_spec(service->table, job->id, scene, settings, &error);
+    if (status == UMB_OK) {
+        status = service->executor->start(service->executor, &work, &error);
+    }
+    if (status != UMB_OK &&
+        umbj__fail_try(service, &failed, UMBJ_TEMPORARY, error.message, &error) != UMB_OK) {
+        umbj__log_error(service, "job_start", &error); /* its lease will end */
+    }
+}
+
+static void wait_until_served(struct umbj_service *service, const struct umbj_job *job)
+{
+    if (service->loading_count == service->loading_capacity) {
+        size_t capacity = service->loading_capacity * 2 + 8;
+        struct umbj_loading *loading = realloc(service->loading, capacity * sizeof *loading);
+        if (loading == NULL) {
+            umbj__changed(service, job, 0); /* told as done a little early */
+            return;
+        }
+        service->loading = loading;
+        service->loading_capacity = capacity;
+    }
+    service->loading[service->loading_count++] =
+        (struct umbj_loading){.job = *job, .since_ms = umbj__steady_ms()};
+    umbj_board_set(service->board, job, 1);
+}
+
+void umbj__look_at_loading(struct umbj_service *service)
+{
+    const struct umbj_service_options *options = &service->options;
+    for (size_t i = 0; i < service->loading_count;) {
+        struct umbj_loading *loading = &service->loading[i];
+        int served =
+            options->is_served != NULL ? options->is_served(options->user, loading->job.asset) : 1;
+        if (served == 0 && umbj__steady_ms() - loading->since_ms > SERVE_MOST_MS) {
+            served = -1;
+        }
+        if (served != 0) {
+            if (served < 0) {
+                umbs_log_event(options->log, UMB_LOG_WARN, "job_not_served", "job=%s",
+                               loading->job.id);
+            }
+            umbj__changed(service, &loading->job, 0);
+            *loading = service->loading[--service->loading_count];
+        } else {
+            i++;
+        }
+    }
+}
+
+/* The steps of publishing, in the order that service.h argues. */
+static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
+                               struct umbj_report *report, struct umb_error *error)
+{
+    enum umb_status status = umbj_table_announce(service->table, report->asset, error);
+    if (status == UMB_OK && report->staged.temporary != NULL) {
+        status = umbs_file_commit(&report->staged, error);
+    }
+    if (status == UMB_OK) {
+        status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,
+                                   umbj__unix_ms(), error);
+    }
+    return status == UMB_OK ? umbj_table_get(service->table, job->id, NULL, job, error) : status;
+}
+
+static void take_end(struct umbj_service *service, struct umbj_job *job, struct umbj_report *report)
+{
+    struct umb_error error = {0};
+    enum umb_status status;
+    if (report->failure == UMBJ_NO_FAILURE) {
+        status = publish(service, job, report, &error);
+        if (status == UMB_OK) {
+            umbj_board_own(service->board, job->asset, job->owner);
+            atomic_fetch_add(&service->counters.finished, 1);
+            atomic_fetch_add(&service->counters.bake_ms, (uint64_t)report->bake_ms);
+            wait_until_served(service, job);
+            if (service->options.store_changed != NULL) {
+                service->options.store_changed(service->options.user);
+            }
+            umbj__drop_bundle(service, job->key);
+        } else if (status != UMB_E_STATE) {
+            struct umb_error cause = error;
+            status = umbj__fail_try(service, job, UMBJ_IO, cause.message, &error);
+        }
+        umbj__collect_assets(service); /* what a late or failed publish left */
+    } else {
+        status = umbj__fail_try(service, job, report->failure, report->text, &error);
+    }
+    if (status != UMB_OK && status != UMB_E_STATE) {
+        umbj__log_error(service, "job_end", &error); /* its lease will end */
+    }
+}
+
+void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
+{
+    struct umbj_job job;
+    struct umb_error error = {0};
+    enum umb_status status = umbj_table_get(service->table, report->job, NULL, &job, &error);
+    const int counts = status == UMB_OK && job.state == UMBJ_RUNNING && job.epoch == report->epoch;
+    if (counts && report->kind == UMBJ_REPORT_ENDED) {
+        take_end(service, &job, report);
+    } else if (counts) {
+        const int64_t lease = service->options.limits.lease_ms;
+        umbj_board_report(service->board, report, umbj__steady_ms());
+        if (job.lease_until_ms - umbj__unix_ms() < lease - lease / LEASE_PARTS) {
+            status = umbj_table_renew(service->table, job.id, job.epoch, umbj__unix_ms(), &error);
+        }
+    } else if (report->kind == UMBJ_REPORT_ENDED) {
+        umbs_log_event(service->options.log, UMB_LOG_INFO, "job_late", "job=%s epoch=%lld now=%lld",
+                       report->job, (long long)report->epoch, (long long)job.epoch);
+    }
+    umbs_file_abandon(&report->staged); /* harmless if it was committed */
+    if (status != UMB_OK && status != UMB_E_NOT_FOUND) {
+        umbj__log_error(service, "job_report", &error);
+    }
+}
+
+enum umb_status umbj__find_program(struct umbj_service *service, struct umb_error *error)
+{
+    static const char name[] = "/umbrage-bake";
+    if (service->options.program == NULL) {
+        ssize_t length = readlink("/proc/self/exe", service->program, sizeof service->program);
+        char *slash = NULL;
+        if (length > 0 && (size_t)length < sizeof service->program) {
+            service->program[length] = '\0';
+            slash = strrchr(service->program, '/');
+        }
+        if (slash == NULL ||
+            (size_t)(slash - service->program) + sizeof name > sizeof service->program) {
+            return umb_fail(error, UMB_E_UNAVAILABLE,
+                            "--bake-program: cannot tell where umbrage-bake lies");
+        }
+        memcpy(slash, name, sizeof name);
+        service->options.program = service->program;
+    }
+    if (access(service->options.program, X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
+                              service->options.program);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status take_owned(void *user, const uint8_t *asset, const char *owner)
+{
+    umbj_board_own(user, asset, owner);
+    return UMB_OK;
+}
+
+/* Removes bundles that no unfinished job needs. */
+static void sweep_bundles(struct umbj_service *service)
+{
+    struct umbj_names names;
+    int folder = openat(service->folder, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder < 0) {
+        return;
+    }
+    if (umbj_names_read(folder, &names) == 0) {
+        for (size_t i = 0; i < names.count; i++) {
+            uint8_t key[UMBJ_HASH_BYTES];
+            if (umb_id_from_text(names.list[i], key)) {
+                umbj__drop_bundle(service, key);
+            } else {
+                umbj_folder_remove(folder, names.list[i]);
+            }
+        }
+        umbj_names_finish(&names);
+    }
+    close(folder);
+}
+
+static void empty_folder(struct umbj_service *service, const char *name)
+{
+    int folder = openat(service->folder, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder >= 0) {
+        umbj_folder_empty(folder);
+        close(folder);
+    }
+}
+
+/* Temporaries of assets that an earlier daemon was staging: nobody else's are named like this. */
+static void sweep_staged(struct umbj_service *service)
+{
+    struct umbj_names names;
+    int store = open(service->options.store, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (store < 0) {
+        return;
+    }
+    if (umbj_names_read(store, &names) == 0) {
+        for (size_t i = 0; i < names.count; i++) {
+            const char *name = names.list[i], *id = strncmp(name, ".tmp.", 5) == 0 ? name + 5 : "";
+            if (strspn(id, "0123456789abcdef") == UMB_ID_TEXT_SIZE - 1) {
+                (void)unlinkat(store, name, 0);
+            }
+        }
+        umbj_names_finish(&names);
+    }
+    close(store);
+}
+
+enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)
+{
+    int64_t lost = 0;
+    enum umb_status status = umbj_table_recover(service->table, umbj__unix_ms(), &lost, error);
+    if (status == UMB_OK) {
+        status = umbj_table_owned(service->table, take_owned, service->board, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    empty_folder(service, "incoming");
+    empty_folder(service, "work");
+    sweep_bundles(service);
+    sweep_staged(service);
+    umbj__collect_assets(service);
+    umbj__recount(service);
+    atomic_fetch_add(&service->counters.failures[UMBJ_LOST], (uint64_t)lost);
+    umbs_log_event(service->options.log, UMB_LOG_INFO, "jobs_open", "lost=%lld queued=%lld",
+                   (long long)lost, (long long)atomic_load(&service->counters.states[UMBJ_QUEUED]));
+    return UMB_OK;
+}

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files on their way into the store, see staging.h. */
+#include "jobs/staging.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "common/sha256.h"
+#include "format/head.h"
+
+struct block {
+    uint8_t *bytes;
+    size_t size;
+};
+
+/* Reads a regular file whole. */
+static enum umb_status read_file(const char *path, struct block *block, struct umb_error *error)
+{
+    struct stat info;
+    size_t have = 0;
+    int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        const int cause = errno;
+        if (fd >= 0) {
+            close(fd);
+        }
+        return umb_fail_errno(error, UMB_E_IO, cause, "cannot read the asset that was baked");
+    }
+    block->size = (size_t)info.st_size;
+    block->bytes = malloc(block->size + 1);
+    if (block->bytes == NULL) {
+        close(fd);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an asset of %zu bytes",
+                        block->size);
+    }
+    while (have < block->size) {
+        ssize_t count = read(fd, block->bytes + have, block->size - have);
+        if (count < 0 && errno == EINTR) {
+            continue;
+        }
+        if (count <= 0) {
+            close(fd);
+            return umb_fail(error, UMB_E_IO, "the asset that was baked ended at byte %zu of %zu",
+                            have, block->size);
+        }
+        have += (size_t)count;
+    }
+    close(fd);
+    return UMB_OK;
+}
+
+/* Reads a file and proves that it is a packed asset. */
+static enum umb_status read_proven(const char *path, struct block *block,
+                                   uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
+{
+    struct umb__head head;
+    enum umb_status status = read_file(path, block, error);
+    if (status == UMB_OK) {
+        status = umb__head_parse(block->bytes, block->size, &head, error);
+    }
+    if (status == UMB_OK) {
+        memcpy(asset, head.id, UMBJ_HASH_BYTES);
+        status = umb_pack_prove(block->bytes, block->size, 1, &umbs_sha256, error);
+    }
+    return status;
+}
+
+void umbj_asset_path(const char *store, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
+                     size_t size)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(asset, id);
+    (void)snprintf(path, size, "%s/%s.umb", store, id);
+}
+
+/* 1 if the store has a whole file of that id under our name for it. */
+static int is_there(const char *path, const uint8_t asset[UMBJ_HASH_BYTES])
+{
+    struct block block = {NULL, 0};
+    uint8_t found[UMBJ_HASH_BYTES];
+    struct umb_error ignored;
+    const int whole = access(path, F_OK) == 0 &&
+                      read_proven(path, &block, found, &ignored) == UMB_OK &&
+                      memcmp(found, asset, sizeof found) == 0;
+    free(block.bytes);
+    return whole;
+}
+
+/* Writes, syncs, reads again, compares. */
+static enum umb_status write_checked(const struct block *block, struct umbs_file *file,
+                                     struct umb_error *error)
+{
+    struct block again = {NULL, 0};
+    enum umb_status status = umbs_file_write(file, block->bytes, block->size, error);
+    if (status == UMB_OK && fsync(file->fd) != 0) {
+        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the asset");
+    }
+    if (status == UMB_OK) {
+        status = read_file(file->temporary, &again, error);
+    }
+    if (status == UMB_OK &&
+        (again.size != block->size || memcmp(again.bytes, block->bytes, block->size) != 0)) {
+        status = umb_fail(error, UMB_E_IO, "the asset that was written does not read the same");
+    }
+    free(again.bytes);
+    return status;
+}
+
+enum umb_status umbj_stage(const char *path, const char *store, struct umbs_file *staged,
+                           uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
+{
+    char target[4096];
+    struct block block = {NULL, 0};
+    *staged = (struct umbs_file){.fd = -1};
+    enum umb_status status = read_proven(path, &block, asset, error);
+    if (status == UMB_OK) {
+        umbj_asset_path(store, asset, target, sizeof target);
+        if (!is_there(target, asset)) {
+            status = umbs_file_begin(target, staged, error);
+            if (status == UMB_OK) {
+                status = write_checked(&block, staged, error);
+            }
+            if (status != UMB_OK) {
+                umbs_file_abandon(staged);
+            }
+        }
+    }
+    free(block.bytes);
+    return status;
+}

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_STAGING_H
+#define UMBRAGE_SERVER_JOBS_STAGING_H
+/*
+ * From a worker's file to one that the store may serve: copied beside its place, synced, read again
+ * and proven (SHA-256 of head and pages against the id), and only then ready for its name, ID.umb.
+ * Nothing that a worker left is believed, not even its id.
+ */
+#include "common/file.h"
+#include "jobs/job.h"
+
+/*
+ * Stages a file.
+ *
+ * Out:   staged: to be committed or abandoned by the caller; not begun (temporary NULL) if a file
+ *        of that id is in the store already and whole. asset: the id.
+ * Fails: E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE, E_NO_MEMORY:
+ *        staged is not begun.
+ * Cost:  reads the file twice, writes it once.
+ */
+UMB_CHECKED enum umb_status umbj_stage(const char *path, const char *store,
+                                       struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
+                                       struct umb_error *error);
+
+/* Path of an asset in the store. */
+void umbj_asset_path(const char *store, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
+                     size_t size);
+
+#endif

@@ -1,0 +1,313 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Bundles on their way in, see upload.h. */
+#define OPENSSL_API_COMPAT 0x10100000L /* as common/sha256.c, for its reasons */
+#include "jobs/upload.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <openssl/sha.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "jobs/folder.h"
+#include "umbrage/asset.h"
+
+#define NAME_SIZE 40
+
+struct upload_file {
+    char *path;
+    uint64_t size;
+    uint8_t sha256[UMBJ_HASH_BYTES];
+};
+
+struct umbj_upload {
+    int jobs, incoming, folder; /* descriptors */
+    char name[NAME_SIZE];       /* in incoming */
+    char key[UMB_ID_TEXT_SIZE];
+    struct upload_file *files;
+    size_t file_count, current;
+    int fd; /* of the current file, -1 = not open */
+    uint64_t written;
+    SHA256_CTX hash;
+    int accepted;
+};
+
+static enum umb_status fail_io(struct umb_error *error, const char *what, const char *path)
+{
+    const int cause = errno;
+    const enum umb_status status = cause == ENOSPC || cause == EDQUOT ? UMB_E_LIMIT : UMB_E_IO;
+    return umb_fail_errno(error, status, cause, "bundle: cannot %s '%.100s'", what, path);
+}
+
+static enum umb_status copy_manifest(struct umbj_upload *upload,
+                                     const struct umbj_manifest *manifest, struct umb_error *error)
+{
+    upload->files = calloc(manifest->file_count, sizeof *upload->files);
+    for (size_t i = 0; upload->files != NULL && i < manifest->file_count; i++) {
+        struct upload_file *file = &upload->files[i];
+        file->path = strdup(manifest->files[i].path);
+        file->size = manifest->files[i].size;
+        memcpy(file->sha256, manifest->files[i].sha256, sizeof file->sha256);
+        if (file->path == NULL) {
+            break;
+        }
+        upload->file_count++;
+    }
+    return upload->file_count == manifest->file_count
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
+}
+
+static enum umb_status open_folders(struct umbj_upload *upload, const char *folder,
+                                    struct umb_error *error)
+{
+    uint64_t number = 0;
+    if (getrandom(&number, sizeof number, 0) != (ssize_t)sizeof number) {
+        return umb_fail(error, UMB_E_INTERNAL, "no random bytes to be had for a folder's name");
+    }
+    snprintf(upload->name, sizeof upload->name, "%016llx", (unsigned long long)number);
+    upload->jobs = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (upload->jobs < 0) {
+        return fail_io(error, "open", folder);
+    }
+    upload->incoming = openat(upload->jobs, "incoming", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (upload->incoming < 0 || mkdirat(upload->incoming, upload->name, 0700) != 0) {
+        upload->name[0] = '\0';
+        return fail_io(error, "create a folder in", "incoming");
+    }
+    upload->folder = openat(upload->incoming, upload->name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    return upload->folder >= 0 ? UMB_OK : fail_io(error, "open", "incoming");
+}
+
+enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest *manifest,
+                                  const uint8_t key[UMBJ_HASH_BYTES], struct umbj_upload **out,
+                                  struct umb_error *error)
+{
+    *out = NULL;
+    struct umbj_upload *upload = calloc(1, sizeof *upload);
+    if (upload == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an upload");
+    }
+    upload->jobs = upload->incoming = upload->folder = upload->fd = -1;
+    umb_id_to_text(key, upload->key);
+    enum umb_status status = copy_manifest(upload, manifest, error);
+    if (status == UMB_OK) {
+        status = open_folders(upload, folder, error);
+    }
+    if (status != UMB_OK) {
+        umbj_upload_destroy(upload);
+        return status;
+    }
+    *out = upload;
+    return UMB_OK;
+}
+
+/* Makes the folders of a path below the bundle's and opens the last one. */
+static int open_parent(const struct umbj_upload *upload, const char *path, const char **name)
+{
+    int folder = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
+    char component[UMBJ_PATH_MAX + 1];
+    const char *slash = strchr(path, '/');
+    while (folder >= 0 && slash != NULL) {
+        memcpy(component, path, (size_t)(slash - path));
+        component[slash - path] = '\0';
+        int made = mkdirat(folder, component, 0700);
+        int next = made == 0 || errno == EEXIST
+                       ? openat(folder, component, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)
+                       : -1;
+        const int cause = errno;
+        close(folder);
+        errno = cause;
+        folder = next;
+        path = slash + 1;
+        slash = strchr(path, '/');
+    }
+    *name = path;
+    return folder;
+}
+
+static enum umb_status open_current(struct umbj_upload *upload, struct umb_error *error)
+{
+    const char *path = upload->files[upload->current].path, *name = NULL;
+    const int parent = open_parent(upload, path, &name);
+    if (parent >= 0) {
+        upload->fd =
+            openat(parent, name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+        const int cause = errno;
+        close(parent);
+        errno = cause;
+    }
+    if (upload->fd < 0 && (errno == EEXIST || errno == ENOTDIR || errno == EISDIR ||
+                           errno == ENAMETOOLONG || errno == EILSEQ)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "files[%zu].path: '%.80s' cannot be a file beside the others",
+                        upload->current, path);
+    }
+    if (upload->fd < 0) {
+        return fail_io(error, "create", path);
+    }
+    upload->written = 0;
+    (void)SHA256_Init(&upload->hash);
+    return UMB_OK;
+}
+
+static enum umb_status close_current(struct umbj_upload *upload, struct umb_error *error)
+{
+    const struct upload_file *file = &upload->files[upload->current];
+    uint8_t hash[UMBJ_HASH_BYTES];
+    (void)SHA256_Final(hash, &upload->hash);
+    const int synced = fsync(upload->fd);
+    const int closed = close(upload->fd);
+    upload->fd = -1;
+    if (synced != 0 || closed != 0) {
+        return fail_io(error, "write", file->path);
+    }
+    if (memcmp(hash, file->sha256, sizeof hash) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "files[%zu].sha256: is not that of the bytes that came for '%.80s'",
+                        upload->current, file->path);
+    }
+    upload->current++;
+    return UMB_OK;
+}
+
+/* Opens the current file, and closes those that are whole: also those of no bytes. */
+static enum umb_status advance(struct umbj_upload *upload, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK && upload->current < upload->file_count) {
+        if (upload->fd < 0) {
+            status = open_current(upload, error);
+        } else if (upload->written == upload->files[upload->current].size) {
+            status = close_current(upload, error);
+        } else {
+            break;
+        }
+    }
+    return status;
+}
+
+static enum umb_status write_all(int fd, const char *bytes, size_t count, const char *path,
+                                 struct umb_error *error)
+{
+    while (count > 0) {
+        ssize_t written = write(fd, bytes, count);
+        if (written < 0 && errno == EINTR) {
+            continue;
+        }
+        if (written <= 0) {
+            return fail_io(error, "write", path);
+        }
+        bytes += written;
+        count -= (size_t)written;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes, size_t count,
+                                  struct umb_error *error)
+{
+    const char *from = bytes;
+    enum umb_status status = advance(upload, error);
+    while (status == UMB_OK && count > 0) {
+        if (upload->current == upload->file_count) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "data: %zu bytes more than the files of the manifest have", count);
+        }
+        const struct upload_file *file = &upload->files[upload->current];
+        const uint64_t left = file->size - upload->written;
+        const size_t part = count < left ? count : (size_t)left;
+        status = write_all(upload->fd, from, part, file->path, error);
+        (void)SHA256_Update(&upload->hash, from, part);
+        upload->written += part;
+        from += part;
+        count -= part;
+        if (status == UMB_OK) {
+            status = advance(upload, error);
+        }
+    }
+    return status;
+}
+
+/* Syncs a folder and those in it: the names in them are part of the bundle. Takes the descriptor.
+ */
+static int sync_tree(int folder)
+{
+    struct umbj_names names;
+    int failed = fsync(folder) != 0 && errno != EINVAL;
+    if (umbj_names_read(folder, &names) != 0) {
+        close(folder);
+        return -1;
+    }
+    for (size_t i = 0; i < names.count && !failed; i++) {
+        int below = openat(folder, names.list[i], O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+        if (below >= 0) {
+            failed = sync_tree(below) != 0;
+        }
+    }
+    umbj_names_finish(&names);
+    close(folder);
+    return failed ? -1 : 0;
+}
+
+enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error)
+{
+    char target[sizeof "bundles/" + UMB_ID_TEXT_SIZE], source[sizeof "incoming/" + NAME_SIZE];
+    enum umb_status status = advance(upload, error);
+    if (status == UMB_OK && upload->current < upload->file_count) {
+        status =
+            umb_fail(error, UMB_E_ARGUMENT, "data: ended in '%.80s', file %zu of %zu",
+                     upload->files[upload->current].path, upload->current + 1, upload->file_count);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const int copy = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
+    if (copy < 0 || sync_tree(copy) != 0) {
+        return fail_io(error, "sync", "the bundle");
+    }
+    snprintf(target, sizeof target, "bundles/%s", upload->key);
+    snprintf(source, sizeof source, "incoming/%s", upload->name);
+    if (renameat(upload->jobs, source, upload->jobs, target) != 0) {
+        /* Somebody's earlier bundle of this key holds the same bytes: this one is not needed. */
+        return errno == ENOTEMPTY || errno == EEXIST ? UMB_OK
+                                                     : fail_io(error, "keep", "the bundle");
+    }
+    upload->accepted = 1;
+    const int bundles = openat(upload->jobs, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (bundles < 0 || (fsync(bundles) != 0 && errno != EINVAL)) {
+        status = fail_io(error, "sync", "bundles");
+    }
+    if (bundles >= 0) {
+        close(bundles);
+    }
+    return status;
+}
+
+void umbj_upload_destroy(struct umbj_upload *upload)
+{
+    if (upload == NULL) {
+        return;
+    }
+    const int descriptors[] = {upload->fd, upload->folder, upload->jobs};
+    if (!upload->accepted && upload->name[0] != '\0' && upload->incoming >= 0) {
+        umbj_folder_remove(upload->incoming, upload->name);
+    }
+    for (size_t i = 0; i < 3; i++) {
+        if (descriptors[i] >= 0) {
+            close(descriptors[i]);
+        }
+    }
+    if (upload->incoming >= 0) {
+        close(upload->incoming);
+    }
+    for (size_t i = 0; i < upload->file_count; i++) {
+        free(upload->files[i].path);
+    }
+    free(upload->files);
+    free(upload);
+}

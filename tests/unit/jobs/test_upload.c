@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Manifests and uploads from strangers: what is taken, what is refused, what is left behind. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "common/sha256.h"
+#include "jobs/folder.h"
+#include "jobs/upload.h"
+
+#define CONTENT "v 0 0 0\n"
+
+struct fixture {
+    char folder[64];
+    int fd;
+    struct umb_error error;
+    struct umbj_bundle_file files[3];
+    struct umbj_setting settings[2];
+    struct umbj_manifest manifest;
+};
+
+static int setup(void **state)
+{
+    static const char *const names[] = {"incoming", "bundles", "work"};
+    struct fixture *f = calloc(1, sizeof *f);
+    assert_non_null(f);
+    snprintf(f->folder, sizeof f->folder, "/tmp/umbrage-upload-XXXXXX");
+    assert_non_null(mkdtemp(f->folder));
+    f->fd = open(f->folder, O_RDONLY | O_DIRECTORY);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(umbj_folder_make(f->fd, names[i], &f->error), UMB_OK);
+    }
+    static const char *const paths[] = {"a.obj", "textures/deep/b.png", "empty"};
+    for (int i = 0; i < 3; i++) {
+        f->files[i] = (struct umbj_bundle_file){.path = paths[i], .size = i < 2 ? 8 : 0};
+        umbs_sha256_bytes(CONTENT, f->files[i].size, f->files[i].sha256);
+    }
+    f->settings[0] = (struct umbj_setting){"resolution", "64"};
+    f->settings[1] = (struct umbj_setting){"sun", "90,45"};
+    f->manifest = (struct umbj_manifest){.scene = "a.obj",
+                                         .files = f->files,
+                                         .file_count = 3,
+                                         .settings = f->settings,
+                                         .setting_count = 2};
+    *state = f;
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    struct fixture *f = *state;
+    umbj_folder_empty(f->fd);
+    close(f->fd);
+    rmdir(f->folder);
+    free(f);
+    return 0;
+}
+
+static enum umb_status check(struct fixture *f)
+{
+    uint64_t bytes;
+    return umbj_manifest_check(&f->manifest, 1000, &bytes, &f->error);
+}
+
+static struct umbj_upload *begin(struct fixture *f, uint8_t key[UMBJ_HASH_BYTES])
+{
+    struct umbj_upload *upload;
+    assert_int_equal(check(f), UMB_OK);
+    assert_int_equal(umbj_manifest_key(&f->manifest, key, &f->error), UMB_OK);
+    assert_int_equal(umbj_upload_begin(f->folder, &f->manifest, key, &upload, &f->error), UMB_OK);
+    return upload;
+}
+
+static size_t names_in(struct fixture *f, const char *folder)
+{
+    struct umbj_names names;
+    int fd = openat(f->fd, folder, O_RDONLY | O_DIRECTORY);
+    assert_int_equal(umbj_names_read(fd, &names), 0);
+    const size_t count = names.count;
+    umbj_names_finish(&names);
+    close(fd);
+    return count;
+}
+
+static void a_bundle_is_unpacked_however_its_bytes_are_cut(void **state)
+{
+    struct fixture *f = *state;
+    for (size_t cut = 0; cut <= 16; cut++) {
+        char path[200], id[UMB_ID_TEXT_SIZE], read_back[16] = "";
+        uint8_t key[UMBJ_HASH_BYTES];
+        struct umbj_upload *upload = begin(f, key);
+        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, cut, &f->error), UMB_OK);
+        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT + cut, 16 - cut, &f->error),
+                         UMB_OK);
+        assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
+        umbj_upload_destroy(upload);
+        umb_id_to_text(key, id);
+        snprintf(path, sizeof path, "%s/bundles/%s/textures/deep/b.png", f->folder, id);
+        int fd = open(path, O_RDONLY);
+        assert_true(fd >= 0);
+        assert_int_equal(read(fd, read_back, sizeof read_back), 8);
+        close(fd);
+        assert_memory_equal(read_back, CONTENT, 8);
+        assert_int_equal(names_in(f, "incoming"), 0);
+        assert_int_equal(names_in(f, "bundles"), 1); /* a second one of that key is not kept */
+    }
+}
+
+static void an_upload_that_ends_early_leaves_nothing(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    for (size_t count = 0; count < 16; count++) {
+        struct umbj_upload *upload = begin(f, key);
+        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, count, &f->error), UMB_OK);
+        assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_E_ARGUMENT);
+        umbj_upload_destroy(upload);
+        assert_int_equal(names_in(f, "incoming") + names_in(f, "bundles"), 0);
+    }
+}
+
+static void bytes_that_are_not_the_manifests_are_refused(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    struct umbj_upload *upload = begin(f, key);
+    assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT "x", 17, &f->error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(f->error.message, "more"));
+    umbj_upload_destroy(upload);
+    upload = begin(f, key);
+    assert_int_equal(umbj_upload_write(upload, "v 0 0 1\n", 8, &f->error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(f->error.message, "files[0].sha256"));
+    umbj_upload_destroy(upload);
+}
+
+static void the_key_is_of_content_and_not_of_order(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES], other[UMBJ_HASH_BYTES];
+    assert_int_equal(umbj_manifest_key(&f->manifest, key, &f->error), UMB_OK);
+    const struct umbj_bundle_file first = f->files[0];
+    f->files[0] = f->files[1];
+    f->files[1] = first;
+    assert_int_equal(umbj_manifest_key(&f->manifest, other, &f->error), UMB_OK);
+    assert_memory_equal(key, other, sizeof key);
+    const struct umbj_setting setting =
+        f->settings[0]; /* lights keep the order they are given in */
+    f->settings[0] = f->settings[1];
+    f->settings[1] = setting;
+    assert_int_equal(umbj_manifest_key(&f->manifest, other, &f->error), UMB_OK);
+    assert_memory_not_equal(key, other, sizeof key);
+    f->settings[1].value = "65";
+    uint8_t third[UMBJ_HASH_BYTES];
+    assert_int_equal(umbj_manifest_key(&f->manifest, third, &f->error), UMB_OK);
+    assert_memory_not_equal(third, other, sizeof other);
+}
+
+static void paths_that_could_leave_the_folder_are_refused(void **state)
+{
+    static const char *const paths[] = {
+        "",   "/a.obj", "..", "../a.obj", "a/../b.obj", "./a.obj",  "a//b.obj",
+        "a/", "a/..",   ".",  "a\\b.obj", "a\nb.obj",   "a\x7f.obj"};
+    struct fixture *f = *state;
+    for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
+        f->files[1].path = paths[i];
+        assert_int_equal(check(f), UMB_E_ARGUMENT);
+        assert_non_null(strstr(f->error.message, "files[1].path"));
+    }
+    char deep[2 * UMBJ_PATH_DEPTH_MAX + 8] = "";
+    for (int i = 0; i <= UMBJ_PATH_DEPTH_MAX; i++) {
+        memcpy(deep + 2 * i, "a/", 2);
+    }
+    deep[2 * UMBJ_PATH_DEPTH_MAX + 1] = '\0';
+    f->files[1].path = deep;
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->files[1].path = "a.obj"; /* twice */
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+}
+
+static void limits_are_met_before_anything_is_written(void **state)
+{
+    struct fixture *f = *state;
+    f->files[1].size = UINT64_MAX; /* the sum must not wrap */
+    assert_int_equal(check(f), UMB_E_TOO_LARGE);
+    f->files[1].size = 8;
+    f->settings[0].name = "output";
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->settings[0] = (struct umbj_setting){"resolution", "64\n--output=x"};
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->settings[0] = (struct umbj_setting){"static", "yes"};
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->settings[0].value = "";
+    assert_int_equal(check(f), UMB_OK);
+    f->manifest.scene = "empty";
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->manifest.scene = "b.obj";
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+    f->manifest.scene = "a.obj";
+    f->manifest.priority = 11;
+    assert_int_equal(check(f), UMB_E_ARGUMENT);
+}
+
+static void a_file_that_is_also_a_folder_is_refused(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    f->files[1].path = "a.obj/b.png";
+    struct umbj_upload *upload = begin(f, key);
+    assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, 16, &f->error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(f->error.message, "files[1].path"));
+    umbj_upload_destroy(upload);
+    assert_int_equal(names_in(f, "incoming"), 0);
+}
+
+static void removing_a_folder_does_not_follow_links(void **state)
+{
+    struct fixture *f = *state;
+    int work = openat(f->fd, "work", O_RDONLY | O_DIRECTORY);
+    assert_int_equal(mkdirat(f->fd, "bundles/kept", 0700), 0);
+    assert_int_equal(mkdirat(work, "job", 0700), 0);
+    assert_int_equal(symlinkat("../../bundles", work, "job/link"), 0);
+    umbj_folder_remove(work, "job");
+    close(work);
+    assert_int_equal(names_in(f, "work"), 0);
+    assert_int_equal(names_in(f, "bundles"), 1);
+}
+
+int main(void)
+{
+#define UPLOAD_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+    const struct CMUnitTest tests[] = {
+        UPLOAD_TEST(a_bundle_is_unpacked_however_its_bytes_are_cut),
+        UPLOAD_TEST(an_upload_that_ends_early_leaves_nothing),
+        UPLOAD_TEST(bytes_that_are_not_the_manifests_are_refused),
+        UPLOAD_TEST(the_key_is_of_content_and_not_of_order),
+        UPLOAD_TEST(paths_that_could_leave_the_folder_are_refused),
+        UPLOAD_TEST(limits_are_met_before_anything_is_written),
+        UPLOAD_TEST(a_file_that_is_also_a_folder_is_refused),
+        UPLOAD_TEST(removing_a_folder_does_not_follow_links),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
