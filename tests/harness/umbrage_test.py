@@ -228,11 +228,13 @@ class Client:
         return status
 
     def refused(self, call, code, *words):
-        """Runs call() and demands that it fails with that code and a message with those words."""
+        """Runs call() and demands that it fails with that code, or one of several, and a message with
+        those words."""
         try:
             call()
         except self.grpc.RpcError as error:
-            assert error.code() == code, f"{error.code()}: {error.details()}, expected {code}"
+            assert error.code() == code or isinstance(code, tuple) and error.code() in code, \
+                f"{error.code()}: {error.details()}, expected {code}"
             for word in words:
                 assert word in error.details(), f"'{word}' is not in '{error.details()}'"
             return error

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 A client that nobody here wrote: python3-grpcio with classes generated from our .proto files asks a
-real daemon, over TCP and a Unix socket. The answers are compared bit for bit with `umbrage query`
+real daemon, over TCP and a Unix socket, or another way (interop_route.py). The answers are compared bit for bit with `umbrage query`
 on the file; every refusal must have the right code and name the field, the value and the limit.
 """
 import os
@@ -12,12 +12,14 @@ import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import interop_route  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 grpc, _ = ut.need_grpc()
 Code = grpc.StatusCode
 test = ut.Test()
 SLOW = ut.is_sanitized()
+PROXY = interop_route.NAME == "haproxy"
 COUNT = 65536
 MAX_POINTS = 300000
 MAX_MESSAGE = 8 << 20
@@ -29,8 +31,8 @@ baked = test.bake(test.scene("city", 4), store + "/city.umb", "--resolution", 51
                   "raster", "--verify", 0)
 city = store + "/city.umb"
 daemon = test.daemon("--max-points", MAX_POINTS, "--max-message", f"{MAX_MESSAGE >> 20}MiB",
-                     "--workers", 2, "--loops", 2)
-tcp = test.client(daemon.grpc_tcp)
+                     "--workers", 2, "--loops", 2, *interop_route.daemon_options(test))
+tcp = interop_route.client(test, daemon)
 unix = test.client(daemon.grpc_unix)
 M = test.messages.shadows
 H = test.messages.health
@@ -259,8 +261,10 @@ with test.check("a client of default settings gets its reply; metadata is ignore
                       metadata=(("x-many", "y" * 1000), ("trace-bin", b"\0\1\2\xff")))
     assert len(reply.visibility) == 10
 with test.check("request metadata over the header limit is refused, and the daemon answers on"):
+    # The proxy answers for the daemon, which ends a connection with such a header frame.
     tcp.refused(lambda: tcp.query(M.QueryRequest(asset="city", points=f32[:120]), timeout=20,
-                                  metadata=(("x-many", "y" * 20000),)), Code.RESOURCE_EXHAUSTED)
+                                  metadata=(("x-many", "y" * 20000),)),
+                Code.UNAVAILABLE if PROXY else Code.RESOURCE_EXHAUSTED)
     assert len(unix.ask("city", f32).visibility) == COUNT
 
 with test.check("targets are answered one behind the other, each as if asked alone"):
@@ -325,7 +329,9 @@ with test.check("a bad request ends the stream with its status, after the replie
 with test.check("a client that writes ahead and reads late gets every reply; memory stays bounded"):
     large = M.QueryRequest(asset="city", points=f32, format=M.ANSWER_F32)
     expected = tcp.query(large, timeout=60).visibility
-    stream = tcp.stream(iter([large] * 60), timeout=120)
+    # HAProxy 2.6 parses no window update of a client while that client's upload waits: beyond what its
+    # buffers and the daemon's take, such a stream stands still (docs/operations.md).
+    stream = tcp.stream(iter([large] * (8 if PROXY else 60)), timeout=120)
     time.sleep(0.5)
     assert daemon.metric("umbrage_buffered_bytes") < 40 << 20
     assert all(reply.visibility == expected for reply in stream)
@@ -335,7 +341,7 @@ with test.check("a cancelled stream and one past its deadline free what they hel
     stream.cancel()
     tcp.refused(lambda: list(tcp.stream(
         iter([M.QueryRequest(asset="city", points=BIG, taps=17)] * 50), timeout=0.1)),
-        Code.DEADLINE_EXCEEDED)
+        (Code.DEADLINE_EXCEEDED, Code.UNAVAILABLE) if PROXY else Code.DEADLINE_EXCEEDED)
     ut.wait_until(lambda: daemon.metric("umbrage_buffered_bytes") == 0, 20, "nothing is buffered")
 
 with test.check("a polite client is answered between the batches of greedy ones"):

@@ -4,18 +4,15 @@
 import os
 import shutil
 import signal
-import socket
-import subprocess
 import sys
 import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import interop_route  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 grpc, _ = ut.need_grpc()
-if shutil.which("haproxy") is None:
-    ut.skip("haproxy is not installed")
 test = ut.Test()
 SEED = 3
 
@@ -31,17 +28,7 @@ for i in range(3):
     for name in NAMES:
         shutil.copyfile(asset, os.path.join(store, name + ".umb"))
     replicas.append(test.daemon("--drain-delay", "4s", store=store))
-with socket.socket() as probe:
-    probe.bind(("127.0.0.1", 0))
-    frontend = f"127.0.0.1:{probe.getsockname()[1]}"
-addresses = {f"UMBRAGE_R{i + 1}": replica.grpc_tcp for i, replica in enumerate(replicas)}
-proxy = subprocess.Popen(
-    ["haproxy", "-db", "-f", os.path.join(ut.ROOT, "deploy", "haproxy", "haproxy.cfg")],
-    env={**os.environ, **addresses, "UMBRAGE_FRONTEND": frontend}, stdout=subprocess.DEVNULL,
-    stderr=subprocess.DEVNULL)
-ut.wait_until(lambda: proxy.poll() is not None or socket.socket().connect_ex(
-    ("127.0.0.1", int(frontend.rpartition(":")[2]))) == 0, 10, "the proxy listens")
-assert proxy.poll() is None, "haproxy ended: " + str(proxy.returncode)
+frontend = interop_route.start_haproxy(*(replica.grpc_tcp for replica in replicas))
 
 
 def ask(client, name):
@@ -118,6 +105,4 @@ with test.check("a replica that is killed loses no call that may be repeated twi
     under_load(kill)
 client.close()
 test.daemons.remove(replicas[1])
-proxy.terminate()
-proxy.wait(10)
 test.finish()
