@@ -42,6 +42,7 @@ LDFLAGS_ALL := -pthread $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 # The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.
 ifneq ($(filter x86_64%,$(shell $(CC) -dumpmachine)),)
 AVX2_FLAGS := -mavx2 -mpopcnt -mbmi -mbmi2 -mno-fma
+AVX512_FLAGS := -mavx512f -mavx512vl -mavx512bw -mavx512dq -O3
 endif
 
 all: client daemon bake study ## build every program and library
@@ -56,6 +57,11 @@ $(BUILD)/%_avx2.o: %_avx2.c
 	@mkdir -p $(@D)
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) $(AVX2_FLAGS) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
+
+$(BUILD)/%_avx512.o: %_avx512.c
+	@mkdir -p $(@D)
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) $(AVX512_FLAGS) $(INC_$(firstword $(subst /, ,$*))) -c $< -o $@
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)

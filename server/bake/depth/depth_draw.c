@@ -2,7 +2,7 @@
 /* Drawing in plain C. */
 #include "bake/depth/depth_draw.h"
 
-void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
+static void draw_one(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
 {
     const int32_t bottom = canvas->y0 + canvas->n - 1, right = canvas->x0 + canvas->n - 1;
     const int32_t last = coverage->row_last < bottom ? coverage->row_last : bottom;
@@ -24,6 +24,14 @@ void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_can
     }
 }
 
+void umbb_draw_plain(const struct umbb_coverage *coverages, size_t count,
+                     const struct umbb_canvas *canvas)
+{
+    for (size_t i = 0; i < count; i++) {
+        draw_one(&coverages[i], canvas);
+    }
+}
+
 void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far)
 {
     const size_t blocks = (size_t)(n >> 3) * (size_t)(n >> 3);
@@ -38,4 +46,11 @@ void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far)
         most[2] = most[2] > most[3] ? most[2] : most[3];
         far[block] = most[0] > most[2] ? most[0] : most[2];
     }
+}
+
+umbb_draw_fn umbb_draw_quickest(void)
+{
+    umbb_draw_fn draw = umbb_draw_avx512();
+    draw = draw != NULL ? draw : umbb_draw_avx2();
+    return draw != NULL ? draw : umbb_draw_plain;
 }

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_DRAW_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_DRAW_H
 /*
- * The inner loops of the rasteriser: one triangle into the layers of a block of texels.
+ * The inner loops of the rasteriser: triangles into the layers of a block of texels.
  *
  * A layer is stored as a tile is: by 8x8 blocks, row by row in a block, blocks row by row. Eight
  * texels of one row are 32 bytes, and those of the next row follow them: a small triangle touches
@@ -26,7 +26,11 @@ struct umbb_canvas {
 };
 
 /* Sets each block's number to its greatest texel. */
+typedef void (*umbb_far_fn)(const int32_t *layer, int32_t n, int32_t *far);
 void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far);
+
+/* The same with AVX2; NULL if this build or this processor lacks it. */
+umbb_far_fn umbb_far_avx2(void);
 
 /* Where row y of a layer n texels wide starts, its texel x being 64 * (x >> 3) + (x & 7) on. */
 static inline size_t umbb_canvas_row(size_t n, size_t y)
@@ -34,19 +38,31 @@ static inline size_t umbb_canvas_row(size_t n, size_t y)
     return (y >> 3) * 8 * n + (y & 7) * 8;
 }
 
+/* Triangles that are drawn at once. */
+#define UMBB_DRAW_MAX 32
+
 /*
- * Lowers each number of the canvas whose texel the triangle covers to the fragment's lit.
+ * Lowers each number of the canvas whose texel a triangle covers to the fragment's lit.
  *
- * In: coverage: prepared; none of its coordinates is larger than UMBB_COORDINATE_MAX.
+ * In: coverages: [count] prepared; none of their coordinates is larger than UMBB_COORDINATE_MAX.
+ *     count: at most UMBB_DRAW_MAX.
  */
-typedef void (*umbb_draw_fn)(const struct umbb_coverage *coverage,
+typedef void (*umbb_draw_fn)(const struct umbb_coverage *coverages, size_t count,
                              const struct umbb_canvas *canvas);
 
 /* Plain C, straight from the predicate: the definition. */
-void umbb_draw_plain(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas);
+void umbb_draw_plain(const struct umbb_coverage *coverages, size_t count,
+                     const struct umbb_canvas *canvas);
 
 /* Four rows and eight texels at a time, the same bits; NULL if this build or this processor lacks
  * AVX2. */
 umbb_draw_fn umbb_draw_avx2(void);
+
+/* Eight rows and eight texels at a time, the same bits; NULL if this build or this processor lacks
+ * AVX-512 (F, VL, BW, DQ). */
+umbb_draw_fn umbb_draw_avx512(void);
+
+/* The quickest of them here. */
+umbb_draw_fn umbb_draw_quickest(void);
 
 #endif

@@ -282,7 +282,7 @@ static inline int is_tame(const struct umbb_coverage *c)
            DEPTH_MAX;
 }
 
-static void draw(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
+static void draw_one(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
 {
     const int32_t bottom = canvas->y0 + canvas->n - 1;
     const int32_t last = coverage->row_last < bottom ? coverage->row_last : bottom;
@@ -291,7 +291,7 @@ static void draw(const struct umbb_coverage *coverage, const struct umbb_canvas 
         return;
     }
     if (!is_tame(coverage)) {
-        umbb_draw_plain(coverage, canvas);
+        umbb_draw_plain(coverage, 1, canvas);
         return;
     }
     struct edges edges;
@@ -324,12 +324,43 @@ static void draw(const struct umbb_coverage *coverage, const struct umbb_canvas 
     }
 }
 
+static void draw(const struct umbb_coverage *coverages, size_t count,
+                 const struct umbb_canvas *canvas)
+{
+    for (size_t i = 0; i < count; i++) {
+        draw_one(&coverages[i], canvas);
+    }
+}
+
+static void find_far(const int32_t *layer, int32_t n, int32_t *far)
+{
+    const size_t blocks = (size_t)(n >> 3) * (size_t)(n >> 3);
+    for (size_t block = 0; block < blocks; block++, layer += 64) {
+        __m256i most = load(layer);
+        for (size_t i = 8; i < 64; i += 8) {
+            most = _mm256_max_epi32(most, load(layer + i));
+        }
+        far[block] =
+            most_of(_mm_max_epi32(_mm256_castsi256_si128(most), _mm256_extracti128_si256(most, 1)));
+    }
+}
+
 umbb_draw_fn umbb_draw_avx2(void)
 {
     return __builtin_cpu_supports("avx2") ? draw : NULL;
 }
 
+umbb_far_fn umbb_far_avx2(void)
+{
+    return __builtin_cpu_supports("avx2") ? find_far : NULL;
+}
+
 #else
+
+umbb_far_fn umbb_far_avx2(void)
+{
+    return NULL;
+}
 
 umbb_draw_fn umbb_draw_avx2(void)
 {

@@ -23,6 +23,8 @@
 #define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
 #define LAYER_FAR     (LAYER_TEXELS / 64)
 #define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
+#define AHEAD         ((size_t)8) /* triangles that are fetched before they are drawn */
+#define CACHE_LINE    ((size_t)64)
 
 _Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
 
@@ -36,6 +38,7 @@ struct raster {
     uint8_t *marks;
     struct umbb_depth_options options;
     umbb_draw_fn draw;
+    umbb_far_fn find_far;
     umbb_store_fn store;
     struct umbb_bins tiles;     /* the whole map by tile */
     struct umbb_bins blocks[2]; /* a tile by block, one a slot */
@@ -121,19 +124,43 @@ static int is_near_side(const struct umbb_casters *casters, uint32_t triangle)
     return (area < 0.0) != (casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED);
 }
 
+/* Triangles of one kind that are ready to be drawn. */
+struct batch {
+    struct umbb_coverage coverages[UMBB_DRAW_MAX];
+    size_t count;
+    struct umbb_canvas *canvas;
+};
+
+static void batch_draw(const struct raster *raster, struct batch *batch)
+{
+    raster->draw(batch->coverages, batch->count, batch->canvas);
+    batch->count = 0;
+}
+
 /* Draws the triangles of a list: those of the near side or the others. */
 static void draw_list(const struct raster *raster, const uint32_t *list, size_t count, int near,
                       const struct layers *layers, struct umbb_canvas *canvas)
 {
     const struct umbb_casters *casters = raster->casters;
-    struct umbb_coverage coverage;
+    struct batch batch = {.count = 0, .canvas = canvas};
+    uint8_t kind = UMBB_CASTER_OPEN;
     for (size_t i = 0; i < count; i++) {
-        if (is_near_side(casters, list[i]) == near &&
-            umbb_coverage_prepare(casters->corners[list[i]], casters->size, &coverage)) {
-            choose_layers(casters, list[i], layers, canvas);
-            raster->draw(&coverage, canvas);
+        const uint32_t triangle = list[i];
+        __builtin_prefetch(casters->corners[list[i + AHEAD < count ? i + AHEAD : i]]);
+        if (is_near_side(casters, triangle) != near) {
+            continue;
         }
+        if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != kind) {
+            batch_draw(raster, &batch);
+            kind = casters->kinds[triangle];
+        }
+        if (batch.count == 0) {
+            choose_layers(casters, triangle, layers, canvas);
+        }
+        batch.count += (size_t)umbb_coverage_prepare(casters->corners[triangle], casters->size,
+                                                     &batch.coverages[batch.count]);
     }
+    batch_draw(raster, &batch);
 }
 
 static void fill(int32_t *layer, size_t count, int32_t value)
@@ -161,8 +188,8 @@ static void draw_square(const struct raster *raster, unsigned thread, struct umb
     struct umbb_canvas canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n};
     /* Far sides lie behind near sides: most of them need not be drawn once those are there. */
     draw_list(raster, list, count, 1, &layers, &canvas);
-    umbb_canvas_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
-                    layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
+    raster->find_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
+                     layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
     draw_list(raster, list, count, 0, &layers, &canvas);
     raster->store(layers.texels, n, tile, x, y);
 }
@@ -223,6 +250,14 @@ static void raster_destroy(void *state)
     }
 }
 
+/* Rows that do not lie across cache lines. */
+static int32_t *layers_alloc(unsigned threads)
+{
+    int32_t *layers = NULL;
+    _Static_assert(LAYERS_STRIDE * sizeof *layers % CACHE_LINE == 0, "every thread's are aligned");
+    return aligned_alloc(CACHE_LINE, threads * LAYERS_STRIDE * sizeof *layers);
+}
+
 enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
                                          const struct umbb_depth_options *options,
                                          struct umbb_depth *depth, struct umb_error *error)
@@ -236,12 +271,13 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     raster->casters = &raster->marked;
     raster->options = *options;
     raster->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
-    const umbb_draw_fn quick = options->plain ? NULL : umbb_draw_avx2();
-    raster->draw = quick != NULL ? quick : umbb_draw_plain;
+    raster->draw = options->plain ? umbb_draw_plain : umbb_draw_quickest();
+    const umbb_far_fn quick_far = options->plain ? NULL : umbb_far_avx2();
+    raster->find_far = quick_far != NULL ? quick_far : umbb_canvas_far;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();
     raster->store = quick_store != NULL ? quick_store : umbb_store_plain;
     enum umb_status status;
-    raster->layers = calloc(options->threads, LAYERS_STRIDE * sizeof *raster->layers);
+    raster->layers = layers_alloc(options->threads);
     if (raster->layers == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: layers of %u threads refused",
                           options->threads);

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define CACHE_LINE ((size_t)64)
+
 /* Numbers in one pyramid of levels 3.. of a tile. */
 static size_t pyramid_count(uint32_t log2_size)
 {
@@ -40,7 +42,7 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
                         (unsigned)log2_size, UMB_LEVEL_MAX - 4U);
     }
     const size_t bytes = umbb_tile_bytes(log2_size, closed_rule);
-    tile->memory = malloc(bytes);
+    tile->memory = aligned_alloc(CACHE_LINE, (bytes + CACHE_LINE - 1) & ~(CACHE_LINE - 1));
     if (tile->memory == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "tile of %u texels a side: %zu bytes refused",
                         1U << log2_size, bytes);

@@ -20,24 +20,21 @@ struct cell_range {
 
 /*
  * First and last cell along one axis for the centres in [low, high]; 0 if there are none. Ceiling
- * and floor by truncation: coordinates are far below 2^31.
+ * and floor by truncation: coordinates are at most UMBB_COORDINATE_MAX.
  */
-static int axis_range(const struct umbb_bins_input *input, int32_t origin, double low, double high,
-                      int32_t *first, int32_t *last)
+static inline int axis_range(const struct umbb_bins_input *input, int32_t origin, double low,
+                             double high, int32_t *first, int32_t *last)
 {
-    const int64_t limit = (int64_t)input->cells_x << input->cell_log2;
+    const int32_t end = (int32_t)((int64_t)input->cells_x << input->cell_log2) - 1;
     const double l = low - 0.5, h = high - 0.5;
-    int64_t a = (int64_t)l, b = (int64_t)h;
+    int32_t a = (int32_t)l, b = (int32_t)h;
     a += (double)a < l;
     b -= (double)b > h;
     a -= origin;
     b -= origin;
-    if (a > b || b < 0 || a >= limit) {
-        return 0;
-    }
-    *first = (int32_t)(a > 0 ? a : 0) >> input->cell_log2;
-    *last = (int32_t)(b < limit ? b : limit - 1) >> input->cell_log2;
-    return 1;
+    *first = (a > 0 ? a : 0) >> input->cell_log2;
+    *last = (b < end ? b : end) >> input->cell_log2;
+    return (a <= b) & (b >= 0) & (a <= end);
 }
 
 /* How far beyond its own corners a triangle with a border is to be listed: a border counts for a
@@ -45,7 +42,7 @@ static int axis_range(const struct umbb_bins_input *input, int32_t origin, doubl
 #define BORDER_SLACK 2.0
 
 /* Texels beyond its own that a triangle is to be listed for. */
-static double slack(const struct umbb_bins_input *input, uint32_t triangle)
+static inline double slack(const struct umbb_bins_input *input, uint32_t triangle)
 {
     return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0
                ? BORDER_SLACK
@@ -53,8 +50,8 @@ static double slack(const struct umbb_bins_input *input, uint32_t triangle)
 }
 
 /* Branches on which corner is the outermost could not be predicted: min and max have none. */
-static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
-                          struct cell_range *range)
+static inline int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
+                                 struct cell_range *range)
 {
     const double(*v)[3] = input->casters->corners[triangle];
     const double further = slack(input, triangle);
@@ -65,7 +62,7 @@ static int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle
         low[axis] = (ab_low < c ? ab_low : c) - further;
         high[axis] = (ab_high > c ? ab_high : c) + further;
     }
-    return axis_range(input, input->x0, low[0], high[0], &range->x0, &range->x1) &&
+    return axis_range(input, input->x0, low[0], high[0], &range->x0, &range->x1) &
            axis_range(input, input->y0, low[1], high[1], &range->y0, &range->y1);
 }
 

@@ -341,8 +341,8 @@ static void drawing_init(struct drawing *drawing, const int32_t *texels)
     }
 }
 
-static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, int round,
-                        umbb_draw_fn draw)
+static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, size_t count,
+                        int round, umbb_draw_fn draw)
 {
     const int one_layer = round % 5 == 0;
     const struct umbb_canvas canvas = {
@@ -354,7 +354,7 @@ static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, 
         .front_far = drawing->far[0],
         .back_far = drawing->far[one_layer ? 0 : 1],
     };
-    draw(c, &canvas);
+    draw(c, count, &canvas);
 }
 
 static void random_triangle(int round, double v[4][3])
@@ -371,19 +371,14 @@ static void random_triangle(int round, double v[4][3])
     }
 }
 
-/* Several triangles one after the other, so that what the first ones leave behind lets the kernel
- * skip much of the others. */
-static void vector_drawing_gives_the_bits_of_the_plain_one(void **state)
+/* Several triangles at once and one after the other, so that what the first ones leave behind lets
+ * the kernel skip much of the others. */
+static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
 {
-    (void)state;
-    const umbb_draw_fn quick = umbb_draw_avx2();
-    if (quick == NULL) {
-        print_message("skipped: no AVX2 on this processor\n");
-        skip();
-    }
     seed(5);
     static struct drawing drawings[2];
     static int32_t texels[2 * CANVAS_TEXELS];
+    static struct umbb_coverage coverages[UMBB_DRAW_MAX];
     for (int round = 0; round < 3000; round++) {
         const int32_t depth = (int32_t)(random_bits() % SIZE);
         for (size_t i = 0; i < 2 * CANVAS_TEXELS; i++) {
@@ -393,19 +388,61 @@ static void vector_drawing_gives_the_bits_of_the_plain_one(void **state)
         drawing_init(&drawings[0], texels);
         drawing_init(&drawings[1], texels);
         for (int k = 0; k < 4; k++) {
-            double v[4][3];
-            random_triangle(round + k, v);
-            struct umbb_coverage c;
-            if (umbb_coverage_prepare((const double(*)[3])v, SIZE, &c)) {
-                drawing_add(&drawings[0], &c, round, umbb_draw_plain);
-                drawing_add(&drawings[1], &c, round, quick);
+            const size_t wanted = round % 50 == 0 ? UMBB_DRAW_MAX : (size_t)(round % 3 + 1);
+            size_t count = 0;
+            for (size_t i = 0; i < wanted; i++) {
+                double v[4][3];
+                random_triangle(round + k, v);
+                count +=
+                    (size_t)umbb_coverage_prepare((const double(*)[3])v, SIZE, &coverages[count]);
             }
+            drawing_add(&drawings[0], coverages, count, round, umbb_draw_plain);
+            drawing_add(&drawings[1], coverages, count, round, quick);
         }
         assert_memory_equal(drawings[0].texels, drawings[1].texels, sizeof texels);
         for (size_t i = 0; i < 2 * CANVAS_TEXELS; i++) {
             const size_t layer = i / CANVAS_TEXELS, at = i % CANVAS_TEXELS;
             assert_true(drawings[1].texels[layer][at] <= drawings[1].far[layer][at / 64]);
         }
+    }
+}
+
+static void drawing_with_avx2_gives_the_bits_of_the_plain_one(void **state)
+{
+    (void)state;
+    if (umbb_draw_avx2() == NULL) {
+        print_message("skipped: no AVX2 on this processor\n");
+        skip();
+    }
+    kernel_gives_the_bits_of_the_plain_one(umbb_draw_avx2());
+}
+
+static void drawing_with_avx512_gives_the_bits_of_the_plain_one(void **state)
+{
+    (void)state;
+    if (umbb_draw_avx512() == NULL) {
+        print_message("skipped: no AVX-512 on this processor\n");
+        skip();
+    }
+    kernel_gives_the_bits_of_the_plain_one(umbb_draw_avx512());
+}
+
+static void greatest_texels_are_found_by_vectors_too(void **state)
+{
+    (void)state;
+    static int32_t texels[CANVAS_TEXELS], far[2][CANVAS_TEXELS / 64];
+    if (umbb_far_avx2() == NULL) {
+        print_message("skipped: no AVX2 on this processor\n");
+        skip();
+    }
+    seed(6);
+    for (int round = 0; round < 200; round++) {
+        for (size_t i = 0; i < CANVAS_TEXELS; i++) {
+            texels[i] = (int32_t)(random_bits() % (SIZE + 1));
+        }
+        umbb_canvas_far(texels, CANVAS, far[0]);
+        umbb_far_avx2()(texels, CANVAS, far[1]);
+        assert_memory_equal(far[0], far[1], sizeof far[0]);
     }
 }
 
@@ -420,7 +457,9 @@ int main(void)
         cmocka_unit_test(depth_counts_voxel_centres_before_the_surface),
         cmocka_unit_test(depth_follows_the_plane_and_stays_within_the_corners),
         cmocka_unit_test(a_column_that_enters_a_sliver_of_a_solid_leaves_it),
-        cmocka_unit_test(vector_drawing_gives_the_bits_of_the_plain_one),
+        cmocka_unit_test(drawing_with_avx2_gives_the_bits_of_the_plain_one),
+        cmocka_unit_test(drawing_with_avx512_gives_the_bits_of_the_plain_one),
+        cmocka_unit_test(greatest_texels_are_found_by_vectors_too),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
