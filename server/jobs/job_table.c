@@ -27,8 +27,8 @@ static const char *const schema[] = {
      */
     "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
     "CREATE TABLE asset(id BLOB PRIMARY KEY)",
-    "CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
-    " PRIMARY KEY(asset, owner))",
+    ("CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
+     " PRIMARY KEY(asset, owner))"),
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
 };
 

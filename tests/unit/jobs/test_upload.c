@@ -97,7 +97,7 @@ static void a_bundle_is_unpacked_however_its_bytes_are_cut(void **state)
         uint8_t key[UMBJ_HASH_BYTES];
         struct umbj_upload *upload = begin(f, key);
         assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, cut, &f->error), UMB_OK);
-        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT + cut, 16 - cut, &f->error),
+        assert_int_equal(umbj_upload_write(upload, &(CONTENT CONTENT)[cut], 16 - cut, &f->error),
                          UMB_OK);
         assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
         umbj_upload_destroy(upload);
