@@ -97,6 +97,7 @@ void umbc_format_bytes(unsigned long long bytes, char text[32]);
 int umbc_info(int argc, char **argv);
 int umbc_query(int argc, char **argv);
 int umbc_list(int argc, char **argv);
+int umbc_load(int argc, char **argv);
 int umbc_verify(int argc, char **argv);
 int umbc_stream(int argc, char **argv);
 int umbc_pack(int argc, char **argv);

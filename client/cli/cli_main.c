@@ -62,6 +62,7 @@ static const struct command COMMANDS[] = {
     {"info", umbc_info, "what an asset is: lights, sizes, plan, settings"},
     {"query", umbc_query, "how much of a light reaches points"},
     {"list", umbc_list, "the assets of a daemon"},
+    {"load", umbc_load, "load a daemon with queries and measure it"},
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene"},
     {"stream", umbc_stream, "fetch the part of an asset that is needed, coarse first"},
     {"pack", umbc_pack, "turn a file into the packed form (.umb)"},

@@ -1,0 +1,154 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+`umbrage load` against a daemon on a Unix socket: what it counts is what the daemon counts, latencies
+of an open loop count from when calls were due, failures have their names, the page stands alone.
+"""
+import html.parser
+import json
+import os
+import re
+import signal
+import sys
+import threading
+import xml.etree.ElementTree
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+test = ut.Test()
+os.mkdir(test.path("store"))
+baked = test.bake(test.scene("city", 3), test.path("store/city.umb"), "--resolution", 256, "--depth",
+                  "raster", "--verify", 0)
+daemon = test.daemon()
+UNIX = ("--address", "unix:" + daemon.socket_path)
+ADMIN = ("--admin", daemon.addresses["http"])
+SHARES = ("p50_ms", "p75_ms", "p90_ms", "p99_ms", "p99.9_ms", "p99.99_ms", "max_ms")
+BRIEF = ("--warm-up", 0.1, "--duration", 0.4)
+
+
+def load(*words, code=0, to=UNIX):
+    """Runs a load test; what --json says, or with another code what stderr says."""
+    done = ut.run("umbrage", "load", "city", "--json", *to, *words, code=code, timeout=60)
+    return json.loads(done.stdout) if code == 0 else done.stderr.decode()
+
+
+with test.check("a closed loop's calls and points are those that the daemon counts"):
+    before = daemon.metric("umbrage_queries_total")
+    told = load("--warm-up", 0, "--duration", 0.6, "--batch", 100, "--in-flight", 3,
+                "--connections", 2, *ADMIN)
+    counted = daemon.metric("umbrage_queries_total") - before
+    latency = told["latency"]
+    assert told["loop"] == "closed" and told["calls"] > 20 and told["error_count"] == 0, told
+    assert 100 * latency["count"] == counted, (latency, counted)
+    assert 0 <= latency["count"] - told["calls"] <= 6  # under way at the end
+    assert abs(told["points_s"] - 100 * told["calls_s"]) < 1e-6 * told["points_s"]
+    values = [latency["min_ms"]] + [latency[share] for share in SHARES]
+    assert values == sorted(values) and values[0] > 0
+    assert told["server"]["cpu_s"] > 0
+    assert 0.5 < told["server"]["points"] / (100 * told["calls"]) < 2  # its window is a little off
+    assert told["server"]["rss_max_bytes"] > 1e6
+    assert told["counts"] == (told["generator_cores"] <= 0.7)
+
+with test.check("an open loop makes as many calls as are due, no matter how they are answered"):
+    for extra in ((), ("--stream",), ("--points", "random", "--taps", 9, "--encoding", "bit")):
+        told = load(*BRIEF, "--rate", 500, *extra)
+        assert told["loop"] == "open" and told["error_count"] == 0, told
+        assert told["latency"]["count"] == 200, told  # 0.4 s of 500 a second
+
+with test.check("a stall counts for every call that was due in it, also for those not yet sent"):
+    timer = threading.Timer(0.5, lambda: daemon.signal(signal.SIGSTOP))
+    back = threading.Timer(1.0, lambda: daemon.signal(signal.SIGCONT))
+    timer.start()
+    back.start()
+    told = load("--warm-up", 0, "--duration", 1.4, "--rate", 500, "--connections", 1,
+                "--in-flight", 4)
+    timer.join()
+    back.join()
+    # Half a second of 1.4 was lost: with 4 calls under way a tool that measures from sending would
+    # see 4 slow ones of 700; in truth a third of them had to wait.
+    assert told["latency"]["count"] == 700 and told["error_count"] == 0, told
+    assert told["latency"]["p75_ms"] > 50 and told["latency"]["max_ms"] > 400, told
+
+with test.check("points at the borders of shadows, and recorded ones, can be asked"):
+    assert load(*BRIEF, "--points", "boundary", "--rate", 100)["error_count"] == 0
+    trace = test.path("trace.f32")
+    with open(trace, "wb") as file:
+        file.write(ut.floats(ut.random_points((0, 0, 0), (100, 100, 50), 1000, 3)))
+    told = load(*BRIEF, "--trace", trace, "--format", "f32", "--rate", 100, "--batch", 333)
+    assert told["points"] == trace and told["error_count"] == 0
+    with open(trace, "wb") as file:
+        file.write(b"")
+    assert "no points" in load("--trace", trace, "--format", "f32", code=65)
+
+with test.check("a sweep ends at the highest rate that kept the bound, or says that there is none"):
+    sweep = load("--sweep", "--rate", 200, "--warm-up", 0, "--duration", 0.1, "--bound", 1000,
+                 "--in-flight", 8)["sweep"]
+    kept = [step["rate"] for step in sweep["steps"] if step["kept"]]
+    missed = [step["rate"] for step in sweep["steps"] if not step["kept"]]
+    assert sweep["knee"] == max(kept) and sweep["knee"] >= 200, sweep
+    assert not missed or max(missed) <= 2.0 * 1e6
+    done = ut.run("umbrage", "load", "city", *UNIX, "--sweep", "--rate", 1000, "--warm-up", 0,
+                  "--duration", 0.1, "--bound", 0.000001, code=1)
+    assert b"no knee" in done.stdout, done
+
+with test.check("failures in the middle of a run are counted by their names"):
+    victim = test.daemon()
+    threading.Timer(0.4, victim.kill).start()
+    told = load("--warm-up", 0, "--duration", 0.8, "--rate", 200, "--connections", 2,
+                to=("--address", "unix:" + victim.socket_path))
+    test.daemons.remove(victim)
+    assert told["errors"].get("E_UNAVAILABLE", 0) > 20 and told["calls"] > 20, told
+    assert sum(told["errors"].values()) == told["error_count"], told
+
+with test.check("a test that cannot begin or gets no answer at all says why"):
+    assert "nowhere" in load(code=69, to=("--address", "unix:/nowhere/s.sock"))
+    done = ut.run("umbrage", "load", "village", *UNIX, code=66)
+    assert b"village" in done.stderr
+    assert "light" in load("--light", 7, code=66)
+    assert "--admin" in load(*BRIEF, "--admin", "127.0.0.1:1", code=69)
+    assert "no call was answered" in load(*BRIEF, "--batch", 100, code=2, to=(
+        "--address", "unix:" + test.daemon("--max-points", 16).socket_path))
+    for wrong in (("--rate", 0), ("--taps", 2), ("--batch", 0), ("--connections", 1000), ("--bound", 1),
+                  ("--points", "nice"), ("--trace", "a", "--points", "random"), ("--duration", 0),
+                  ("--normals",), ("--encoding", "png"), ("--warm-up", -1), ("--seed", "x")):
+        assert "load:" in load(*wrong, code=2), wrong
+
+
+class Page(html.parser.HTMLParser):
+    """What a page consists of."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags = []
+        self.links = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for key, value in attrs if key in ("src", "href")]
+
+
+with test.check("the page has its plots inside and loads nothing"):
+    report = test.path("report.html")
+    load("--rate", 300, *BRIEF, *ADMIN, "--report", report)
+    with open(report, encoding="utf-8") as file:
+        text = file.read()
+    page = Page()
+    page.feed(text)
+    assert page.tags.count("svg") == 4 and not page.links, (page.tags, page.links)
+    assert "script" not in page.tags and "http" not in text.replace("http-equiv", "")
+    assert "prefers-color-scheme: dark" in text and "width=device-width" in text
+    for svg in re.findall(r"<svg.*?</svg>", text, re.S):
+        plot = xml.etree.ElementTree.fromstring(svg)
+        for path in plot.iter("path"):
+            assert re.fullmatch(r"([ML]-?\d+\.\d -?\d+\.\d)*", path.get("d")), path.get("d")
+        assert len(list(plot.iter("text"))) >= 5
+    trace = test.path("<b>&\".txt")  # names of files are anything
+    with open(trace, "w", encoding="ascii") as file:
+        file.write("1 2 3\n")
+    load("--trace", trace, "--rate", 100, *BRIEF, "--report", report)
+    with open(report, encoding="utf-8") as file:
+        assert "&lt;b>&amp;&quot;.txt" in file.read()
+    assert "/nowhere" in ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "/nowhere/x.html",
+                                code=73).stderr.decode()
+test.finish()
