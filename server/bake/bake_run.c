@@ -159,6 +159,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .tile_log2 = o->tile_log2,
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule,
+        .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),
     };

@@ -19,8 +19,8 @@
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
 {
     const uint64_t cells = (uint64_t)1 << (2 * (input->log2_size - tile_log2));
-    return umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule) +
-           cells * GRID_CELL;
+    const size_t drawn = umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule);
+    return (input->merging ? 0 : drawn) + cells * GRID_CELL;
 }
 
 /* Of a triangle while baking. */

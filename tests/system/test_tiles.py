@@ -173,14 +173,17 @@ def interrupted(folder, scene):
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         place = os.path.join(folder, f"signal{number}")
         os.mkdir(place)
-        process = subprocess.Popen([BAKE, scene, "-o", os.path.join(place, "a.umb"), *SETTINGS],
-                                   stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-        while process.poll() is None and not os.listdir(place):
+        cache = os.path.join(folder, f"signalled{number}")
+        process = subprocess.Popen([BAKE, scene, "-o", os.path.join(place, "a.umb"), "--cache",
+                                    cache, *SETTINGS], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        while process.poll() is None and not (os.path.isdir(cache) and os.listdir(cache)):
             time.sleep(0.0005)
         process.send_signal(number)
         code = process.wait(20)
         check(f"signal {number} ends a bake with 75 and leaves nothing",
               (code, os.listdir(place)) == (75, []), (code, os.listdir(place)))
+        strays = [name for name in os.listdir(cache) if not name.endswith(".umbt")]
+        check(f"signal {number} leaves whole tiles only", strays == [], strays)
 
 
 def main():

@@ -394,6 +394,11 @@ static void memory_is_divided_within_the_limit(void **state)
     input.memory_bytes = (uint64_t)100 << 20;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "100 MiB"));
+    /* A merge draws no tile: the size asked for is free. */
+    input.memory_bytes = (uint64_t)700 << 20;
+    input.merging = 1;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    assert_int_equal(plan.tile_log2, 12);
 }
 
 static void foreign_text_is_escaped(void **state)
