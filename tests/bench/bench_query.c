@@ -16,6 +16,7 @@
 #include <string.h>
 
 #include "bench_machine.h"
+#include "bench_nanovdb.h"
 #include "bench_points.h"
 #include "bench_report.h"
 #include "bench_scene.h"
@@ -289,9 +290,6 @@ static void race_run(const struct stage *stage, const struct bench_asset *asset,
         race_once(&race);
     }
     race_report(&race);
-    if (!gbuffer && !closed_rule) {
-        threads_report(&race);
-    }
     free(race.answers);
     free(race.other);
 }
@@ -341,16 +339,66 @@ static void scene_run(const char *name, uint32_t log2_size, const char *assets)
     stage_finish(&stage);
 }
 
+/* The rows of a sparse volume, at 2048 voxels a side. */
+static void volume_run(const char *name, const char *assets)
+{
+#ifdef UMB_BENCH_NANOVDB
+    struct bench_scene scene;
+    struct bench_points random;
+    bench_scene_make(&scene, name, 11, assets);
+    bench_scene_trace(&scene);
+    bench_points_random(&scene, RANDOM_POINTS, &random);
+    for (int closed_rule = 1; closed_rule >= 0; closed_rule--) {
+        struct bench_asset asset;
+        bench_asset_make(&scene, closed_rule, 0, &asset);
+        (void)bench_pin(0);
+        bench_nanovdb(bench_text("%s-2k-%s-random", name, closed_rule ? "closed" : "open"), &scene,
+                      &asset, &random);
+        (void)bench_pin(BENCH_PIN_ALL);
+        bench_asset_finish(&asset);
+    }
+    bench_points_finish(&random);
+    bench_scene_finish(&scene);
+#else
+    (void)assets;
+    bench_say("skipped: %s-2k against NanoVDB: libnanovdb-dev is not installed", name);
+#endif
+}
+
+/* The row of two threads, at 16384 voxels a side. */
+static void threads_race(const char *name, const char *assets)
+{
+    struct stage stage = {.peer = NULL};
+    struct bench_asset asset;
+    bench_scene_make(&stage.scene, name, 14, assets);
+    bench_scene_trace(&stage.scene);
+    bench_points_random(&stage.scene, RANDOM_POINTS, &stage.random);
+    bench_asset_make(&stage.scene, 0, 0, &asset);
+    struct race race = {.stage = &stage, .points = &stage.random};
+    race.name = bench_text("%s-16k-open-random", name);
+    race_prepare(&race, &asset);
+    threads_report(&race);
+    free(race.answers);
+    free(race.other);
+    bench_asset_finish(&asset);
+    bench_points_finish(&stage.random);
+    bench_scene_finish(&stage.scene);
+}
+
 int main(int argc, char **argv)
 {
     const char *size = bench_size(argc, argv);
     const char *assets = bench_option(argc, argv, "--assets", NULL);
-    const uint32_t log2_size = strcmp(size, "full") == 0 ? 16 : 14;
+    const int full = strcmp(size, "full") == 0;
     const char *only = bench_option(argc, argv, "--scene", NULL);
     static const char *const scenes[] = {"terrain", "city"};
     for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
         if (only == NULL || strcmp(only, scenes[i]) == 0) {
-            scene_run(scenes[i], log2_size, assets);
+            scene_run(scenes[i], full ? 16 : 14, assets);
+            if (full) {
+                volume_run(scenes[i], assets);
+                threads_race(scenes[i], assets);
+            }
         }
     }
     bench_table(BENCH, size);

@@ -159,11 +159,12 @@ static void octree_bake(const struct bench_scene *scene, int closed_rule, struct
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
     const unsigned threads = umbt_processor_count();
-    const struct umbb_depth_options depth_options = {.tile_log2 = BENCH_TILE_LOG2,
-                                                     .threads = threads};
+    const uint32_t size_log2 = scene->frustum.log2_size;
+    const uint32_t tile_log2 = size_log2 < BENCH_TILE_LOG2 ? size_log2 : BENCH_TILE_LOG2;
+    const struct umbb_depth_options depth_options = {.tile_log2 = tile_log2, .threads = threads};
     const struct umbb_bake_options options = {
         .log2_size = scene->frustum.log2_size,
-        .tile_log2 = BENCH_TILE_LOG2,
+        .tile_log2 = tile_log2,
         .threads = threads,
         .closed_rule = closed_rule,
         .octree_max_bytes = SIZE_MAX,
