@@ -68,6 +68,9 @@ bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the daemon against the library in process
 	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
+bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at twice the knee; greedy and polite clients
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_overload.py
+
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
@@ -76,4 +79,4 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 	$(BUILD)/bench_query --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
-.PHONY: bench bench-bake bench-query bench-service
+.PHONY: bench-overload bench bench-bake bench-query bench-service
