@@ -25,6 +25,10 @@ const char umbb_options_help[] =
     "\n"
     "  -o, --output FILE      the asset to write, replaced atomically\n"
     "  --resolution N         voxels a side, a power of two, 64 to 262144 (16384)\n"
+    "  --max-error M          instead of --resolution: the smallest that keeps one tap within M "
+    "metres\n"
+    "                         of true shadow boundaries; says what that will cost before it "
+    "starts\n"
     "  --sun AZ,EL            sun from azimuth AZ (degrees clockwise from north: +y in z-up "
     "scenes,\n"
     "                         -z in y-up ones) and elevation EL (degrees above the horizon)\n"
@@ -130,6 +134,7 @@ static enum umb_status set_resolution(struct umbb_options *o, const char *option
         return umbb_option_refuse(error, option, value, "a power of two from 64 to 262144");
     }
     o->resolution_log2 = (uint32_t)log2;
+    o->resolution_given = 1;
     return UMB_OK;
 }
 
@@ -276,6 +281,17 @@ static enum umb_status set_only(struct umbb_options *o, const char *option, cons
     return UMB_OK;
 }
 
+static enum umb_status set_max_error(struct umbb_options *o, const char *option, const char *value,
+                                     struct umb_error *error)
+{
+    const char *rest;
+    if (!umbb_option_number(value, &rest, &o->max_error_m) ||
+        (*rest != '\0' && strcmp(rest, "m") != 0) || !(o->max_error_m > 0)) {
+        return umbb_option_refuse(error, option, value, "a length in metres above 0, as 0.02");
+    }
+    return UMB_OK;
+}
+
 static enum umb_status set_tile(struct umbb_options *o, const char *option, const char *value,
                                 struct umb_error *error)
 {
@@ -337,6 +353,7 @@ static const struct {
     {"-o", set_output},
     {"--output", set_output},
     {"--resolution", set_resolution},
+    {"--max-error", set_max_error},
     {"--sun", set_sun},
     {"--light", set_light},
     {"--up", set_up},
@@ -439,7 +456,13 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
     }
-    if (o->tile_log2 > o->resolution_log2) {
+    if (o->max_error_m > 0 && o->resolution_given) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--max-error: it chooses the resolution; give one of both");
+    }
+    if (o->max_error_m > 0) {
+        o->resolution_log2 = UMBB_RESOLUTION_LOG2_MIN; /* until the scene is known */
+    } else if (o->tile_log2 > o->resolution_log2) {
         if (o->tile_given) {
             return umb_fail(error, UMB_E_ARGUMENT, "--tile: '%u' is larger than --resolution %u",
                             1U << o->tile_log2, 1U << o->resolution_log2);

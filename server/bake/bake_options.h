@@ -55,6 +55,8 @@ struct umbb_options {
     int only_given;       /* task tile: only tiles only_first .. only_last */
     uint64_t only_first, only_last;
     uint32_t resolution_log2;
+    double max_error_m; /* above 0: it chooses the resolution */
+    int resolution_given;
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;

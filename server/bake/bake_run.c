@@ -17,6 +17,7 @@
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
+#include "bake/resolution_choice.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "common/file.h"
@@ -24,7 +25,8 @@
 
 /* A run under way. */
 struct run {
-    const struct umbb_options *options;
+    const struct umbb_options *options; /* chosen, or the caller's */
+    struct umbb_options chosen;         /* with the resolution of --max-error */
     struct umbs_scene *scene;
     struct umbb_analysis analysis;
     char *plan, *settings;
@@ -75,6 +77,74 @@ static enum umb_status import(struct run *run, struct umb_error *error)
     return status;
 }
 
+/* 1 if any light is a spot or point light. */
+static int sees_from_a_point(const struct umbb_analysis *analysis)
+{
+    int found = 0;
+    for (uint32_t i = 0; i < analysis->choice.count; i++) {
+        found |= analysis->choice.lights[i].kind != UMB_LIGHT_DIRECTIONAL;
+    }
+    return found;
+}
+
+static struct umbb_memory_input memory_input(const struct run *run)
+{
+    const struct umbb_options *o = run->options;
+    return (struct umbb_memory_input){
+        .memory_bytes = o->memory_bytes,
+        .scene_bytes = run->scene->map_bytes,
+        .triangles = run->analysis.count,
+        .log2_size = o->resolution_log2,
+        .tile_log2 = o->tile_log2,
+        .threads = o->threads,
+        .closed_rule = run->analysis.closed_rule,
+        .merging = o->task == UMBB_TASK_MERGE,
+        .traced = o->depth == UMBB_DEPTH_EMBREE,
+        .projected = sees_from_a_point(&run->analysis),
+    };
+}
+
+/* Says what --max-error comes to. */
+static void print_choice(const struct umbb_options *options, const struct umbb_forecast *forecast)
+{
+    fprintf(stderr,
+            "umbrage-bake: --max-error %g m: %u voxels a side, true boundaries within %.3g m at "
+            "one tap",
+            options->max_error_m, 1U << options->resolution_log2, forecast->bound_m);
+    if (forecast->seconds > 0) {
+        fprintf(stderr,
+                "; about %.2g s of processor time, %.2g MB packed, %.2g MB of nodes, going by %u "
+                "voxels",
+                forecast->seconds, forecast->packed_bytes * 1e-6, forecast->octree_bytes * 1e-6,
+                1U << forecast->small_log2);
+    }
+    fputc('\n', stderr);
+}
+
+/* Lets --max-error choose the resolution. */
+static enum umb_status choose_resolution(struct run *run, struct umb_error *error)
+{
+    struct umbb_forecast forecast;
+    if (!(run->options->max_error_m > 0)) {
+        return UMB_OK;
+    }
+    const struct umbb_resolution_job job = {.analysis = &run->analysis,
+                                            .view = &run->scene->view,
+                                            .options = run->options,
+                                            .memory = memory_input(run)};
+    run->chosen = *run->options;
+    const enum umb_status status =
+        umbb_resolution_choose(&job, &run->chosen.resolution_log2, &forecast, error);
+    if (run->chosen.tile_log2 > run->chosen.resolution_log2) {
+        run->chosen.tile_log2 = run->chosen.resolution_log2;
+    }
+    run->options = &run->chosen;
+    if (status == UMB_OK && !run->options->quiet) {
+        print_choice(run->options, &forecast);
+    }
+    return status;
+}
+
 static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -88,6 +158,11 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
     if (!o->quiet) {
         print_notices(run->analysis.choice.notices);
     }
+    status = choose_resolution(run, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    o = run->options;
     status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
     if (status == UMB_OK) {
         umbb_progress_plan(run->plan);
@@ -95,16 +170,6 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
     }
     run->report.seconds_analysis = umbb_clock_s() - start;
     return status;
-}
-
-/* 1 if any light is a spot or point light. */
-static int sees_from_a_point(const struct umbb_analysis *analysis)
-{
-    int found = 0;
-    for (uint32_t i = 0; i < analysis->choice.count; i++) {
-        found |= analysis->choice.lights[i].kind != UMB_LIGHT_DIRECTIONAL;
-    }
-    return found;
 }
 
 /* Opens the folder of tiles that the options name, if any. */
@@ -151,18 +216,7 @@ static enum umb_status check_tiles(const struct run *run, const struct umbb_memo
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
-    const struct umbb_memory_input input = {
-        .memory_bytes = o->memory_bytes,
-        .scene_bytes = run->scene->map_bytes,
-        .triangles = run->analysis.count,
-        .log2_size = o->resolution_log2,
-        .tile_log2 = o->tile_log2,
-        .threads = o->threads,
-        .closed_rule = run->analysis.closed_rule,
-        .merging = o->task == UMBB_TASK_MERGE,
-        .traced = o->depth == UMBB_DEPTH_EMBREE,
-        .projected = sees_from_a_point(&run->analysis),
-    };
+    const struct umbb_memory_input input = memory_input(run);
     struct umbb_memory_plan memory;
     enum umb_status status = umbb_memory_divide(&input, &memory, error);
     if (status == UMB_OK) {
@@ -335,8 +389,8 @@ static void print_report(struct run *run)
 /* What there is to do with an imported scene. */
 static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error)
 {
-    const struct umbb_options *options = run->options;
     enum umb_status status = analyse(run, error);
+    const struct umbb_options *options = run->options; /* chosen meanwhile, perhaps */
     if (status == UMB_OK && options->plan) {
         const uint64_t tiles = umbb_tile_count(&run->analysis, options->tile_log2);
         if (options->json) {

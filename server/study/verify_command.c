@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "rays/verify.h"
+#include "study/bound_check.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "common/json_text.h"
@@ -28,7 +29,11 @@ static const char help[] =
     "outside that band there must be none.\n"
     "\n"
     "  --scene SCENE   the scene file\n"
-    "  --points N      points a light, 1 to 1000000000 (default 1000000)\n"
+    "  --bounds        check the bound of every setting of the asset's accuracy curve instead: "
+    "where\n"
+    "                  an answer is not what a ray says, a true boundary must lie within it\n"
+    "  --points N      points a light, 1 to 1000000000 (default 1000000; with --bounds at most\n"
+    "                  10000000, default 100000)\n"
     "  --light N       only this light (default: all)\n"
     "  --seed N        of the points (default 1); the same seed gives the same points\n"
     "  --threads N     default: all processors\n"
@@ -41,10 +46,12 @@ static const char help[] =
     "scene),\n"
     "66 no input, 69 unavailable, 74 I/O, 75 temporary.\n";
 
+#define BOUND_POINTS_MAX 10000000U
+
 struct verify {
     const char *file, *scene_path;
     uint64_t points, light, seed, threads;
-    int force, json, quiet, help;
+    int force, json, quiet, help, bounds;
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umbt_scene scene;
@@ -52,6 +59,7 @@ struct verify {
     struct umbr_verify_result *results; /* [light_count] */
     double seconds;
     uint64_t outside_band;
+    size_t rows_done; /* with --bounds */
 };
 
 static enum umb_status verify_parse(int argc, char **argv, struct verify *verify,
@@ -63,19 +71,26 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         {"--light", UMBT_COUNT, &verify->light, 0, UMB_LIGHTS_MAX - 1},
         {"--seed", UMBT_COUNT, &verify->seed, 0, UINT64_MAX},
         {"--threads", UMBT_COUNT, &verify->threads, 1, 256},
+        {"--bounds", UMBT_FLAG, &verify->bounds, 0, 0},
         {"--force", UMBT_FLAG, &verify->force, 0, 0},
         {"--json", UMBT_FLAG, &verify->json, 0, 0},
         {"--quiet", UMBT_FLAG, &verify->quiet, 0, 0},
         {"--help", UMBT_FLAG, &verify->help, 0, 0},
     };
     struct umbt_positionals positionals = {.max = 1};
-    verify->points = 1000000;
     verify->light = UINT64_MAX;
     verify->seed = 1;
     const enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
     if (status != UMB_OK || verify->help) {
         return status;
+    }
+    if (verify->points == 0) {
+        verify->points = verify->bounds ? 100000 : 1000000;
+    }
+    if (verify->bounds && verify->points > BOUND_POINTS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--points: %" PRIu64 ", at most %u with --bounds",
+                        verify->points, BOUND_POINTS_MAX);
     }
     if (positionals.count != 1) {
         return umb_fail(error, UMB_E_ARGUMENT, "FILE: is needed; see --help");
@@ -232,6 +247,77 @@ static void report_json(const struct verify *verify)
     printf("]}\n");
 }
 
+/* One row of a light's curve against rays. */
+static enum umb_status row_check(struct verify *verify, const struct umbt_point_set *points,
+                                 uint32_t light, const struct umb_curve_row *row,
+                                 struct umb_error *error)
+{
+    struct umbt_bound_result result;
+    const struct umbt_bound_job job = {
+        .scene = &verify->scene,
+        .asset = verify->asset,
+        .points = points,
+        .settings = {.light = light, .taps = row->taps, .level = row->level},
+        .bound_m = row->bound_m,
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+    };
+    const enum umb_status status = umbt_bound_check(&job, &result, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (verify->json) {
+        printf("%s{\"light\":%u,\"level\":%u,\"taps\":%u,\"bound_m\":%.9g,\"points\":%" PRIu64
+               ",\"differ\":%" PRIu64 ",\"undefined\":%" PRIu64 ",\"beyond\":%" PRIu64 "}",
+               verify->rows_done > 0 ? "," : "", light, row->level, row->taps, row->bound_m,
+               result.points, result.differ, result.undefined, result.beyond);
+    } else if (!verify->quiet) {
+        printf("light %u, level %u, %2u taps: within %.4g m: %" PRIu64 " points, %" PRIu64
+               " differ from a ray, %" PRIu64 " of them undefined, %" PRIu64 " beyond the bound\n",
+               light, row->level, row->taps, row->bound_m, result.points, result.differ,
+               result.undefined, result.beyond);
+    }
+    if (result.beyond > 0 && !verify->quiet && !verify->json) {
+        printf("  for example at %.9g %.9g %.9g\n", result.worst_point[0], result.worst_point[1],
+               result.worst_point[2]);
+    }
+    verify->outside_band += result.beyond;
+    verify->rows_done++;
+    return UMB_OK;
+}
+
+/* --bounds: every row of every light's curve. */
+static enum umb_status bounds_verify(struct verify *verify, struct umb_error *error)
+{
+    const struct umbt_point_request request = {
+        .scene = &verify->scene,
+        .kind = UMBT_POINT_SURFACE,
+        .count = (size_t)verify->points,
+        .seed = verify->seed,
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .quiet = verify->quiet,
+    };
+    struct umbt_point_set points = {0};
+    enum umb_status status = umbt_points_sample(&request, &points, error);
+    if (status == UMB_OK && verify->json) {
+        fputs("{\"bounds\":[", stdout);
+    }
+    for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
+        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+        const size_t count = umb_curve_get(verify->asset, verify->first_light + i, rows);
+        for (size_t k = 0; k < count && status == UMB_OK; k++) {
+            status = row_check(verify, &points, verify->first_light + i, &rows[k], error);
+        }
+    }
+    if (status == UMB_OK && verify->json) {
+        printf("],\"true\":%s}\n", verify->outside_band > 0 ? "false" : "true");
+    }
+    umbt_point_set_finish(&points);
+    if (status == UMB_OK && verify->rows_done == 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
+    }
+    return status;
+}
+
 int umbt_verify_command(int argc, char **argv)
 {
     struct verify verify;
@@ -245,10 +331,14 @@ int umbt_verify_command(int argc, char **argv)
     if (status == UMB_OK) {
         status = inputs_open(&verify, &error);
     }
-    if (status == UMB_OK) {
+    if (status == UMB_OK && verify.bounds) {
+        status = bounds_verify(&verify, &error);
+    } else if (status == UMB_OK) {
         status = lights_verify(&verify, &error);
     }
-    if (status == UMB_OK && verify.json) {
+    if (status == UMB_OK && verify.bounds) {
+        /* said already, row by row */
+    } else if (status == UMB_OK && verify.json) {
         report_json(&verify);
     } else if (status == UMB_OK && !verify.quiet) {
         report_text(&verify);

@@ -221,6 +221,15 @@ static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_
                            error);
 }
 
+enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
+                                    struct umb_error *error)
+{
+    free(analysis->frusta);
+    analysis->frusta = NULL;
+    analysis->frustum_count = 0;
+    return fit_frusta(analysis, log2_size, error);
+}
+
 enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                   const struct umbb_options *options,
                                   struct umbb_analysis *analysis, struct umb_error *error)

@@ -63,6 +63,11 @@ UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view
                                               struct umb_error *error);
 void umbb_analysis_finish(struct umbb_analysis *analysis);
 
+/* Fits the frusta of all lights to another resolution; the corners must be in world space.
+ * Fails: what fitting fails with; there are no frusta then. */
+UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
+                                                struct umb_error *error);
+
 /* Moves the corners, which are in world space, to the voxel space of a directional light's
  * frustum. */
 void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum);

@@ -255,6 +255,9 @@ static void refusals_name_the_option_and_the_value(void **state)
         const char *line, *option, *value;
     } cases[] = {
         {"s -o o --resolution 100", "--resolution", "100"},
+        {"s -o o --max-error 0", "--max-error", "0"},
+        {"s -o o --max-error -1", "--max-error", "-1"},
+        {"s -o o --max-error 1cm", "--max-error", "1cm"},
         {"s -o o --resolution 32", "--resolution", "32"},
         {"s -o o --resolution 524288", "--resolution", "524288"},
         {"s -o o --resolution -64", "--resolution", "-64"},

@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See resolution_choice.h. */
+#include "bake/resolution_choice.h"
+
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+#include "bake/bake_frusta.h"
+#include "common/sha256.h"
+#include "format/content.h"
+#include "umbrage/curve.h"
+
+#define SMALL_LOG2 11U /* voxels a side of the second small bake */
+#define GROWTH_MIN                                                                                 \
+    1.5 /* of time and bytes with each doubling: lines grow twofold, areas fourfold */
+#define GROWTH_MAX 3.5
+
+/* What a small bake took. */
+struct sample {
+    double seconds, packed_bytes, octree_bytes;
+};
+
+/* Processor time of all threads: other programs' work does not count. */
+static double processor_s(void)
+{
+    struct timespec now = {0};
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static double bound_m(const struct umbb_analysis *analysis)
+{
+    double bound = 0;
+    for (uint32_t i = 0; i < analysis->frustum_count; i++) {
+        bound = fmax(bound, umb_frustum_bound_m(&analysis->frusta[i], 0, 1));
+    }
+    return bound;
+}
+
+static enum umb_status fit(const struct umbb_resolution_job *job, uint32_t log2_size,
+                           struct umb_error *error)
+{
+    const enum umb_status status = umbb_analysis_to_world(job->analysis, job->view, error);
+    return status == UMB_OK ? umbb_analysis_refit(job->analysis, log2_size, error) : status;
+}
+
+static enum umb_status divide(const struct umbb_resolution_job *job, uint32_t log2_size,
+                              struct umbb_memory_plan *plan, struct umb_error *error)
+{
+    struct umbb_memory_input input = job->memory;
+    input.log2_size = log2_size;
+    input.tile_log2 = input.tile_log2 < log2_size ? input.tile_log2 : log2_size;
+    return umbb_memory_divide(&input, plan, error);
+}
+
+static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
+{
+    (void)bytes;
+    *(double *)user += (double)count;
+    return UMB_OK;
+}
+
+/* Packs an octree to nowhere. */
+static enum umb_status pack(const struct umbb_resolution_job *job, const struct umb_octree *octree,
+                            double *packed_bytes, struct umb_error *error)
+{
+    static char nothing[] = "";
+    const struct umb_content content = {
+        .light_count = job->analysis->choice.count,
+        .frustum_count = job->analysis->frustum_count,
+        .lights = job->analysis->choice.lights,
+        .frusta = job->analysis->frusta,
+        .bounds = job->analysis->bounds,
+        .plan = nothing,
+        .settings = nothing,
+    };
+    const struct umb_sink sink = {count_bytes, packed_bytes};
+    uint8_t id[UMB_ID_BYTES];
+    return umb_pack_write(&content, octree, &umbs_sha256, &sink, id, error);
+}
+
+/* Bakes at a small resolution. */
+static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_t log2_size,
+                                  struct sample *sample, struct umb_error *error)
+{
+    struct umbb_options options = *job->options;
+    struct umbb_memory_plan memory;
+    struct umb_octree octree = {0};
+    struct umbb_bake_figures figures = {0};
+    const double start = processor_s();
+    memset(sample, 0, sizeof *sample);
+    options.resolution_log2 = log2_size;
+    options.quiet = 1;
+    enum umb_status status = fit(job, log2_size, error);
+    if (status == UMB_OK) {
+        status = divide(job, log2_size, &memory, error);
+    }
+    if (status == UMB_OK) {
+        const struct umbb_frusta_job bake = {
+            .analysis = job->analysis, .view = job->view, .options = &options, .memory = &memory};
+        status = umbb_bake_frusta(&bake, &octree, &figures, error);
+    }
+    if (status == UMB_OK) {
+        status = pack(job, &octree, &sample->packed_bytes, error);
+    }
+    umb_octree_finish(&octree);
+    sample->seconds = processor_s() - start;
+    sample->octree_bytes = (double)figures.octree_bytes;
+    return status;
+}
+
+static double grown(double first, double second, uint32_t doublings)
+{
+    const double growth = first > 0 ? second / first : GROWTH_MAX;
+    return second * pow(fmin(fmax(growth, GROWTH_MIN), GROWTH_MAX), doublings);
+}
+
+static void extrapolate(const struct sample samples[2], uint32_t log2_size,
+                        struct umbb_forecast *forecast)
+{
+    const uint32_t doublings = log2_size - SMALL_LOG2;
+    forecast->small_log2 = SMALL_LOG2;
+    forecast->seconds = grown(samples[0].seconds, samples[1].seconds, doublings);
+    forecast->packed_bytes = grown(samples[0].packed_bytes, samples[1].packed_bytes, doublings);
+    forecast->octree_bytes = grown(samples[0].octree_bytes, samples[1].octree_bytes, doublings);
+}
+
+/* 1 if a bake is likely to fit its memory. */
+static int fits(const struct umbb_resolution_job *job, uint32_t log2_size,
+                const struct umbb_forecast *forecast)
+{
+    struct umbb_memory_plan plan;
+    return divide(job, log2_size, &plan, NULL) == UMB_OK &&
+           forecast->octree_bytes <= (double)plan.octree_max_bytes;
+}
+
+/* The wanted resolution is out of reach: names the best that is not. */
+static enum umb_status fail_memory(const struct umbb_resolution_job *job,
+                                   const struct sample samples[2], uint32_t wanted_log2,
+                                   const struct umbb_forecast *wanted, struct umb_error *error)
+{
+    uint32_t log2_size = wanted_log2;
+    struct umbb_forecast forecast = *wanted;
+    while (log2_size > SMALL_LOG2 && !fits(job, log2_size, &forecast)) {
+        extrapolate(samples, --log2_size, &forecast);
+    }
+    const enum umb_status status = fit(job, log2_size, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    return umb_fail(error, UMB_E_LIMIT,
+                    "--max-error: %g m needs %u voxels a side, about %.0f MiB of nodes while it is "
+                    "baked: too much for --memory %llu MiB; %u voxels reach %.3g m",
+                    job->options->max_error_m, 1U << wanted_log2, wanted->octree_bytes / 1048576.0,
+                    (unsigned long long)(job->memory.memory_bytes >> 20), 1U << log2_size,
+                    bound_m(job->analysis));
+}
+
+/* The smallest resolution that keeps to the bound; the frusta are left fitted to it. */
+static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log2_size,
+                            struct umbb_forecast *forecast, struct umb_error *error)
+{
+    const double wanted_m = job->options->max_error_m;
+    for (*log2_size = UMBB_RESOLUTION_LOG2_MIN; *log2_size <= UMBB_RESOLUTION_LOG2_MAX;
+         ++*log2_size) {
+        const enum umb_status status = fit(job, *log2_size, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        forecast->bound_m = bound_m(job->analysis);
+        if (forecast->bound_m <= wanted_m) {
+            return UMB_OK;
+        }
+        /* The bound halves with each doubling, margins apart: skip what cannot reach. */
+        while (*log2_size < UMBB_RESOLUTION_LOG2_MAX && forecast->bound_m > 4 * wanted_m) {
+            forecast->bound_m /= 2;
+            ++*log2_size;
+        }
+    }
+    return umb_fail(error, UMB_E_LIMIT,
+                    "--max-error: %g m: %u voxels a side, the most, reach %.3g m", wanted_m,
+                    1U << UMBB_RESOLUTION_LOG2_MAX, forecast->bound_m);
+}
+
+enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job, uint32_t *log2_size,
+                                       struct umbb_forecast *forecast, struct umb_error *error)
+{
+    struct sample samples[2];
+    memset(forecast, 0, sizeof *forecast);
+    enum umb_status status = find(job, log2_size, forecast, error);
+    if (status != UMB_OK || *log2_size <= SMALL_LOG2 + 1) {
+        return status;
+    }
+    for (uint32_t i = 0; i < 2 && status == UMB_OK; i++) {
+        status = bake_small(job, SMALL_LOG2 - 1 + i, &samples[i], error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    extrapolate(samples, *log2_size, forecast);
+    if (!fits(job, *log2_size, forecast)) {
+        return fail_memory(job, samples, *log2_size, forecast, error);
+    }
+    return fit(job, *log2_size, error);
+}

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_RESOLUTION_CHOICE_H
+#define UMBRAGE_SERVER_BAKE_RESOLUTION_CHOICE_H
+/*
+ * --max-error: the smallest resolution whose bound at one tap (umb_frustum_bound_m) keeps to a
+ * length, in every frustum; and what the bake will cost, told from two small ones.
+ *
+ * The choice follows from the scene and the lights alone. The forecast does not decide anything but
+ * whether the octree is likely to fit the memory allowed: time and bytes are taken to grow with
+ * each doubling as they did from the first small bake to the second.
+ */
+#include "bake/analysis/analysis.h"
+#include "bake/memory_plan.h"
+
+struct umbb_forecast {
+    double bound_m;                    /* at one tap, the largest of all frusta */
+    double seconds;                    /* of baking and packing, on this machine; 0: not told */
+    double packed_bytes, octree_bytes; /* 0: not told */
+    uint32_t small_log2;               /* the larger of the bakes it is told from */
+};
+
+struct umbb_resolution_job {
+    struct umbb_analysis *analysis; /* fitted anew; corners end up in world space */
+    const struct umbs_scene_view *view;
+    const struct umbb_options *options; /* max_error_m above 0 */
+    struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are ours */
+};
+
+/*
+ * Chooses.
+ *
+ * Out:   log2_size; forecast: without costs if the bake itself is small.
+ * Fails: E_LIMIT (no resolution reaches it, or none that fits the memory: says what does),
+ *        E_NO_MEMORY, E_CANCELLED, what fitting fails with.
+ * Cost:  a pass over the triangles for each resolution tried, and two bakes of 1024 and 2048
+ * voxels.
+ */
+UMB_CHECKED enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job,
+                                                   uint32_t *log2_size,
+                                                   struct umbb_forecast *forecast,
+                                                   struct umb_error *error);
+
+#endif

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
+#define UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
+/*
+ * Is the stated bound true? Points on the scene's surfaces are asked with a setting and by a ray
+ * each. Where the two differ, another ray must find the other truth no farther away than the bound:
+ * tried at places around the point and at the centres of the voxels that answered.
+ *
+ * A window that reaches into a closed solid is undefined; the bound promises nothing there.
+ */
+#include "study/point_sampler.h"
+#include "umbrage/curve.h"
+
+struct umbt_bound_result {
+    uint64_t points;       /* compared: those that face the light */
+    uint64_t differ;       /* answers that are not what the ray says */
+    uint64_t undefined;    /* of these, where nothing else was found and the window is in a solid */
+    uint64_t beyond;       /* of these, where no true boundary lies within the bound: must be 0 */
+    double worst_point[3]; /* one of the last kind */
+};
+
+struct umbt_bound_job {
+    const struct umbt_scene *scene;
+    const struct umb_asset *asset;
+    const struct umbt_point_set *points; /* on surfaces, with normals */
+    struct umb_query_settings settings;  /* automatic bias, box filter */
+    double bound_m;
+    unsigned threads;
+};
+
+/* Checks. Out: result. Fails: what preparing the query fails with, E_NO_MEMORY. Cost: about a ray a
+ * point, and a few hundred where answers differ. */
+UMB_CHECKED enum umb_status umbt_bound_check(const struct umbt_bound_job *job,
+                                             struct umbt_bound_result *result,
+                                             struct umb_error *error);
+
+#endif
