@@ -26,25 +26,50 @@ void umbc_progress_begin(struct umbc_progress *progress, bool quiet)
     progress->drawn_s = 0;
 }
 
-void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction)
+/* 1 if it is time to draw again; *elapsed is then the time since the begin. */
+static bool is_due(struct umbc_progress *progress, double *elapsed)
 {
-    if (!progress->wanted) {
-        return;
-    }
-    double now = umbc_clock_s();
-    double elapsed = now - progress->started_s;
-    if (elapsed < FIRST_AFTER_S || now - progress->drawn_s < REDRAW_S) {
-        return;
+    const double now = umbc_clock_s();
+    *elapsed = now - progress->started_s;
+    if (!progress->wanted || *elapsed < FIRST_AFTER_S || now - progress->drawn_s < REDRAW_S) {
+        return false;
     }
     progress->drawn = true;
     progress->drawn_s = now;
+    return true;
+}
+
+static void draw_bar(double fraction, char bar[BAR_WIDTH + 1])
+{
+    for (int i = 0; i < BAR_WIDTH; i++) {
+        bar[i] = (double)i < fraction * BAR_WIDTH ? '#' : '.';
+    }
+    bar[BAR_WIDTH] = '\0';
+}
+
+void umbc_progress_show_bytes(struct umbc_progress *progress, uint64_t done, uint64_t total)
+{
+    const double fraction = total > 0 ? (double)done / (double)total : 1;
+    double elapsed;
+    char bar[BAR_WIDTH + 1];
+    if (is_due(progress, &elapsed) && done > 0) {
+        draw_bar(fraction, bar);
+        (void)fprintf(stderr, "\r[%s] %3.0f %%  %.1f MB/s  %.0f s left \033[K", bar, fraction * 100,
+                      1e-6 * (double)done / elapsed, elapsed * (1 - fraction) / fraction);
+        (void)fflush(stderr);
+    }
+}
+
+void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction)
+{
+    double elapsed;
+    if (!is_due(progress, &elapsed)) {
+        return;
+    }
     double rate = (double)points / elapsed;
     if (fraction > 0 && fraction <= 1) {
         char bar[BAR_WIDTH + 1];
-        for (int i = 0; i < BAR_WIDTH; i++) {
-            bar[i] = (double)i < fraction * BAR_WIDTH ? '#' : '.';
-        }
-        bar[BAR_WIDTH] = '\0';
+        draw_bar(fraction, bar);
         (void)fprintf(stderr, "\r[%s] %3.0f %%  %.3g points/s  %.0f s left \033[K", bar,
                       fraction * 100, rate, elapsed * (1 - fraction) / fraction);
     } else {

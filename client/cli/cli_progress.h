@@ -19,6 +19,9 @@ void umbc_progress_begin(struct umbc_progress *progress, bool quiet);
 /* Redraws at most five times a second. fraction: 0..1, or negative if not known. */
 void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction);
 
+/* The same for bytes of a known total. */
+void umbc_progress_show_bytes(struct umbc_progress *progress, uint64_t done, uint64_t total);
+
 /* Removes the line. */
 void umbc_progress_end(struct umbc_progress *progress);
 

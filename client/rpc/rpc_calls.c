@@ -89,7 +89,11 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     call->deadline_ns = uv_hrtime() + (uint64_t)call->timeout_ms * 1000000U;
     call->done = done;
     call->user = user;
+    call->feed = plan->feed;
+    call->feed_user = plan->flow_user;
     umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
+    call->reply.take = plan->take;
+    call->reply.take_user = plan->flow_user;
     enum umb_status status = enqueue(client, call, error);
     if (status != UMB_OK) {
         call_free(call);
@@ -143,7 +147,7 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 
 bool umb__call_retry(struct umb_client *client, struct umb__call *call)
 {
-    if (call->retries >= UMB__RETRIES_MAX || client->stopped) {
+    if (call->retries >= UMB__RETRIES_MAX || client->stopped || call->was_fed) {
         return false;
     }
     call->retries++;

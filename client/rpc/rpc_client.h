@@ -46,12 +46,20 @@ struct umb__call_list {
     struct umb__call *first, *last;
 };
 
+/* Appends the next request message to an empty body; leaves it empty at the end. A failure resets
+ * the call. Loop thread. */
+typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
+
 /* What a call asks and how. */
 struct umb__call_plan {
     const char *path;    /* static */
     uint32_t timeout_ms; /* 0 = the client's */
     struct umb_client_stream
         *stream; /* goes over this one, or NULL: a stream of HTTP/2 of its own */
+    /* Of calls with many requests or replies, else NULL. A call that was fed is not sent again. */
+    umb__feed_fn feed;                                             /* after the first request */
+    bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
+    void *flow_user;
 };
 
 struct umb__call {
@@ -60,6 +68,9 @@ struct umb__call {
     const char *path; /* static */
     struct umbw_buffer body;
     size_t body_sent;
+    umb__feed_fn feed; /* NULL: body is all */
+    void *feed_user;
+    bool was_fed;
     uint64_t deadline_ns; /* uv_hrtime's clock */
     uint32_t timeout_ms;
     umb__done_fn done;

@@ -206,11 +206,18 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
         size_t filled = umb__stream_read(call->carries, buffer, length);
         return filled > 0 ? (ssize_t)filled : NGHTTP2_ERR_DEFERRED;
     }
+    if (call->feed != NULL && call->body_sent == call->body.size) {
+        call->body.size = call->body_sent = 0;
+        call->was_fed = true;
+        if (call->feed(call->feed_user, &call->body) != UMB_OK) {
+            return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
+        }
+    }
     size_t left = call->body.size - call->body_sent;
     size_t count = left < length ? left : length;
     memcpy(buffer, call->body.bytes + call->body_sent, count);
     call->body_sent += count;
-    if (count == left) {
+    if (count == left && (call->feed == NULL || left == 0)) {
         *flags |= NGHTTP2_DATA_FLAG_EOF;
     }
     return (ssize_t)count;

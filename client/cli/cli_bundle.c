@@ -1,0 +1,367 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finding a scene's files, see cli_bundle.h. */
+#include "cli_bundle.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define PATH_SIZE  4096
+#define TEXT_BYTES ((size_t)1 << 30) /* of a file that is looked through */
+
+struct gathering {
+    struct umbc_bundle *bundle;
+    char folder[PATH_SIZE]; /* the scene's, absolute, without the last slash */
+    int quiet;
+    struct umb_error *error;
+};
+
+void umbc_bundle_finish(struct umbc_bundle *bundle)
+{
+    for (size_t i = 0; i < bundle->count; i++) {
+        free((char *)(uintptr_t)bundle->files[i].source);
+    }
+    free(bundle->files);
+    *bundle = (struct umbc_bundle){NULL, 0};
+}
+
+/* Reads a text of at most TEXT_BYTES, ended by a NUL; free() it. Binary files too. */
+static enum umb_status read_text(const char *path, char **text, size_t *size,
+                                 struct umb_error *error)
+{
+    FILE *file = fopen(path, "rbe");
+    struct stat info;
+    *text = NULL;
+    *size = 0;
+    if (file == NULL) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
+    }
+    if (fstat(fileno(file), &info) == 0 && (uint64_t)info.st_size <= TEXT_BYTES) {
+        *text = malloc((size_t)info.st_size + 1);
+    }
+    if (*text != NULL) {
+        *size = fread(*text, 1, (size_t)info.st_size, file);
+        (*text)[*size] = '\0';
+    }
+    (void)fclose(file);
+    return *text != NULL ? UMB_OK
+                         : umb_fail(error, UMB_E_LIMIT, "no memory to look through '%.200s'", path);
+}
+
+/* Takes "." and ".." out of an absolute path, in place; false if it leaves the root. */
+static bool normalise(char *path)
+{
+    char *to = path;
+    const char *from = path;
+    while (*from != '\0') {
+        while (*from == '/') {
+            from++;
+        }
+        const size_t length = strcspn(from, "/");
+        if (length == 2 && from[0] == '.' && from[1] == '.') {
+            if (to == path) {
+                return false;
+            }
+            while (*--to != '/') {
+            }
+        } else if (length > 0 && !(length == 1 && from[0] == '.')) {
+            *to++ = '/';
+            memmove(to, from, length);
+            to += length;
+        }
+        from += length;
+    }
+    *to = '\0';
+    return true;
+}
+
+/* Adds a file by its absolute path, once. */
+static enum umb_status add_path(struct gathering *g, const char *path)
+{
+    struct umbc_bundle *bundle = g->bundle;
+    for (size_t i = 0; i < bundle->count; i++) {
+        if (strcmp(bundle->files[i].source, path) == 0) {
+            return UMB_OK;
+        }
+    }
+    if (bundle->count == UMBC_BUNDLE_FILES_MAX) {
+        return umb_fail(g->error, UMB_E_LIMIT, "the scene names more than %d files",
+                        UMBC_BUNDLE_FILES_MAX);
+    }
+    struct umb_job_file *files =
+        realloc(bundle->files, (bundle->count + 1) * sizeof *bundle->files);
+    if (files == NULL) {
+        return umb_fail(g->error, UMB_E_NO_MEMORY, "out of memory for the scene's files");
+    }
+    bundle->files = files;
+    files[bundle->count].source = strdup(path);
+    files[bundle->count].path = NULL;
+    if (files[bundle->count].source == NULL) {
+        return umb_fail(g->error, UMB_E_NO_MEMORY, "out of memory for the scene's files");
+    }
+    bundle->count++;
+    return UMB_OK;
+}
+
+/* Adds what a scene names, if it is a file. */
+static enum umb_status add_named(struct gathering *g, const char *name)
+{
+    char path[2 * PATH_SIZE];
+    struct stat info;
+    if (name[0] == '\0' || strlen(name) >= PATH_SIZE) {
+        return UMB_OK;
+    }
+    (void)snprintf(path, sizeof path, "%s/%s", g->folder, name);
+    for (char *at = path; *at != '\0'; at++) {
+        *at = *at == '\\' ? '/' : *at; /* as exporters on Windows write */
+    }
+    if (!normalise(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
+        if (!g->quiet) {
+            (void)fprintf(stderr, "umbrage: notice: the scene names '%.200s', which is not here\n",
+                          name);
+        }
+        return UMB_OK;
+    }
+    return add_path(g, path);
+}
+
+static int hex_digit(char c)
+{
+    return c >= '0' && c <= '9'   ? c - '0'
+           : c >= 'a' && c <= 'f' ? c - 'a' + 10
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
+}
+
+/* Undoes the %XX of a URI, in place. */
+static void decode_uri(char *text)
+{
+    char *to = text;
+    for (const char *from = text; *from != '\0'; from++) {
+        int high = *from == '%' ? hex_digit(from[1]) : -1;
+        int low = high >= 0 ? hex_digit(from[2]) : -1;
+        if (low >= 0 && (high | low) != 0) {
+            *to++ = (char)(high * 16 + low);
+            from += 2;
+        } else {
+            *to++ = *from;
+        }
+    }
+    *to = '\0';
+}
+
+/* Copies a JSON string that begins behind its quote; returns the end, NULL if it has none or does
+ * not fit. \u escapes beyond ASCII are not file names that anybody writes. */
+static const char *take_json_string(const char *from, const char *end, char out[PATH_SIZE])
+{
+    size_t used = 0;
+    while (from < end && *from != '"') {
+        char c = *from++;
+        if (c == '\\' && from < end) {
+            c = *from++;
+            if (c == 'u' && end - from >= 4 && from[0] == '0' && from[1] == '0') {
+                c = (char)(hex_digit(from[2]) * 16 + hex_digit(from[3]));
+                from += 4;
+            }
+        }
+        if (used + 1 == PATH_SIZE) {
+            return NULL;
+        }
+        out[used++] = c;
+    }
+    out[used] = '\0';
+    return from < end ? from : NULL;
+}
+
+/* Every "uri": "..." that is not data in itself. */
+static enum umb_status look_for_uris(struct gathering *g, const char *text, size_t size)
+{
+    static const char key[] = "\"uri\"";
+    const char *end = text + size, *at = text;
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK && (size_t)(end - at) > sizeof key) {
+        at = memchr(at, '"', (size_t)(end - at));
+        if (at == NULL || (size_t)(end - at) <= sizeof key) {
+            break;
+        }
+        if (memcmp(at, key, sizeof key - 1) != 0) {
+            at++;
+            continue;
+        }
+        char name[PATH_SIZE];
+        at += sizeof key - 1;
+        while (at < end && (isspace((unsigned char)*at) || *at == ':')) {
+            at++;
+        }
+        if (at < end && *at == '"' && take_json_string(at + 1, end, name) != NULL &&
+            strncmp(name, "data:", 5) != 0) {
+            decode_uri(name);
+            status = add_named(g, name);
+        }
+    }
+    return status;
+}
+
+/* The rest of a line behind a word, without blanks around it; false if it begins otherwise. */
+static bool take_line(const char *line, size_t length, const char *word, char out[PATH_SIZE])
+{
+    const size_t skip = strlen(word);
+    if (length <= skip || strncasecmp(line, word, skip) != 0 ||
+        !isspace((unsigned char)line[skip])) {
+        return false;
+    }
+    line += skip;
+    length -= skip;
+    while (length > 0 && isspace((unsigned char)*line)) {
+        line++;
+        length--;
+    }
+    while (length > 0 && isspace((unsigned char)line[length - 1])) {
+        length--;
+    }
+    if (length == 0 || length >= PATH_SIZE) {
+        return false;
+    }
+    memcpy(out, line, length);
+    out[length] = '\0';
+    return true;
+}
+
+/* Calls take for each line. */
+static enum umb_status each_line(struct gathering *g, const char *path,
+                                 enum umb_status (*take)(struct gathering *, const char *, size_t))
+{
+    char *text;
+    size_t size;
+    enum umb_status status = read_text(path, &text, &size, g->error);
+    const char *end = text + size;
+    for (const char *at = text; status == UMB_OK && at < end;) {
+        const char *newline = memchr(at, '\n', (size_t)(end - at));
+        const char *stop = newline != NULL ? newline : end;
+        while (at < stop && isspace((unsigned char)*at)) {
+            at++;
+        }
+        status = take(g, at, (size_t)(stop - at));
+        at = stop + 1;
+    }
+    free(text);
+    return status;
+}
+
+/* Textures: options like `-o 0 0 0` come before the name, which is the last word then. */
+static enum umb_status take_mtl_line(struct gathering *g, const char *line, size_t length)
+{
+    static const char *const words[] = {"map_Kd", "map_Ka", "map_Ks", "map_d", "map_bump", "bump"};
+    char name[PATH_SIZE];
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        if (take_line(line, length, words[i], name)) {
+            const char *last = name[0] == '-' ? strrchr(name, ' ') : NULL;
+            return add_named(g, last != NULL ? last + 1 : name);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status take_obj_line(struct gathering *g, const char *line, size_t length)
+{
+    char name[PATH_SIZE], path[2 * PATH_SIZE];
+    if (!take_line(line, length, "mtllib", name)) {
+        return UMB_OK;
+    }
+    enum umb_status status = add_named(g, name);
+    (void)snprintf(path, sizeof path, "%s/%s", g->folder, name);
+    if (status == UMB_OK && access(path, R_OK) == 0) {
+        status = each_line(g, path, take_mtl_line);
+    }
+    return status;
+}
+
+static bool ends_in(const char *text, const char *ending)
+{
+    const size_t length = strlen(text), tail = strlen(ending);
+    return length > tail && strcasecmp(text + length - tail, ending) == 0;
+}
+
+static enum umb_status look_through(struct gathering *g, const char *scene)
+{
+    if (ends_in(scene, ".obj")) {
+        return each_line(g, scene, take_obj_line);
+    }
+    if (!ends_in(scene, ".gltf") && !ends_in(scene, ".glb")) {
+        return UMB_OK;
+    }
+    char *text;
+    size_t size;
+    enum umb_status status = read_text(scene, &text, &size, g->error);
+    if (status == UMB_OK) {
+        size_t json =
+            size; /* of a GLB only its first chunk: 12 bytes of header, 8 of the chunk's */
+        if (size > 20 && memcmp(text, "glTF", 4) == 0) {
+            const unsigned char *length = (const unsigned char *)text + 12;
+            json = 20 + ((size_t)length[0] | (size_t)length[1] << 8 | (size_t)length[2] << 16 |
+                         (size_t)length[3] << 24);
+            json = json < size ? json : size;
+        }
+        status = look_for_uris(g, text, json);
+    }
+    free(text);
+    return status;
+}
+
+/* Length of the deepest folder that holds all files, with its slash. */
+static size_t common_folder(const struct umbc_bundle *bundle)
+{
+    const char *first = bundle->files[0].source;
+    size_t length = (size_t)(strrchr(first, '/') - first) + 1;
+    for (size_t i = 1; i < bundle->count; i++) {
+        while (strncmp(first, bundle->files[i].source, length) != 0) {
+            length--;
+            while (length > 1 && first[length - 1] != '/') {
+                length--;
+            }
+        }
+    }
+    return length;
+}
+
+enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bundle *bundle,
+                                   struct umb_error *error)
+{
+    struct gathering g = {.bundle = bundle, .quiet = quiet, .error = error};
+    char path[2 * PATH_SIZE] = "";
+    *bundle = (struct umbc_bundle){NULL, 0};
+    if (scene[0] != '/' && getcwd(g.folder, sizeof g.folder) == NULL) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot tell the present folder");
+    }
+    if (strlen(scene) >= PATH_SIZE) {
+        return umb_fail(error, UMB_E_NO_INPUT, "the scene's name is too long");
+    }
+    (void)snprintf(path, sizeof path, "%s/%s", scene[0] == '/' ? "" : g.folder, scene);
+    struct stat info;
+    if (stat(scene, &info) != 0) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", scene);
+    }
+    if (!S_ISREG(info.st_mode) || !normalise(path) || strlen(path) >= PATH_SIZE) {
+        return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", scene);
+    }
+    (void)snprintf(g.folder, sizeof g.folder, "%.*s", (int)(strrchr(path, '/') - path), path);
+    enum umb_status status = add_path(&g, path);
+    if (status == UMB_OK) {
+        status = look_through(&g, path);
+    }
+    if (status != UMB_OK) {
+        umbc_bundle_finish(bundle);
+        return status;
+    }
+    const size_t common = common_folder(bundle);
+    for (size_t i = 0; i < bundle->count; i++) {
+        bundle->files[i].path = bundle->files[i].source + common;
+    }
+    return UMB_OK;
+}

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * umbrage fetch: downloads an asset that a job of yours made. What came stays beside the output as
+ * OUT.part when the fetch is ended early, and the next one goes on behind it; the file gets its
+ * name only when its pages are proven to be those of the id.
+ */
+#include "cli_common.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+#include "cli_json.h"
+#include "cli_progress.h"
+#include "cli_session.h"
+#include "format/content.h"
+#include "format/file_map.h"
+#include "format/head.h"
+#include "../rpc/rpc_sha256.h"
+#include "umbrage/jobs.h"
+
+#define TRIES 5 /* without one byte more between two */
+
+enum fetch_option {
+    OPTION_OUTPUT,
+    OPTION_JSON,
+    OPTION_QUIET,
+    OPTION_COUNT,
+};
+
+static const struct umbc_option OPTIONS[OPTION_COUNT] = {
+    [OPTION_OUTPUT] = {"output", "FILE", "where to (ASSET.umb)", 'o'},
+    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
+    [OPTION_QUIET] = {"quiet", NULL, "no progress", 'q'},
+};
+
+static const struct umbc_command COMMAND = {
+    .usage = "umbrage fetch ASSET [-o FILE] [options]",
+    .summary = "Downloads the packed file of an asset that a job of yours made. ASSET is its id.\n"
+               "What an earlier fetch left in FILE.part is not fetched again.",
+    .options = OPTIONS,
+    .option_count = OPTION_COUNT,
+    .min_words = 1,
+    .max_words = 1,
+    .connects = true,
+};
+
+struct fetch {
+    int fd;
+    uint64_t at;
+    const char *part;
+    struct umbc_progress progress;
+    struct umb_error error;
+};
+
+static enum umb_status take(void *user, uint64_t offset, const void *bytes, size_t count,
+                            uint64_t size)
+{
+    struct fetch *fetch = user;
+    const char *from = bytes;
+    (void)offset; /* the library gives them in order */
+    while (count > 0) {
+        ssize_t written = write(fetch->fd, from, count);
+        if (written < 0 && errno == EINTR) {
+            continue;
+        }
+        if (written <= 0) {
+            return umb_fail_errno(&fetch->error, UMB_E_IO, errno, "cannot write '%.200s'",
+                                  fetch->part);
+        }
+        from += written;
+        count -= (size_t)written;
+        fetch->at += (uint64_t)written;
+    }
+    umbc_progress_show_bytes(&fetch->progress, fetch->at, size);
+    return UMB_OK;
+}
+
+/* Fetches what is missing; a lost connection is made anew as long as that helps. */
+static enum umb_status fetch_rest(struct umb_client *client, const uint8_t *asset,
+                                  struct fetch *fetch, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    int tries = 0;
+    do {
+        const uint64_t before = fetch->at;
+        status = umb_client_fetch(client, asset, fetch->at, take, fetch, error);
+        tries = fetch->at > before ? 0 : tries + 1;
+        if (status == UMB_E_UNAVAILABLE) {
+            (void)nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
+        }
+    } while (status == UMB_E_UNAVAILABLE && tries < TRIES);
+    if (status != UMB_OK && fetch->error.status != UMB_OK) {
+        *error = fetch->error;
+        status = error->status;
+    }
+    return status;
+}
+
+/* Opens what an earlier fetch left, and goes to its end. */
+static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
+{
+    struct stat info;
+    fetch->fd = open(fetch->part, O_RDWR | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (fetch->fd < 0 || fstat(fetch->fd, &info) != 0) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
+                              fetch->part);
+    }
+    if (!S_ISREG(info.st_mode)) {
+        return umb_fail(error, UMB_E_CANNOT_CREATE, "'%.200s' is not a regular file", fetch->part);
+    }
+    fetch->at = (uint64_t)info.st_size;
+    return UMB_OK;
+}
+
+/* What a stranger sent is the asset of that id, byte by byte. */
+static enum umb_status prove_file(const char *path, const uint8_t *asset, struct umb_error *error)
+{
+    struct umb__head head;
+    void *map;
+    size_t size;
+    enum umb_status status = umb__file_map(path, &map, &size, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb__head_parse(map, size, &head, error);
+    if (status == UMB_OK && memcmp(head.id, asset, UMB_ID_BYTES) != 0) {
+        status = umb_fail(error, UMB_E_CORRUPT, "'%.200s' is of another asset", path);
+    }
+    if (status == UMB_OK) {
+        status = umb_pack_prove(map, size, 1, &umb__client_sha256, error);
+    }
+    umb__file_unmap(map, size);
+    return status;
+}
+
+static enum umb_status give_name(struct fetch *fetch, const char *output, struct umb_error *error)
+{
+    if (fsync(fetch->fd) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", fetch->part);
+    }
+    if (rename(fetch->part, output) != 0) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'", output);
+    }
+    return UMB_OK;
+}
+
+/* All of it: fetched, proven, named. A part that is of something else is thrown away once. */
+static enum umb_status fetch_file(struct umb_client *client, const uint8_t *asset,
+                                  struct fetch *fetch, const char *output, struct umb_error *error)
+{
+    enum umb_status status = open_part(fetch, error);
+    for (int round = 0; status == UMB_OK; round++) {
+        const uint64_t found = round == 0 ? fetch->at : 0;
+        status = fetch_rest(client, asset, fetch, error);
+        if (status == UMB_OK) {
+            status = prove_file(fetch->part, asset, error);
+        }
+        const bool stale = found > 0 && (status == UMB_E_ARGUMENT || status == UMB_E_CORRUPT ||
+                                         status == UMB_E_FORMAT || status == UMB_E_TRUNCATED);
+        if (!stale) {
+            break;
+        }
+        status = ftruncate(fetch->fd, 0) == 0
+                     ? UMB_OK
+                     : umb_fail_errno(error, UMB_E_IO, errno, "cannot write '%.200s'", fetch->part);
+        fetch->at = 0;
+    }
+    return status == UMB_OK ? give_name(fetch, output, error) : status;
+}
+
+static int report(const struct umbc_parsed *parsed, const char *output, uint64_t bytes)
+{
+    if (parsed->values[OPTION_JSON] != NULL) {
+        struct umbc_json json = {.file = stdout};
+        umbc_json_begin(&json, NULL, '{');
+        umbc_json_text(&json, "asset", parsed->words[0]);
+        umbc_json_text(&json, "output", output);
+        umbc_json_integer(&json, "bytes", bytes);
+        umbc_json_end(&json, '}');
+        (void)putchar('\n');
+    } else if (parsed->values[OPTION_QUIET] == NULL) {
+        char text[32];
+        umbc_format_bytes(bytes, text);
+        (void)printf("file        %s: %s\n", output, text);
+    }
+    return umbc_finish_stdout(0);
+}
+
+int umbc_fetch(int argc, char **argv)
+{
+    struct umbc_parsed parsed;
+    struct umb_client *client;
+    struct umb_error error = {.status = UMB_OK};
+    uint8_t asset[UMB_ID_BYTES];
+    char output[4096], part[4112];
+    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    if (code >= 0) {
+        return code;
+    }
+    if (!umb_id_from_text(parsed.words[0], asset)) {
+        return umbc_usage_error("fetch: '%s' is not an id of 64 hexadecimal digits",
+                                parsed.words[0]);
+    }
+    const char *wanted = parsed.values[OPTION_OUTPUT];
+    int length = wanted != NULL ? snprintf(output, sizeof output, "%s", wanted)
+                                : snprintf(output, sizeof output, "%s.umb", parsed.words[0]);
+    if (length <= 0 || (size_t)length >= sizeof output) {
+        return umbc_usage_error("fetch: --output: must have 1 to %zu bytes", sizeof output - 1);
+    }
+    (void)snprintf(part, sizeof part, "%s.part", output);
+    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    struct fetch fetch = {.fd = -1, .part = part};
+    umbc_progress_begin(&fetch.progress,
+                        parsed.values[OPTION_QUIET] != NULL || parsed.values[OPTION_JSON] != NULL);
+    enum umb_status status = fetch_file(client, asset, &fetch, output, &error);
+    umbc_progress_end(&fetch.progress);
+    if (fetch.fd >= 0) {
+        (void)close(fetch.fd);
+        if (status != UMB_OK && fetch.at == 0) {
+            (void)unlink(part);
+        }
+    }
+    umb_client_close(client);
+    return status == UMB_OK ? report(&parsed, output, fetch.at) : umbc_complain(&error);
+}

@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Watching and showing jobs, see cli_job_view.h. */
+#include "cli_job_view.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+#include "cli_progress.h"
+
+#define BAR_WIDTH    30
+#define PAUSE_MS     250
+#define PAUSE_MAX_MS 4000
+
+const char *umbc_job_state(int state)
+{
+    static const char *const names[] = {"queued", "running", "done", "failed", "poison"};
+    return state >= 0 && state <= UMB_JOB_POISON ? names[state] : "unknown";
+}
+
+const char *umbc_job_failure(int failure)
+{
+    static const char *const names[] = {"none",    "rejected", "temporary", "io",
+                                        "lost",    "crash",    "memory",    "sandbox",
+                                        "timeout", "internal", "cancelled"};
+    return failure >= 0 && failure <= UMB_JOB_CANCELLED ? names[failure] : "unknown";
+}
+
+int umbc_job_exit(const struct umb_job_status *status)
+{
+    if (status->state == UMB_JOB_DONE) {
+        return 0;
+    }
+    switch (status->failure) {
+    case UMB_JOB_REJECTED:
+        return umb_status_exit(UMB_E_BAD_SCENE);
+    case UMB_JOB_CRASH:
+    case UMB_JOB_SANDBOX:
+    case UMB_JOB_INTERNAL:
+        return umb_status_exit(UMB_E_INTERNAL);
+    default:
+        return umb_status_exit(UMB_E_BUSY);
+    }
+}
+
+void umbc_format_time(int64_t unix_ms, char text[24])
+{
+    const time_t seconds = (time_t)(unix_ms / 1000);
+    struct tm utc;
+    if (unix_ms <= 0 || gmtime_r(&seconds, &utc) == NULL) {
+        (void)snprintf(text, 24, "-");
+    } else {
+        (void)strftime(text, 24, "%Y-%m-%d %H:%M:%S", &utc);
+    }
+}
+
+/* What the call-back of a watch keeps. */
+struct view {
+    bool drawn, wanted;
+    double told_s; /* when the daemon last said something */
+    struct umb_job_status status;
+    char *plan;
+};
+
+static void draw(struct view *view, const char *note)
+{
+    const struct umb_job_status *s = &view->status;
+    if (!view->wanted) {
+        return;
+    }
+    view->drawn = true;
+    (void)fprintf(stderr, "\r%s", umbc_job_state(s->state));
+    if (note != NULL) {
+        (void)fprintf(stderr, ": %s", note);
+    } else if (s->state == UMB_JOB_QUEUED && s->cause[0] != '\0') {
+        (void)fputs(" again: ", stderr);
+        umbc_print_text(stderr, s->cause, strlen(s->cause) < 60 ? strlen(s->cause) : 60);
+    } else if (s->state == UMB_JOB_RUNNING) {
+        (void)fputs(": ", stderr);
+        umbc_print_text(stderr, s->phase, strlen(s->phase));
+        if (s->total > 0) {
+            const double share = (double)s->done / (double)s->total;
+            char bar[BAR_WIDTH + 1];
+            for (int i = 0; i < BAR_WIDTH; i++) {
+                bar[i] = (double)i < share * BAR_WIDTH ? '#' : '.';
+            }
+            bar[BAR_WIDTH] = '\0';
+            (void)fprintf(stderr, " [%s] %3.0f %%  %.3g M", bar, 100 * share, 1e-6 * s->rate);
+            umbc_print_text(stderr, s->unit, strlen(s->unit));
+            (void)fprintf(stderr, "/s  %.0f s left",
+                          s->left_ms >= 0 ? 1e-3 * (double)s->left_ms : 0);
+        }
+    }
+    (void)fputs(" \033[K", stderr);
+    (void)fflush(stderr);
+}
+
+static int on_status(void *user, const struct umb_job_status *status)
+{
+    struct view *view = user;
+    if (status->plan != NULL && status->plan[0] != '\0') {
+        char *plan = strdup(status->plan);
+        if (plan != NULL) {
+            free(view->plan);
+            view->plan = plan;
+        }
+    }
+    view->status = *status;
+    view->status.plan = view->status.notices = NULL;
+    view->told_s = umbc_clock_s();
+    draw(view, NULL);
+    return 1;
+}
+
+static bool is_over(int state)
+{
+    return state != UMB_JOB_QUEUED && state != UMB_JOB_RUNNING;
+}
+
+/* What passes when the daemon is back. */
+static bool may_pass(enum umb_status status)
+{
+    return status == UMB_OK || status == UMB_E_UNAVAILABLE || status == UMB_E_DEADLINE ||
+           status == UMB_E_BUSY || status == UMB_E_CANCELLED || status == UMB_E_PROTOCOL;
+}
+
+enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool quiet,
+                               struct umb_job_status *status, char **plan, struct umb_error *error)
+{
+    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .told_s = umbc_clock_s()};
+    long pause_ms = PAUSE_MS;
+    enum umb_status result = UMB_OK;
+    do {
+        const double told_s = view.told_s;
+        result = umb_client_watch(client, job, on_status, &view, error);
+        if ((result == UMB_OK && is_over(view.status.state)) || !may_pass(result)) {
+            break;
+        }
+        pause_ms = view.told_s > told_s ? PAUSE_MS : pause_ms * 2;
+        pause_ms = pause_ms < PAUSE_MAX_MS ? pause_ms : PAUSE_MAX_MS;
+        draw(&view, "the daemon does not answer, trying again");
+        (void)nanosleep(&(struct timespec){pause_ms / 1000, pause_ms % 1000 * 1000000}, NULL);
+    } while (umbc_clock_s() - view.told_s < UMBC_WATCH_PATIENCE_S);
+    if (view.drawn) {
+        (void)fputs("\r\033[K", stderr);
+    }
+    if (result == UMB_OK && !is_over(view.status.state)) {
+        result = umb_fail(error, UMB_E_UNAVAILABLE, "job %.40s: the daemon stopped telling", job);
+    }
+    *status = view.status;
+    *plan = view.plan;
+    return result;
+}
+
+void umbc_job_json(struct umbc_json *json, const struct umb_job_status *status)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    umbc_json_text(json, "job", status->job);
+    umbc_json_text(json, "state", umbc_job_state(status->state));
+    umbc_json_text(json, "failure", umbc_job_failure(status->failure));
+    umbc_json_text(json, "cause", status->cause);
+    if (status->has_asset) {
+        umb_id_to_text(status->asset, id);
+        umbc_json_text(json, "asset", id);
+    }
+    umbc_json_text(json, "owner", status->owner);
+    umbc_json_signed(json, "priority", status->priority);
+    umbc_json_integer(json, "epoch", status->epoch);
+    umbc_json_integer(json, "bundle_bytes", status->bundle_bytes);
+    umbc_json_signed(json, "submitted_ms", status->submitted_ms);
+    umbc_json_signed(json, "started_ms", status->started_ms);
+    umbc_json_signed(json, "ended_ms", status->ended_ms);
+}
+
+int umbc_job_report(const struct umb_job_status *status, const char *plan, bool as_json, bool quiet)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    const int code = umbc_job_exit(status);
+    if (as_json) {
+        struct umbc_json json = {.file = stdout};
+        umbc_json_begin(&json, NULL, '{');
+        umbc_job_json(&json, status);
+        umbc_json_text(&json, "plan", plan != NULL ? plan : "");
+        umbc_json_end(&json, '}');
+        (void)putchar('\n');
+    } else if (status->has_asset) {
+        umb_id_to_text(status->asset, id);
+        (void)printf(quiet ? "%s\n" : "asset       %s\n", id);
+        if (!quiet) {
+            (void)printf("job         %s: done in %.1f s\n", status->job,
+                         1e-3 * (double)(status->ended_ms - status->submitted_ms));
+        }
+    }
+    if (code != 0) {
+        (void)fprintf(stderr, "umbrage: job %s: %s (%s): ", status->job,
+                      umbc_job_state(status->state), umbc_job_failure(status->failure));
+        umbc_print_text(stderr, status->cause, strlen(status->cause));
+        (void)fputc('\n', stderr);
+    }
+    return umbc_finish_stdout(code);
+}

@@ -1,0 +1,271 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Bakes.Watch, Cancel, List, Fetch and Delete. Submit is in rpc_submit.c. */
+#include <stdlib.h>
+#include <string.h>
+#include "rpc_client.h"
+#include "umbrage/jobs.h"
+#include "wire/bakes.h"
+
+#define FOR_EVER_MS UINT32_MAX /* 49 days */
+
+static void status_from_wire(const struct umbw_job_status *from, struct umb_job_status *to)
+{
+    memset(to, 0, sizeof *to);
+    memcpy(to->job, from->job, sizeof to->job);
+    memcpy(to->owner, from->owner, sizeof to->owner);
+    memcpy(to->cause, from->cause, sizeof to->cause);
+    memcpy(to->phase, from->phase, sizeof to->phase);
+    memcpy(to->unit, from->unit, sizeof to->unit);
+    memcpy(to->asset, from->asset, sizeof to->asset);
+    to->state = from->state;
+    to->failure = from->failure;
+    to->priority = from->priority;
+    to->epoch = from->epoch;
+    to->bundle_bytes = from->bundle_bytes;
+    to->submitted_ms = from->submitted_ms;
+    to->started_ms = from->started_ms;
+    to->ended_ms = from->ended_ms;
+    to->not_before_ms = from->not_before_ms;
+    to->has_asset = from->has_asset;
+    to->done = from->done;
+    to->total = from->total;
+    to->rate = from->rate;
+    to->left_ms = from->left_ms;
+}
+
+static enum umb_status check_job(const char *job, struct umb_error *error)
+{
+    const size_t length = job == NULL ? 0 : strlen(job);
+    if (length == 0 || length > UMBW_JOB_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "job: has %zu bytes, must have 1 to %d", length,
+                        UMBW_JOB_MAX);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status nothing(void *out, const uint8_t *message, size_t size,
+                               struct umb_error *error)
+{
+    (void)out;
+    (void)message;
+    (void)size;
+    (void)error;
+    return UMB_OK;
+}
+
+/* --- Watch --- */
+
+struct watch {
+    umb_job_told_fn told;
+    void *user;
+    struct umb_error *error; /* of a message that is none; its status is UMB_OK otherwise */
+    int stopped;
+};
+
+static bool take_status(void *user, const uint8_t *message, size_t size)
+{
+    struct watch *watch = user;
+    struct umbw_job_status wire;
+    struct umb_job_status status;
+    if (umbw_decode_job_status(message, size, &wire, watch->error) != UMB_OK) {
+        return false;
+    }
+    status_from_wire(&wire, &status);
+    status.plan = wire.plan;
+    status.notices = wire.notices;
+    watch->stopped = !watch->told(watch->user, &status);
+    umbw_job_status_finish(&wire);
+    return !watch->stopped;
+}
+
+enum umb_status umb_client_watch(struct umb_client *client, const char *job, umb_job_told_fn told,
+                                 void *user, struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umb_error detail = {.status = UMB_OK};
+    struct watch watch = {told, user, &detail, 0};
+    enum umb_status status = check_job(job, error);
+    if (status == UMB_OK) {
+        status = umbw_encode_job_request(job, &body, error);
+    }
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_WATCH,
+                                        .timeout_ms = FOR_EVER_MS,
+                                        .take = take_status,
+                                        .flow_user = &watch};
+    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    if (watch.stopped) {
+        return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
+    }
+    return status != UMB_OK && detail.status != UMB_OK
+               ? umb__reply_fault(detail.status, &detail, error)
+               : status;
+}
+
+/* --- Cancel --- */
+
+static enum umb_status decode_status(void *out, const uint8_t *message, size_t size,
+                                     struct umb_error *error)
+{
+    struct umbw_job_status wire;
+    enum umb_status status = umbw_decode_job_status(message, size, &wire, error);
+    if (status == UMB_OK && out != NULL) {
+        status_from_wire(&wire, out);
+    }
+    if (status == UMB_OK) {
+        umbw_job_status_finish(&wire);
+    }
+    return status;
+}
+
+enum umb_status umb_client_cancel_job(struct umb_client *client, const char *job,
+                                      struct umb_job_status *out, struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    enum umb_status status = check_job(job, error);
+    if (status == UMB_OK) {
+        status = umbw_encode_job_request(job, &body, error);
+    }
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_CANCEL};
+    return umb__call_wait(client, &plan, &body, decode_status, out, error);
+}
+
+/* --- List --- */
+
+struct list {
+    struct umb_job_status *jobs;
+    size_t count;
+};
+
+static enum umb_status decode_list(void *out, const uint8_t *message, size_t size,
+                                   struct umb_error *error)
+{
+    struct list *list = out;
+    struct umbw_job_list wire;
+    enum umb_status status = umbw_decode_job_list(message, size, &wire, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    list->jobs = calloc(wire.count + 1, sizeof *list->jobs);
+    if (list->jobs != NULL) {
+        list->count = wire.count;
+        for (size_t i = 0; i < wire.count; i++) {
+            status_from_wire(&wire.jobs[i], &list->jobs[i]);
+        }
+    } else {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu jobs", wire.count);
+    }
+    umbw_job_list_finish(&wire);
+    return status;
+}
+
+enum umb_status umb_client_jobs(struct umb_client *client, uint32_t limit,
+                                struct umb_job_status **jobs, size_t *count,
+                                struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct list list = {NULL, 0};
+    enum umb_status status = umbw_encode_list_jobs_request(limit, &body, error);
+    if (status == UMB_OK) {
+        const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_LIST};
+        status = umb__call_wait(client, &plan, &body, decode_list, &list, error);
+    } else {
+        umbw_buffer_finish(&body);
+    }
+    *jobs = list.jobs;
+    *count = list.count;
+    return status;
+}
+
+void umb_client_jobs_free(struct umb_job_status *jobs)
+{
+    free(jobs);
+}
+
+/* --- Fetch --- */
+
+struct fetch {
+    umb_job_got_fn got;
+    void *user;
+    uint64_t at, size;
+    struct umb_error *error;
+    enum umb_status status; /* of got, or of the messages */
+};
+
+static bool take_piece(void *user, const uint8_t *message, size_t size)
+{
+    struct fetch *fetch = user;
+    struct umbw_fetch_reply reply;
+    fetch->status = umbw_decode_fetch_reply(message, size, &reply, fetch->error);
+    if (fetch->status == UMB_OK && (reply.offset != fetch->at || reply.offset > reply.size ||
+                                    reply.data_size > reply.size - reply.offset)) {
+        fetch->status =
+            umb_fail(fetch->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu, after %llu",
+                     reply.data_size, (unsigned long long)reply.offset,
+                     (unsigned long long)reply.size, (unsigned long long)fetch->at);
+    }
+    if (fetch->status == UMB_OK) {
+        fetch->at += reply.data_size;
+        fetch->size = reply.size;
+        fetch->status =
+            fetch->got(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
+        if (fetch->status != UMB_OK) {
+            (void)umb_fail(fetch->error, fetch->status, "the fetch was ended here: %s",
+                           umb_status_text(fetch->status));
+        }
+    }
+    return fetch->status == UMB_OK;
+}
+
+enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[UMB_ID_BYTES],
+                                 uint64_t offset, umb_job_got_fn got, void *user,
+                                 struct umb_error *error)
+{
+    struct umbw_fetch_request request = {.offset = offset};
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umb_error detail = {.status = UMB_OK};
+    struct fetch fetch = {.got = got, .user = user, .at = offset, .error = &detail};
+    umb_id_to_text(asset, request.asset);
+    enum umb_status status = umbw_encode_fetch_request(&request, &body, error);
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_FETCH,
+                                        .timeout_ms = FOR_EVER_MS,
+                                        .take = take_piece,
+                                        .flow_user = &fetch};
+    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    if (fetch.status != UMB_OK) {
+        return umb_fail(error, fetch.status, "%.300s", detail.message);
+    }
+    if (status == UMB_OK && fetch.at != fetch.size) {
+        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
+                          (unsigned long long)fetch.at, (unsigned long long)fetch.size);
+    }
+    return status;
+}
+
+/* --- Delete --- */
+
+enum umb_status umb_client_delete_asset(struct umb_client *client,
+                                        const uint8_t asset[UMB_ID_BYTES], struct umb_error *error)
+{
+    char id[UMB_ID_TEXT_SIZE];
+    struct umbw_buffer body = {NULL, 0, 0};
+    umb_id_to_text(asset, id);
+    enum umb_status status = umbw_encode_delete_request(id, &body, error);
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_DELETE};
+    return umb__call_wait(client, &plan, &body, nothing, NULL, error);
+}

@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Bakes.Submit: the files are hashed, then read again while they are sent, a message at a time, as
+ * flow control asks for them. Reading blocks the client's thread for a piece at a time.
+ */
+#define OPENSSL_API_COMPAT 0x10100000L /* as rpc_sha256.c, for its reasons */
+#include <errno.h>
+#include <fcntl.h>
+#include <openssl/sha.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "rpc_client.h"
+#include "umbrage/jobs.h"
+#include "wire/bakes.h"
+
+#define PIECE_BYTES ((size_t)256 << 10)
+
+struct upload {
+    const struct umb_job_submission *submission;
+    struct umbw_manifest manifest;
+    uint8_t *piece; /* [PIECE_BYTES] */
+    int fd;         /* of the file that is being sent, -1 = none */
+    size_t next;    /* file to be sent after it */
+    uint64_t left;  /* of the file, as it was hashed */
+    uint64_t sent, total;
+    struct umb_error error;
+};
+
+static enum umb_status read_piece(int fd, const char *path, uint8_t *piece, size_t most,
+                                  size_t *count, struct umb_error *error)
+{
+    ssize_t got;
+    do {
+        got = read(fd, piece, most);
+    } while (got < 0 && errno == EINTR);
+    *count = got > 0 ? (size_t)got : 0;
+    return got >= 0 ? UMB_OK : umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
+}
+
+static enum umb_status open_file(const char *path, int *fd, struct umb_error *error)
+{
+    struct stat info;
+    *fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (*fd < 0) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
+    }
+    if (fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        close(*fd);
+        *fd = -1;
+        return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status hash_file(struct upload *upload, size_t index, struct umb_error *error)
+{
+    const char *source = upload->submission->files[index].source;
+    struct umbw_bundle_file *file = &upload->manifest.files[index];
+    SHA256_CTX hash;
+    size_t count = 1;
+    int fd;
+    enum umb_status status = open_file(source, &fd, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    (void)SHA256_Init(&hash);
+    while (status == UMB_OK && count > 0) {
+        status = read_piece(fd, source, upload->piece, PIECE_BYTES, &count, error);
+        (void)SHA256_Update(&hash, upload->piece, count);
+        file->size += count;
+    }
+    (void)SHA256_Final(file->sha256, &hash);
+    close(fd);
+    file->path = upload->submission->files[index].path;
+    upload->total += file->size;
+    return status;
+}
+
+static enum umb_status make_manifest(struct upload *upload, struct umb_error *error)
+{
+    const struct umb_job_submission *submission = upload->submission;
+    struct umbw_manifest *manifest = &upload->manifest;
+    manifest->scene = submission->scene;
+    manifest->priority = submission->priority;
+    manifest->files = calloc(submission->file_count + 1, sizeof *manifest->files);
+    manifest->settings = calloc(submission->setting_count + 1, sizeof *manifest->settings);
+    upload->piece = malloc(PIECE_BYTES);
+    if (manifest->files == NULL || manifest->settings == NULL || upload->piece == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a submission");
+    }
+    manifest->file_count = submission->file_count;
+    manifest->setting_count = submission->setting_count;
+    for (size_t i = 0; i < submission->setting_count; i++) {
+        manifest->settings[i].name = submission->settings[i].name;
+        manifest->settings[i].value = submission->settings[i].value;
+    }
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < submission->file_count; i++) {
+        status = hash_file(upload, i, error);
+    }
+    return status;
+}
+
+/* Opens the next file that has bytes; fd stays -1 at the end. */
+static enum umb_status next_file(struct upload *upload)
+{
+    enum umb_status status = UMB_OK;
+    if (upload->fd >= 0 && upload->left == 0) {
+        close(upload->fd);
+        upload->fd = -1;
+    }
+    while (status == UMB_OK && upload->fd < 0 && upload->next < upload->manifest.file_count) {
+        const size_t index = upload->next++;
+        upload->left = upload->manifest.files[index].size;
+        if (upload->left > 0) {
+            status =
+                open_file(upload->submission->files[index].source, &upload->fd, &upload->error);
+        }
+    }
+    return status;
+}
+
+/* Appends the next message; nothing at the end. */
+static enum umb_status feed(void *user, struct umbw_buffer *body)
+{
+    struct upload *upload = user;
+    size_t count = 0;
+    enum umb_status status = next_file(upload);
+    if (status != UMB_OK || upload->fd < 0) {
+        return status;
+    }
+    const char *source = upload->submission->files[upload->next - 1].source;
+    const size_t most = upload->left < PIECE_BYTES ? (size_t)upload->left : PIECE_BYTES;
+    status = read_piece(upload->fd, source, upload->piece, most, &count, &upload->error);
+    if (status == UMB_OK && count == 0) {
+        status = umb_fail(&upload->error, UMB_E_IO, "'%.200s' was cut while it was sent", source);
+    }
+    if (status == UMB_OK) {
+        status = umbw_encode_submit_data(upload->piece, count, body, &upload->error);
+    }
+    upload->left -= count;
+    upload->sent += count;
+    if (status == UMB_OK && upload->submission->sent != NULL) {
+        upload->submission->sent(upload->submission->user, upload->sent, upload->total);
+    }
+    return status;
+}
+
+static enum umb_status decode(void *out, const uint8_t *message, size_t size,
+                              struct umb_error *error)
+{
+    struct umb_job_submitted *submitted = out;
+    struct umbw_submit_reply reply;
+    enum umb_status status = umbw_decode_submit_reply(message, size, &reply, error);
+    if (status == UMB_OK) {
+        memcpy(submitted->job, reply.job, sizeof submitted->job);
+        submitted->existing = reply.existing;
+    }
+    return status;
+}
+
+enum umb_status umb_client_submit(struct umb_client *client,
+                                  const struct umb_job_submission *submission,
+                                  struct umb_job_submitted *submitted, struct umb_error *error)
+{
+    struct upload upload = {.submission = submission, .fd = -1, .error = {.status = UMB_OK}};
+    struct umbw_buffer body = {NULL, 0, 0};
+    memset(submitted, 0, sizeof *submitted);
+    enum umb_status status = make_manifest(&upload, error);
+    if (status == UMB_OK) {
+        status = umbw_encode_manifest(&upload.manifest, &body, error);
+    }
+    if (status == UMB_OK) {
+        const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_SUBMIT,
+                                            .timeout_ms = UINT32_MAX,
+                                            .feed = feed,
+                                            .flow_user = &upload};
+        status = umb__call_wait(client, &plan, &body, decode, submitted, error);
+        if (status != UMB_OK && upload.error.status != UMB_OK) {
+            status = umb_fail(error, upload.error.status, "%.300s", upload.error.message);
+        }
+    } else {
+        umbw_buffer_finish(&body);
+    }
+    if (upload.fd >= 0) {
+        close(upload.fd);
+    }
+    umbw_manifest_finish(&upload.manifest);
+    free(upload.piece);
+    return status;
+}

@@ -1,0 +1,145 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+umbrage submit, watch, jobs, cancel, fetch and rm against a daemon on a Unix socket: the same bytes
+as umbrage-bake, files gathered from where a scene names them, watching across a restart.
+"""
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+test = ut.Test()
+STORE, JOBS, SOCKET = test.path("store"), test.path("jobs"), test.path("jobs.sock")
+
+
+def start():
+    return test.daemon("--jobs", JOBS, "--bake-threads", 1, "--listen", "unix:" + SOCKET)
+
+
+def cli(*words, code=0, where=None):
+    return ut.run("umbrage", *words, code=code, env={"UMBRAGE_ADDRESS": where or "unix:" + SOCKET})
+
+
+def answer(*words, code=0):
+    return json.loads(cli(*words, "--json", code=code).stdout)
+
+
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
+daemon = start()
+scene = test.scene("city", 4)
+options = ("--resolution", 512, "--sun", "120,40", "--sun=200,30", "--verify", 10000)
+plain = test.bake(scene, test.path("plain.umb"), *options)["asset"]
+
+with test.check("submit --wait prints the job and the asset that umbrage-bake makes"):
+    done = answer("submit", scene, *options, "--wait")
+    assert done["asset"] == plain and done["state"] == "done" and len(done["job"]) == 32, done
+    assert "effect=" in done["plan"]
+
+with test.check("the same again is the same job, whatever the options' form"):
+    again = answer("submit", scene, "--resolution=512", "--sun=120,40", "--sun", "200,30",
+                   "--verify=10000")
+    assert again == {"job": done["job"], "existing": True}, again
+    assert [job["job"] for job in answer("jobs")["jobs"]] == [done["job"]]
+    assert answer("watch", done["job"])["asset"] == plain
+    assert cli("watch", done["job"], "--quiet").stdout.decode().strip() == plain
+
+with test.check("fetch gives a file that verifies, and goes on from what an earlier one left"):
+    out = test.path("out.umb")
+    whole = read(os.path.join(STORE, plain + ".umb"))
+    for left in (None, whole[:1000], whole, b"something else entirely", whole + b"more"):
+        if left is not None:
+            with open(out + ".part", "wb") as file:
+                file.write(left)
+        cli("fetch", plain, "-o", out, "--quiet")
+        assert read(out) == whole and not os.path.exists(out + ".part")
+        os.remove(out)
+    cli("fetch", 64 * "0", "-o", out, code=66)
+    assert not os.path.exists(out) and not os.path.exists(out + ".part")
+
+with test.check("files of a glTF and an OBJ are gathered, also from above the scene's folder"):
+    os.makedirs(test.path("deep", "models"))
+    os.makedirs(test.path("deep", "data files"))
+    with open(test.path("deep", "data files", "a.bin"), "wb") as file:
+        file.write(struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0))
+    with open(test.path("deep", "models", "a.gltf"), "w", encoding="ascii") as file:
+        json.dump({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+                   "nodes": [{"mesh": 0}],
+                   "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                   "buffers": [{"uri": "a.bin", "byteLength": 36}],
+                   "bufferViews": [{"buffer": 0, "byteLength": 36}],
+                   "images": [{"uri": "missing.png"}],
+                   "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3,
+                                  "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}]}, file)
+    shutil.copyfile(test.path("deep", "data files", "a.bin"), test.path("deep", "models", "a.bin"))
+    gltf = test.path("deep", "models", "a.gltf")
+    expected = test.bake(gltf, test.path("gltf.umb"), "--resolution", 64)["asset"]
+    assert answer("submit", gltf, "--resolution", 64, "--wait")["asset"] == expected
+    with open(test.path("deep", "models", "a.obj"), "w", encoding="ascii") as file:
+        file.write("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    with open(test.path("deep", "models", "a.mtl"), "w", encoding="ascii") as file:
+        file.write("newmtl m\nmap_Kd -s 1 1 1 ../data\\ files/no.png\n")
+    obj = test.path("deep", "models", "a.obj")
+    expected = test.bake(obj, test.path("obj.umb"), "--resolution", 64)["asset"]
+    done = cli("submit", obj, "--resolution", 64, "--wait", "--json")
+    assert json.loads(done.stdout)["asset"] == expected
+    os.rename(test.path("deep", "models", "a.mtl"), test.path("deep", "a.mtl"))
+    with open(obj, "a", encoding="ascii") as file:
+        file.write("mtllib ../a.mtl\n")
+    job = answer("submit", obj, "--resolution", 64)["job"]
+    assert answer("watch", job, code=None)["state"] in ("done", "failed")
+
+with test.check("a scene that cannot be used ends with 65 and the reason"):
+    with open(test.path("bad.obj"), "w", encoding="ascii") as file:
+        file.write("v 0 0 nan\nf 1 2 3\n")
+    failed = cli("submit", test.path("bad.obj"), "--wait", code=65)
+    assert b"rejected" in failed.stderr and test.folder.encode() not in failed.stderr, failed.stderr
+    cli("submit", test.path("missing.obj"), code=66)
+    cli("submit", scene, "--resolution", code=2)
+    cli("submit", scene, "--output", "x", code=2)
+    cli("watch", 32 * "0", code=66)
+
+slow = ("--resolution", 2048, "--verify", 4000000)
+
+with test.check("a watch goes on across a restart of the daemon"):
+    job = answer("submit", scene, *slow)["job"]
+    watcher = subprocess.Popen([ut.program("umbrage"), "watch", job, "--json"],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                               env={**os.environ, "UMBRAGE_ADDRESS": "unix:" + SOCKET})
+    time.sleep(0.3)
+    daemon.kill()
+    time.sleep(0.3)
+    daemon = start()
+    text, talk = watcher.communicate(timeout=60)
+    assert watcher.returncode == 0, talk
+    assert json.loads(text)["state"] == "done"
+
+with test.check("a cancelled job ends its watcher with 75"):
+    job = answer("submit", scene, *slow, "--closed", "off")["job"]
+    watcher = subprocess.Popen([ut.program("umbrage"), "watch", job], stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE,
+                               env={**os.environ, "UMBRAGE_ADDRESS": "unix:" + SOCKET})
+    time.sleep(0.2)
+    assert answer("cancel", job)["failure"] == "cancelled"
+    watcher.communicate(timeout=20)
+    assert watcher.returncode == 75
+    assert answer("cancel", job)["failure"] == "cancelled"
+
+with test.check("rm takes the file along, and plain TCP is refused without a token"):
+    cli("rm", plain)
+    assert not os.path.exists(os.path.join(STORE, plain + ".umb"))
+    cli("rm", plain, code=66)
+    refused = cli("jobs", code=77, where=daemon.tcp)
+    assert b"token" in refused.stderr
+
+test.finish()
