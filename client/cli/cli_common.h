@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include "umbrage/client.h"
 
-#define UMBC_OPTIONS_MAX     24
+#define UMBC_OPTIONS_MAX     28
 #define UMBC_WORDS_MAX       4
 #define UMBC_EXIT_NEGATIVE   1 /* the command worked and the answer is no */
 #define UMBC_EXIT_USAGE      2

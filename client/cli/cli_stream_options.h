@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_STREAM_OPTIONS_H
+#define UMBRAGE_CLI_CLI_STREAM_OPTIONS_H
+/* The command line of `umbrage stream`, read and checked. */
+#include <stdbool.h>
+#include "cli_stream_points.h"
+#include "cli_stream_view.h"
+
+struct umbc_stream_options {
+    const char *file, *url; /* one of both */
+    const char *resume, *output, *frames;
+    bool only_points, json, quiet;
+    struct umb_region_options region;
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_partial_view base; /* what all views share */
+    struct umbc_views views;      /* at least one */
+    struct umb_query_settings settings;
+    size_t size[2];        /* of pictures, pixels */
+    char up;               /* 'y' or 'z' */
+    uint64_t limit, round; /* bytes, 0 = none */
+    struct umbc_stream_points points;
+};
+
+/* Returns -1 to go on, else the exit code; complaints are on stderr. Finish it either way. */
+int umbc_stream_options_parse(struct umbc_stream_options *options, int argc, char **argv);
+void umbc_stream_options_finish(struct umbc_stream_options *options);
+
+#endif
