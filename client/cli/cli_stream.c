@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbrage stream: fetches the part of an asset that a box, a camera, a path or some points need,
- * from a file or a web server, and shows how it sharpens.
+ * from a file, a web server or a daemon, and shows how it sharpens.
  */
 #include "cli_common.h"
 
@@ -15,6 +15,7 @@
 #include "cli_http.h"
 #include "cli_json.h"
 #include "cli_output.h"
+#include "cli_session.h"
 #include "cli_progress.h"
 #include "cli_stream_options.h"
 #include "format/content.h"
@@ -29,6 +30,7 @@ struct step {
 
 struct stream {
     struct umbc_stream_options o;
+    struct umb_client *client; /* of a daemon's asset */
     struct umb_region_source source;
     struct umb_region *region;
     struct step *steps; /* [step_count] */
@@ -42,8 +44,17 @@ struct stream {
 static int open_source(struct stream *s)
 {
     struct umb_error error;
-    const enum umb_status status = s->o.url ? umbc_http_open(s->o.url, &s->source, &error)
-                                            : umb_region_file_open(s->o.file, &s->source, &error);
+    enum umb_status status;
+    if (s->o.url) {
+        status = umbc_http_open(s->o.url, &s->source, &error);
+    } else if (s->o.file) {
+        status = umb_region_file_open(s->o.file, &s->source, &error);
+    } else {
+        status = umbc_connect(s->o.session, &s->client, &error);
+        if (status == UMB_OK) {
+            status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
+        }
+    }
     return status == UMB_OK ? -1 : umbc_complain(&error);
 }
 
@@ -285,9 +296,12 @@ int umbc_stream(int argc, char **argv)
     umb_region_close(s.region);
     if (s.o.url) {
         umbc_http_close(&s.source);
-    } else {
+    } else if (s.o.file) {
         umb_region_file_close(&s.source);
+    } else {
+        umb_region_daemon_close(&s.source);
     }
+    umb_client_close(s.client);
     umbc_stream_options_finish(&s.o);
     free(s.steps);
     return code;

@@ -64,7 +64,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
 };
 
 static const struct umbc_command STREAM = {
-    .usage = "umbrage stream (FILE | --from-file FILE | --from-url URL) [options]",
+    .usage = "umbrage stream (FILE | ASSET | --from-file FILE | --from-url URL) [options]",
     .summary =
         "Fetches the part of an asset that is needed, coarse first, and shows how it sharpens.\n"
         "Without --box, --camera, --path or --points it fetches everything.",
@@ -72,6 +72,7 @@ static const struct umbc_command STREAM = {
     .option_count = OPTION_COUNT,
     .min_words = 0,
     .max_words = 1,
+    .connects = true,
 };
 
 /* "64K", "2M", "1G" or plain bytes. */
@@ -243,9 +244,14 @@ static int read_words(const struct umbc_parsed *parsed, struct umbc_stream_optio
     o->file = parsed->values[OPTION_FROM_FILE];
     o->url = parsed->values[OPTION_FROM_URL];
     if (parsed->word_count + (o->file != NULL) + (o->url != NULL) != 1) {
-        return umbc_usage_error("stream: give one of FILE, --from-file and --from-url");
+        return umbc_usage_error("stream: give one of FILE, ASSET, --from-file and --from-url");
     }
-    o->file = parsed->word_count ? parsed->words[0] : o->file;
+    if (parsed->word_count && umbc_is_file(parsed->words[0])) {
+        o->file = parsed->words[0];
+    } else if (parsed->word_count) {
+        o->asset = parsed->words[0];
+    }
+    memcpy(o->session, parsed->session, sizeof o->session);
     o->resume = parsed->values[OPTION_RESUME];
     o->output = parsed->values[OPTION_OUTPUT];
     o->frames = parsed->values[OPTION_FRAMES];

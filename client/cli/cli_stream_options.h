@@ -3,11 +3,13 @@
 #define UMBRAGE_CLI_CLI_STREAM_OPTIONS_H
 /* The command line of `umbrage stream`, read and checked. */
 #include <stdbool.h>
+#include "cli_common.h"
 #include "cli_stream_points.h"
 #include "cli_stream_view.h"
 
 struct umbc_stream_options {
-    const char *file, *url; /* one of both */
+    const char *file, *url, *asset; /* one of them; an asset is a daemon's */
+    const char *session[UMBC_SESSION_COUNT];
     const char *resume, *output, *frames;
     bool only_points, json, quiet;
     struct umb_region_options region;

@@ -147,6 +147,16 @@ UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*rea
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry);
 const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry);
 
+/*
+ * Opens the packed file that an entry was made from, for reading it in parts.
+ *
+ * Out:   fd: the caller closes it; -1 on failure. size: bytes of the file.
+ * Fails: E_STATE (there is another file now, or none), E_IO, E_NO_MEMORY.
+ * Cost:  blocks on the disk.
+ */
+UMB_CHECKED enum umb_status umbs_entry_open_packed(const struct umbs_entry *entry, int *fd,
+                                                   uint64_t *size, struct umb_error *error);
+
 /* Copies the list, sorted by name, damaged ones included; free() it. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs_store_list(struct umbs_store *store,
                                             struct umbs_store_item **items, size_t *count,

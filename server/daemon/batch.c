@@ -92,6 +92,9 @@ void umbd_batch_destroy(struct umbd_batch *batch)
     for (size_t i = 0; i < batch->part_count; i++) {
         umbs_entry_release(batch->parts[i].entry);
     }
+    if (batch->work_free != NULL) {
+        batch->work_free(batch->work_user);
+    }
     free(batch->message);
     free(batch->reply);
     free(batch);
@@ -149,6 +152,9 @@ static void run_slice(void *user)
 enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
                                 struct umbd__slice_result *result)
 {
+    if (batch->work != NULL) {
+        return batch->work(batch->work_user, &result->error);
+    }
     uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
     struct umb_points part = sub_points(&batch->points, first, count);
     enum umb_status status = umb_points_check(&part, &result->error);

@@ -8,6 +8,7 @@
  */
 #include "daemon/call_rights.h"
 #include "daemon/errand.h"
+#include "wire/regions.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -205,6 +206,8 @@ static const struct {
     [UMBD_METHOD_BAKES_LIST] = {UMBW_PATH_BAKES_LIST, 0, 0, umbd_service_bakes_list},
     [UMBD_METHOD_BAKES_FETCH] = {UMBW_PATH_BAKES_FETCH, 0, 1, umbd_service_bakes_fetch},
     [UMBD_METHOD_BAKES_DELETE] = {UMBW_PATH_BAKES_DELETE, 0, 0, umbd_service_bakes_delete},
+    [UMBD_METHOD_REGIONS_STREAM] = {UMBW_PATH_REGIONS_STREAM, 0, 1, umbd_service_regions},
+    [UMBD_METHOD_REGIONS_FOLLOW] = {UMBW_PATH_REGIONS_FOLLOW, 1, 1, umbd_service_regions},
     [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check},
     [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch},
     [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection},

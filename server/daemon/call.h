@@ -203,6 +203,8 @@ void umbd_stream_last_call(struct umbd_call *call);
 
 /* Service entry points (service_*.c); the call holds its message. */
 void umbd_service_query(struct umbd_call *call);
+void umbd_service_regions(struct umbd_call *call);
+void umbd_service_regions_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_limits(struct umbd_call *call);
 void umbd_service_reflection(struct umbd_call *call);
 void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch);

@@ -78,7 +78,11 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
         conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, batch->stream_id) : NULL;
     if (call != NULL && call->batch == batch) {
         call->batch = NULL;
-        umbd_service_query_done(call, batch);
+        if (batch->work != NULL) {
+            umbd_service_regions_done(call, batch);
+        } else {
+            umbd_service_query_done(call, batch);
+        }
         if (umbd_method_takes_many(call->method)) {
             umbd_stream_pump(call);
         }

@@ -52,7 +52,11 @@ struct umbd_batch {
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */
     void *home;                             /* for done */
-    struct umbd_batch *next_done;           /* for done's list */
+    /* Instead of answering points (then there is one, and no part): run once by a worker. */
+    enum umb_status (*work)(void *user, struct umb_error *error);
+    void (*work_free)(void *user); /* when the batch is destroyed */
+    void *work_user;
+    struct umbd_batch *next_done; /* for done's list */
 
     /* results, valid in done */
     enum umb_status status;

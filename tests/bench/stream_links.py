@@ -25,6 +25,7 @@ parser.add_argument("points")
 parser.add_argument("camera")
 parser.add_argument("--up", default="y")
 parser.add_argument("--taps", default="9")
+parser.add_argument("--round", default="128K", help="bytes asked for at once, without --links")
 parser.add_argument("--links", action="store_true")
 parser.add_argument("--modes", default="points,pixel,camera")
 options = parser.parse_args()
@@ -56,7 +57,7 @@ def row(mode, told, **link_of):
 
 for mode in options.modes.split(","):
     if not options.links:
-        row(mode, stream(mode, options.asset, "--round", "48K"))
+        row(mode, stream(mode, options.asset, "--round", options.round))
         continue
     server = link.RangeServer(os.path.dirname(os.path.abspath(options.asset)))
     for mbit in (1, 5, 20, 100):

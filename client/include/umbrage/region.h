@@ -27,6 +27,7 @@
 extern "C" {
 #endif
 
+struct umb_client; /* umbrage/client.h */
 struct umb_region; /* opaque */
 
 /* A stretch of the packed file, bytes. */
@@ -141,6 +142,19 @@ UMB_API struct umb_partial *umb_region_partial(struct umb_region *region);
 UMB_API UMB_CHECKED enum umb_status
 umb_region_file_open(const char *path, struct umb_region_source *source, struct umb_error *error);
 UMB_API void umb_region_file_close(struct umb_region_source *source);
+
+/*
+ * A source that asks a daemon (Regions.Stream). A round of pages takes one round trip.
+ *
+ * In:    client: borrowed until close. asset: name or id, copied; by name, the version that answers
+ *        first is the one that must answer then: E_STATE if it was replaced.
+ * Fails: E_ARGUMENT, E_NO_MEMORY. Its reads fail as umb_client_query does.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_region_daemon_open(struct umb_client *client,
+                                                           const char *asset,
+                                                           struct umb_region_source *source,
+                                                           struct umb_error *error);
+UMB_API void umb_region_daemon_close(struct umb_region_source *source);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,263 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A daemon as a region's source: Regions.Stream calls, several at once over the client's one
+ * connection, so that a round takes one round trip. Stretches are gathered into requests of at
+ * most REQUEST_BYTES; answers go to their place in one block, which is handed over in order.
+ */
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rpc_client.h"
+#include "umbrage/region.h"
+#include "wire/regions.h"
+
+enum {
+    REQUEST_BYTES = 256 << 10, /* so that the first pages of a round do not wait for the last */
+    AT_ONCE = 8,               /* calls under way: 2 MiB, more than a link holds */
+};
+
+struct daemon_source {
+    struct umb_client *client;
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    bool has_id; /* the asset's, once it has answered: a round is of one version */
+    uint8_t id[UMB_ID_BYTES];
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+};
+
+/* A read under way. */
+struct gathering {
+    struct daemon_source *source;
+    uint8_t *bytes; /* of all ranges, one behind the other */
+    size_t under_way;
+    enum umb_status status; /* first failure */
+    struct umb_error error;
+};
+
+/* A call, and where its answer goes. */
+struct gather_call {
+    struct gathering *gathering;
+    struct umbw_region_request request;
+    uint8_t *place;
+    size_t wanted, got;
+};
+
+static enum umb_status take_reply(struct gather_call *call, const uint8_t *message, size_t size,
+                                  struct umb_error *error)
+{
+    struct daemon_source *source = call->gathering->source;
+    struct umbw_region_reply reply;
+    enum umb_status status = umbw_decode_region_reply(message, size, &reply, error);
+    if (status != UMB_OK) {
+        return umb_fail(error, UMB_E_PROTOCOL, "region: the server's reply is no RegionReply");
+    }
+    if (reply.data_size > call->wanted) {
+        return umb_fail(error, UMB_E_PROTOCOL, "region: %zu bytes came, %zu were asked for",
+                        reply.data_size, call->wanted);
+    }
+    if (source->has_id && memcmp(source->id, reply.asset_id, UMB_ID_BYTES) != 0) {
+        return umb_fail(error, UMB_E_STATE, "region: '%.100s' is another asset now", source->asset);
+    }
+    memcpy(source->id, reply.asset_id, UMB_ID_BYTES);
+    source->has_id = true;
+    memcpy(call->place, reply.data, reply.data_size);
+    call->got = reply.data_size;
+    return UMB_OK;
+}
+
+/* On the client's thread. */
+static void on_reply(void *user, enum umb_status status, const uint8_t *message, size_t size,
+                     const struct umb_error *error)
+{
+    struct gather_call *call = user;
+    struct gathering *g = call->gathering;
+    struct umb_error own = {0};
+    pthread_mutex_lock(&g->source->lock);
+    if (status == UMB_OK) {
+        status = take_reply(call, message, size, &own);
+        error = &own;
+    }
+    if (status != UMB_OK && g->status == UMB_OK) {
+        g->status = status;
+        g->error = *error;
+    }
+    g->under_way--;
+    pthread_cond_signal(&g->source->changed);
+    pthread_mutex_unlock(&g->source->lock);
+}
+
+/* Cuts the ranges into calls. Returns how many; out NULL: only counts. */
+static size_t cut(const struct umb_range *ranges, size_t count, struct gathering *g,
+                  struct gather_call *out)
+{
+    size_t calls = 0, bytes = 0, stretches = 0, place = 0;
+    for (size_t i = 0; i < count; i++) {
+        for (uint64_t at = 0; at < ranges[i].length;) {
+            if (calls == 0 || bytes == REQUEST_BYTES || stretches == UMBW_STRETCHES_MAX) {
+                bytes = stretches = 0;
+                calls++;
+                if (out) {
+                    out[calls - 1] =
+                        (struct gather_call){.gathering = g, .place = g->bytes + place};
+                    memcpy(out[calls - 1].request.asset, g->source->asset, sizeof g->source->asset);
+                }
+            }
+            uint64_t length = ranges[i].length - at;
+            length = length < REQUEST_BYTES - bytes ? length : REQUEST_BYTES - bytes;
+            if (out) {
+                struct gather_call *call = &out[calls - 1];
+                call->request.stretches[call->request.count++] =
+                    (struct umbw_stretch){ranges[i].offset + at, length};
+                call->wanted += (size_t)length;
+            }
+            stretches++;
+            bytes += (size_t)length;
+            place += (size_t)length;
+            at += length;
+        }
+    }
+    return calls;
+}
+
+static enum umb_status start(struct gather_call *call, struct umb_error *error)
+{
+    struct gathering *g = call->gathering;
+    struct umbw_buffer body = {NULL, 0, 0};
+    enum umb_status status = umbw_encode_region_request(&call->request, &body, error);
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    pthread_mutex_lock(&g->source->lock);
+    g->under_way++;
+    pthread_mutex_unlock(&g->source->lock);
+    status = umb__call_start(g->source->client,
+                             &(struct umb__call_plan){.path = UMBW_PATH_REGIONS_STREAM}, &body,
+                             on_reply, call, error);
+    if (status != UMB_OK) {
+        pthread_mutex_lock(&g->source->lock);
+        g->under_way--;
+        pthread_mutex_unlock(&g->source->lock);
+    }
+    return status;
+}
+
+/* Waits until fewer than `most` calls are under way; returns the first failure. */
+static enum umb_status wait_below(struct gathering *g, size_t most, struct umb_error *error)
+{
+    pthread_mutex_lock(&g->source->lock);
+    while (g->under_way >= most) {
+        pthread_cond_wait(&g->source->changed, &g->source->lock);
+    }
+    const enum umb_status status = g->status;
+    pthread_mutex_unlock(&g->source->lock);
+    if (status != UMB_OK && error) {
+        *error = g->error;
+    }
+    return status;
+}
+
+/* Runs all calls; on failure too nothing is under way afterwards. */
+static enum umb_status run_calls(struct gathering *g, struct gather_call *calls, size_t count,
+                                 struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        status = wait_below(g, AT_ONCE, error);
+        if (status == UMB_OK) {
+            status = start(&calls[i], error);
+        }
+    }
+    const enum umb_status rest = wait_below(g, 1, status == UMB_OK ? error : NULL);
+    return status == UMB_OK ? rest : status;
+}
+
+/* Hands the ranges over; the last may be cut by the end of the file. */
+static enum umb_status hand_over(const struct gathering *g, const struct umb_range *ranges,
+                                 size_t count, const struct gather_call *calls, size_t call_count,
+                                 umb_range_fn got, void *got_user)
+{
+    const uint8_t *at = g->bytes, *end = g->bytes;
+    for (size_t i = 0; i < call_count; i++) {
+        end = calls[i].place + calls[i].got;
+        if (calls[i].got < calls[i].wanted) {
+            break;
+        }
+    }
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        const uint64_t left = (uint64_t)(end - at);
+        const size_t size = (size_t)(ranges[i].length < left ? ranges[i].length : left);
+        status = got(got_user, i, at, size);
+        at += size;
+    }
+    return status;
+}
+
+static enum umb_status read_ranges(void *user, const struct umb_range *ranges, size_t count,
+                                   umb_range_fn got, void *got_user, struct umb_error *error)
+{
+    struct gathering g = {.source = user};
+    uint64_t total = 0;
+    for (size_t i = 0; i < count; i++) {
+        total += ranges[i].length;
+    }
+    if (pthread_equal(pthread_self(), g.source->client->thread)) {
+        return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a call-back");
+    }
+    const size_t calls = cut(ranges, count, &g, NULL);
+    struct gather_call *list = calloc(calls ? calls : 1, sizeof *list);
+    g.bytes = total < SIZE_MAX ? malloc((size_t)total + 1) : NULL;
+    enum umb_status status =
+        list && g.bytes ? UMB_OK
+                        : umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
+                                   (unsigned long long)total);
+    if (status == UMB_OK) {
+        (void)cut(ranges, count, &g, list);
+        status = run_calls(&g, list, calls, error);
+    }
+    if (status == UMB_OK) {
+        status = hand_over(&g, ranges, count, list, calls, got, got_user);
+    }
+    free(g.bytes);
+    free(list);
+    return status;
+}
+
+enum umb_status umb_region_daemon_open(struct umb_client *client, const char *asset,
+                                       struct umb_region_source *source, struct umb_error *error)
+{
+    *source = (struct umb_region_source){0};
+    const size_t length = strlen(asset);
+    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,
+                        UMBW_ASSET_NAME_MAX);
+    }
+    struct daemon_source *made = calloc(1, sizeof *made);
+    if (!made || pthread_mutex_init(&made->lock, NULL) != 0) {
+        free(made);
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    }
+    if (pthread_cond_init(&made->changed, NULL) != 0) {
+        (void)pthread_mutex_destroy(&made->lock);
+        free(made);
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    }
+    made->client = client;
+    memcpy(made->asset, asset, length + 1);
+    *source = (struct umb_region_source){.read = read_ranges, .user = made};
+    return UMB_OK;
+}
+
+void umb_region_daemon_close(struct umb_region_source *source)
+{
+    struct daemon_source *made = source->user;
+    if (made) {
+        (void)pthread_cond_destroy(&made->changed);
+        (void)pthread_mutex_destroy(&made->lock);
+        free(made);
+        source->user = NULL;
+    }
+}

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Regions.Stream and Follow: stretches of the packed file, as they stand in it. The file is read by
+ * the workers, which may block on the disk; a request is a batch without points, so that queue,
+ * fairness, deadlines and cancelling are those of queries.
+ */
+#include "daemon/call_rights.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "daemon/loop.h"
+#include "wire/regions.h"
+
+#define BYTES_A_POINT 16 /* what a token or an address pays for bytes: about what an answer costs  \
+                          */
+
+/* What the worker is to read, behind the batch. */
+struct reading {
+    struct umbs_entry *entry; /* owned */
+    struct umbw_region_request request;
+    struct umbw_region_reply reply; /* data: [data_size], owned */
+    uint8_t *data;
+};
+
+/* Reads one stretch; shorter only at the end of the file. */
+static enum umb_status read_stretch(int fd, const struct umbw_stretch *stretch, uint8_t *data,
+                                    size_t *got, struct umb_error *error)
+{
+    *got = 0;
+    while (*got < stretch->length) {
+        const ssize_t count =
+            pread(fd, data + *got, (size_t)stretch->length - *got, (off_t)(stretch->offset + *got));
+        if (count < 0 && errno == EINTR) {
+            continue;
+        }
+        if (count < 0) {
+            return umb_fail_errno(error, UMB_E_IO, errno, "asset: its file cannot be read");
+        }
+        if (count == 0) {
+            break;
+        }
+        *got += (size_t)count;
+    }
+    return UMB_OK;
+}
+
+/* On a worker's thread. */
+static enum umb_status read_all(void *user, struct umb_error *error)
+{
+    struct reading *r = user;
+    int fd = -1;
+    enum umb_status status = umbs_entry_open_packed(r->entry, &fd, &r->reply.file_bytes, error);
+    for (size_t i = 0; i < r->request.count && status == UMB_OK; i++) {
+        size_t got = 0;
+        status =
+            read_stretch(fd, &r->request.stretches[i], r->data + r->reply.data_size, &got, error);
+        r->reply.data_size += got;
+    }
+    if (fd >= 0) {
+        (void)close(fd);
+    }
+    return status;
+}
+
+static void free_reading(void *user)
+{
+    struct reading *r = user;
+    if (r) {
+        umbs_entry_release(r->entry);
+        free(r->data);
+        free(r);
+    }
+}
+
+/* Memory for what is read. Out: reading, the caller's. */
+static enum umb_status make_reading(struct umbd_call *call, struct reading **out, size_t *bytes,
+                                    struct umb_error *error)
+{
+    struct reading *r = calloc(1, sizeof *r);
+    *out = r;
+    *bytes = 0;
+    if (!r) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a region");
+    }
+    enum umb_status status =
+        umbw_decode_region_request(call->message, call->message_size, &r->request, error);
+    if (status == UMB_OK) {
+        status =
+            umbs_store_acquire(call->conn->loop->daemon->store, r->request.asset, &r->entry, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < r->request.count; i++) {
+        *bytes += (size_t)r->request.stretches[i].length;
+    }
+    memcpy(r->reply.asset_id, umbs_entry_item(r->entry)->id, UMB_ID_BYTES);
+    r->data = malloc(*bytes);
+    return r->data ? UMB_OK
+                   : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes", *bytes);
+}
+
+/* Hands it to the workers; takes it over. */
+static enum umb_status send_reading(struct umbd_call *call, struct reading *reading, size_t bytes,
+                                    struct umb_error *error)
+{
+    static const struct umb_query_settings no_settings;
+    const struct umb_points no_points = {.count = 1}; /* one slice, of no query */
+    struct umbd_batch *batch;
+    enum umb_status status = umbd_batch_create(0, &no_settings, &no_points, &batch, error);
+    if (status != UMB_OK) {
+        free_reading(reading);
+        return status;
+    }
+    batch->work = read_all;
+    batch->work_free = free_reading;
+    batch->work_user = reading;
+    batch->slice_points = 1;
+    batch->deadline_ns = call->deadline_ns;
+    batch->lane = call->conn->serial;
+    batch->stream_id = call->stream_id;
+    batch->done = umbd_loop_batch_done;
+    batch->home = call->conn->loop;
+    call->batch_bytes = bytes;
+    call->batch = batch; /* before: it may come home at once */
+    status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
+    if (status != UMB_OK) {
+        call->batch = NULL;
+        call->batch_bytes = 0;
+        umbd_batch_destroy(batch);
+    }
+    return status;
+}
+
+void umbd_service_regions(struct umbd_call *call)
+{
+    struct reading *reading = NULL;
+    struct umb_error error = {0};
+    size_t bytes;
+    enum umb_status status = make_reading(call, &reading, &bytes, &error);
+    if (status == UMB_OK &&
+        (!umbd_call_take_points(call, UMBD_CALL_POINTS + bytes / BYTES_A_POINT) ||
+         !umbd_call_charge(call, call->charged + 2 * bytes))) { /* read, then as a message */
+        free_reading(reading);
+        return;
+    }
+    if (status != UMB_OK) {
+        free_reading(reading);
+    } else {
+        status = send_reading(call, reading, bytes, &error);
+    }
+    if (status == UMB_E_BUSY) {
+        call->pushback_ms = UMBD_PUSHBACK_MS;
+    }
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+    }
+}
+
+void umbd_service_regions_done(struct umbd_call *call, struct umbd_batch *batch)
+{
+    struct reading *reading = batch->work_user;
+    struct umbw_buffer message = {0};
+    enum umb_status status = batch->status;
+    if (status == UMB_E_BUSY) {
+        call->pushback_ms = UMBD_PUSHBACK_MS;
+    }
+    if (status == UMB_OK) {
+        reading->reply.data = reading->data;
+        status = umbw_encode_region_reply(&reading->reply, &message, &batch->error);
+    }
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &batch->error);
+        return;
+    }
+    umbd_call_reply(call, &message);
+    if (!umbd_method_takes_many(call->method)) {
+        umbd_call_finish(call);
+    }
+}

@@ -1,0 +1,102 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+Regions.Stream and Follow for a client that nobody here wrote (python3-grpcio): the bytes are those of
+the packed file, every refusal names the field, and a replaced file is told.
+"""
+import os
+import shutil
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+grpc, _ = ut.need_grpc()
+Code = grpc.StatusCode
+test = ut.Test()
+store = test.path("store")
+os.mkdir(store)
+city = store + "/city.umb"
+baked = test.bake(test.scene("city", 8), city, "--resolution", 2048, "--verify", 0)
+daemon = test.daemon("--workers", 2)
+channel = grpc.insecure_channel(daemon.grpc_unix)
+M = test.messages.regions
+codec = {"request_serializer": M.RegionRequest.SerializeToString,
+         "response_deserializer": M.RegionReply.FromString}
+stream = channel.unary_stream("/umbrage.v1.Regions/Stream", **codec)
+follow = channel.stream_stream("/umbrage.v1.Regions/Follow", **codec)
+with open(city, "rb") as file:
+    whole = file.read()
+
+
+def ask(*stretches, asset="city"):
+    return M.RegionRequest(asset=asset, offsets=[s[0] for s in stretches],
+                           lengths=[s[1] for s in stretches])
+
+
+def refused(code, words, request, or_code=None):
+    try:
+        list(stream(request, timeout=60))
+    except grpc.RpcError as error:
+        assert error.code() in (code, or_code), (error.code(), error.details())
+        assert error.code() == or_code or words in error.details(), error.details()
+        return
+    raise AssertionError(f"answered: {request}")
+
+
+with test.check("stretches come as they stand in the file, in the order asked for"):
+    reply, = stream(ask((0, 500), (len(whole) - 100, 100), (1000, 77)), timeout=60)
+    assert reply.data == whole[:500] + whole[-100:] + whole[1000:1077]
+    assert reply.file_bytes == len(whole)
+    assert reply.asset_id.hex() == baked["asset"]
+    reply, = stream(ask((0, 500), asset=baked["asset"]), timeout=60)
+    assert reply.data == whole[:500]
+
+with test.check("the file's end cuts a stretch"):
+    reply, = stream(ask((len(whole) - 10, 100)), timeout=60)
+    assert reply.data == whole[-10:]
+    reply, = stream(ask((len(whole) + 5, 100)), timeout=60)
+    assert reply.data == b""
+
+with test.check("a followed camera gets a reply for each request, in order, the whole file in pieces"):
+    pieces = [(at, 3000) for at in range(0, len(whole), 3000)]
+    replies = [r.data for r in follow(iter([ask(piece) for piece in pieces]), timeout=120)]
+    assert b"".join(replies) == whole, (len(replies), len(pieces))
+
+with test.check("what cannot be is refused with the field's name"):
+    refused(Code.NOT_FOUND, "nope", ask((0, 1), asset="nope"))
+    refused(Code.INVALID_ARGUMENT, "asset", ask((0, 1), asset=""))
+    refused(Code.INVALID_ARGUMENT, "offsets", ask())
+    refused(Code.INVALID_ARGUMENT, "offsets", ask(*[(i, 1) for i in range(129)]))
+    refused(Code.INVALID_ARGUMENT, "lengths[0]", ask((0, 0)))
+    refused(Code.INVALID_ARGUMENT, "lengths[1]", ask((0, 1 << 20), (0, 1)))
+    refused(Code.INVALID_ARGUMENT, "lengths[0]", ask(((1 << 64) - 1, 1)))
+    refused(Code.INVALID_ARGUMENT, "as many", M.RegionRequest(asset="city", offsets=[1]))
+
+with test.check("128 stretches of the greatest length that fits are answered"):
+    reply, = stream(ask(*[(i * 7, 8192) for i in range(128)]), timeout=60)
+    assert reply.data == b"".join(whole[i * 7:i * 7 + 8192] for i in range(128))
+
+with test.check("a cancelled call leaves the server well"):
+    for _ in range(20):
+        call = follow(iter([ask((0, 1 << 20))] * 8), timeout=60)
+        next(call)
+        call.cancel()
+    reply, = stream(ask((0, 8)), timeout=60)
+    assert reply.data == whole[:8]
+
+with test.check("the client of the library streams from the daemon what it streams from the file"):
+    one, other = test.path("one.part"), test.path("other.part")
+    view = ["--camera", "eye=1,1.7,1,target=100,1.7,9,fov=60,far=40", "--quiet"]
+    ut.run("umbrage", "stream", "city", "--address", daemon.grpc_unix, *view, "-o", one)
+    ut.run("umbrage", "stream", city, *view, "-o", other)
+    with open(one, "rb") as a, open(other, "rb") as b:
+        assert a.read() == b.read()
+
+with test.check("a file that was replaced behind the server's back is told"):
+    shutil.move(city, city + ".away")
+    refused(Code.FAILED_PRECONDITION, "gone", ask((0, 1), asset=baked["asset"]),
+            or_code=Code.NOT_FOUND)  # once the store has seen it go
+    shutil.move(city + ".away", city)
+
+test.finish()

@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* RegionRequest and RegionReply: round trips, limits, sweeps over prefixes and flips. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "wire/regions.h"
+
+static struct umbw_region_request sample(size_t count)
+{
+    struct umbw_region_request request = {.asset = "city", .count = count};
+    for (size_t i = 0; i < count; i++) {
+        request.stretches[i] = (struct umbw_stretch){(uint64_t)i << 40, i + 1};
+    }
+    return request;
+}
+
+static void requests_and_replies_come_back_as_they_went(void **state)
+{
+    (void)state;
+    struct umb_error error;
+    for (size_t count = 1; count <= UMBW_STRETCHES_MAX; count += 127) {
+        struct umbw_region_request request = sample(count), back;
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        assert_int_equal(umbw_encode_region_request(&request, &buffer, &error), UMB_OK);
+        assert_int_equal(umbw_decode_region_request(buffer.bytes + UMBW_PREFIX_BYTES,
+                                                    buffer.size - UMBW_PREFIX_BYTES, &back, &error),
+                         UMB_OK);
+        assert_memory_equal(&request, &back, sizeof back);
+        umbw_buffer_finish(&buffer);
+    }
+    const uint8_t data[3] = {1, 2, 3};
+    struct umbw_region_reply reply = {.file_bytes = UINT64_MAX, .data = data, .data_size = 3}, back;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    memset(reply.asset_id, 7, sizeof reply.asset_id);
+    assert_int_equal(umbw_encode_region_reply(&reply, &buffer, &error), UMB_OK);
+    assert_int_equal(umbw_decode_region_reply(buffer.bytes + UMBW_PREFIX_BYTES,
+                                              buffer.size - UMBW_PREFIX_BYTES, &back, &error),
+                     UMB_OK);
+    assert_memory_equal(back.asset_id, reply.asset_id, sizeof back.asset_id);
+    assert_true(back.file_bytes == UINT64_MAX && back.data_size == 3);
+    assert_memory_equal(back.data, data, 3);
+    umbw_buffer_finish(&buffer);
+}
+
+static void whatever_comes_stays_within_the_limits(void **state)
+{
+    (void)state;
+    struct umbw_region_request request = sample(5), back;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    struct umb_error error;
+    assert_int_equal(umbw_encode_region_request(&request, &buffer, &error), UMB_OK);
+    const size_t size = buffer.size - UMBW_PREFIX_BYTES;
+    for (size_t length = 0; length <= size; length++) {
+        for (size_t bit = 0; bit < 8 * length; bit++) {
+            uint8_t *exact = malloc(length ? length : 1);
+            memcpy(exact, buffer.bytes + UMBW_PREFIX_BYTES, length);
+            exact[bit / 8] ^= (uint8_t)(1 << bit % 8);
+            if (umbw_decode_region_request(exact, length, &back, &error) == UMB_OK) {
+                uint64_t total = 0;
+                assert_true(back.count >= 1 && back.count <= UMBW_STRETCHES_MAX);
+                for (size_t i = 0; i < back.count; i++) {
+                    total += back.stretches[i].length;
+                    assert_true(back.stretches[i].offset <= INT64_MAX);
+                }
+                assert_true(total <= UMBW_REGION_BYTES_MAX);
+            }
+            free(exact);
+        }
+    }
+    umbw_buffer_finish(&buffer);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(requests_and_replies_come_back_as_they_went),
+        cmocka_unit_test(whatever_comes_stays_within_the_limits),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
