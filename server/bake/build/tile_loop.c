@@ -121,8 +121,8 @@ static void show_progress(void *user)
     struct loop *loop = user;
     if (loop->options->progress != NULL) {
         loop->options->progress(loop->options->progress_user,
-                                loop->texels_found +
-                                    atomic_load_explicit(&loop->texels_done, memory_order_relaxed));
+                                atomic_load_explicit(&loop->texels_done, memory_order_relaxed),
+                                loop->texels_found);
     }
 }
 

@@ -33,9 +33,11 @@ struct umbb_bake_options {
     /* With end above first: only tiles first .. end - 1 are baked, for the keeper; the pool holds
      * nothing afterwards, and there is no root. */
     uint32_t only_first, only_end;
-    const struct umbb_tile_keeper *keeper;              /* may be NULL; borrowed */
-    int (*cancelled)(void);                             /* may be NULL; from any thread */
-    void (*progress)(void *user, uint64_t texels_done); /* may be NULL; from the owner */
+    const struct umbb_tile_keeper *keeper; /* may be NULL; borrowed */
+    int (*cancelled)(void);                /* may be NULL; from any thread */
+    /* May be NULL; from the owner. texels_found: of tiles that the keeper had, which were no work;
+     * texels_done does not count them. */
+    void (*progress)(void *user, uint64_t texels_done, uint64_t texels_found);
     void *progress_user;
 };
 
