@@ -230,12 +230,18 @@ static struct umbs_entry *find_damaged(const struct umbs_table *table,
     return NULL;
 }
 
+enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)
+{
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    return umb_fail(error, UMB_E_NOT_FOUND, "asset: no asset named %.200s in this store",
+                    umbs_log_quote(name_or_id, quoted));
+}
+
 enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                    struct umbs_entry **out, struct umb_error *error)
 {
     uint8_t id[UMB_ID_BYTES];
     int is_id = umb_id_from_text(name_or_id, id);
-    char quoted[UMBS_LOG_QUOTE_SIZE];
     enum umb_status status = UMB_OK;
     *out = NULL;
     pthread_mutex_lock(&store->mutex);
@@ -247,8 +253,7 @@ enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or
         entry = umbs__table_find_name(&store->table, name_or_id);
     }
     if (entry == NULL) {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "asset: no asset named %.200s in this store",
-                          umbs_log_quote(name_or_id, quoted));
+        status = umbs_store_not_found(name_or_id, error);
     } else if (entry->asset == NULL || entry->faulted) {
         status = umb_fail(error, told_status(entry->error.status), "asset: '%.64s' is damaged: %s",
                           entry->item.name, entry->error.message);

@@ -128,6 +128,9 @@ void umbs_store_reap(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                                struct umbs_entry **out, struct umb_error *error);
 
+/* Says that there is no such asset: E_NOT_FOUND, as umbs_store_acquire does. */
+UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
+
 /* Gives a reference back. NULL is allowed. */
 void umbs_entry_release(struct umbs_entry *entry);
 

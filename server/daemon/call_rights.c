@@ -11,6 +11,7 @@
 #include <strings.h>
 
 #include "common/sha256.h"
+#include "jobs/service.h"
 
 static enum umbd_scope scope_of(enum umbd_method method)
 {
@@ -72,6 +73,31 @@ static struct umbd_token *find_token(struct umbd_call *call)
 const struct umbd_token *umbd_call_token(struct umbd_call *call)
 {
     return call->conn->loop->daemon->tokens != NULL && call->has_token ? find_token(call) : NULL;
+}
+
+int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
+{
+    struct umbd_daemon *daemon = call->conn->loop->daemon;
+    if (daemon->jobs == NULL || daemon->tokens == NULL) {
+        return 1; /* there is one owner, or none */
+    }
+    const struct umbd_token *token = umbd_call_token(call);
+    return (token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0) ||
+           umbj_board_may_read(umbj_service_board(daemon->jobs), asset,
+                               token != NULL ? token->name : "");
+}
+
+enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
+                                  struct umbs_entry **out, struct umb_error *error)
+{
+    struct umbs_store *store = call->conn->loop->daemon->store;
+    enum umb_status status = umbs_store_acquire(store, name_or_id, out, error);
+    if (status == UMB_OK && !umbd_call_sees(call, umbs_entry_item(*out)->id)) {
+        umbs_entry_release(*out);
+        *out = NULL;
+        status = umbs_store_not_found(name_or_id, error);
+    }
+    return status;
 }
 
 /* Whoever listens on the way could send what he heard, and everybody can connect. */

@@ -14,6 +14,15 @@ int umbd_call_is_allowed(struct umbd_call *call);
 /* The call's token, looked for now; NULL: it has none, or it is not known any more. */
 const struct umbd_token *umbd_call_token(struct umbd_call *call);
 
+/*
+ * Takes a reference to an asset for a call, as umbs_store_acquire. An asset that a job made is
+ * E_NOT_FOUND for everybody but its owners and admins, in the same words as one that is not there:
+ * who has a scene must not learn whether somebody else had it baked. _sees: the same question.
+ */
+UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
+                                              struct umbs_entry **out, struct umb_error *error);
+int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES]);
+
 /* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
  * call: RESOURCE_EXHAUSTED, with the time after which to come again, or, if a reload took its token
  * away meanwhile, as umbd_call_is_allowed. */

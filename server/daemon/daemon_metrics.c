@@ -199,8 +199,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
            "Idle connections closed to make room for new ones.",
            get(&metrics->connections_evicted));
     single(out, "umbrage_connections_retired_total", "counter",
-           "Connections asked to go, idle or too old.",
-           get(&metrics->connections_retired));
+           "Connections asked to go, idle or too old.", get(&metrics->connections_retired));
     single(out, "umbrage_tls_failures_total", "counter", "TLS handshakes and sessions that failed.",
            get(&metrics->tls_failures));
     single(out, "umbrage_unauthorized_total", "counter", "Calls refused for their token.",

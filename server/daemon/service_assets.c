@@ -86,7 +86,7 @@ void umbd_service_describe(struct umbd_call *call)
     enum umb_status status =
         umbw_decode_describe_request(call->message, call->message_size, name, &error);
     if (status == UMB_OK) {
-        status = umbs_store_acquire(call->conn->loop->daemon->store, name, &entry, &error);
+        status = umbd_call_acquire(call, name, &entry, &error);
     }
     if (status == UMB_OK) {
         status = fill_description(entry, &reply);
@@ -113,7 +113,7 @@ void umbd_service_list(struct umbd_call *call)
         status = reply.assets != NULL ? UMB_OK : UMB_E_NO_MEMORY;
     }
     for (size_t i = 0; status == UMB_OK && i < count; i++) {
-        if (items[i].status == UMB_OK) {
+        if (items[i].status == UMB_OK && umbd_call_sees(call, items[i].id)) {
             fill_summary(&reply.assets[reply.count++], &items[i]);
         }
     }

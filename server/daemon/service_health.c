@@ -4,7 +4,7 @@
  * unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a message, for Watch (the gRPC
  * health checking protocol).
  */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -22,7 +22,7 @@ enum serving {
  * "" and the service are SERVING until the drain begins; "umbrage.v1.Shadows/ASSET" also depends on
  * the asset: NOT_SERVING while its file is damaged.
  */
-static int state_of(const struct umbd_call *call, const char *service)
+static int state_of(struct umbd_call *call, const char *service)
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
     int serving = atomic_load(&daemon->draining) ? NOT_SERVING : SERVING;
@@ -34,7 +34,7 @@ static int state_of(const struct umbd_call *call, const char *service)
         return SERVICE_UNKNOWN;
     }
     struct umbs_entry *entry = NULL;
-    enum umb_status status = umbs_store_acquire(daemon->store, service + length + 1, &entry, NULL);
+    enum umb_status status = umbd_call_acquire(call, service + length + 1, &entry, NULL);
     umbs_entry_release(entry);
     return status == UMB_OK ? serving : status == UMB_E_NOT_FOUND ? SERVICE_UNKNOWN : NOT_SERVING;
 }

@@ -158,8 +158,7 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
                                 uint32_t light, struct umb_error *error)
 {
     struct umbs_entry *entry = NULL;
-    enum umb_status status =
-        umbs_store_acquire(call->conn->loop->daemon->store, asset, &entry, error);
+    enum umb_status status = umbd_call_acquire(call, asset, &entry, error);
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 

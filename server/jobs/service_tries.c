@@ -224,6 +224,7 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
                                struct umbj_report *report, struct umb_error *error)
 {
     enum umb_status status = umbj_table_announce(service->table, report->asset, error);
+    umbj_board_own(service->board, report->asset, job->owner); /* before anybody can ask for it */
     if (status == UMB_OK && report->staged.temporary != NULL) {
         status = umbs_file_commit(&report->staged, error);
     }
@@ -234,6 +235,17 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
     return status == UMB_OK ? umbj_table_get(service->table, job->id, NULL, job, error) : status;
 }
 
+/* After a publish that failed: the board says what the table says. */
+static void disown_if_not(struct umbj_service *service, const uint8_t *asset, const char *owner)
+{
+    struct umb_error error;
+    int known = 0, owned = 0;
+    if (umbj_table_asset(service->table, asset, owner, &known, &owned, &error) == UMB_OK &&
+        !owned) {
+        umbj_board_disown(service->board, asset, owner);
+    }
+}
+
 static void take_end(struct umbj_service *service, struct umbj_job *job, struct umbj_report *report)
 {
     struct umb_error error = {0};
@@ -241,7 +253,6 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
     if (report->failure == UMBJ_NO_FAILURE) {
         status = publish(service, job, report, &error);
         if (status == UMB_OK) {
-            umbj_board_own(service->board, job->asset, job->owner);
             atomic_fetch_add(&service->counters.finished, 1);
             atomic_fetch_add(&service->counters.bake_ms, (uint64_t)report->bake_ms);
             wait_until_served(service, job);
@@ -253,6 +264,7 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
             struct umb_error cause = error;
             status = umbj__fail_try(service, job, UMBJ_IO, cause.message, &error);
         }
+        disown_if_not(service, report->asset, job->owner);
         umbj__collect_assets(service); /* what a late or failed publish left */
     } else {
         status = umbj__fail_try(service, job, report->failure, report->text, &error);

@@ -102,6 +102,35 @@ with test.check("another owner shares the work and learns nothing"):
                                                metadata=WHO["bob"]))):
         client.refused(call, Code.NOT_FOUND)
 
+with test.check("only owners and admins see an asset that a job made, in health too"):
+    S = test.messages.shadows
+    H = test.messages.health
+
+    def asked(who, name=plain):
+        requests = (lambda: client.query(S.QueryRequest(asset=name, points=ut.floats([0, 0, 0])),
+                                         metadata=who, timeout=10),
+                    lambda: client.describe(S.DescribeRequest(asset=name), metadata=who, timeout=10))
+        found = []
+        for request in requests:
+            try:
+                request()
+                found.append(None)
+            except grpc.RpcError as error:
+                assert error.code() == Code.NOT_FOUND, error
+                found.append(error.details().replace(name, "X"))
+        listed = [a.name for a in client.list(S.ListRequest(), metadata=who, timeout=10).assets]
+        return found, name in listed
+
+    for name in ("ann", "bob", "boss"):
+        assert asked(WHO[name]) == ([None, None], True), name
+    nothing = asked(WHO["eve"], 64 * "0")
+    assert asked(WHO["eve"]) == nothing and nothing[1] is False, asked(WHO["eve"])
+    service = "umbrage.v1.Shadows/" + plain
+    client.refused(lambda: client.check(H.HealthCheckRequest(service=service), timeout=10),
+                   Code.NOT_FOUND)
+    assert client.check(H.HealthCheckRequest(service=service), metadata=WHO["ann"],
+                        timeout=10).status == 1
+
 with test.check("an asset is fetched whole, and from an offset on"):
     whole = read(os.path.join(STORE, plain + ".umb"))
     for offset in (0, 1, len(whole) - 1, len(whole)):
