@@ -155,18 +155,20 @@ static enum umb_status make_command(struct slot *slot, struct command *command,
     return UMB_OK;
 }
 
-static const char *exit_text(const struct umbj_process_end *end, enum umbj_failure failure,
-                             char text[UMBJ_CAUSE_SIZE])
+/* Why a try failed: what the program said last, or what its end tells. */
+static void take_cause(const struct slot *slot, const struct umbj_process_end *end,
+                       enum umbj_failure failure, char text[UMBJ_CAUSE_SIZE])
 {
     if (failure == UMBJ_TIMEOUT) {
         snprintf(text, UMBJ_CAUSE_SIZE, "the bake took longer than the server allows (--job-time)");
     } else if (end->signal != 0) {
         snprintf(text, UMBJ_CAUSE_SIZE, "signal %d (%s) ended the bake", end->signal,
                  umbj_failure_name(failure));
+    } else if (slot->cause[0] != '\0') {
+        snprintf(text, UMBJ_CAUSE_SIZE, "%s", slot->cause);
     } else {
         snprintf(text, UMBJ_CAUSE_SIZE, "the bake ended with %d", end->exit_code);
     }
-    return text;
 }
 
 /* A failure of ours as one of a try. */
@@ -221,9 +223,7 @@ static void bake(struct slot *slot, struct umbj_report *ended)
     if (status == UMB_OK) {
         ended->failure = umbj_process_judge(&end);
         if (ended->failure != UMBJ_NO_FAILURE) {
-            int told = end.signal == 0 && !end.timed_out && slot->cause[0] != '\0';
-            snprintf(ended->text, sizeof ended->text, "%s",
-                     told ? slot->cause : exit_text(&end, ended->failure, ended->text));
+            take_cause(slot, &end, ended->failure, ended->text);
             return;
         }
         struct umbj_report phase = report_of(slot, UMBJ_REPORT_PHASE);

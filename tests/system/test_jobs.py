@@ -219,6 +219,18 @@ with test.check("a worker that is killed is tried again, and the asset is publis
     assert status.state == B.JOB_DONE and status.epoch == 2, status
     assert daemon.metric("umbrage_job_failures_total") >= 1
 
+with test.check("a program that cannot be started is an internal failure with its exit code"):
+    os.makedirs(test.path("bin"))
+    with open(os.open(test.path("bin", "bake"), os.O_WRONLY | os.O_CREAT, 0o755), "w") as file:
+        file.write("#!/nowhere/at/all\n")
+    other = test.daemon("--jobs", test.path("jobs2"), "--bake-program", test.path("bin", "bake"),
+                        "--token-file", TOKENS, store=test.path("store2"))
+    broken = test.client(other.grpc_tcp)
+    status = broken.finished_job(broken.submit({"a.glb": scene}, "a.glb", WHO["ann"]).job, WHO["ann"])
+    assert status.failure == B.FAILURE_INTERNAL and status.cause == "the bake ended with 127", status
+    broken.close()
+    other.stop()
+
 with test.check("a daemon that is killed loses nothing, and leaves no process and no temporary"):
     job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], resolution=2048, verify=1500000).job
     ut.wait_until(lambda: workers(daemon), 20, "the bake runs")
