@@ -47,6 +47,7 @@ $(foreach part,$(UNIT_PARTS),$(eval $(call unit_part,$(part))))
 -include tests/fuzz/fuzz.mk
 -include tests/fault/fault.mk
 -include tests/bench/bench.mk
+-include tests/interop/interop.mk
 
 unit: $(UNIT_TESTS) ## build the unit tests
 RUN := sh tests/harness/run.sh
@@ -56,7 +57,7 @@ PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/um
 check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count ## real processes on loopback, agreement, interop
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.

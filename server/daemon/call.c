@@ -182,6 +182,10 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
         take_timeout(call, value, value_size);
     } else if (equals(name, name_size, "authorization")) {
         umbd_call_authorization(call, value, value_size);
+#ifdef UMBRAGE_TEST_SERVICE
+    } else if (name_size > 12 && memcmp(name, "x-grpc-test-", 12) == 0) {
+        umbd_interop_header(&call->echo, name, name_size, value, value_size);
+#endif
     } else if (equals(name, name_size, "grpc-encoding")) {
         call->encoding = equals(value, value_size, "identity") ? UMBD_ENCODING_IDENTITY
                          : equals(value, value_size, "gzip")   ? UMBD_ENCODING_GZIP
@@ -189,18 +193,21 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
     }
 }
 
-/* Every method: its path, what it may have more than one of, and who answers it. */
+/* Every method: its path, what it may have more than one of, who answers it, and, where the end of
+ * the requests asks for more than the end of the replies, who does that. */
 static const struct {
     const char *path;
     int takes_many, gives_many;
     void (*serve)(struct umbd_call *call);
+    void (*end)(struct umbd_call *call);
 } methods[UMBD_METHOD_UNKNOWN] = {
     [UMBD_METHOD_QUERY] = {UMBW_PATH_QUERY, 0, 0, umbd_service_query},
     [UMBD_METHOD_QUERY_STREAM] = {UMBW_PATH_STREAM, 1, 1, umbd_service_query},
     [UMBD_METHOD_DESCRIBE] = {UMBW_PATH_DESCRIBE, 0, 0, umbd_service_describe},
     [UMBD_METHOD_LIST] = {UMBW_PATH_LIST, 0, 0, umbd_service_list},
     [UMBD_METHOD_LIMITS] = {UMBW_PATH_LIMITS, 0, 0, umbd_service_limits},
-    [UMBD_METHOD_BAKES_SUBMIT] = {UMBW_PATH_BAKES_SUBMIT, 1, 0, umbd_service_bakes_submit},
+    [UMBD_METHOD_BAKES_SUBMIT] = {UMBW_PATH_BAKES_SUBMIT, 1, 0, umbd_service_bakes_submit,
+                                  umbd_service_bakes_submit_end},
     [UMBD_METHOD_BAKES_WATCH] = {UMBW_PATH_BAKES_WATCH, 0, 1, umbd_service_bakes_watch},
     [UMBD_METHOD_BAKES_CANCEL] = {UMBW_PATH_BAKES_CANCEL, 0, 0, umbd_service_bakes_cancel},
     [UMBD_METHOD_BAKES_LIST] = {UMBW_PATH_BAKES_LIST, 0, 0, umbd_service_bakes_list},
@@ -212,6 +219,16 @@ static const struct {
     [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch},
     [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection},
     [UMBD_METHOD_REFLECTION_ALPHA] = {UMBW_PATH_REFLECTION_ALPHA, 1, 1, umbd_service_reflection},
+#ifdef UMBRAGE_TEST_SERVICE
+    [UMBD_METHOD_TEST_EMPTY] = {"/grpc.testing.TestService/EmptyCall", 0, 0, umbd_interop_empty},
+    [UMBD_METHOD_TEST_UNARY] = {"/grpc.testing.TestService/UnaryCall", 0, 0, umbd_interop_unary},
+    [UMBD_METHOD_TEST_INPUT] = {"/grpc.testing.TestService/StreamingInputCall", 1, 0,
+                                umbd_interop_input, umbd_interop_input_end},
+    [UMBD_METHOD_TEST_OUTPUT] = {"/grpc.testing.TestService/StreamingOutputCall", 0, 1,
+                                 umbd_interop_output},
+    [UMBD_METHOD_TEST_DUPLEX] = {"/grpc.testing.TestService/FullDuplexCall", 1, 1,
+                                 umbd_interop_duplex},
+#endif
 };
 
 static enum umbd_method method_of(const char *path)
@@ -290,6 +307,15 @@ void umbd_call_serve(struct umbd_call *call)
 {
     methods[call->method].serve(call);
     umbd_call_drop_message(call);
+}
+
+void umbd_call_end_requests(struct umbd_call *call)
+{
+    if (methods[call->method].end != NULL) {
+        methods[call->method].end(call);
+    } else {
+        umbd_call_finish(call);
+    }
 }
 
 /* Keeps the one message of a unary call until the end of the request proves that it is one. */

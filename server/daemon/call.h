@@ -19,6 +19,9 @@
 #include "wire/gunzip.h"
 #include "wire/messages.h"
 #include "wire/reflection.h"
+#ifdef UMBRAGE_TEST_SERVICE
+#include "interop_service.h"
+#endif
 
 #define UMBD_GRACE_MS          1000  /* between an early failure and the reset of the upload */
 #define UMBD_PUSHBACK_MS       50    /* a full queue of slices drains in about that time */
@@ -103,6 +106,9 @@ struct umbd_call {
     unsigned pushback_ms;   /* tell the client when to come again; 0 = do not */
     struct umbw_buffer out; /* body that is made and not all sent */
     size_t sent;            /* of out */
+#ifdef UMBRAGE_TEST_SERVICE
+    struct umbd_echo echo;
+#endif
 };
 
 /* Makes a call for a new stream. NULL: out of memory, or over a budget. */
@@ -182,6 +188,9 @@ int umbd_method_gives_many(enum umbd_method method);
 
 /* Hands the call's message to its service; frees it, unless the service took it over. */
 void umbd_call_serve(struct umbd_call *call);
+
+/* All requests of a stream are served: ends the reply, or does what its service has left to do. */
+void umbd_call_end_requests(struct umbd_call *call);
 
 void umbd_call_drop_message(struct umbd_call *call);
 

@@ -41,6 +41,11 @@ static size_t add_status(const struct umbd_call *call, struct status_text *text,
     if (call->text[0] != '\0') {
         fields[count++] = field("grpc-message", call->text);
     }
+#ifdef UMBRAGE_TEST_SERVICE
+    if (call->echo.trailing[0] != '\0') {
+        fields[count++] = field(UMBD_ECHO_TRAILING, call->echo.trailing);
+    }
+#endif
     if (call->pushback_ms > 0) {
         snprintf(text->pushback, sizeof text->pushback, "%u", call->pushback_ms);
         fields[count++] = field("grpc-retry-pushback-ms", text->pushback);
@@ -71,7 +76,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
     if (count == left && call->reply_ended) {
         *flags |= NGHTTP2_DATA_FLAG_EOF;
         if (!call->plain) {
-            nghttp2_nv fields[3];
+            nghttp2_nv fields[4];
             struct status_text status;
             size_t field_count = add_status(call, &status, fields, 0);
             *flags |= NGHTTP2_DATA_FLAG_NO_END_STREAM;
@@ -157,7 +162,7 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
         return;
     }
     (void)umbd_call_charge(call, 0);
-    nghttp2_nv fields[7];
+    nghttp2_nv fields[8];
     struct status_text status;
     size_t count = 0;
     fields[count++] = field(":status", "200");
@@ -189,10 +194,16 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
 
 static void respond_grpc(struct umbd_call *call)
 {
-    nghttp2_nv fields[2];
-    fields[0] = field(":status", "200");
-    fields[1] = field("content-type", "application/grpc");
-    submit(call, fields, 2, 1);
+    nghttp2_nv fields[3];
+    size_t count = 0;
+    fields[count++] = field(":status", "200");
+    fields[count++] = field("content-type", "application/grpc");
+#ifdef UMBRAGE_TEST_SERVICE
+    if (call->echo.initial[0] != '\0') {
+        fields[count++] = field(UMBD_ECHO_INITIAL, call->echo.initial);
+    }
+#endif
+    submit(call, fields, count, 1);
 }
 
 uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)

@@ -160,10 +160,8 @@ void umbd_stream_pump(struct umbd_call *call)
     if (call->reply_ended || umbd_call_is_busy(call) || call->queue_first != NULL) {
         return;
     }
-    if (call->request_ended && call->method == UMBD_METHOD_BAKES_SUBMIT) {
-        umbd_service_bakes_submit_end(call);
-    } else if (call->request_ended) {
-        umbd_call_finish(call);
+    if (call->request_ended) {
+        umbd_call_end_requests(call);
     } else if (call->last_call) {
         umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
     }

@@ -34,6 +34,13 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
     {"grpc.health.v1.Health", "Watch", "server_stream"},
     {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
     {"grpc.reflection.v1alpha.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
+#ifdef UMBRAGE_TEST_SERVICE
+    {"grpc.testing.TestService", "EmptyCall", "unary"},
+    {"grpc.testing.TestService", "UnaryCall", "unary"},
+    {"grpc.testing.TestService", "StreamingInputCall", "client_stream"},
+    {"grpc.testing.TestService", "StreamingOutputCall", "server_stream"},
+    {"grpc.testing.TestService", "FullDuplexCall", "bidi_stream"},
+#endif
     {"unknown", "unknown", "unary"},
 };
 
