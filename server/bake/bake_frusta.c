@@ -17,6 +17,7 @@ struct series {
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory;
     struct umb_pool pool;
+    struct umb_front *fronts; /* [frustum_count]; NULL: not wanted */
     struct umbb_progress progress;
     uint64_t texels_total;
     uint64_t texels_before; /* drawn for the frusta already baked */
@@ -37,6 +38,8 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
 {
     const struct umbb_depth_options options = {.tile_log2 = series->memory->tile_log2,
                                                .threads = series->options->threads,
+                                               .prove = series->fronts != NULL ? UMBB_PROVE_NEVER
+                                                                               : UMBB_PROVE_AUTO,
                                                .max_bytes = series->memory->shared_max_bytes,
                                                .plain = series->options->depth == UMBB_DEPTH_PLAIN};
     if (series->options->depth == UMBB_DEPTH_EMBREE) {
@@ -90,6 +93,7 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
         .octree_max_bytes = series->memory->octree_max_bytes,
         .shared_max_bytes = series->memory->shared_max_bytes,
         .keeper = keeping != NULL ? &keeper : NULL,
+        .front = series->fronts != NULL ? &series->fronts[number] : NULL,
         .cancelled = umbb_interrupted,
         .progress = series_progress,
         .progress_user = series,
@@ -146,6 +150,33 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
     return status;
 }
 
+/* What a front may take: an asset's head holds it, with all else that it says (umb-format.md). */
+#define FRONT_MAX_BYTES ((size_t)48 << 20)
+
+static enum umb_status open_fronts(struct series *series, struct umb_error *error)
+{
+    const struct umbb_analysis *analysis = series->job->analysis;
+    series->fronts = calloc(analysis->frustum_count, sizeof *series->fronts);
+    if (series->fronts == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u fronts refused",
+                        analysis->frustum_count);
+    }
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < analysis->frustum_count && status == UMB_OK; i++) {
+        status = umb_front_init(&series->fronts[i], NULL, analysis->frusta[i].log2_size,
+                                FRONT_MAX_BYTES / analysis->frustum_count, error);
+    }
+    return status;
+}
+
+static void close_fronts(struct series *series)
+{
+    for (uint32_t i = 0; series->fronts != NULL && i < series->job->analysis->frustum_count; i++) {
+        umb_front_finish(&series->fronts[i]);
+    }
+    free(series->fronts);
+}
+
 /* 1 if nothing of a frustum is wanted. */
 static int is_unwanted(const struct series *series, uint32_t frustum)
 {
@@ -172,6 +203,9 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
         roots != NULL && levels != NULL
             ? UMB_OK
             : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u roots refused", count);
+    if (status == UMB_OK && job->front != NULL) {
+        status = open_fronts(&series, error);
+    }
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         if (is_unwanted(&series, i)) {
             continue;
@@ -186,6 +220,11 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
         status = umb_pool_take(&series.pool, roots, levels, count, octree, error);
     }
+    if (status == UMB_OK && job->front != NULL) {
+        status =
+            umb_front_join(series.fronts, count, &job->front->words, &job->front->count, error);
+    }
+    close_fronts(&series);
     umb_pool_finish(&series.pool);
     free(roots);
     free(levels);

@@ -10,6 +10,12 @@
 #include "bake/memory_plan.h"
 #include "bake/tiles/tile_keeping.h"
 
+/* The first occluders of all frusta, as an asset's content holds them. */
+struct umbb_front_words {
+    uint32_t *words; /* free with umb_front_words_free(NULL, words); NULL: not kept */
+    uint64_t count;
+};
+
 /* What is to be baked. */
 struct umbb_frusta_job {
     struct umbb_analysis *analysis; /* its corners end up in some voxel space */
@@ -17,6 +23,7 @@ struct umbb_frusta_job {
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory; /* as divided for these options */
     struct umbb_tile_keeping *keeping;     /* NULL: no tile is kept or found */
+    struct umbb_front_words *front;        /* gets the front; NULL: not wanted */
 };
 
 /* Tiles of all frusta together; frustum by frustum, row by row is how they are numbered. */

@@ -48,7 +48,8 @@ const char umbb_options_help[] =
     "  --closed auto|on|off   leave the inside of closed solids undefined: of those that are "
     "closed\n"
     "                         (auto), of everything on your word (on), never (off)\n"
-    "  --effect NAME=on|off   overrule the plan: closed; penumbra, cut-out, transmittance,\n"
+    "  --effect NAME=on|off   overrule the plan: closed, front (first occluders of closed\n"
+    "                         solids, for columns); penumbra, cut-out, transmittance,\n"
     "                         static, mraa and voaa can only be off in this version\n"
     "  --threads N            1 to 256 (the processors there are)\n"
     "  --memory SIZE          stay within this, for example 900MiB (4GiB)\n"
@@ -469,7 +470,7 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
         }
         o->tile_log2 = o->resolution_log2;
     }
-    return UMB_OK;
+    return umbb_effects_check(o, error);
 }
 
 /* Reads the task; returns how many words that took. */

@@ -60,8 +60,9 @@ struct umbb_options {
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
+    int front;            /* effect `front`, where the closed rule holds */
     uint32_t effects_off; /* enum umbb_missing_effect that --effect switched off */
-    unsigned threads; /* 1.. */
+    unsigned threads;     /* 1.. */
     uint64_t memory_bytes;
     uint32_t tile_log2;
     int tile_given; /* --tile was typed */

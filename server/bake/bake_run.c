@@ -31,6 +31,7 @@ struct run {
     struct umbb_analysis analysis;
     char *plan, *settings;
     struct umb_octree octree;
+    struct umbb_front_words front;
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_keeping keeping; /* where tiles are kept; folder of its cache NULL: nowhere */
@@ -241,6 +242,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .options = o,
         .memory = &memory,
         .keeping = run->keeping.cache.folder != NULL ? &run->keeping : NULL,
+        .front = run->options->front && run->analysis.closed_rule ? &run->front : NULL,
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
     run->report.seconds_bake = umbb_clock_s() - start;
@@ -279,6 +281,8 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
         .bounds = run->analysis.bounds,
         .plan = run->plan,
         .settings = run->settings,
+        .front = run->front.words,
+        .front_words = run->front.count,
         .notes = notes,
     };
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
@@ -427,6 +431,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     }
     umbb_publish_abandon(&run.publish);
     umb_octree_finish(&run.octree);
+    umb_front_words_free(NULL, run.front.words);
     umbb_tile_keeping_close(&run.keeping);
     free(run.plan);
     free(run.settings);

@@ -21,6 +21,7 @@ static const struct {
     uint32_t missing_bit; /* BY_VERSION: enum umbb_missing_effect, if a scene may call for it */
 } effects[] = {
     {"closed", BY_CALLER, NULL, 0},
+    {"front", BY_CALLER, NULL, 0},
     {"origin", BY_SCENE, "the coordinates and the size of a voxel (--resolution)", 0},
     {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)", 0},
     {"faces", BY_SCENE, "the lights (--point, --spot, --light)", 0},
@@ -33,9 +34,13 @@ static const struct {
 };
 
 /* Sets an effect that the caller decides. */
-static void decide(struct umbb_options *options, int on)
+static void decide(struct umbb_options *options, const char *name, int on)
 {
-    options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
+    if (strcmp(name, "front") == 0) {
+        options->front = on;
+    } else {
+        options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
+    }
 }
 
 enum umb_status umbb_effect_set(struct umbb_options *options, const char *option, const char *value,
@@ -54,7 +59,7 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     }
     if (i == count) {
         return umbb_option_refuse(error, option, value,
-                                  "an effect: closed; off also for penumbra, cut-out, "
+                                  "an effect: closed, front; off also for penumbra, cut-out, "
                                   "transmittance, static, mraa, voaa");
     }
     if (effects[i].decider == BY_SCENE) {
@@ -68,7 +73,7 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     if (effects[i].decider == BY_VERSION) {
         options->effects_off |= effects[i].missing_bit;
     } else {
-        decide(options, on);
+        decide(options, effects[i].name, on);
     }
     return UMB_OK;
 }
@@ -85,4 +90,14 @@ enum umb_status umbb_closed_set(struct umbb_options *options, const char *option
         }
     }
     return umbb_option_refuse(error, option, value, "auto, on or off");
+}
+
+enum umb_status umbb_effects_check(const struct umbb_options *options, struct umb_error *error)
+{
+    if (options->front && (options->task != UMBB_TASK_BAKE || options->cache != NULL)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--effect: 'front=on': kept tiles (--cache, tile, merge) do not hold first "
+                        "occluders");
+    }
+    return UMB_OK;
 }

@@ -169,6 +169,7 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
     info->node_bytes = asset->view.node_words * 8;
     info->brick_bytes = asset->view.brick_count * 64;
     info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes;
+    info->front_bytes = content->front_words * 4;
     info->light_count = content->light_count;
     info->frustum_count = content->frustum_count;
     memcpy(info->level_nodes, asset->canonical.counts, sizeof info->level_nodes);

@@ -8,6 +8,7 @@
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/utf8.h"
+#include "format/front.h"
 #include "format/layout.h"
 
 /* The entries in their one order. */
@@ -20,19 +21,21 @@ enum entry {
     ENTRY_SETTINGS,
     ENTRY_ROOTS,
     ENTRY_CURVE,
+    ENTRY_FRONT,
     ENTRY_COUNT,
 };
 
 static const uint32_t entry_tags[ENTRY_COUNT] = {
     UMB__TAG_SCENE, UMB__TAG_LIGHTS,   UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
     UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,
+    UMB__TAG_FRONT,
 };
 
 /* Entries that need not be there: without bytes they are left out, and a reader that does not know
  * them skips them. */
 static bool is_optional(size_t entry)
 {
-    return entry == ENTRY_CURVE;
+    return entry == ENTRY_CURVE || entry == ENTRY_FRONT;
 }
 
 static uint32_t entry_flags(size_t entry)
@@ -147,6 +150,11 @@ static void write_entry(uint8_t *at, enum entry entry, const struct umb__canonic
             write_curve(at + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
         }
         break;
+    case ENTRY_FRONT:
+        for (uint64_t i = 0; i < content->front_words; i++) {
+            umb__store32(at + 4 * i, content->front[i]);
+        }
+        break;
     case ENTRY_COUNT:
         break;
     }
@@ -187,6 +195,7 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
         [ENTRY_COUNTS] = UMB__COUNTS_SIZE,
         [ENTRY_ROOTS] = (uint64_t)content->frustum_count * UMB__ROOT_SIZE,
         [ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE,
+        [ENTRY_FRONT] = content->front_words * 4,
     };
     enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
     if (status == UMB_OK) {
@@ -431,7 +440,12 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
         read_curve(entries->bytes[ENTRY_CURVE] + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
     }
     content->bytes_2014 = umb__load64(counts + UMB__COUNTS_SIZE - 8);
-    enum umb_status status = umb__content_check(content, error);
+    enum umb_status status =
+        umb__front_load(entries->bytes[ENTRY_FRONT], entries->lengths[ENTRY_FRONT], alloc,
+                        &content->front, &content->front_words, error);
+    if (status == UMB_OK) {
+        status = umb__content_check(content, error);
+    }
     if (status == UMB_OK) {
         umb__content_derive(content);
     }
@@ -463,6 +477,7 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
     umb__free(alloc, canonical->content.frusta);
     umb__free(alloc, canonical->content.plan);
     umb__free(alloc, canonical->content.settings);
+    umb__free(alloc, canonical->content.front);
     umb__free(alloc, canonical->content.curve);
     umb__free(alloc, canonical->roots);
     memset(canonical, 0, sizeof *canonical);

@@ -35,6 +35,8 @@ struct umb_content {
     char *notes;                    /* outside the identity */
     struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
+    uint32_t *front;      /* [front_words] first occluders (format/front.h), or NULL */
+    uint64_t front_words; /* 0 if not kept */
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */

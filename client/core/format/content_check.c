@@ -9,6 +9,7 @@
 
 #include "base/utf8.h"
 #include "format/canonical.h"
+#include "format/front.h"
 #include "format/layout.h"
 #include "umbrage/curve.h"
 
@@ -228,7 +229,13 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
     for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
         status = check_frustum(content, i, error);
     }
-    return status == UMB_OK ? check_curve(content, error) : status;
+    if (status == UMB_OK) {
+        status = check_curve(content, error);
+    }
+    return status == UMB_OK && content->front != NULL
+               ? umb__front_check(content->front, content->front_words, content->frusta,
+                                  content->frustum_count, error)
+               : status;
 }
 
 void umb__content_derive(struct umb_content *content)

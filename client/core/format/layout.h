@@ -79,6 +79,7 @@ enum {
 #define UMB__TAG_PLAN     UMB__TAG('P', 'L', 'A', 'N')
 #define UMB__TAG_SETTINGS UMB__TAG('B', 'A', 'K', 'E')
 #define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
+#define UMB__TAG_FRONT    UMB__TAG('F', 'R', 'N', 'T')
 #define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
 
 /* Sections of a mapped file. */

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The first occluder of a column: down the light's axis from cube to cube, over lit ones in one
- * step, to the first shadowed voxel. Ends: each step goes at least one brick further.
+ * step, to the first shadowed voxel. Ends: each step goes at least one brick further. In closed
+ * frusta the front knows the columns where something undefined comes before that voxel.
  */
+#include "format/front.h"
 #include "query/volume_parts.h"
 
 /* First shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
@@ -37,10 +39,10 @@ static uint32_t lit_depth(const struct umb__tree *tree, uint32_t x, uint32_t y,
 enum umb_status umb_columns_check(const struct umb_volume *volume, struct umb_error *error)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    if (v.closed) {
+    if (v.closed && !v.front) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "columns: light %u was baked under the closed rule, which leaves out the "
-                        "depth of first occluders; bake with --closed off",
+                        "depth of first occluders; bake with --effect front=on, or --closed off",
                         v.light);
     }
     return UMB_OK;
@@ -65,7 +67,11 @@ void umb_columns_run(const struct umb_volume *volume, const struct umb_points *p
         bool inside = at[0] >= 0 && at[0] < size && at[1] >= 0 && at[1] < size;
         answer.outside = !inside;
         if (inside) {
-            answer.lit = lit_depth(&v.tree, (uint32_t)at[0], (uint32_t)at[1], &answers->stats);
+            const uint32_t x = (uint32_t)at[0], y = (uint32_t)at[1];
+            if (v.front == NULL ||
+                !umb__front_find(v.front, v.front_root, v.tree.log2_size, x, y, &answer.lit)) {
+                answer.lit = lit_depth(&v.tree, x, y, &answers->stats);
+            }
         }
         if (answer.lit < size) {
             answer.distance_m = ((double)answer.lit - at[2]) * step_m;

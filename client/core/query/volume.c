@@ -28,6 +28,8 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
                  .grid_log2 = top->grid_log2},
         .light = light,
         .closed = frustum->closed,
+        .front = frustum->closed ? content->front : NULL,
+        .front_root = content->front ? content->front[index] : 0,
     };
     memcpy(v.world_to_voxel, frustum->world_to_voxel, sizeof v.world_to_voxel);
     memcpy(v.voxel_step, frustum->voxel_step, sizeof v.voxel_step);

@@ -10,6 +10,8 @@ struct umb__volume {
     struct umb__tree tree;
     uint32_t light;
     int closed;
+    const uint32_t *front; /* format/front.h; NULL: not kept */
+    uint32_t front_root;   /* of the frustum */
     double world_to_voxel[3][4]; /* from world minus origin */
     double voxel_step[3][3];     /* row i: world vector of one voxel along axis i */
     double origin[3];            /* the asset's */

@@ -109,6 +109,7 @@ struct umb_asset_info {
     uint64_t grid_bytes;        /* the parts of memory_bytes */
     uint64_t node_bytes;
     uint64_t brick_bytes;
+    uint64_t front_bytes; /* of first occluders behind closed fronts, beside memory_bytes; or 0 */
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */

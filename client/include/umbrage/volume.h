@@ -17,7 +17,8 @@
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
  * inside they answer for what is stored. A column's first occluder needs the depth of front faces,
- * which such an asset does not hold: umb_columns_check refuses it.
+ * which such an asset holds only if it was baked with the effect `front`; else umb_columns_check
+ * refuses it.
  *
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
@@ -131,7 +132,7 @@ struct umb_column_answers {
 };
 
 /* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
- * a frustum baked under the closed rule. */
+ * a frustum baked under the closed rule without the effect `front`. */
 UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *volume,
                                                       struct umb_error *error);
 

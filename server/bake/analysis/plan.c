@@ -44,6 +44,22 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
                            : "none");
 }
 
+/* First occluders behind closed fronts. */
+static void write_front(FILE *to, const struct umbb_analysis *a, const struct umbb_options *options)
+{
+    if (!a->closed_rule && !options->front) {
+        return;
+    }
+    const int on = a->closed_rule && options->front;
+    fprintf(to, "effect=front state=%s reason=\"%s\" cost=\"%s\"\n", on ? "on" : "off",
+            on ? "switched on: first occluders of closed solids, for columns"
+            : a->closed_rule
+                ? "nothing was said to need first occluders of closed solids (columns do)"
+                : "switched on, but closed is off: what is baked holds first occluders itself",
+            on ? "every texel is drawn in the bake; planes of the fronts in the asset's head"
+               : "none");
+}
+
 /* Whether floats in world space would be off by more than a voxel's hundredth. */
 static void write_origin(FILE *to, const struct umbb_analysis *a)
 {
@@ -179,6 +195,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
         return umb_fail(error, UMB_E_NO_MEMORY, "plan: memory refused");
     }
     write_closed(to, analysis, options->closed);
+    write_front(to, analysis, options);
     write_origin(to, analysis);
     write_penumbra(to, analysis, options);
     write_lights(to, analysis);
@@ -201,6 +218,9 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     }
     fprintf(to, "bake=%d\n", UMBB_BAKE_VERSION);
     fprintf(to, "closed=%s\n", closed_name(options->closed));
+    if (options->front && analysis->closed_rule) {
+        fputs("front=on\n", to);
+    }
     for (uint32_t i = 0; i < analysis->choice.count; i++) {
         const struct umb_light_info *light = &analysis->choice.lights[i];
         const double *d = light->direction, *p = light->position;

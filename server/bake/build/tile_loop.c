@@ -14,6 +14,7 @@
 
 #include "bake/build/columns.h"
 #include "bake/build/job_pool.h"
+#include "bake/build/tile_front.h"
 
 /* One level of the grid above the tiles. */
 struct grid_level {
@@ -136,7 +137,8 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     const size_t limit = o->shared_max_bytes > 0 ? o->shared_max_bytes : SIZE_MAX;
-    const size_t runs = (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items;
+    const size_t runs = (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items +
+                        (o->front != NULL ? umb_front_bytes(o->front) : 0);
     if (runs > limit || loop->pool->bytes > limit - runs) {
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: the shadow octree's %zu MiB and its columns' %zu MiB are more "
@@ -215,6 +217,9 @@ static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
     loop->runs.count = 0;
     enum umb_status status =
         umbb_column_of_tile(loop->pool, tile, &loop->runs, &result.column, error);
+    if (status == UMB_OK && loop->options->front != NULL) {
+        status = umbb_tile_front(tile, loop->options->front, error);
+    }
     if (status == UMB_OK && keeper != NULL) {
         const struct umbb_tile_place place = place_of(loop, number);
         status = share_memory(loop, error);

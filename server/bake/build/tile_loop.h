@@ -10,6 +10,7 @@
  * Equal casters give equal octrees up to numbering, whatever the tile size and threads.
  */
 #include "bake/build/tile_keeper.h"
+#include "format/front_build.h"
 
 /* What a bake went through, for the summary. */
 struct umbb_bake_figures {
@@ -34,7 +35,9 @@ struct umbb_bake_options {
      * nothing afterwards, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_tile_keeper *keeper; /* may be NULL; borrowed */
-    int (*cancelled)(void);                /* may be NULL; from any thread */
+    struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no keeper, and no
+                              * square proven from bounds */
+    int (*cancelled)(void);  /* may be NULL; from any thread */
     /* May be NULL; from the owner. texels_found: of tiles that the keeper had, which were no work;
      * texels_done does not count them. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t texels_found);

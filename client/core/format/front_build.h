@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_FRONT_BUILD_H
+#define UMBRAGE_CORE_FORMAT_FRONT_BUILD_H
+/*
+ * Making a front (format/front.h) from texels, 64x64 at a time and in any order.
+ *
+ *     umb_front_init(&front, NULL, log2_size, max_bytes, &error);     one a frustum
+ *     umb_front_add(&front, x, y, lit, end, &error);                  each square with end > lit
+ *     umb_front_join(fronts, count, &words, &word_count, &error);
+ *     umb_front_finish(&front);                                       also after a failure
+ *
+ * Equal texels give equal words, whatever the order.
+ */
+#include "format/front.h"
+
+#define UMB_FRONT_SIDE 64U /* texels a side of the squares that are added */
+
+struct umb_front {
+    const struct umb_alloc *alloc;
+    uint32_t log2_size;
+    size_t max_words;
+    uint32_t *square; /* [squares] where its words begin + 1; 0: none. Row by row */
+    uint32_t *words;  /* a square: its reference, then its records, numbered from 0 */
+    size_t count, capacity;
+};
+
+/*
+ * In:    log2_size: 6 .. 18. max_bytes: for all words.
+ * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_front_init(struct umb_front *front,
+                                                   const struct umb_alloc *alloc,
+                                                   uint32_t log2_size, size_t max_bytes,
+                                                   struct umb_error *error);
+UMB_API void umb_front_finish(struct umb_front *front);
+
+/* Bytes that a front takes now. */
+UMB_API size_t umb_front_bytes(const struct umb_front *front);
+
+/*
+ * Adds the square at (x, y), counted in squares of 64 texels; does nothing if end = lit everywhere.
+ *
+ * In:    lit, end: int32[64][64]: 8x8 blocks row by row, a block's texels row by row;
+ *        0 <= lit <= end <= 2^log2_size.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_front_add(struct umb_front *front, uint32_t x, uint32_t y,
+                                                  const int32_t (*lit)[64],
+                                                  const int32_t (*end)[64],
+                                                  struct umb_error *error);
+
+/*
+ * Puts the fronts of all frusta together.
+ *
+ * Out:   words: of the first front's allocator; the caller frees them with umb_front_words_free.
+ * Fails: E_NO_MEMORY, E_LIMIT (more words than references reach).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_front_join(const struct umb_front *fronts, uint32_t count,
+                                                   uint32_t **words, uint64_t *word_count,
+                                                   struct umb_error *error);
+UMB_API void umb_front_words_free(const struct umb_alloc *alloc, uint32_t *words);
+
+#endif

@@ -1,0 +1,64 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# The effect `front`: columns of a closed asset that has it answer line by line as those of the open
+# one; equal ids whatever the tiles, threads and depth path; off costs no byte.
+. "$(dirname "$0")/../harness/umbrage_test.sh"
+
+bake() { # OUT OPTION...
+    out=$1
+    shift
+    "$BUILD/umbrage-bake" "$scene" -o "$folder/$out.umb" --json --quiet --verify 0 --sun 140,38 \
+        --resolution 512 "$@" >"$folder/json" 2>"$folder/err" || cat "$folder/err" >"$folder/json"
+    json "$folder/json" "['asset']"
+}
+
+columns() { # FILE
+    "$BUILD/umbrage" query "$folder/$1" --columns "$folder/points" 2>"$folder/said"
+}
+
+awk 'BEGIN { srand(2); for (i = 0; i < 8000; i++)
+    print 200 * rand() - 100, 200 * rand() - 100, 60 * rand() - 10 }' >"$folder/points"
+
+for kind in "city 12" "bridge 30"; do
+    name=${kind% *}
+    scene=$folder/$name.ply
+    "$BUILD/scenegen" "$name" --size "${kind#* }" -o "$scene" 2>/dev/null
+    bake open --closed off >/dev/null
+    plain=$(bake plain)
+    same "$name: front=off is the default" "$plain" "$(bake plain --effect front=off)"
+    first=$(bake front --effect front=on)
+    columns open.umb >"$folder/open.txt"
+    columns front.umb >"$folder/front.txt"
+    grep -q '^[0-9-]' "$folder/open.txt" || bad "$name: columns are answered" "$(head -1 "$folder/open.txt")"
+    same "$name: columns of the closed asset are those of the open one" \
+        "$(cksum <"$folder/open.txt")" "$(cksum <"$folder/front.txt")"
+    "$BUILD/umbrage" unpack "$folder/front.umb" -o "$folder/front.umbm" >/dev/null 2>&1
+    same "$name: and of its mapped form" "$(cksum <"$folder/open.txt")" \
+        "$(columns front.umbm | cksum)"
+    same "$name: tiles of 64, 2 threads" "$first" \
+        "$(bake other --effect front=on --tile 64 --threads 2)"
+    same "$name: tiles of 512" "$first" "$(bake other --effect front=on --tile 512)"
+    same "$name: depth by Embree" "$first" \
+        "$(bake other --effect front=on --depth embree --tile 256)"
+    "$BUILD/umbrage" info "$folder/front.umb" --json >"$folder/info" 2>/dev/null
+    "$BUILD/umbrage" info "$folder/plain.umb" --json >"$folder/none" 2>/dev/null
+    same "$name: off has no byte" 0 "$(json "$folder/none" "['front_bytes']")"
+    if grep -q 'effect=closed state=on' "$folder/info"; then
+        case $(json "$folder/info" "['front_bytes']") in
+        0) bad "$name: on has some" 0 ;;
+        *) ok "$name: on has some" ;;
+        esac
+        grep -q 'effect=front state=on' "$folder/info" && ok "$name: the plan says so" ||
+            bad "$name: the plan says so" "$(cat "$folder/info")"
+        columns plain.umb >/dev/null
+        case $(cat "$folder/said") in
+        *"--effect front=on"*) ok "$name: without it columns say what to do" ;;
+        *) bad "$name: without it columns say what to do" "$(cat "$folder/said")" ;;
+        esac
+    fi
+done
+
+"$BUILD/umbrage-bake" "$scene" -o "$folder/x.umb" --effect front=on --cache "$folder/cache" \
+    >/dev/null 2>"$folder/err"
+same "kept tiles hold no front: refused" 2 $?
+finish
