@@ -151,6 +151,20 @@ def imported(folder, scene, asset):
             bake(once, "--plan", "--quiet", expect=65)
 
 
+def lights(folder, scene):
+    """Tiles are counted over all faces of all lights, and are found for each of them."""
+    tiles, out = os.path.join(folder, "lit"), os.path.join(folder, "lit.umb")
+    settings = ["--resolution", "512", "--tile", "128", "--sun", "135,45", "--point", "3,4,30",
+                "--spot", "0,0,40,0.1,0,-1,30", "--quiet", "--json"]
+    plan = bake(scene, "--plan", *settings)
+    check("seven faces of 16 tiles", (plan["frusta"], plan["tiles"]) == (7, 112), plan)
+    whole = bake(scene, "-o", out, "--verify", "0", "--tile", "512", *settings[:2], *settings[4:])
+    for only in ("0-20", "21-70", "70-111"):
+        bake("tile", scene, "-o", tiles, "--only", only, *settings)
+    merged = bake("merge", scene, "--from", tiles, "-o", out, *settings)
+    check("tiles of several lights merge to the id of one bake", merged["asset"] == whole["asset"])
+
+
 def killed_and_resumed(folder, scene, asset):
     """kill -9 at random moments, then on with the same command."""
     cache, out = os.path.join(folder, "cache3"), os.path.join(folder, "resumed.umb")
@@ -194,6 +208,7 @@ def main():
         damage(folder, scene, asset)
         farm(folder, scene, asset)
         imported(folder, scene, asset)
+        lights(folder, scene)
         killed_and_resumed(folder, scene, asset)
         interrupted(folder, scene)
     return 1 if failures else 0
