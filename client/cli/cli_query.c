@@ -31,6 +31,7 @@ struct slot {
     struct umb_query_stats *stats; /* [light_count] */
     uint8_t asset_id[UMB_ID_BYTES];
     uint64_t server_ns;
+    struct umb_client_query_reply stated; /* a daemon's: level, taps and what they give */
 };
 
 struct job {
@@ -86,6 +87,8 @@ static void on_answered(void *user, enum umb_status status,
         memcpy(slot->asset_id, reply->asset_id, sizeof slot->asset_id);
         slot->stats[0] = reply->stats;
         slot->server_ns = reply->nanoseconds;
+        slot->stated = *reply;
+        slot->stated.values = NULL; /* borrowed, gone after this */
     } else {
         slot->error = *error;
     }
@@ -109,6 +112,7 @@ static enum umb_status start_slot(struct job *job, struct slot *slot, struct umb
     struct umb_client_query_request request = {
         .asset = job->options->target,
         .settings = job->options->settings,
+        .dial = job->options->dial,
         .points = slot->points,
         .want_stats = 1,
     };
@@ -129,6 +133,19 @@ static void explain_slot(struct job *job, struct slot *slot)
 static double fraction_read(const struct umbc_points *source)
 {
     return source->size > 0 ? (double)source->offset / (double)source->size : -1;
+}
+
+/* What a daemon says of the setting that answered. */
+static void take_stated(struct job *job, const struct umb_client_query_reply *stated)
+{
+    struct umbc_query_total *total = &job->total;
+    if (stated->taps > 0) {
+        total->taps = stated->taps;
+        total->level = stated->level;
+        total->bound_m = stated->bound_m;
+        total->row.visibility_error = stated->visibility_error;
+        total->row.lines = stated->lines;
+    }
 }
 
 /* Waits for a slot and writes what it says. */
@@ -152,6 +169,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
                             job->options->target);
         }
         memcpy(job->total.asset_id, slot->asset_id, UMB_ID_BYTES);
+        take_stated(job, &slot->stated);
     }
     for (size_t k = 0; k < job->light_count; k++) {
         add_stats(&job->total.stats, &slot->stats[k]);
@@ -203,6 +221,7 @@ static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
     struct umb_client_query_request request = {
         .asset = job->options->target,
         .settings = job->options->settings,
+        .dial = job->options->dial,
     };
     enum umb_status status = umb_client_query(job->client, &request, NULL, &reply, error);
     if (status == UMB_OK) {

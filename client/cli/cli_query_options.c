@@ -52,11 +52,10 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_FOOTPRINT] = {"footprint", "M",
                           "FILE only: width of the window in metres instead of --taps", 0},
     [OPTION_FILTER] = {"filter", "NAME", "box (default), or FILE only: tent", 0},
-    [OPTION_LEVEL] = {"level", "N",
-                      "FILE only: stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
+    [OPTION_LEVEL] = {"level", "N", "stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
                       0},
     [OPTION_MAX_ERROR] = {"max-error", "E",
-                          "FILE only, instead of --taps: the cheapest setting within E metres "
+                          "instead of --taps: the cheapest setting within E metres "
                           "(0.05, 0.05m) or visibility (0.1vis)",
                           0},
     [OPTION_BUDGET] = {"budget", "NS",
@@ -406,11 +405,8 @@ static int check_together(const struct umbc_query_options *options)
                                 options->settings.footprint_m > 0 ? "footprint" : "filter",
                                 options->target);
     }
-    if ((options->has_dial || options->settings.level > 0) && !umbc_is_file(options->target)) {
-        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
-                                options->settings.level > 0   ? "level"
-                                : options->dial.budget_ns > 0 ? "budget"
-                                                              : "max-error",
+    if (options->dial.budget_ns > 0 && !umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --budget works on files only, '%s' is an asset",
                                 options->target);
     }
     if (options->explain && !umbc_is_file(options->target)) {

@@ -20,6 +20,7 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         .settings = request->settings,
         .points = request->points,
         .want_stats = request->want_stats,
+        .dial = request->dial,
     };
     size_t length = request->asset == NULL ? 0 : strlen(request->asset);
     if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
@@ -30,6 +31,11 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "%s: the protocol has box filters of a number of taps only",
                         request->settings.footprint_m != 0 ? "footprint_m" : "filter");
+    }
+    if (request->dial.budget_ns != 0) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "budget: %g ns; the protocol has errors, not times, to choose by",
+                        request->dial.budget_ns);
     }
     memcpy(wire.asset, request->asset, length + 1);
     enum umb_status status = umbw_encode_query_request(&wire, body, error);
@@ -58,6 +64,11 @@ static enum umb_status decode(const uint8_t *message, size_t size, size_t value_
     memcpy(reply->asset_id, wire.asset_id, sizeof reply->asset_id);
     reply->stats = wire.stats;
     reply->nanoseconds = wire.nanoseconds;
+    reply->level = wire.level;
+    reply->taps = wire.taps;
+    reply->bound_m = wire.bound_m;
+    reply->visibility_error = wire.visibility_error;
+    reply->lines = wire.lines;
     return UMB_OK;
 }
 

@@ -16,6 +16,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
+#include "umbrage/curve.h"
 #include "umbrage/query.h"
 
 #define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
@@ -41,6 +42,7 @@ struct umbw_query_request {
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
     int want_stats;
+    struct umb_dial dial; /* budget_ns is not on the wire; with the others taps and level are 0 */
     /* Decoded only: targets that stand for asset and light, then empty and 0. */
     size_t target_count;
     const uint8_t *targets_at, *targets_end; /* where umbw_query_target_next goes on */
@@ -61,6 +63,9 @@ struct umbw_query_reply {
     struct umb_query_stats stats;
     uint64_t nanoseconds;
     double voxel_m;
+    /* What answered, as in the message; with stats. */
+    uint32_t level, taps;
+    double bound_m, visibility_error, lines;
     int has_stats;
 };
 

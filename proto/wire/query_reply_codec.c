@@ -41,6 +41,11 @@ static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_r
     reply->stats.bricks = stats->bricks;
     reply->nanoseconds = stats->nanoseconds;
     reply->voxel_m = stats->voxel_m;
+    reply->level = stats->level;
+    reply->taps = stats->taps;
+    reply->bound_m = stats->bound_m;
+    reply->visibility_error = stats->visibility_error;
+    reply->lines = stats->lines;
 }
 
 /* One id, or with targets one of each: then the first can only be found by its last occurrence. */
@@ -84,19 +89,49 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
  * The encoder. A reply is made for every call, so its few fields are written by hand, in the order
  * of their numbers but for the answers, which protobuf allows anywhere.
  */
-#define TAG_VISIBILITY 0x0a /* field 1, bytes */
-#define TAG_ASSET_ID   0x12 /* field 2, bytes */
-#define TAG_STATS      0x1a /* field 3, bytes */
-#define TAG_ASSET_IDS  0x22 /* field 4, bytes */
-#define TAG_VOXEL_M    0x49 /* stats, field 9, fixed64 */
-#define ID_FIELD_BYTES (2 + UMB_ID_BYTES)
-#define STATS_MAX      (8 * 11 + 9) /* eight varints with their tags, and the double */
-#define VARINT_MAX     10
+#define TAG_VISIBILITY       0x0a /* field 1, bytes */
+#define TAG_ASSET_ID         0x12 /* field 2, bytes */
+#define TAG_STATS            0x1a /* field 3, bytes */
+#define TAG_ASSET_IDS        0x22 /* field 4, bytes */
+#define TAG_VOXEL_M          0x49 /* stats, field 9, fixed64 */
+#define TAG_LEVEL            0x50 /* stats, field 10, varint */
+#define TAG_TAPS             0x58 /* stats, field 11, varint */
+#define TAG_BOUND_M          0x61 /* stats, fields 12 to 14, fixed64 */
+#define TAG_VISIBILITY_ERROR 0x69
+#define TAG_LINES            0x71
+#define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
+#define STATS_MAX            (8 * 11 + 2 * 6 + 4 * 9) /* varints of 64 and 32 bits, doubles; with tags */
+#define VARINT_MAX           10
 
 static size_t varint_size(uint64_t value)
 {
     uint8_t bytes[VARINT_MAX];
     return umbw_varint_write(value, bytes);
+}
+
+/* Writes a double unless it is 0; returns the bytes. */
+static size_t write_double(uint8_t tag, double value, uint8_t *out)
+{
+    uint64_t bits;
+    if (value == 0) {
+        return 0;
+    }
+    memcpy(&bits, &value, sizeof bits);
+    out[0] = tag;
+    for (unsigned i = 0; i < 8; i++) {
+        out[1 + i] = (uint8_t)(bits >> (8 * i));
+    }
+    return 9;
+}
+
+/* Writes a number unless it is 0; returns the bytes. */
+static size_t write_number(uint8_t tag, uint32_t value, uint8_t *out)
+{
+    if (value == 0) {
+        return 0;
+    }
+    out[0] = tag;
+    return 1 + umbw_varint_write(value, out + 1);
 }
 
 /* Writes the stats message; returns its length. */
@@ -113,14 +148,12 @@ static size_t write_stats(const struct umbw_query_reply *reply, uint8_t out[STAT
             size += umbw_varint_write(numbers[i], out + size);
         }
     }
-    if (reply->voxel_m != 0) {
-        uint64_t bits;
-        memcpy(&bits, &reply->voxel_m, sizeof bits);
-        out[size++] = TAG_VOXEL_M;
-        for (unsigned i = 0; i < 8; i++) {
-            out[size++] = (uint8_t)(bits >> (8 * i));
-        }
-    }
+    size += write_double(TAG_VOXEL_M, reply->voxel_m, out + size);
+    size += write_number(TAG_LEVEL, reply->level, out + size);
+    size += write_number(TAG_TAPS, reply->taps, out + size);
+    size += write_double(TAG_BOUND_M, reply->bound_m, out + size);
+    size += write_double(TAG_VISIBILITY_ERROR, reply->visibility_error, out + size);
+    size += write_double(TAG_LINES, reply->lines, out + size);
     return size;
 }
 

@@ -29,6 +29,9 @@ enum request_field {
     FIELD_NORMALS,
     FIELD_POINTS,
     FIELD_POINTS_F64,
+    FIELD_LEVEL,
+    FIELD_MAX_ERROR,
+    FIELD_MAX_VISIBILITY,
     FIELD_COUNT,
 };
 
@@ -45,6 +48,9 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_NORMALS] = {11, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "normals"},
     [FIELD_POINTS] = {12, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points"},
     [FIELD_POINTS_F64] = {13, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "points_f64"},
+    [FIELD_LEVEL] = {20, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "level"},
+    [FIELD_MAX_ERROR] = {21, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_error_m"},
+    [FIELD_MAX_VISIBILITY] = {22, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_visibility"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -104,6 +110,31 @@ static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
                         (unsigned long)taps, UMB_TAPS_MAX);
     }
     return UMB_OK;
+}
+
+/* The dial: finite lengths, and nothing beside it that it chooses. */
+static enum umb_status check_dial(const struct umb_dial *dial, uint32_t taps, uint32_t level,
+                                  struct umb_error *error)
+{
+    const double wanted[2] = {dial->max_error_m, dial->max_visibility};
+    static const char *const names[2] = {"max_error_m", "max_visibility"};
+    for (int i = 0; i < 2; i++) {
+        if (!isfinite(wanted[i]) || wanted[i] < 0) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: %.9g, must be finite and not below 0",
+                            names[i], wanted[i]);
+        }
+        if (wanted[i] > 0 && (taps != 0 || level != 0)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "%s: %.9g beside taps %lu and level %lu, which it chooses", names[i],
+                            wanted[i], (unsigned long)taps, (unsigned long)level);
+        }
+    }
+    return UMB_OK;
+}
+
+static int is_dialled(const struct umb_dial *dial)
+{
+    return dial->max_error_m > 0 || dial->max_visibility > 0;
 }
 
 static enum umb_status check_bias(double bias, struct umb_error *error)
@@ -179,10 +210,16 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     struct umb_query_settings *settings = &request->settings;
     uint32_t taps = (uint32_t)found[FIELD_TAPS].number;
     settings->light = (uint32_t)found[FIELD_LIGHT].number;
-    settings->taps = taps == 0 ? 1 : taps;
+    settings->level = (uint32_t)found[FIELD_LEVEL].number;
     settings->bias = double_of(found[FIELD_BIAS].number);
+    request->dial.max_error_m = double_of(found[FIELD_MAX_ERROR].number);
+    request->dial.max_visibility = double_of(found[FIELD_MAX_VISIBILITY].number);
     request->want_stats = found[FIELD_WANT_STATS].number != 0;
-    enum umb_status status = check_taps(settings->taps, error);
+    enum umb_status status = check_dial(&request->dial, taps, settings->level, error);
+    settings->taps = taps == 0 && !is_dialled(&request->dial) ? 1 : taps;
+    if (status == UMB_OK && settings->taps != 0) {
+        status = check_taps(settings->taps, error);
+    }
     if (status == UMB_OK) {
         status = bias_mode_from_wire((int)(uint32_t)found[FIELD_BIAS_MODE].number,
                                      &settings->bias_mode, error);
@@ -316,10 +353,16 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
 {
     const struct umb_query_settings *settings = &request->settings;
     message->light = settings->light;
-    message->taps = settings->taps == 0 ? 1 : settings->taps;
+    message->taps = settings->taps == 0 && !is_dialled(&request->dial) ? 1 : settings->taps;
+    message->level = settings->level;
+    message->max_error_m = request->dial.max_error_m;
+    message->max_visibility = request->dial.max_visibility;
     message->bias = settings->bias;
     message->want_stats = request->want_stats != 0;
-    enum umb_status status = check_taps(message->taps, error);
+    enum umb_status status = check_dial(&request->dial, settings->taps, settings->level, error);
+    if (status == UMB_OK && message->taps != 0) {
+        status = check_taps(message->taps, error);
+    }
     if (status == UMB_OK) {
         status = check_bias(settings->bias, error);
     }

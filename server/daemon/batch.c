@@ -56,15 +56,28 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
                                struct umb_error *error)
 {
     struct umbd_part *part = &batch->parts[batch->part_count];
-    batch->settings.light = light;
-    enum umb_status status =
-        umb_query_prepare(umbs_entry_asset(entry), &batch->settings, &part->query, error);
+    struct umb_query_settings settings = batch->settings;
+    settings.light = light;
+    enum umb_status status = UMB_OK;
+    if (batch->dial.max_error_m > 0 || batch->dial.max_visibility > 0) {
+        settings.taps = settings.level = 0;
+        status =
+            umb_dial_choose(umbs_entry_asset(entry), &batch->dial, NULL, &settings, NULL, error);
+    }
+    if (status == UMB_OK) {
+        status = umb_query_prepare(umbs_entry_asset(entry), &settings, &part->query, error);
+    }
     if (status != UMB_OK) {
         umbs_entry_release(entry);
         return status;
     }
     part->entry = entry;
     part->light = light;
+    part->taps = settings.taps;
+    part->level = settings.level;
+    batch->settings.light = light;
+    batch->settings.taps =
+        settings.taps > batch->settings.taps ? settings.taps : batch->settings.taps;
     batch->part_count++;
     batch->value_bytes = batch->part_count * batch->part_bytes;
     set_slice(batch);

@@ -22,6 +22,7 @@
 #include <stdint.h>
 #include "common/store.h"
 #include "daemon/daemon_metrics.h"
+#include "umbrage/curve.h"
 #include "umbrage/query.h"
 
 #define UMBD_SLICE_POINTS 8192 /* at one tap; fewer with wide windows; a multiple of 8 */
@@ -30,6 +31,7 @@
 struct umbd_part {
     struct umbs_entry *entry; /* owned: the one version that answers */
     uint32_t light;
+    uint32_t taps, level; /* asked for, or chosen by the batch's dial */
     struct umb_query query;
 };
 
@@ -40,7 +42,9 @@ struct umbd_batch {
     struct umbd_part *parts; /* [part_limit] */
     size_t part_limit;
     struct umb_points points;
-    struct umb_query_settings settings; /* of all parts; light is that of the last one added */
+    /* Of all parts; light is that of the last one added, taps the most of any. */
+    struct umb_query_settings settings;
+    struct umb_dial dial; /* chooses taps and level of each part if it wants anything */
     uint8_t *values; /* the answers: part_count blocks of part_bytes, where the maker wants them */
     size_t part_bytes, value_bytes;
     uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */

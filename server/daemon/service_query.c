@@ -42,6 +42,28 @@ static double voxel_edge_m(const struct umbd_part *part)
     return sum / 3;
 }
 
+/* Says what setting answered the first part, and what it gives. */
+static void state_setting(const struct umbd_batch *batch, struct umbw_query_reply *reply)
+{
+    const struct umbd_part *part = &batch->parts[0];
+    const struct umb_asset *asset = umbs_entry_asset(part->entry);
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    struct umb_query_settings settings = batch->settings;
+    settings.light = part->light;
+    settings.taps = part->taps;
+    settings.level = part->level;
+    reply->taps = part->taps;
+    reply->level = part->level;
+    reply->bound_m = umb_query_bound_m(asset, &settings);
+    const size_t count = umb_curve_get(asset, part->light, rows);
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].level == part->level && rows[i].taps == part->taps) {
+            reply->visibility_error = rows[i].visibility_error;
+            reply->lines = rows[i].lines;
+        }
+    }
+}
+
 static int is_small(const struct umb_query_settings *settings, size_t count, size_t parts)
 {
     return work_of(settings, count) * parts <= INLINE_WORK;
@@ -67,6 +89,7 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     }
     if (batch->want_stats) {
         reply.voxel_m = voxel_edge_m(&batch->parts[0]);
+        state_setting(batch, &reply);
     }
     return reply;
 }
@@ -175,6 +198,7 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     }
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
+    batch->dial = request->dial;
     if (count == 0) {
         return add_part(call, batch, request->asset, request->settings.light, error);
     }
@@ -209,7 +233,7 @@ void umbd_service_query(struct umbd_call *call)
         return;
     }
     if (status == UMB_OK && request.points.count > 0 &&
-        !(is_small(&request.settings, request.points.count, batch->part_count) &&
+        !(is_small(&batch->settings, request.points.count, batch->part_count) &&
           umbd_conn_has_turn(call->conn))) {
         status = answer_by_pool(call, batch, targets, &error);
         if (status == UMB_OK) {

@@ -296,6 +296,22 @@ with test.check("targets that cannot be answered are refused, naming field and l
 with test.check("stats tell the size of the voxels that answered"):
     stats = tcp.ask("city", f32[:120], want_stats=True).stats
     assert abs(stats.voxel_m - sum(about.lights[0].voxel_m) / 3) < 1e-12
+with test.check("the dial chooses as the file's does, and the reply says what"):
+    last = None
+    for wanted in (1000.0, 30.0, 5.0, 1.0):
+        stats = tcp.ask("city", f32[:120], max_error_m=wanted, want_stats=True).stats
+        assert stats.bound_m <= wanted and stats.lines >= 1 and stats.taps % 2 == 1
+        assert last is None or (stats.bound_m <= last.bound_m and stats.lines >= last.lines)
+        direct = tcp.ask("city", f32, taps=stats.taps, level=stats.level)
+        assert direct.visibility == tcp.ask("city", f32, max_error_m=wanted).visibility
+        last = stats
+        if wanted < 2 * stats.bound_m:
+            break
+    tcp.refused(lambda: tcp.ask("city", f32[:120], max_error_m=1e-6), Code.INVALID_ARGUMENT,
+                "max_error", "reaches")
+    tcp.refused(lambda: tcp.ask("city", f32[:120], max_error_m=1, taps=3), Code.INVALID_ARGUMENT,
+                "max_error_m", "taps")
+    tcp.refused(lambda: tcp.ask("city", f32[:120], level=4), Code.INVALID_ARGUMENT, "level", "4")
 with test.check("Limits tells what the server takes"):
     limits = tcp.limits(M.LimitsRequest(), timeout=60)
     assert (limits.max_points, limits.max_message_bytes) == (MAX_POINTS, MAX_MESSAGE)

@@ -285,6 +285,17 @@ same "info of a daemon's asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
 "$BUILD/umbrage" query city.umb --points points --taps 5 --quiet >file_answers
 try 0 umbrage query city --points points --taps 5 --quiet
 check "the daemon answers as the file does" cmp out file_answers
+for dial in "--max-error 30" "--max-error 0.3vis" "--level 3"; do
+    # shellcheck disable=SC2086
+    "$BUILD/umbrage" query city.umb --points points $dial --json --quiet >file_answers
+    # shellcheck disable=SC2086
+    try 0 umbrage query city --points points $dial --json --quiet
+    for key in answers level taps bound_m visibility_error lines_per_point; do
+        same "  $dial: $key of the daemon" "$(json file_answers "['$key']")" "$(json out "['$key']")"
+    done
+done
+try 2 umbrage query city --points points --max-error 0.0001
+one_sentence reaches
 try 66 umbrage query nobody --points points
 one_sentence nobody
 try 66 umbrage info nobody

@@ -19,16 +19,32 @@ static double light_bound_m(const struct umb_content *content,
     return bound;
 }
 
+/* First row of a light or a later one; rows stand in their order (content_check.c). */
+static uint32_t first_row(const struct umb_content *content, uint32_t light)
+{
+    uint32_t low = 0, high = content->curve_count;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (content->curve[middle].light < light) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
 size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
                      struct umb_curve_row rows[UMB_CURVE_ROWS_MAX])
 {
     const struct umb_content *content = &asset->canonical.content;
     size_t count = 0;
-    for (uint32_t i = 0; i < content->curve_count && count < UMB_CURVE_ROWS_MAX; i++) {
+    for (uint32_t i = first_row(content, light);
+         i < content->curve_count && count < UMB_CURVE_ROWS_MAX; i++) {
         const struct umb_curve_record *record = &content->curve[i];
         const double points = record->points;
         if (record->light != light) {
-            continue;
+            break;
         }
         rows[count++] = (struct umb_curve_row){
             .level = record->level,

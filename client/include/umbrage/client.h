@@ -34,6 +34,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/log.h"
+#include "umbrage/curve.h"
 #include "umbrage/query.h"
 
 #ifdef __cplusplus
@@ -61,6 +62,9 @@ struct umb_client_options {
 struct umb_client_query_request {
     const char *asset; /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
+    /* Chooses taps and level, which must be 0, on the server; zeroed: nothing is chosen. budget_ns
+     * must be 0: what nanoseconds a point costs is known to the caller's machine only. */
+    struct umb_dial dial;
     struct umb_points points;         /* that they are finite is checked by the server alone */
     int want_stats;                   /* 0 or 1 */
     uint32_t timeout_ms;              /* 0 = the client's */
@@ -73,6 +77,10 @@ struct umb_client_query_reply {
     uint8_t asset_id[UMB_ID_BYTES]; /* the asset that answered */
     struct umb_query_stats stats;   /* if asked for, else 0 */
     uint64_t nanoseconds;           /* server CPU of the query, if asked for, else 0 */
+    /* The setting that answered and what it gives, if stats are asked for; from a server that does
+     * not say 0. The last two: 0 if the asset carries no accuracy curve. */
+    uint32_t level, taps;
+    double bound_m, visibility_error, lines;
 };
 
 struct umb_client_asset {

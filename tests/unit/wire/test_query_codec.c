@@ -82,6 +82,52 @@ static void request_round_trip_keeps_every_field(void **state)
     free(message);
 }
 
+static void dials_and_levels_keep_their_numbers_and_exclude_taps(void **state)
+{
+    static const struct {
+        struct umb_dial dial;
+        uint32_t taps, level, expected_taps;
+        enum umb_status status;
+    } cases[] = {
+        {{0}, 0, 5, 1, UMB_OK},
+        {{.max_error_m = 0.5}, 0, 0, 0, UMB_OK},
+        {{.max_error_m = 2, .max_visibility = 0.25}, 0, 0, 0, UMB_OK},
+        {{.max_visibility = 0.25}, 3, 0, 0, UMB_E_ARGUMENT},
+        {{.max_error_m = 1}, 0, 3, 0, UMB_E_ARGUMENT},
+        {{.max_error_m = -1}, 0, 0, 0, UMB_E_ARGUMENT},
+        {{.max_visibility = (double)NAN}, 0, 0, 0, UMB_E_ARGUMENT},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbw_query_request in = sample_request(positions, normals, POINTS);
+        struct umbw_query_request out;
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        struct umb_error error;
+        in.dial = cases[i].dial;
+        in.settings.taps = cases[i].taps;
+        in.settings.level = cases[i].level;
+        assert_int_equal(umbw_encode_query_request(&in, &buffer, &error), cases[i].status);
+        if (cases[i].status != UMB_OK) {
+            assert_memory_equal(error.message, "max_", 4);
+            umbw_buffer_finish(&buffer);
+            continue;
+        }
+        size_t size;
+        uint8_t *message = take_message(&buffer, &size);
+        assert_int_equal(umbw_decode_query_request(message, size, POINTS, &out, NULL), UMB_OK);
+        assert_int_equal(out.settings.taps, cases[i].expected_taps);
+        assert_int_equal(out.settings.level, cases[i].level);
+        assert_true(out.dial.max_error_m == cases[i].dial.max_error_m);
+        assert_true(out.dial.max_visibility == cases[i].dial.max_visibility);
+        Umbrage__V1__QueryRequest *other = umbrage__v1__query_request__unpack(NULL, size, message);
+        assert_non_null(other);
+        assert_int_equal(other->level, cases[i].level);
+        assert_true(other->max_error_m == cases[i].dial.max_error_m);
+        umbrage__v1__query_request__free_unpacked(other, NULL);
+        free(message);
+    }
+}
+
 static void request_reads_in_protobuf_c_as_the_proto_file_says(void **state)
 {
     struct umbw_query_request in = sample_request(positions, normals, POINTS);
@@ -479,6 +525,11 @@ static void reply_round_trip_keeps_every_field(void **state)
     for (size_t bytes = 0; bytes <= sizeof visibility; bytes += 100) {
         struct umbw_query_reply in = sample_reply(visibility, bytes);
         struct umbw_query_reply out;
+        in.level = 7;
+        in.taps = UINT32_MAX; /* the widest: the room must do */
+        in.bound_m = 0.125;
+        in.visibility_error = 0.5;
+        in.lines = 2.5;
         size_t size;
         uint8_t *message = encode_reply(&in, &size);
         assert_int_equal(umbw_decode_query_reply(message, size, &out, NULL), UMB_OK);
@@ -486,11 +537,15 @@ static void reply_round_trip_keeps_every_field(void **state)
         assert_memory_equal(out.asset_id, in.asset_id, UMB_ID_BYTES);
         assert_memory_equal(&out.stats, &in.stats, sizeof in.stats);
         assert_true(out.nanoseconds == in.nanoseconds && out.has_stats == 1);
+        assert_true(out.level == 7 && out.taps == UINT32_MAX && out.bound_m == 0.125);
+        assert_true(out.visibility_error == 0.5 && out.lines == 2.5);
+        assert_true(size + UMBW_PREFIX_BYTES <= umbw_query_reply_room(&in) + bytes);
         Umbrage__V1__QueryReply *other = umbrage__v1__query_reply__unpack(NULL, size, message);
         assert_non_null(other);
         assert_int_equal(other->visibility.len, bytes);
         assert_non_null(other->stats);
         assert_true(other->stats->nodes == 1ULL << 40);
+        assert_true(other->stats->level == 7 && other->stats->bound_m == 0.125);
         umbrage__v1__query_reply__free_unpacked(other, NULL);
         free(message);
     }
@@ -547,6 +602,7 @@ int main(void)
         cmocka_unit_test(repeated_small_fields_meet_a_limit),
         cmocka_unit_test(encoder_refuses_what_the_decoder_would),
         cmocka_unit_test(request_decoder_survives_prefixes_and_flips),
+        cmocka_unit_test(dials_and_levels_keep_their_numbers_and_exclude_taps),
         cmocka_unit_test(reply_round_trip_keeps_every_field),
         cmocka_unit_test(reply_without_a_whole_id_is_refused),
         cmocka_unit_test(reply_decoder_survives_prefixes_and_flips),
