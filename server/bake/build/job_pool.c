@@ -121,6 +121,18 @@ struct umb_workers umbb_jobs_workers(struct umbb_jobs *jobs)
     return (struct umb_workers){jobs->worker_count + 1, run_all, jobs};
 }
 
+void umbb_workers_run(const struct umb_workers *workers, umbb_job_fn run, void *user,
+                      uint32_t count)
+{
+    if (workers != NULL && workers->count > 1 && count > 1) {
+        workers->run(workers->user, run, user, count);
+        return;
+    }
+    for (uint32_t job = 0; job < count; job++) {
+        run(user, job, 0);
+    }
+}
+
 void umbb_jobs_destroy(struct umbb_jobs *jobs)
 {
     if (jobs == NULL) {

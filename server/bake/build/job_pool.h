@@ -48,6 +48,10 @@ void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_u
  */
 struct umb_workers umbb_jobs_workers(struct umbb_jobs *jobs);
 
+/* Runs jobs 0 .. count - 1 and waits for them. workers: NULL or one: the caller does them all. */
+void umbb_workers_run(const struct umb_workers *workers, umbb_job_fn run, void *user,
+                      uint32_t count);
+
 /* Waits for started jobs and ends the threads. NULL is allowed. */
 void umbb_jobs_destroy(struct umbb_jobs *jobs);
 

@@ -103,7 +103,7 @@ static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *til
     (void)slot;
     (void)error;
     tile->background = caster->casters->size;
-    umbb_prove_squares(caster->casters, NULL, caster->casters->count, tile);
+    umbb_prove_squares(caster->casters, NULL, caster->casters->count, NULL, tile);
     return UMB_OK;
 }
 
@@ -199,7 +199,7 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
     char config[64];
     snprintf(config, sizeof config, "threads=%u", options->threads);
     const enum umb_status status =
-        umbb_front_marks_make(casters, options->prove, &caster->marks, error);
+        umbb_front_marks_make(casters, options->prove, NULL, &caster->marks, error);
     if (status != UMB_OK) {
         free(caster);
         return status;

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/build/job_pool.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_draw.h"
 #include "bake/depth/depth_store.h"
@@ -43,6 +44,8 @@ struct raster {
     struct umbb_bins tiles;     /* the whole map by tile */
     struct umbb_bins blocks[2]; /* a tile by block, one a slot */
     int32_t *layers;            /* [threads][LAYERS_STRIDE] */
+    struct umbb_jobs *jobs;     /* help to make ready; idle while blocks are drawn */
+    struct umb_workers workers;
 };
 
 static size_t entry_bytes(const struct umbb_bins *bins)
@@ -72,8 +75,7 @@ static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *til
     struct raster *raster = state;
     const uint32_t tile_log2 = raster->options.tile_log2;
     size_t count;
-    const uint32_t *list =
-        umbb_bins_cell(&raster->tiles, tile_log2, tile->x0, tile->y0, &count);
+    const uint32_t *list = umbb_bins_cell(&raster->tiles, tile_log2, tile->x0, tile->y0, &count);
     const uint32_t block_log2 = tile_log2 < UMBB_BLOCK_LOG2 ? tile_log2 : UMBB_BLOCK_LOG2;
     const size_t others =
         entry_bytes(&raster->tiles) + entry_bytes(&raster->blocks[slot == 0 ? 1 : 0]);
@@ -86,9 +88,10 @@ static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *til
         .y0 = tile->y0,
         .cell_log2 = block_log2,
         .cells_x = 1U << (tile_log2 - block_log2),
+        .workers = &raster->workers,
     };
     tile->background = raster->casters->size;
-    umbb_prove_squares(raster->casters, input.list, input.count, tile);
+    umbb_prove_squares(raster->casters, input.list, input.count, input.workers, tile);
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
@@ -244,6 +247,7 @@ static void raster_destroy(void *state)
         umbb_bins_finish(&raster->tiles);
         umbb_bins_finish(&raster->blocks[0]);
         umbb_bins_finish(&raster->blocks[1]);
+        umbb_jobs_destroy(raster->jobs);
         free(raster->layers);
         free(raster->marks);
         free(raster);
@@ -276,14 +280,19 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     raster->find_far = quick_far != NULL ? quick_far : umbb_canvas_far;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();
     raster->store = quick_store != NULL ? quick_store : umbb_store_plain;
-    enum umb_status status;
+    enum umb_status status = umbb_jobs_create(options->threads, &raster->jobs, error);
+    if (status != UMB_OK) {
+        goto fail;
+    }
+    raster->workers = umbb_jobs_workers(raster->jobs);
     raster->layers = layers_alloc(options->threads);
     if (raster->layers == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: layers of %u threads refused",
                           options->threads);
         goto fail;
     }
-    status = umbb_front_marks_make(casters, options->prove, &raster->marks, error);
+    status =
+        umbb_front_marks_make(casters, options->prove, &raster->workers, &raster->marks, error);
     if (status != UMB_OK) {
         goto fail;
     }
@@ -295,6 +304,7 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
         .cell_log2 = options->tile_log2,
         .cells_x = (uint32_t)casters->size >> options->tile_log2,
         .max_bytes = raster->options.max_bytes,
+        .workers = &raster->workers,
     };
     status = umbb_bins_fill(&raster->tiles, &input, error);
     if (status != UMB_OK) {

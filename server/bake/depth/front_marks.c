@@ -2,12 +2,20 @@
 /*
  * Half edges of front faces wait in a hash table until their counterpart comes. What waits at the
  * end has none: a border.
+ *
+ * Several threads share the table. A slot goes from free to taken to gone and never back, so that
+ * an edge and its counterpart, which start at the same slot, cannot miss each other: both want the
+ * first free one, and who comes second finds the other there. Nothing but slots is shared, and what
+ * they name was written before: no order of memory is needed.
  */
 #include "bake/depth/front_marks.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "bake/build/job_pool.h"
 
 /* A projected area below this share of the products it comes from may be rounding alone. */
 #define AREA_DOUBT 1e-9
@@ -22,9 +30,25 @@
 struct finder {
     const struct umbb_casters *casters;
     uint8_t *marks;
-    uint32_t *slots; /* 4 * triangle + edge */
-    size_t last;     /* number of slots - 1 */
+    _Atomic uint32_t *slots; /* 4 * triangle + edge */
+    size_t last;             /* number of slots - 1 */
+    atomic_size_t fronts;
 };
+
+/* Triangles of a job, and those whose slots are fetched together. */
+#define JOB_TRIANGLES   ((size_t)1 << 14)
+#define FETCH_TRIANGLES ((size_t)16)
+
+static uint32_t job_count(const struct umbb_casters *casters)
+{
+    return (uint32_t)((casters->count + JOB_TRIANGLES - 1) / JOB_TRIANGLES);
+}
+
+static size_t job_end(const struct umbb_casters *casters, uint32_t job)
+{
+    const size_t end = ((size_t)job + 1) * JOB_TRIANGLES;
+    return end < casters->count ? end : casters->count;
+}
 
 static size_t slot_count(size_t fronts)
 {
@@ -90,36 +114,92 @@ static void edge_corners(const struct umbb_casters *casters, uint32_t half_edge,
     *to = v[flipped ? edge : (edge + 1) % 3];
 }
 
-/* Pairs a half edge with its waiting counterpart, or lets it wait. */
-static void add_half_edge(struct finder *f, uint32_t half_edge)
+static int are_counterparts(const struct umbb_casters *casters, uint32_t one, uint32_t other)
 {
     const double *from, *to, *other_from, *other_to;
-    edge_corners(f->casters, half_edge, &from, &to);
-    /* The same from both sides. */
-    size_t at = (size_t)mix(corner_hash(from) + corner_hash(to)) & f->last;
-    for (; f->slots[at] != SLOT_FREE; at = (at + 1) & f->last) {
-        const uint32_t other = f->slots[at];
-        if (other != SLOT_GONE) {
-            edge_corners(f->casters, other, &other_from, &other_to);
-            if (same_corner(from, other_to) && same_corner(to, other_from)) {
-                f->slots[at] = SLOT_GONE;
-                return;
+    edge_corners(casters, one, &from, &to);
+    edge_corners(casters, other, &other_from, &other_to);
+    return same_corner(from, other_to) && same_corner(to, other_from);
+}
+
+static int slot_change(_Atomic uint32_t *slot, uint32_t *from, uint32_t to)
+{
+    return atomic_compare_exchange_strong_explicit(slot, from, to, memory_order_relaxed,
+                                                   memory_order_relaxed);
+}
+
+/* Pairs a half edge with its waiting counterpart, or lets it wait; `at`: where to begin. */
+static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
+{
+    for (;; at = (at + 1) & f->last) {
+        uint32_t other = atomic_load_explicit(&f->slots[at], memory_order_relaxed);
+        if (other == SLOT_FREE && slot_change(&f->slots[at], &other, half_edge)) {
+            return;
+        }
+        /* Somebody else's then, perhaps since just now. */
+        if (other != SLOT_GONE && are_counterparts(f->casters, half_edge, other) &&
+            slot_change(&f->slots[at], &other, SLOT_GONE)) {
+            return;
+        }
+    }
+}
+
+/* Where the search for each edge of a triangle begins: the same from both sides of it. */
+static void edge_slots(const struct finder *f, size_t triangle, size_t at[3])
+{
+    uint64_t hash[3];
+    for (size_t corner = 0; corner < 3; corner++) {
+        hash[corner] = corner_hash(f->casters->corners[triangle][corner]);
+    }
+    for (size_t edge = 0; edge < 3; edge++) {
+        at[edge] = (size_t)mix(hash[edge] + hash[(edge + 1) % 3]) & f->last;
+    }
+}
+
+/* Pairs the edges of the front faces of a job. */
+static void pair_job(void *user, uint32_t job, unsigned thread)
+{
+    (void)thread;
+    struct finder *f = user;
+    const size_t end = job_end(f->casters, job);
+    size_t at[FETCH_TRIANGLES][3];
+    for (size_t first = job * JOB_TRIANGLES; first < end; first += FETCH_TRIANGLES) {
+        const size_t count = end - first < FETCH_TRIANGLES ? end - first : FETCH_TRIANGLES;
+        for (size_t i = 0; i < count; i++) {
+            if (f->marks[first + i] != 0) {
+                edge_slots(f, first + i, at[i]);
+                for (size_t edge = 0; edge < 3; edge++) {
+                    __builtin_prefetch((const void *)&f->slots[at[i][edge]], 1);
+                }
+            }
+        }
+        for (size_t i = 0; i < count; i++) {
+            for (size_t edge = 0; edge < 3 && f->marks[first + i] != 0; edge++) {
+                add_half_edge(f, (uint32_t)(4 * (first + i) + edge), at[i][edge]);
             }
         }
     }
-    f->slots[at] = half_edge;
 }
 
-/* Pairs the edges of all front faces. */
-static void find_borders(struct finder *f)
+/* Marks the front faces of a job. */
+static void front_job(void *user, uint32_t job, unsigned thread)
 {
-    for (size_t i = 0; i < f->casters->count; i++) {
-        for (uint32_t edge = 0; edge < 3 && f->marks[i] != 0; edge++) {
-            add_half_edge(f, (uint32_t)(4 * i) + edge);
-        }
+    (void)thread;
+    struct finder *f = user;
+    const size_t end = job_end(f->casters, job);
+    size_t fronts = 0;
+    for (size_t i = job * JOB_TRIANGLES; i < end; i++) {
+        f->marks[i] = is_front(f->casters, i) ? UMBB_MARK_FRONT : 0;
+        fronts += f->marks[i] != 0;
     }
+    atomic_fetch_add_explicit(&f->fronts, fronts, memory_order_relaxed);
+}
+
+/* What waits is a border. */
+static void mark_borders(struct finder *f)
+{
     for (size_t at = 0; at <= f->last; at++) {
-        const uint32_t waiting = f->slots[at];
+        const uint32_t waiting = atomic_load_explicit(&f->slots[at], memory_order_relaxed);
         if (waiting < SLOT_GONE) {
             f->marks[waiting >> 2] |= (uint8_t)(1U << (waiting & 3));
         }
@@ -127,29 +207,30 @@ static void find_borders(struct finder *f)
 }
 
 enum umb_status umbb_front_marks_make(const struct umbb_casters *casters, enum umbb_prove prove,
-                                      uint8_t **marks, struct umb_error *error)
+                                      const struct umb_workers *workers, uint8_t **marks,
+                                      struct umb_error *error)
 {
     *marks = NULL;
     if (!are_wanted(casters, prove)) {
         return UMB_OK;
     }
     struct finder finder = {.casters = casters, .marks = malloc(casters->count)};
-    size_t fronts = 0;
-    for (size_t i = 0; finder.marks != NULL && i < casters->count; i++) {
-        finder.marks[i] = is_front(casters, i) ? UMBB_MARK_FRONT : 0;
-        fronts += finder.marks[i] != 0;
+    atomic_init(&finder.fronts, 0);
+    if (finder.marks != NULL) {
+        umbb_workers_run(workers, front_job, &finder, job_count(casters));
     }
-    const size_t slots = slot_count(fronts);
+    const size_t fronts = atomic_load(&finder.fronts), slots = slot_count(fronts);
     finder.last = slots - 1;
     finder.slots = malloc(slots * sizeof *finder.slots);
     if (finder.marks == NULL || finder.slots == NULL) {
         free(finder.marks);
-        free(finder.slots);
+        free((void *)finder.slots);
         return umb_fail(error, UMB_E_NO_MEMORY, "edges of %zu triangles: memory refused", fronts);
     }
-    memset(finder.slots, 0xff, slots * sizeof *finder.slots);
-    find_borders(&finder);
-    free(finder.slots);
+    memset((void *)finder.slots, 0xff, slots * sizeof *finder.slots);
+    umbb_workers_run(workers, pair_job, &finder, job_count(casters));
+    mark_borders(&finder);
+    free((void *)finder.slots);
     *marks = finder.marks;
     return UMB_OK;
 }

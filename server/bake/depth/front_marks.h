@@ -13,6 +13,7 @@
  * Source: the project's measurements (output-sensitive bake); no adjacency of the file is trusted.
  */
 #include "bake/depth/tile.h"
+#include "format/content.h"
 
 enum {
     UMBB_MARK_BORDER = 7, /* bit e: the edge from corner e to e + 1 is a border */
@@ -24,6 +25,8 @@ enum {
  *
  * In:    prove: when to; by itself where squares of texels are many for the triangles, which
  *        depends on the casters alone, as it decides which undefined voxels are chosen.
+ *        workers: who helps; NULL: nobody. Where edges are the same more often than twice, which of
+ *        them is left as a border may differ from run to run, but not where borders lie.
  * Out:   marks: uint8[count], the caller's to free; NULL if they are not to be found, which is
  *        also so where parts count as closed on the caller's word only.
  * Fails: E_NO_MEMORY.
@@ -31,7 +34,8 @@ enum {
  * of a front face.
  */
 UMB_CHECKED enum umb_status umbb_front_marks_make(const struct umbb_casters *casters,
-                                                  enum umbb_prove prove, uint8_t **marks,
-                                                  struct umb_error *error);
+                                                  enum umbb_prove prove,
+                                                  const struct umb_workers *workers,
+                                                  uint8_t **marks, struct umb_error *error);
 
 #endif

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * One pass over the casters; what is known of a square is kept in the tile itself until the end:
- * its pyramid's two numbers hold the bounds, its flag what touches it.
+ * its pyramid's two numbers hold the bounds, its flag what touches it. Threads take strips of whole
+ * rows of squares, each from all casters.
  */
 #include "bake/depth/proven_squares.h"
 
 #include <math.h>
 
+#include "bake/build/job_pool.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/front_marks.h"
 
@@ -19,14 +21,17 @@ enum {
     BORDER = 4,  /* a border is near */
 };
 
-/* A tile's squares; coordinates in texels of the frustum, squares counted in the tile. */
+/* A strip of a tile's squares; coordinates in texels of the frustum, squares counted in the tile.
+ */
 struct squares {
     const struct umbb_casters *casters;
     struct umbb_tile *tile;
     int32_t across;
-    int32_t *front_most; /* greatest lit of front faces */
-    int32_t *far_least;  /* least lit of all other faces */
-    int32_t *cover;      /* least of what one front face alone gives every texel at most */
+    int32_t first_row, end_row; /* of squares */
+    int32_t top, bottom;        /* first and last row of texels */
+    int32_t *front_most;        /* greatest lit of front faces */
+    int32_t *far_least;         /* least lit of all other faces */
+    int32_t *cover;             /* least of what one front face alone gives every texel at most */
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -120,8 +125,8 @@ static void cover_squares(struct squares *s, const struct umbb_coverage *c, int3
 static void add_triangle(struct squares *s, const struct umbb_coverage *c, int front)
 {
     const struct umbb_tile *tile = s->tile;
-    const int32_t top = most(c->row_first, tile->y0);
-    const int32_t bottom = least(c->row_last, tile->y0 + tile->size - 1);
+    const int32_t top = most(c->row_first, s->top);
+    const int32_t bottom = least(c->row_last, s->bottom);
     for (int32_t first = top; first <= bottom; first = (first | (SQUARE - 1)) + 1) {
         const int32_t last = least(first | (SQUARE - 1), bottom);
         const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
@@ -152,7 +157,7 @@ static void add_border(struct squares *s, const double *a, const double *b)
     const double *upper = a[1] < b[1] ? a : b, *lower = a[1] < b[1] ? b : a;
     const double height = lower[1] - upper[1];
     const double tile_top = (double)tile->y0, tile_left = (double)tile->x0;
-    for (int32_t row = 0; row < s->across; row++) {
+    for (int32_t row = s->first_row; row < s->end_row; row++) {
         const double top = tile_top + (double)(row * SQUARE) - 1.0;
         const double bottom = top + (double)SQUARE + 2.0;
         if (lower[1] < top || upper[1] > bottom) {
@@ -176,10 +181,23 @@ static void add_border(struct squares *s, const double *a, const double *b)
     }
 }
 
+/* Whether a triangle lies beside the strip, with what its borders reach beyond it. */
+static int is_beside(const struct squares *s, const double v[3][3])
+{
+    double low = v[0][1] < v[1][1] ? v[0][1] : v[1][1];
+    double high = v[0][1] > v[1][1] ? v[0][1] : v[1][1];
+    low = low < v[2][1] ? low : v[2][1];
+    high = high > v[2][1] ? high : v[2][1];
+    return high < (double)s->top - 2.0 || low > (double)s->bottom + 3.0;
+}
+
 static void add_caster(struct squares *s, uint32_t caster)
 {
     const uint8_t marks = s->casters->marks[caster];
     const double(*v)[3] = s->casters->corners[caster];
+    if (is_beside(s, v)) {
+        return;
+    }
     for (size_t edge = 0; edge < 3; edge++) {
         if (marks & 1U << edge) {
             add_border(s, v[edge], v[(edge + 1) % 3]);
@@ -211,31 +229,64 @@ static void decide(struct squares *s, size_t square)
     s->tile->proven[square] = (uint8_t)proven;
 }
 
-void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list, size_t count,
-                        struct umbb_tile *tile)
+/* What all strips share. */
+struct proof {
+    const struct umbb_casters *casters;
+    const uint32_t *list;
+    size_t count;
+    struct umbb_tile *tile;
+    int32_t across, strips;
+};
+
+static void strip_job(void *user, uint32_t strip, unsigned thread)
 {
-    if (tile->proven == NULL) {
-        return;
-    }
+    (void)thread;
+    const struct proof *proof = user;
+    const struct umbb_casters *casters = proof->casters;
+    struct umbb_tile *tile = proof->tile;
     struct squares squares = {
         .casters = casters,
         .tile = tile,
-        .across = tile->size >> UMBB_SQUARE_LOG2,
+        .across = proof->across,
+        .first_row = proof->across * (int32_t)strip / proof->strips,
+        .end_row = proof->across * ((int32_t)strip + 1) / proof->strips,
         .front_most = tile->max_lit[UMBB_SQUARE_LOG2],
         .far_least = tile->min_end[UMBB_SQUARE_LOG2],
         .cover = tile->cover,
     };
-    const size_t total = (size_t)squares.across * (size_t)squares.across;
-    for (size_t square = 0; square < total; square++) {
+    squares.top = tile->y0 + squares.first_row * SQUARE;
+    squares.bottom = tile->y0 + squares.end_row * SQUARE - 1;
+    const size_t first = (size_t)squares.first_row * (size_t)squares.across;
+    const size_t end = (size_t)squares.end_row * (size_t)squares.across;
+    for (size_t square = first; square < end; square++) {
         tile->proven[square] = 0;
         squares.front_most[square] = 0;
         squares.far_least[square] = casters->size;
         squares.cover[square] = casters->size;
     }
-    for (size_t i = 0; casters->marks != NULL && i < count; i++) {
-        add_caster(&squares, list == NULL ? (uint32_t)i : list[i]);
+    for (size_t i = 0; casters->marks != NULL && i < proof->count; i++) {
+        add_caster(&squares, proof->list == NULL ? (uint32_t)i : proof->list[i]);
     }
-    for (size_t square = 0; casters->marks != NULL && square < total; square++) {
+    for (size_t square = first; casters->marks != NULL && square < end; square++) {
         decide(&squares, square);
     }
+}
+
+void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list, size_t count,
+                        const struct umb_workers *workers, struct umbb_tile *tile)
+{
+    if (tile->proven == NULL) {
+        return;
+    }
+    struct proof proof = {
+        .casters = casters,
+        .list = list,
+        .count = count,
+        .tile = tile,
+        .across = tile->size >> UMBB_SQUARE_LOG2,
+    };
+    /* Two for each thread, as some have more to do than others. */
+    const unsigned threads = workers == NULL ? 1 : workers->count;
+    proof.strips = threads == 1 ? 1 : least(proof.across, (int32_t)(2 * threads));
+    umbb_workers_run(workers, strip_job, &proof, (uint32_t)proof.strips);
 }

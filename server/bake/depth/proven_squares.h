@@ -17,14 +17,16 @@
  * operation is monotone). They depend on square and casters only, not on tiles, threads or paths.
  */
 #include "bake/depth/tile.h"
+#include "format/content.h"
 
 /*
  * Fills tile->proven, and level UMBB_SQUARE_LOG2 of its pyramid where a square is proven: a bound
  * from above for max_lit, from below for min_end. Does nothing for a tile without `proven`.
  *
  * In: list: casters that may touch the tile or have a border within a texel of it; NULL: all.
+ *     workers: who helps; NULL: nobody.
  */
 void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list, size_t count,
-                        struct umbb_tile *tile);
+                        const struct umb_workers *workers, struct umbb_tile *tile);
 
 #endif

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Binning by counting: one pass counts the entries of each cell, a second writes them.
+ * Binning by counting: one pass counts the entries of each cell, a second writes them. Both are cut
+ * into chunks of triangles for as many threads; the lists do not depend on that.
  *
  * A triangle that spans several rows and columns of cells is cut into the rows' strips, so that a
  * sliver across the map is listed along its length and not all over its bounding box.
@@ -11,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/build/job_pool.h"
 #include "bake/depth/front_marks.h"
 
 /* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */
@@ -147,14 +149,84 @@ static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_in
     return UMB_OK;
 }
 
-enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_input *input,
-                               struct umb_error *error)
+/* Counts the triangles from..to of the input in each cell, or, with entries, writes each at its
+ * cell's next place. */
+static void walk(const struct umbb_bins_input *input, size_t from, size_t to, uint64_t *cells,
+                 uint32_t *entries)
 {
-    const uint32_t n = input->cells_x;
-    const size_t cells = (size_t)n * n;
-    if (bins->first == NULL || bins->cells_x != n) {
+    struct cell_range r;
+    int32_t x, x1;
+    for (size_t i = from; i < to; i++) {
+        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
+        if (!triangle_cells(input, triangle, &r)) {
+            continue;
+        }
+        for (int32_t y = r.y0; y <= r.y1; y++) {
+            for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
+                uint64_t *cell = &cells[(size_t)y * input->cells_x + (size_t)x];
+                if (entries != NULL) {
+                    entries[*cell] = triangle;
+                }
+                ++*cell;
+            }
+        }
+    }
+}
+
+/* Fewer triangles than this are not worth another chunk, nor are more numbers than this. */
+#define CHUNK_TRIANGLES ((size_t)4096)
+#define CHUNK_NUMBERS   ((size_t)1 << 20)
+
+/* The input cut into chunks of following triangles, each with its own places in every cell: first
+ * those of the first chunk, then those of the second, as if one thread had come by. */
+struct fill {
+    const struct umbb_bins_input *input;
+    size_t count, chunks, cells;
+    uint64_t *numbers; /* [chunks][cells]: counts, then places */
+    uint32_t *entries; /* NULL while counting */
+};
+
+static void fill_job(void *user, uint32_t chunk, unsigned thread)
+{
+    (void)thread;
+    const struct fill *fill = user;
+    walk(fill->input, fill->count * chunk / fill->chunks, fill->count * (chunk + 1) / fill->chunks,
+         fill->numbers + chunk * fill->cells, fill->entries);
+}
+
+/* Turns counts into places, and says where each cell's list starts. */
+static void places_find(const struct fill *fill, uint64_t *first)
+{
+    uint64_t total = 0;
+    for (size_t cell = 0; cell < fill->cells; cell++) {
+        first[cell] = total;
+        for (size_t chunk = 0; chunk < fill->chunks; chunk++) {
+            uint64_t *number = &fill->numbers[chunk * fill->cells + cell];
+            const uint64_t count = *number;
+            *number = total;
+            total += count;
+        }
+    }
+    first[fill->cells] = total;
+}
+
+static size_t chunk_count(const struct umbb_bins_input *input, size_t count, size_t cells)
+{
+    const size_t workers = input->workers == NULL ? 1 : input->workers->count;
+    const size_t worth = count / CHUNK_TRIANGLES;
+    size_t chunks = workers < worth ? workers : worth;
+    chunks = chunks * cells > CHUNK_NUMBERS ? CHUNK_NUMBERS / cells : chunks;
+    return chunks > 0 ? chunks : 1;
+}
+
+/* Room for the starts of the cells' lists. */
+static enum umb_status cells_reserve(struct umbb_bins *bins, uint32_t cells_x,
+                                     struct umb_error *error)
+{
+    const size_t cells = (size_t)cells_x * cells_x;
+    if (bins->first == NULL || bins->cells_x != cells_x) {
         free(bins->first);
-        bins->cells_x = n;
+        bins->cells_x = cells_x;
         bins->first = malloc((cells + 1) * sizeof *bins->first);
         if (bins->first == NULL) {
             bins->cells_x = 0;
@@ -162,40 +234,34 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
                             cells);
         }
     }
-    memset(bins->first, 0, (cells + 1) * sizeof *bins->first);
-    const size_t count = input->all ? input->casters->count : input->count;
-    struct cell_range r;
-    int32_t x, x1;
-    for (size_t i = 0; i < count; i++) {
-        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
-        if (triangle_cells(input, triangle, &r)) {
-            for (int32_t y = r.y0; y <= r.y1; y++) {
-                for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
-                    bins->first[(size_t)y * n + (size_t)x]++;
-                }
-            }
-        }
-    }
-    uint64_t total = 0;
-    for (size_t i = 0; i <= cells; i++) { /* each cell's end for now; filling counts it down */
-        total += bins->first[i];
-        bins->first[i] = total;
-    }
-    const enum umb_status status = reserve(bins, input, total, error);
+    return UMB_OK;
+}
+
+enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_input *input,
+                               struct umb_error *error)
+{
+    enum umb_status status = cells_reserve(bins, input->cells_x, error);
     if (status != UMB_OK) {
         return status;
     }
-    for (size_t i = count; i-- > 0;) {
-        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
-        if (triangle_cells(input, triangle, &r)) {
-            for (int32_t y = r.y0; y <= r.y1; y++) {
-                for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
-                    bins->entries[--bins->first[(size_t)y * n + (size_t)x]] = triangle;
-                }
-            }
-        }
+    struct fill fill = {.input = input,
+                        .count = input->all ? input->casters->count : input->count,
+                        .cells = (size_t)input->cells_x * input->cells_x};
+    fill.chunks = chunk_count(input, fill.count, fill.cells);
+    fill.numbers = calloc(fill.chunks * fill.cells, sizeof *fill.numbers);
+    if (fill.numbers == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "triangle bins: memory for %zu cells refused",
+                        fill.cells);
     }
-    return UMB_OK;
+    umbb_workers_run(input->workers, fill_job, &fill, (uint32_t)fill.chunks);
+    places_find(&fill, bins->first);
+    status = reserve(bins, input, bins->first[fill.cells], error);
+    if (status == UMB_OK && bins->first[fill.cells] > 0) {
+        fill.entries = bins->entries;
+        umbb_workers_run(input->workers, fill_job, &fill, (uint32_t)fill.chunks);
+    }
+    free(fill.numbers);
+    return status;
 }
 
 void umbb_bins_finish(struct umbb_bins *bins)

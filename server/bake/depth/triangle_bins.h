@@ -8,6 +8,7 @@
  * triangles in ascending order. Used twice: the whole map into tiles, a tile into blocks.
  */
 #include "bake/depth/tile.h"
+#include "format/content.h"
 
 struct umbb_bins {
     uint32_t cells_x;  /* a side of the grid */
@@ -24,9 +25,10 @@ struct umbb_bins_input {
     int all;              /* 1: every caster */
     int borders;          /* 1: list casters with a border (their marks) two texels further */
     int32_t x0, y0;
-    uint32_t cell_log2; /* texels a side of a cell */
-    uint32_t cells_x;   /* cells a side; at most 4096 */
-    size_t max_bytes;   /* that the entries may take */
+    uint32_t cell_log2;                /* texels a side of a cell */
+    uint32_t cells_x;                  /* cells a side; at most 4096 */
+    size_t max_bytes;                  /* that the entries may take */
+    const struct umb_workers *workers; /* who helps; NULL: nobody */
 };
 
 /* Fills bins, reusing its memory. Start from a zeroed struct. Fails: E_NO_MEMORY, E_LIMIT. */

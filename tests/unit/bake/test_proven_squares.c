@@ -275,7 +275,8 @@ static void only_silhouettes_are_borders(void **state)
     soup_box(&soup, low, high, 0);
     soup_box(&soup, low, high, 1);
     const struct umbb_casters casters = soup_casters(&soup, 1);
-    assert_int_equal(umbb_front_marks_make(&casters, UMBB_PROVE_ALWAYS, &marks, &error), UMB_OK);
+    assert_int_equal(umbb_front_marks_make(&casters, UMBB_PROVE_ALWAYS, NULL, &marks, &error),
+                     UMB_OK);
     size_t fronts = 0, borders = 0;
     for (size_t i = 0; i < soup.count; i++) {
         fronts += (marks[i] & UMBB_MARK_FRONT) != 0;
@@ -285,7 +286,8 @@ static void only_silhouettes_are_borders(void **state)
     assert_int_equal(fronts, 4);  /* two triangles of each box */
     assert_int_equal(borders, 8); /* the outlines, not the diagonals */
     free(marks);
-    assert_int_equal(umbb_front_marks_make(&casters, UMBB_PROVE_NEVER, &marks, &error), UMB_OK);
+    assert_int_equal(umbb_front_marks_make(&casters, UMBB_PROVE_NEVER, NULL, &marks, &error),
+                     UMB_OK);
     assert_null(marks);
     soup_finish(&soup);
 }
