@@ -3,7 +3,7 @@
 """
 Figures for docs/streaming.md: bytes and seconds until what a camera sees is known, for one asset.
 
-    tests/bench/stream_links.py ASSET.umb POINTS.f32 CAMERA [--up z] [--links] [--modes a,b]
+    tests/bench/stream_links.py ASSET.umb POINTS.f32 CAMERA [--up z] [--links [--daemon STORE]] [--modes a,b]
 
 POINTS are those of `umbrage points --kind gbuffer --normals` for the same CAMERA. Prints one JSON object a
 line: {"mode", "mbit", "rtt_ms", "first_s", "first_bytes", "within_1m_bytes", "within_10cm_s", ...}.
@@ -15,6 +15,8 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
+import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import link  # noqa: E402
@@ -25,6 +27,7 @@ parser.add_argument("points")
 parser.add_argument("camera")
 parser.add_argument("--up", default="y")
 parser.add_argument("--taps", default="9")
+parser.add_argument("--daemon", metavar="STORE", help="with --links: by umbraged on that store")
 parser.add_argument("--round", default="128K", help="bytes asked for at once, without --links")
 parser.add_argument("--links", action="store_true")
 parser.add_argument("--modes", default="points,pixel,camera")
@@ -59,10 +62,28 @@ for mode in options.modes.split(","):
     if not options.links:
         row(mode, stream(mode, options.asset, "--round", options.round))
         continue
-    server = link.RangeServer(os.path.dirname(os.path.abspath(options.asset)))
+    folder = os.path.dirname(os.path.abspath(options.asset))
+    name = os.path.basename(options.asset)
+    if options.daemon:
+        addresses = tempfile.mktemp()
+        daemon = subprocess.Popen([os.path.join(os.path.dirname(PROGRAM), "umbraged"), "--store",
+                                   options.daemon, "--listen", "tcp:127.0.0.1:0", "--address-file",
+                                   addresses, "--log-level", "error"])
+        while not os.path.exists(addresses):
+            time.sleep(0.1)
+        with open(addresses, encoding="utf-8") as file:
+            port = int(file.read().split()[0].rpartition(":")[2])
+    else:
+        server = link.RangeServer(folder)
+        port = server.port
     for mbit in (1, 5, 20, 100):
         for rtt_ms in (20, 100, 300):
-            slow = link.Link(server.port, mbit, rtt_ms)
-            url = f"http://127.0.0.1:{slow.port}/{os.path.basename(options.asset)}"
-            row(mode, stream(mode, "--from-url", url), mbit=mbit, rtt_ms=rtt_ms)
-    server.close()
+            slow = link.Link(port, mbit, rtt_ms)
+            source = (["--from-url", f"http://127.0.0.1:{slow.port}/{name}"] if not options.daemon
+                      else [name.removesuffix(".umb"), "--address", f"tcp:127.0.0.1:{slow.port}"])
+            row(mode, stream(mode, *source), mbit=mbit, rtt_ms=rtt_ms)
+    if options.daemon:
+        daemon.terminate()
+        daemon.wait()
+    else:
+        server.close()

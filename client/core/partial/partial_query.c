@@ -5,6 +5,8 @@
 
 #include "base/memory.h"
 #include "partial/partial_parts.h"
+#include "query/perspective.h"
+#include "query/query_parts.h"
 
 enum {
     CHUNK = 1024
@@ -15,7 +17,7 @@ struct bracket {
     struct umb_query lower, upper;
     const struct umb_points *points;
     bool want;
-    uint32_t taps;
+    struct umb__query q; /* what `lower` holds */
     struct umb_partial_answers *answers;
 };
 
@@ -24,21 +26,39 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
+/* Where point i is looked up, by the arithmetic of the kernels. Returns its frustum. */
+static uint32_t place_of(const struct umb__query *q, const struct umb_points *points, size_t i,
+                         double voxel[3])
+{
+    if (q->face_count > 0) {
+        struct umb__sighting s;
+        umb__perspective_map(q, points, i, &s);
+        memcpy(voxel, s.voxel, sizeof s.voxel);
+        return q->first_face + s.face;
+    }
+    double p[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
+    }
+    (void)umb__move(q, points, i, p);
+    umb__to_voxel(q, p, voxel);
+    return q->frustum;
+}
+
 /* What point i misses: its window, looked up in the graph. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
-    struct umb_explanation e;
-    double edges[3];
-    umb_query_explain(&b->lower, b->points, i, &e);
-    const struct umb_frustum_info *f = &b->p->canonical.content.frusta[e.frustum];
-    const double size = (double)(1U << f->log2_size), half = b->taps / 2;
+    double edges[3], voxel[3];
+    const uint32_t frustum = place_of(&b->q, b->points, i, voxel);
+    const struct umb_frustum_info *f = &b->p->canonical.content.frusta[frustum];
+    const double size = (double)(1U << f->log2_size), half = b->q.taps / 2;
     uint32_t low[3], high[3];
     for (unsigned axis = 0; axis < 3; axis++) {
         const double reach = axis < 2 ? half : 0;
-        low[axis] = clamp_voxel(floor(e.voxel[axis]) - reach, size);
-        high[axis] = clamp_voxel(floor(e.voxel[axis]) + reach, size);
+        low[axis] = clamp_voxel(floor(voxel[axis]) - reach, size);
+        high[axis] = clamp_voxel(floor(voxel[axis]) + reach, size);
     }
-    const struct umb__lack lack = umb__partial_look(b->p, e.frustum, low, high, b->want);
+    const struct umb__lack lack = umb__partial_look(b->p, frustum, low, high, b->want);
     umb_frustum_voxel_edges(f, edges);
     *error_m = fmax(edges[0], fmax(edges[1], edges[2])) * (double)(1U << lack.level);
     return lack;
@@ -108,7 +128,7 @@ enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_
     if (status != UMB_OK) {
         return status;
     }
-    b.taps = umb_query_taps(&b.lower);
+    memcpy(&b.q, b.lower.opaque, sizeof b.q);
     for (size_t first = 0; first < points->count; first += CHUNK) {
         const size_t rest = points->count - first;
         run_chunk(&b, first, rest < CHUNK ? rest : CHUNK);
