@@ -14,7 +14,7 @@
 
 enum {
     FIRST_BYTES = 64 << 10,
-    ROUND_BYTES_MIN = 256 << 10,
+    ROUND_BYTES_MIN = 512 << 10,
     ROUND_PAGES_MAX = 4096,
 };
 

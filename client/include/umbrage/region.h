@@ -82,7 +82,7 @@ struct umb_region_request {
     size_t view_count;
     uint64_t max_bytes;   /* stop after receiving as many; 0 = no limit */
     uint64_t round_bytes; /* at most about as many before pages are laid out; 0 = chosen: a quarter
-                             of what is here, at least 256 KiB */
+                             of what is here, at least 512 KiB */
     umb_region_fn progress; /* may be NULL */
     void *progress_user;
 };
