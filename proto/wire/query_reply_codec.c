@@ -100,7 +100,7 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define TAG_VISIBILITY_ERROR 0x69
 #define TAG_LINES            0x71
 #define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
-#define STATS_MAX            (8 * 11 + 2 * 6 + 4 * 9) /* varints of 64 and 32 bits, doubles; with tags */
+#define STATS_MAX            (8 * 11 + 2 * 6 + 4 * 9) /* varints of 64 and 32 bits, doubles, tags */
 #define VARINT_MAX           10
 
 static size_t varint_size(uint64_t value)
