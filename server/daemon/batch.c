@@ -6,7 +6,7 @@
 
 #include "daemon/batch_slice.h"
 
-#define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too */
+#define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too; answers fill lines */
 #define CPU_CLOCK_POINTS 256 /* slices of fewer points are timed by the wall clock */
 
 uint64_t umbd_now_ns(void)
@@ -14,14 +14,6 @@ uint64_t umbd_now_ns(void)
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
-
-/* Wide windows cost more a point; slices get shorter, so that turns stay about equally long. */
-static size_t slice_points_for(uint32_t taps)
-{
-    return taps <= 5   ? UMBD_SLICE_POINTS
-           : taps <= 9 ? UMBD_SLICE_POINTS / 2
-                       : UMBD_SLICE_POINTS / 4;
 }
 
 enum umb_status umbd_batch_create(size_t part_limit, const struct umb_query_settings *settings,
@@ -47,9 +39,9 @@ enum umb_status umbd_batch_create(size_t part_limit, const struct umb_query_sett
 /* So that turns stay about equally long, whatever a point costs. */
 static void set_slice(struct umbd_batch *batch)
 {
-    size_t points = slice_points_for(batch->settings.taps) / batch->part_count;
+    size_t points = umb_query_slice(&batch->parts[0].query) / batch->part_count;
     points = points > SLICE_POINTS_MIN ? points : SLICE_POINTS_MIN;
-    batch->slice_points = points - points % 8;
+    batch->slice_points = points - points % SLICE_POINTS_MIN;
 }
 
 enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry, uint32_t light,

@@ -25,8 +25,6 @@
 #include "umbrage/curve.h"
 #include "umbrage/query.h"
 
-#define UMBD_SLICE_POINTS 8192 /* at one tap; fewer with wide windows; a multiple of 8 */
-
 /* One light of one asset, asked of all points of a batch. */
 struct umbd_part {
     struct umbs_entry *entry; /* owned: the one version that answers */

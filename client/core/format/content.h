@@ -7,6 +7,7 @@
  * which is part of the identity (docs/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
+#include "umbrage/workers.h"
 
 /* One row of an accuracy curve: sums over the points that the bake asked (umbrage/curve.h). */
 struct umb_curve_record {
@@ -77,20 +78,6 @@ UMB_API UMB_CHECKED enum umb_status
 umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
                const struct umb_sha256 *sha256, const struct umb_sink *sink,
                uint8_t id[UMB_ID_BYTES], struct umb_error *error);
-
-/*
- * Threads that the core may use; it has none of its own.
- *
- * run: calls job(job_user, number, worker) once for each number below `jobs`, on any threads and in
- * any order, and returns when all are done. worker is below `count`; no two calls under way have
- * the same.
- */
-struct umb_workers {
-    unsigned count; /* 1.. */
-    void (*run)(void *user, void (*job)(void *job_user, uint32_t number, unsigned worker),
-                void *job_user, uint32_t jobs);
-    void *user;
-};
 
 /* What umb_pack_write takes, and who helps. */
 struct umb_pack_job {

@@ -31,6 +31,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/asset.h"
+#include "umbrage/workers.h"
 #include "umbrage/status.h"
 
 #ifdef __cplusplus
@@ -175,6 +176,21 @@ UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *po
  */
 UMB_API void umb_query_run(const struct umb_query *query, const struct umb_points *points,
                            size_t first, size_t count, struct umb_answers *answers);
+
+/* Points in a slice of a batch of this query, for threads that share it: a multiple of 512, so that
+ * slices of answers that begin at a multiple of 64 bytes share no cache line, in any format. */
+UMB_API size_t umb_query_slice(const struct umb_query *query);
+
+/*
+ * Answers a whole batch with the caller's threads, slice by slice.
+ *
+ * In:    workers: a batch of one slice is answered by the calling thread alone.
+ * Out:   as umb_query_run for all points, bit for bit, whatever the threads and their order.
+ * Threads: those of the workers, which read query and points and write disjoint slices of
+ *        answers->values; answers->stats is added to once a slice. No allocation.
+ */
+UMB_API void umb_query_run_split(const struct umb_query *query, const struct umb_points *points,
+                                 const struct umb_workers *workers, struct umb_answers *answers);
 
 /* Returns the bytes that `count` answers take in a format; 0 for an unknown one. In: count: at most
  * SIZE_MAX / 4. */
