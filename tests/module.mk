@@ -65,7 +65,8 @@ questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_
 	@for t in $^; do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 
 # False shadow and false light at full size.
-accuracy: $(PROGRAMS) $(BUILD)/scenegen ## false shadow and false light against rays: minutes
+accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
