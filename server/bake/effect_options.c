@@ -94,9 +94,9 @@ enum umb_status umbb_closed_set(struct umbb_options *options, const char *option
 
 enum umb_status umbb_effects_check(const struct umbb_options *options, struct umb_error *error)
 {
-    if (options->front && (options->task != UMBB_TASK_BAKE || options->cache != NULL)) {
+    if (options->front && options->task != UMBB_TASK_BAKE) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "--effect: 'front=on': kept tiles (--cache, tile, merge) do not hold first "
+                        "--effect: 'front=on': tiles that are kept (tile, merge) do not hold first "
                         "occluders");
     }
     return UMB_OK;

@@ -58,7 +58,9 @@ for kind in "city 12" "bridge 30"; do
     fi
 done
 
-"$BUILD/umbrage-bake" "$scene" -o "$folder/x.umb" --effect front=on --cache "$folder/cache" \
-    >/dev/null 2>"$folder/err"
+bake other >/dev/null --cache "$folder/cache"
+same "$name: a bake with a front takes no tile from a cache" "$first" \
+    "$(bake other --effect front=on --cache "$folder/cache")"
+"$BUILD/umbrage-bake" tile "$scene" -o "$folder/tiles" --effect front=on >/dev/null 2>"$folder/err"
 same "kept tiles hold no front: refused" 2 $?
 finish
