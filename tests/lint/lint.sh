@@ -26,6 +26,7 @@ report "function over 80 lines" "$(echo "$sources" | tr ' ' '\n' | grep '\.c$' |
     FNR == 1 { start = 0 }
     /^{/ { start = FNR }
     /^}/ { if (start && FNR - start > 80) print FILENAME ":" start ": " FNR - start " lines"; start = 0 }')"
+report "test that cannot be executed" "$(git ls-files -s 'tests/*/test_*.py' 'tests/*/test_*.sh' | awk '$1 != "100755" { print $4 }')"
 report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
 
 [ "$failures" -eq 0 ] && echo "lint: ok"
