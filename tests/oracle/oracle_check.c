@@ -39,6 +39,7 @@ struct options {
 };
 
 struct counts {
+    uint64_t fronts; /* texels whose first occluder was compared with the front */
     uint64_t texels, compared, undefined, ties, wrong, mapped_differs, closed_triangles;
 };
 
@@ -170,6 +171,30 @@ static void compare_column(const struct input *inputs, int input_count, const ui
     }
 }
 
+/* The first occluder: as the front says, or else the tree's first shadowed voxel. */
+static void compare_front(const struct oracle *oracle, const uint32_t column[3],
+                          const struct oracle_texel *texel, struct counts *counts)
+{
+    const uint32_t frustum = column[2];
+    if (oracle->frnt.data == NULL || texel->tie) {
+        return;
+    }
+    int64_t lit = oracle_front(oracle, frustum, column[0], column[1]);
+    if (lit == -1) {
+        const int64_t side = (int64_t)1 << oracle->frusta[frustum].n;
+        for (lit = 0; lit < side &&
+                      oracle_voxel(oracle, frustum, column[0], column[1], (uint32_t)lit) == 1;) {
+            lit++;
+        }
+    }
+    counts->fronts++;
+    if (lit != texel->lit) {
+        const uint32_t at[4] = {column[0], column[1], texel->lit, frustum};
+        counts->wrong++;
+        tell_wrong(counts, at, (int)lit, texel);
+    }
+}
+
 static int compare_frustum(const struct options *options, const struct oracle_scene *scene,
                            const struct input *inputs, uint32_t number, struct counts *counts)
 {
@@ -195,6 +220,7 @@ static int compare_frustum(const struct options *options, const struct oracle_sc
             counts->texels++;
             counts->ties += row[x].tie != 0;
             compare_column(inputs, options->file_count, column, &row[x], counts);
+            compare_front(oracle, column, &row[x], counts);
         }
     }
     oracle_depth_finish(&depth);
@@ -207,15 +233,17 @@ static void print_counts(const struct options *options, const struct counts *cou
     const char *format = options->json
                              ? "{\"file\":\"%s\",\"texels\":%" PRIu64 ",\"compared\":%" PRIu64
                                ",\"undefined\":%" PRIu64 ",\"ties\":%" PRIu64 ",\"wrong\":%" PRIu64
-                               ",\"mapped_differs\":%" PRIu64 ",\"closed_triangles\":%" PRIu64
-                               ",\"ok\":%s}\n"
+                               ",\"mapped_differs\":%" PRIu64 ",\"fronts\":%" PRIu64
+                               ",\"closed_triangles\":%" PRIu64 ",\"ok\":%s}\n"
                              : "%s: %" PRIu64 " texels, %" PRIu64 " voxels compared, %" PRIu64
                                " undefined skipped, %" PRIu64 " ties, %" PRIu64 " wrong, %" PRIu64
-                               " differ in the mapped file, %" PRIu64 " closed triangles, ok %s\n";
+                               " differ in the mapped file, %" PRIu64 " fronts compared, %" PRIu64
+                               " closed triangles, ok %s\n";
     const char *slash = strrchr(options->files[0], '/');
     (void)printf(format, slash != NULL ? slash + 1 : options->files[0], counts->texels,
                  counts->compared, counts->undefined, counts->ties, counts->wrong,
-                 counts->mapped_differs, counts->closed_triangles, good ? "true" : "false");
+                 counts->mapped_differs, counts->fronts, counts->closed_triangles,
+                 good ? "true" : "false");
 }
 
 static int read_scene(const struct options *options, struct oracle_scene *scene,

@@ -305,11 +305,12 @@ enum entry_tag {
     ENTRY_PLAN,
     ENTRY_BAKE,
     ENTRY_ROOT,
+    ENTRY_FRNT, /* may lack */
     ENTRY_COUNT,
 };
 
 static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS",
-                                                 "PLAN", "BAKE", "ROOT"};
+                                                 "PLAN", "BAKE", "ROOT", "FRNT"};
 
 static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
                         char error[ORACLE_ERROR_SIZE])
@@ -341,7 +342,7 @@ static int find_entries(const struct oracle *oracle, struct oracle_section found
         found[kind] = (struct oracle_section){data, length};
     }
     for (uint32_t kind = 0; kind < ENTRY_COUNT; kind++) {
-        if (found[kind].data == NULL) {
+        if (found[kind].data == NULL && kind != ENTRY_FRNT) {
             return oracle_refuse(error, "%s: missing", entry_names[kind]);
         }
     }
@@ -367,6 +368,7 @@ int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     if (!is_key_value_text(found[ENTRY_BAKE].data, found[ENTRY_BAKE].size)) {
         return oracle_refuse(error, "BAKE: not key=value lines of UTF-8");
     }
+    oracle->frnt = found[ENTRY_FRNT];
     return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
            read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
            read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&

@@ -77,6 +77,7 @@ struct oracle {
     uint32_t light_count;
     struct oracle_frustum *frusta;
     uint32_t frustum_count;
+    struct oracle_section frnt;     /* the canonical block's, or none */
     uint64_t unique[ORACLE_LEVELS]; /* as CNTS states them */
 
     struct oracle_node *nodes[ORACLE_LEVELS]; /* packed, levels 4..20 */
@@ -99,6 +100,10 @@ int oracle_open(struct oracle *oracle, const uint8_t *bytes, size_t size,
  * frustum.
  */
 int oracle_voxel(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
+
+/* What the front says of `lit` of a texel: -1 if it leaves the answer to the tree, -2 if it is
+ * malformed there. */
+int64_t oracle_front(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y);
 
 void oracle_close(struct oracle *oracle);
 

@@ -36,6 +36,12 @@ exhaust sphere 8 256 auto --sun 10,80
 exhaust box 10 256 auto --sun 20,70
 exhaust city 8 256 auto --sun 135,45 --depth embree --tile 128 --threads 2
 exhaust terrain 64 256 auto --sun 95,3
+exhaust city 8 512 auto --sun 135,45 --effect front=on
+exhaust sphere 8 256 auto --sun 10,80 --effect front=on
+case $(json "$folder/out" "['fronts']") in
+65536) ok "every texel's first occluder was compared" ;;
+*) bad "every texel's first occluder was compared" "$(cat "$folder/out")" ;;
+esac
 
 # The oracle itself must be able to fail: a file against another scene.
 "$BUILD/scenegen" city --size 8 --seed 2 -o "$folder/other.ply" 2>/dev/null
