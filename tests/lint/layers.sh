@@ -45,6 +45,11 @@ forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/
 forbid server/bake "^sqlite3\.h|^jobs/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
 forbid server/study "$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
 
+# libcurl: ranges over HTTP for the command alone.
+others=$(grep -rlE '# *include <curl/' server client proto --include='*.c' --include='*.h' |
+    grep -v '^client/cli/' || true)
+[ -z "$others" ] || fail "only client/cli sees libcurl: $others"
+
 # Assimp: the sandboxed importer alone. Embree: rays, and the bake's candidate path.
 others=$(includes server/bake | awk -v pattern="$ASSIMP" '$2 ~ pattern && $1 !~ /^server\/bake\/import\// { print "  " $1 }')
 [ -z "$others" ] || fail "only server/bake/import sees Assimp:

@@ -3,6 +3,8 @@
 """umbrage stream: parts of an asset from a file and a web server, over good and bad links."""
 import json
 import os
+import shutil
+import socket
 import subprocess
 import sys
 
@@ -113,6 +115,36 @@ with test.check("the wrong asset, damaged pages, no ranges, no file, nobody ther
     server.close()
     stream("--from-url", url, code=69)
     assert "http" in stream("--from-url", "ftp://x/y", code=2)
+
+if shutil.which("nginx") or os.path.exists("/usr/sbin/nginx"):
+    with test.check("nginx serves the same part"):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        conf = os.path.join(folder, "nginx.conf")
+        with open(conf, "w", encoding="utf-8") as file:
+            file.write(f"daemon off; master_process off; pid {folder}/nginx.pid; error_log stderr crit;"
+                       "events {} http { access_log off; "
+                       f"client_body_temp_path {folder}/b; proxy_temp_path {folder}/p; "
+                       f"fastcgi_temp_path {folder}/f; uwsgi_temp_path {folder}/u; "
+                       f"scgi_temp_path {folder}/s; "
+                       f"server {{ listen 127.0.0.1:{port}; root {folder}; }} }}")
+        nginx = subprocess.Popen([shutil.which("nginx") or "/usr/sbin/nginx", "-c", conf],
+                                 stderr=subprocess.DEVNULL)
+        try:
+            def answers():
+                with socket.socket() as one:
+                    return one.connect_ex(("127.0.0.1", port)) == 0
+            ut.wait_until(answers, 20, "nginx answers")
+            part_c = os.path.join(folder, "c.part")
+            stream("--from-url", f"http://127.0.0.1:{port}/city.umb", "--camera", CAMERA, "-o", part_c)
+            with open(part_a, "rb") as one, open(part_c, "rb") as other:
+                assert one.read() == other.read()
+        finally:
+            nginx.terminate()
+            nginx.wait()
+else:
+    print("skipped: nginx is not installed")
 
 with test.check("frames show the shadows sharpening"):
     frames = os.path.join(folder, "frames")
