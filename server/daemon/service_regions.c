@@ -14,8 +14,9 @@
 #include "daemon/loop.h"
 #include "wire/regions.h"
 
-#define BYTES_A_POINT 16 /* what a token or an address pays for bytes: about what an answer costs  \
-                          */
+#define BYTES_A_POINT                                                                              \
+    16 /* what a token or an address pays for bytes: about what an answer costs                    \
+        */
 
 /* What the worker is to read, behind the batch. */
 struct reading {
@@ -88,8 +89,7 @@ static enum umb_status make_reading(struct umbd_call *call, struct reading **out
     enum umb_status status =
         umbw_decode_region_request(call->message, call->message_size, &r->request, error);
     if (status == UMB_OK) {
-        status =
-            umbs_store_acquire(call->conn->loop->daemon->store, r->request.asset, &r->entry, error);
+        status = umbd_call_acquire(call, r->request.asset, &r->entry, error);
     }
     if (status != UMB_OK) {
         return status;

@@ -106,10 +106,17 @@ with test.check("only owners and admins see an asset that a job made, in health 
     S = test.messages.shadows
     H = test.messages.health
 
+    R = test.messages.regions
+    region = client.channel.unary_stream("/umbrage.v1.Regions/Stream",
+                                         request_serializer=R.RegionRequest.SerializeToString,
+                                         response_deserializer=R.RegionReply.FromString)
+
     def asked(who, name=plain):
+        part = R.RegionRequest(asset=name, offsets=[0], lengths=[8])
         requests = (lambda: client.query(S.QueryRequest(asset=name, points=ut.floats([0, 0, 0])),
                                          metadata=who, timeout=10),
-                    lambda: client.describe(S.DescribeRequest(asset=name), metadata=who, timeout=10))
+                    lambda: client.describe(S.DescribeRequest(asset=name), metadata=who, timeout=10),
+                    lambda: list(region(part, metadata=who, timeout=10)))
         found = []
         for request in requests:
             try:
@@ -122,7 +129,7 @@ with test.check("only owners and admins see an asset that a job made, in health 
         return found, name in listed
 
     for name in ("ann", "bob", "boss"):
-        assert asked(WHO[name]) == ([None, None], True), name
+        assert asked(WHO[name]) == ([None, None, None], True), name
     nothing = asked(WHO["eve"], 64 * "0")
     assert asked(WHO["eve"]) == nothing and nothing[1] is False, asked(WHO["eve"])
     service = "umbrage.v1.Shadows/" + plain
