@@ -21,9 +21,10 @@
 
 #define ENVIRONMENT_MAX 16
 #define NOT_STARTED     127
-#define SPARE_FD        100 /* sources are parked above it while 0..3 are laid out */
-#define STEP_MS         20  /* between looks whether it has ended */
-#define NICENESS        5   /* queries come first */
+#define SPARE_FD        100  /* sources are parked above it while 0..3 are laid out */
+#define STEP_MS         20   /* between looks whether it has ended */
+#define NICENESS        5    /* queries come first */
+#define GRACE_MS        3000 /* from the wish that it ends to its kill: it may have work elsewhere */
 
 /* Bytes of a pipe that are no whole line yet. */
 struct line_reader {
@@ -181,9 +182,9 @@ static int has_ended(pid_t child)
 static void attend(const struct umbj_process *process, pid_t child, struct line_reader *said,
                    struct line_reader *progress, struct umbj_process_end *end)
 {
-    const int64_t deadline = now_ms() + (int64_t)process->timeout_ms;
+    int64_t deadline = now_ms() + (int64_t)process->timeout_ms;
     while (!has_ended(child)) {
-        struct pollfd wanted[3] = {{.fd = process->stop, .events = POLLIN},
+        struct pollfd wanted[3] = {{.fd = end->stopped ? -1 : process->stop, .events = POLLIN},
                                    {.fd = said->fd, .events = POLLIN},
                                    {.fd = progress->fd, .events = POLLIN}};
         (void)poll(wanted, 3, STEP_MS);
@@ -193,9 +194,12 @@ static void attend(const struct umbj_process *process, pid_t child, struct line_
         if (wanted[2].revents != 0) {
             read_lines(progress, process->progress, process->user);
         }
-        end->stopped = wanted[0].revents != 0;
-        end->timed_out = !end->stopped && now_ms() > deadline;
-        if (end->stopped || end->timed_out) {
+        if (wanted[0].revents != 0) {
+            end->stopped = 1;
+            deadline = now_ms() + GRACE_MS;
+            (void)kill(child, SIGTERM);
+        } else if (now_ms() > deadline) {
+            end->timed_out = !end->stopped;
             (void)kill(child, SIGKILL); /* it may have no group yet */
             return;
         }

@@ -16,7 +16,7 @@ struct umbj_process {
     const char *folder;        /* to run in */
     uint64_t max_output_bytes; /* of one file */
     uint64_t timeout_ms;       /* wall clock */
-    int stop;                  /* descriptor that becomes readable when it shall end */
+    int stop; /* descriptor that becomes readable when it shall end: SIGTERM, soon SIGKILL */
     /* Lines, without their end, cut at UMBJ_CAUSE_SIZE - 1 bytes. */
     void (*said)(void *user, const char *line);     /* on stderr */
     void (*progress)(void *user, const char *line); /* on UMBJ_WORKER_FD_PROGRESS */
