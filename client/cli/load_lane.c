@@ -189,6 +189,8 @@ enum umb_status umbc_load_lane_init(struct umbc_load_lane *lane, const struct um
         lane->free_slots = &lane->slots[i];
     }
     options.max_calls = settings->in_flight + 1;
+    options.max_request_bytes = UINT64_MAX;
+    options.max_retries = UMB_CLIENT_NEVER;
     enum umb_status status = umb_client_open(settings->address, &options, &lane->client, error);
     if (status == UMB_OK && settings->stream) {
         status = umb_client_stream_open(lane->client, &lane->stream, error);

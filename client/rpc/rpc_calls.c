@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Calls: made on any thread, queued, completed on the loop thread. See rpc_client.h. */
 #include "rpc_connection.h"
+#include "rpc_endpoint.h"
 #include "rpc_stream.h"
 
 #include <stdlib.h>
@@ -58,8 +59,15 @@ static enum umb_status enqueue(struct umb_client *client, struct umb__call *call
     } else if (client->pending >= client->options.max_calls) {
         status = umb_fail(error, UMB_E_BUSY, "calls: %lu are under way, the limit is %lu",
                           (unsigned long)client->pending, (unsigned long)client->options.max_calls);
+    } else if (client->pending > 0 &&
+               (client->pending_bytes >= client->options.max_request_bytes ||
+                call->body.size > client->options.max_request_bytes - client->pending_bytes)) {
+        status = umb_fail(error, UMB_E_BUSY, "requests: %llu bytes are held, the limit is %llu",
+                          (unsigned long long)client->pending_bytes,
+                          (unsigned long long)client->options.max_request_bytes);
     } else {
         client->pending++;
+        client->pending_bytes += call->body.size;
         umb__call_move(call, &client->inbox);
         /* Under the lock, so that a closing client has not closed the handle yet. */
         (void)uv_async_send(&client->wake);
@@ -76,7 +84,9 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
         umbw_buffer_finish(body);
         return umb_fail(error, UMB_E_ARGUMENT, "stream: belongs to another client");
     }
-    struct umb__call *call = calloc(1, sizeof *call);
+    const char *asset = plan->asset != NULL ? plan->asset : "";
+    size_t asset_size = strlen(asset) + 1;
+    struct umb__call *call = calloc(1, sizeof *call + asset_size);
     if (call == NULL) {
         umbw_buffer_finish(body);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
@@ -86,7 +96,11 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     call->body = *body;
     memset(body, 0, sizeof *body);
     call->timeout_ms = plan->timeout_ms != 0 ? plan->timeout_ms : client->options.call_timeout_ms;
-    call->deadline_ns = uv_hrtime() + (uint64_t)call->timeout_ms * 1000000U;
+    call->started_ns = uv_hrtime();
+    call->deadline_ns = call->started_ns + (uint64_t)call->timeout_ms * 1000000U;
+    call->key = umb__asset_key(asset);
+    memcpy(call->asset, asset, asset_size);
+    call->safe = plan->safe;
     call->done = done;
     call->user = user;
     call->feed = plan->feed;
@@ -113,6 +127,7 @@ static void leave(struct umb_client *client, struct umb__call *call)
     /* Before done runs: it may start the next call in this one's place. */
     pthread_mutex_lock(&client->lock);
     client->pending--;
+    client->pending_bytes -= call->body.size;
     pthread_mutex_unlock(&client->lock);
 }
 
@@ -136,46 +151,20 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
     call_free(call);
 }
 
+/* The address in messages about a call. */
+static const char *where(const struct umb_client *client, const struct umb__call *call)
+{
+    return call->endpoint != NULL ? call->endpoint->address.text
+                                  : client->endpoints[0].address.text;
+}
+
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent)
 {
     struct umb_error error;
     enum umb_status status =
-        umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", client->address.text,
+        umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", where(client, call),
                  was_sent ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
     umb__call_complete(client, call, status, &error);
-}
-
-bool umb__call_retry(struct umb_client *client, struct umb__call *call)
-{
-    if (call->retries >= UMB__RETRIES_MAX || client->stopped || call->was_fed) {
-        return false;
-    }
-    call->retries++;
-    call->connection = NULL;
-    call->stream_id = 0;
-    call->headers_sent = false;
-    call->body_sent = 0;
-    umb__reply_restart(&call->reply);
-    if (call->carries != NULL) {
-        umb__stream_rewind(call->carries);
-    }
-    umb__call_move(call, &client->waiting);
-    /* Not every caller is followed by a dispatch. */
-    (void)uv_async_send(&client->wake);
-    return true;
-}
-
-void umb__calls_count_try(struct umb_client *client, const struct umb_error *reason)
-{
-    struct umb__call *next;
-    for (struct umb__call *call = client->waiting.first; call != NULL; call = next) {
-        next = call->next;
-        if (call->retries >= UMB__RETRIES_MAX) {
-            umb__call_complete(client, call, reason->status, reason);
-        } else {
-            call->retries++;
-        }
-    }
 }
 
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,

@@ -6,6 +6,7 @@
  * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
 #include "rpc_connection.h"
+#include "rpc_endpoint.h"
 #include "rpc_stream.h"
 
 #include <errno.h>
@@ -20,8 +21,9 @@
 #define CALL_TIMEOUT_MS    60000
 #define MAX_CALLS          1024
 #define MAX_REPLY_BYTES    ((uint64_t)64 << 20)
-#define BACKOFF_FIRST_MS   50
-#define BACKOFF_MAX_MS     1000
+#define MAX_REQUEST_BYTES  ((uint64_t)256 << 20)
+#define KEEPALIVE_MS       10000
+#define TOKENS_FULL        100
 #define TOKEN_MAX          4096 /* characters */
 
 void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
@@ -33,61 +35,6 @@ void umb__client_log(struct umb_client *client, enum umb_log_level level, const 
         (void)vsnprintf(message, sizeof message, format, arguments);
         va_end(arguments);
         client->options.log(client->options.log_user, level, message);
-    }
-}
-
-void umb__client_backoff(struct umb_client *client, bool failed)
-{
-    if (!failed) {
-        client->backoff_ms = 0;
-        client->backoff_until_ns = 0;
-        return;
-    }
-    client->backoff_ms = client->backoff_ms == 0 ? BACKOFF_FIRST_MS : client->backoff_ms * 2;
-    if (client->backoff_ms > BACKOFF_MAX_MS) {
-        client->backoff_ms = BACKOFF_MAX_MS;
-    }
-    client->backoff_until_ns = uv_hrtime() + client->backoff_ms * 1000000U;
-}
-
-static void on_backoff_over(uv_timer_t *timer)
-{
-    umb__client_dispatch(timer->data);
-}
-
-/* Submits every waiting call; false if the connection became full and another is needed. */
-static bool submit_waiting(struct umb_client *client, struct umb__connection *connection)
-{
-    while (client->waiting.first != NULL) {
-        if (!umb__session_submit(connection, client->waiting.first)) {
-            client->current = NULL;
-            return false;
-        }
-    }
-    umb__connection_flush(connection);
-    return true;
-}
-
-void umb__client_dispatch(struct umb_client *client)
-{
-    /* A connection that is full is replaced once; a new one takes at least one call. */
-    while (client->waiting.first != NULL && !client->stopped) {
-        struct umb__connection *connection = client->current;
-        if (connection != NULL) {
-            if (!connection->ready || submit_waiting(client, connection)) {
-                return;
-            }
-            continue;
-        }
-        uint64_t now = uv_hrtime();
-        if (now < client->backoff_until_ns) {
-            uv_update_time(&client->loop);
-            (void)uv_timer_start(&client->backoff_timer, on_backoff_over,
-                                 (client->backoff_until_ns - now) / 1000000U + 1, 0);
-            return;
-        }
-        umb__connection_open(client);
-        return;
     }
 }
 
@@ -126,7 +73,10 @@ static void on_deadline(uv_timer_t *timer)
     struct umb_client *client = timer->data;
     uint64_t now = uv_hrtime();
     client->deadline_armed_ns = 0;
-    (void)expire_list(client, &client->waiting, now);
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        (void)expire_list(client, &client->endpoints[i].waiting, now);
+    }
+    (void)expire_list(client, &client->resting, now);
     struct umb__connection *next;
     for (struct umb_client_stream *stream = client->streams; stream != NULL;
          stream = stream->next) {
@@ -157,7 +107,10 @@ static void set_deadline(struct umb_client *client, uint64_t deadline_ns)
 /* Looks at all calls; runs only when the timer has fired. */
 static void arm_deadline(struct umb_client *client)
 {
-    uint64_t deadline_ns = earliest(&client->waiting, UINT64_MAX);
+    uint64_t deadline_ns = earliest(&client->resting, UINT64_MAX);
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        deadline_ns = earliest(&client->endpoints[i].waiting, deadline_ns);
+    }
     for (struct umb__connection *at = client->connections; at != NULL; at = at->next) {
         deadline_ns = earliest(&at->active, deadline_ns);
     }
@@ -185,13 +138,16 @@ static void stop_everything(struct umb_client *client)
     (void)umb_fail(&error, UMB_E_CANCELLED, "the client was closed");
     end_streams(client->streams, &error);
     client->streams = NULL;
-    umb__calls_fail(client, &client->waiting, &error);
+    umb__calls_fail(client, &client->resting, &error);
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        umb__calls_fail(client, &client->endpoints[i].waiting, &error);
+    }
     while (client->connections != NULL) {
         /* Sent calls are completed by the loss, and none is put back once stopped is set. */
         umb__connection_lose(client->connections, &error);
     }
     uv_close((uv_handle_t *)&client->deadline_timer, NULL);
-    uv_close((uv_handle_t *)&client->backoff_timer, NULL);
+    uv_close((uv_handle_t *)&client->rest_timer, NULL);
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
@@ -230,7 +186,7 @@ static uint64_t route(struct umb_client *client, struct umb__call_list *calls)
         if (call->stream != NULL) {
             umb__stream_take(call->stream, call);
         } else {
-            umb__call_move(call, &client->waiting);
+            umb__call_route(client, call);
         }
     }
     return deadline_ns;
@@ -329,13 +285,13 @@ static enum umb_status take_identity(struct umb_client *client, struct umb_error
                        : options->certificate_file != NULL ? options->certificate_file
                                                            : options->key_file;
     enum umb_status status = UMB_OK;
-    if (client->address.is_tls) {
+    if (client->any_tls) {
         status = umb__tls_context_create(options, &client->tls_context, error);
     } else if (file != NULL) {
         status = umb_fail(error, UMB_E_ARGUMENT,
                           "'%.150s': certificates need a tls: address, not "
                           "%.100s",
-                          file, client->address.text);
+                          file, client->endpoints[0].address.text);
     }
     if (status == UMB_OK && options->token != NULL) {
         status = make_bearer(options->token, &client->bearer, error);
@@ -371,6 +327,12 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
         out->connect_timeout_ms == 0 ? CONNECT_TIMEOUT_MS : out->connect_timeout_ms;
     out->call_timeout_ms = out->call_timeout_ms == 0 ? CALL_TIMEOUT_MS : out->call_timeout_ms;
     out->max_calls = out->max_calls == 0 ? MAX_CALLS : out->max_calls;
+    out->max_retries = out->max_retries == 0                  ? UMB__RETRIES_MAX
+                       : out->max_retries == UMB_CLIENT_NEVER ? 0
+                                                              : out->max_retries;
+    out->keepalive_ms = out->keepalive_ms == 0 ? KEEPALIVE_MS : out->keepalive_ms;
+    out->max_request_bytes =
+        out->max_request_bytes == 0 ? MAX_REQUEST_BYTES : out->max_request_bytes;
     out->max_reply_bytes = out->max_reply_bytes == 0 ? MAX_REPLY_BYTES : out->max_reply_bytes;
     if (out->max_reply_bytes > UINT32_MAX) {
         out->max_reply_bytes = UINT32_MAX; /* what a gRPC message can have */
@@ -394,14 +356,14 @@ static int open_loop(struct umb_client *client)
     }
     client->wake.data = client;
     client->deadline_timer.data = client;
-    client->backoff_timer.data = client;
+    client->rest_timer.data = client;
     code = uv_async_init(&client->loop, &client->wake, on_wake);
     if (code < 0) {
         (void)uv_loop_close(&client->loop);
         return code;
     }
     (void)uv_timer_init(&client->loop, &client->deadline_timer); /* cannot fail */
-    (void)uv_timer_init(&client->loop, &client->backoff_timer);
+    (void)uv_timer_init(&client->loop, &client->rest_timer);
     return 0;
 }
 
@@ -415,7 +377,9 @@ enum umb_status umb_client_open(const char *address, const struct umb_client_opt
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
     }
     fill_options(options, &client->options);
-    status = umb__address_parse(address, &client->address, error);
+    client->tokens = TOKENS_FULL;
+    client->noise = uv_hrtime();
+    status = umb__endpoints_parse(client, address, error);
     if (status != UMB_OK) {
         goto fail_address;
     }
@@ -457,6 +421,7 @@ fail_lock:
 fail_identity:
     forget_identity(client);
 fail_address:
+    umb__endpoints_free(client);
     free(client);
     return status;
 }
@@ -475,5 +440,6 @@ void umb_client_close(struct umb_client *client)
     (void)pthread_mutex_destroy(&client->lock);
     free(client->receive_buffer);
     forget_identity(client);
+    umb__endpoints_free(client);
     free(client);
 }

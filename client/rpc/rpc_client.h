@@ -8,8 +8,8 @@
  * then on belongs to the loop thread until its `done` has run. It is in exactly one list: the
  * inbox, the waiting calls, or the active calls of one connection.
  *
- *     inbox -> waiting -> active on a connection -> done
- *                 ^------------'  refused, or never sent: at most twice
+ *     inbox -> waiting for a replica -> active on a connection -> done
+ *                 ^---- resting <------------'  see rpc_endpoint.h
  *
  * A connection that ends before it took any call counts as such a try too, with a pause before the
  * next: a server that greets and hangs up is not asked without end.
@@ -31,6 +31,7 @@
 #include "wire/messages.h"
 
 #define UMB__RETRIES_MAX   2                   /* of a call the server did not process */
+#define UMB__ENDPOINTS_MAX 64                  /* bits of `tried` */
 #define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* read buffer of all connections */
 #define UMB__SEND_BYTES    ((size_t)1 << 20)   /* gathered before one write */
 #define UMB__FRAME_BYTES   (1 << 20)           /* largest DATA frame sent and accepted */
@@ -52,6 +53,8 @@ typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 
 /* What a call asks and how. */
 struct umb__call_plan {
+    const char *asset;   /* that it is about: decides which replica is asked; NULL = any */
+    bool safe;           /* changes nothing: may be sent again once the server may have begun it */
     const char *path;    /* static */
     uint32_t timeout_ms; /* 0 = the client's */
     struct umb_client_stream
@@ -73,6 +76,12 @@ struct umb__call {
     bool was_fed;
     uint64_t deadline_ns; /* uv_hrtime's clock */
     uint32_t timeout_ms;
+    uint64_t key;        /* of its asset */
+    uint64_t started_ns; /* uv_hrtime's clock */
+    uint64_t ready_ns;   /* while it rests */
+    uint64_t tried;      /* bits of the replicas that were no good */
+    bool safe;
+    struct umb__endpoint *endpoint; /* it waits for or was sent to; NULL = not yet routed */
     umb__done_fn done;
     void *user;
     struct umb__connection *connection; /* NULL while waiting */
@@ -82,31 +91,47 @@ struct umb__call {
     struct umb_client_stream *carries; /* whose requests it carries, or NULL; see rpc_stream.h */
     unsigned retries;
     struct umb__reply reply;
+    char asset[]; /* "" if it is about none */
+};
+
+/* A replica: where it is, and the one connection to it that takes new calls. */
+struct umb__endpoint {
+    struct umb_client *client;
+    struct umb__address address;
+    uint64_t key; /* of its address */
+    struct umb__call_list waiting;
+    struct umb__connection *current; /* the one that takes new calls, or NULL */
+    uint64_t backoff_ms;             /* 0 = none; doubles with each failure */
+    uint64_t backoff_until_ns;       /* no connection is tried before */
+    bool known;                      /* was there once */
 };
 
 struct umb_client {
-    struct umb_client_options options; /* defaults filled in */
-    struct umb__address address;
+    struct umb_client_options options; /* defaults filled in; max_retries is a plain number */
+    struct umb__endpoint *endpoints;   /* [endpoint_count] */
+    size_t endpoint_count;
+    bool any_tls;
     SSL_CTX *tls_context; /* of tls: addresses, else NULL */
     char *server_name;    /* that their certificate must have; NULL = the host's */
     char *bearer;         /* value of the authorization header, or NULL */
     pthread_mutex_t lock;
     struct umb__call_list inbox;
-    uint32_t pending; /* calls from start to done */
+    uint32_t pending;       /* calls from start to done */
+    uint64_t pending_bytes; /* of their requests */
     bool closing;
     pthread_t thread;
     uv_loop_t loop;
     uv_async_t wake;
     uv_timer_t deadline_timer;
     uint64_t deadline_armed_ns; /* what the timer is set for; 0 = off */
-    uv_timer_t backoff_timer;
-    uint64_t backoff_ms;       /* 0 = none; doubles with each failure */
-    uint64_t backoff_until_ns; /* no connection is tried before */
-    bool stopped;              /* everything is closed or closing */
-    struct umb__call_list waiting;
+    uv_timer_t rest_timer;
+    uint64_t rest_armed_ns; /* what it is set for; 0 = off */
+    bool stopped;           /* everything is closed or closing */
+    struct umb__call_list resting;
+    uint32_t tokens;                       /* budget of tries */
+    uint64_t noise;                        /* state of random pauses */
     struct umb_client_stream *new_streams; /* under the lock: opened, not yet in streams */
     struct umb_client_stream *streams;
-    struct umb__connection *current;     /* the one that takes new calls, or NULL */
     struct umb__connection *connections; /* all that are not lost */
     uint8_t *receive_buffer;             /* [UMB__RECEIVE_BYTES] */
 };
@@ -139,24 +164,11 @@ void umb__call_answer(struct umb_client *client, struct umb__call *call, const u
 /* Ends a call because its time is over. was_sent: the server has had it. */
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
-/* Puts an unprocessed call back to the waiting ones; false if it was retried often enough. */
-bool umb__call_retry(struct umb_client *client, struct umb__call *call);
-
-/* Counts a connection that ended before it took a call as a try of all that wait for one; those
- * that were tried often enough end with the reason. */
-void umb__calls_count_try(struct umb_client *client, const struct umb_error *reason);
-
 /* Completes all calls of a list with one error. */
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error);
 
 /* --- loop (rpc_client.c) --- */
-
-/* Gives waiting calls to a connection, opening one if needed. */
-void umb__client_dispatch(struct umb_client *client);
-
-/* Notes a failed or successful connection for the pause before the next try. */
-void umb__client_backoff(struct umb_client *client, bool failed);
 
 void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
     UMB_PRINTF(3, 4);

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include "rpc_endpoint.h"
 #include "wire/wire_buffer.h"
 
 /* libuv's text of an error, without its allocation for unknown codes. */
@@ -34,8 +35,8 @@ static void on_handle_closed(uv_handle_t *handle)
 static void unlink_connection(struct umb__connection *connection)
 {
     struct umb_client *client = connection->client;
-    if (client->current == connection) {
-        client->current = NULL;
+    if (connection->endpoint->current == connection) {
+        connection->endpoint->current = NULL;
     }
     if (connection->previous != NULL) {
         connection->previous->next = connection->next;
@@ -53,9 +54,7 @@ static void release_calls(struct umb__connection *connection, const struct umb_e
     struct umb__call *next;
     for (struct umb__call *call = connection->active.first; call != NULL; call = next) {
         next = call->next;
-        if (call->headers_sent || !umb__call_retry(connection->client, call)) {
-            umb__call_complete(connection->client, call, reason->status, reason);
-        }
+        umb__call_conclude(connection->client, call, reason->status, reason, call->headers_sent);
     }
 }
 
@@ -69,6 +68,9 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
     connection->lost = true;
     unlink_connection(connection);
     umb__client_log(client, UMB_LOG_INFO, "connection ended: %s", reason->message);
+    if (connection->active.first != NULL) {
+        umb__client_spend(client); /* once, however many calls are lost with it */
+    }
     release_calls(connection, reason);
     nghttp2_session_del(connection->session);
     connection->session = NULL;
@@ -82,11 +84,11 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         (void)uv_cancel((uv_req_t *)&connection->resolve); /* may be too late: it then comes back */
     }
     if (opening && !client->stopped) {
-        umb__client_backoff(client, true);
-        umb__calls_fail(client, &client->waiting, reason);
+        umb__endpoint_backoff(connection->endpoint, true);
+        umb__endpoint_unreached(connection->endpoint, reason);
     } else if (!connection->used && !client->stopped) {
-        umb__client_backoff(client, true);
-        umb__calls_count_try(client, reason);
+        umb__endpoint_backoff(connection->endpoint, true);
+        umb__endpoint_deserted(connection->endpoint, reason);
     }
     if (!client->stopped) {
         (void)uv_async_send(&client->wake); /* waiting calls need another connection */
@@ -97,7 +99,7 @@ static void lose_uv(struct umb__connection *connection, int code, const char *wh
 {
     char text[96];
     struct umb_error error;
-    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s: %s", connection->client->address.text,
+    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s: %s", connection->endpoint->address.text,
                    what, uv_text(code, text));
     umb__connection_lose(connection, &error);
 }
@@ -106,7 +108,7 @@ static void lose_uv(struct umb__connection *connection, int code, const char *wh
 static void lose_session(struct umb__connection *connection, const char *what)
 {
     struct umb_error error;
-    const char *address = connection->client->address.text;
+    const char *address = connection->endpoint->address.text;
     if (connection->http1) {
         (void)umb_fail(&error, UMB_E_PROTOCOL, "%.180s: the server speaks HTTP/1, not HTTP/2",
                        address);
@@ -241,9 +243,10 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 static void start_draining(struct umb__connection *connection)
 {
     struct umb_client *client = connection->client;
-    if (client->current == connection) {
-        client->current = NULL;
-        umb__client_log(client, UMB_LOG_INFO, "%s: the server is going away", client->address.text);
+    if (connection->endpoint->current == connection) {
+        connection->endpoint->current = NULL;
+        umb__client_log(client, UMB_LOG_INFO, "%s: the server is going away",
+                        connection->endpoint->address.text);
     }
     umb__session_give_back(connection);
 }
@@ -278,7 +281,7 @@ static void lose_tls(struct umb__connection *connection, const struct umb_error 
             (void)write_output(connection);
         }
     }
-    (void)umb_fail(&error, detail->status, "%.120s: %.280s", connection->client->address.text,
+    (void)umb_fail(&error, detail->status, "%.120s: %.280s", connection->endpoint->address.text,
                    detail->message);
     umb__connection_lose(connection, &error);
 }
@@ -298,9 +301,10 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         }
         return;
     }
+    connection->heard = true;
     if (connection->probing) {
         connection->probing = false;
-        (void)uv_timer_stop(&connection->timer);
+        umb__connection_keep_alive(connection);
     }
     if (connection->tls != NULL) {
         struct umb_error error;
@@ -326,19 +330,36 @@ static void on_timeout(uv_timer_t *timer)
 {
     struct umb__connection *connection = timer->data;
     struct umb_error error;
+    if (connection->ready && !connection->probing) {
+        if (connection->active.first != NULL && !connection->heard) {
+            umb__connection_probe(connection);
+            umb__connection_flush(connection);
+        } else {
+            umb__connection_keep_alive(connection);
+        }
+        return;
+    }
     if (connection->probing) {
         (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no sign of life within %lu ms",
-                       connection->client->address.text,
+                       connection->endpoint->address.text,
                        (unsigned long)connection->client->options.connect_timeout_ms);
         umb__connection_lose(connection, &error);
         return;
     }
     (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no HTTP/2 connection within %lu ms%s%.80s",
-                   connection->client->address.text,
+                   connection->endpoint->address.text,
                    (unsigned long)connection->client->options.connect_timeout_ms,
                    connection->last_error.message[0] != '\0' ? ", last: " : "",
                    connection->last_error.message);
     umb__connection_lose(connection, &error);
+}
+
+void umb__connection_keep_alive(struct umb__connection *connection)
+{
+    connection->heard = false;
+    uv_update_time(&connection->client->loop);
+    (void)uv_timer_start(&connection->timer, on_timeout, connection->client->options.keepalive_ms,
+                         0);
 }
 
 void umb__connection_probe(struct umb__connection *connection)
@@ -357,10 +378,11 @@ void umb__connection_probe(struct umb__connection *connection)
 static enum umb_status start_tls(struct umb__connection *connection, struct umb_error *error)
 {
     const struct umb_client *client = connection->client;
-    if (!client->address.is_tls) {
+    const struct umb__address *address = &connection->endpoint->address;
+    if (!address->is_tls) {
         return UMB_OK;
     }
-    const char *name = client->server_name != NULL ? client->server_name : client->address.host;
+    const char *name = client->server_name != NULL ? client->server_name : address->host;
     enum umb_status status = umb__tls_create(client->tls_context, name, &connection->tls, error);
     return status == UMB_OK ? umb__tls_open(connection->tls, NULL, 0, take_plain, connection, error)
                             : status;
@@ -369,7 +391,7 @@ static enum umb_status start_tls(struct umb__connection *connection, struct umb_
 static void start_session(struct umb__connection *connection)
 {
     struct umb_error error;
-    if (!connection->client->address.is_unix) {
+    if (!connection->endpoint->address.is_unix) {
         (void)uv_tcp_nodelay(&connection->socket.tcp, 1);
     }
     if (umb__session_create(connection, &error) != UMB_OK ||
@@ -403,7 +425,7 @@ static void connect_failed(struct umb__connection *connection, int code)
 {
     char text[96];
     (void)umb_fail(&connection->last_error, UMB_E_UNAVAILABLE, "%.180s: cannot connect: %s",
-                   connection->client->address.text, uv_text(code, text));
+                   connection->endpoint->address.text, uv_text(code, text));
     if (connection->next_address == NULL) {
         struct umb_error error = connection->last_error;
         umb__connection_lose(connection, &error);
@@ -480,13 +502,13 @@ static void connect_unix(struct umb__connection *connection)
     connection->handles++;
     connection->connect.data = connection;
     uv_pipe_connect(&connection->connect, &connection->socket.pipe,
-                    connection->client->address.path, on_connected);
+                    connection->endpoint->address.path, on_connected);
 }
 
 /* Numbers are connected to at once; only names cost a resolver thread. */
 static void connect_host(struct umb__connection *connection)
 {
-    const struct umb__address *address = &connection->client->address;
+    const struct umb__address *address = &connection->endpoint->address;
     int port = (int)strtol(address->port, NULL, 10);
     union {
         struct sockaddr any;
@@ -511,16 +533,18 @@ static void connect_host(struct umb__connection *connection)
     }
 }
 
-void umb__connection_open(struct umb_client *client)
+void umb__connection_open(struct umb__endpoint *endpoint)
 {
+    struct umb_client *client = endpoint->client;
     struct umb__connection *connection = calloc(1, sizeof *connection);
     if (connection == NULL) {
         struct umb_error error;
         (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a connection");
-        umb__calls_fail(client, &client->waiting, &error);
+        umb__calls_fail(client, &endpoint->waiting, &error);
         return;
     }
     connection->client = client;
+    connection->endpoint = endpoint;
     (void)uv_timer_init(&client->loop, &connection->timer); /* cannot fail */
     connection->timer.data = connection;
     connection->handles = 1;
@@ -529,10 +553,10 @@ void umb__connection_open(struct umb_client *client)
         client->connections->previous = connection;
     }
     client->connections = connection;
-    client->current = connection;
+    endpoint->current = connection;
     uv_update_time(&client->loop);
     (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
-    if (client->address.is_unix) {
+    if (endpoint->address.is_unix) {
         connect_unix(connection);
     } else {
         connect_host(connection);

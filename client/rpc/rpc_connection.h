@@ -20,6 +20,7 @@
 struct umb__connection {
     struct umb__connection *next, *previous; /* in client->connections */
     struct umb_client *client;
+    struct umb__endpoint *endpoint;
     union {
         uv_handle_t handle;
         uv_stream_t stream;
@@ -43,6 +44,7 @@ struct umb__connection {
     bool ready;     /* settings came: takes calls */
     bool used;      /* took a call */
     bool probing;   /* waits for any bytes, after a PING */
+    bool heard;     /* bytes came since the timer was set to look */
     bool draining;  /* GOAWAY came, or stream numbers ran out: takes no more calls */
     bool flush_due; /* something was submitted outside of its call-backs */
     bool lost;
@@ -52,11 +54,16 @@ struct umb__connection {
     struct umb_error last_error; /* of the last address tried */
 };
 
-/* Opens a connection and makes it client->current; on failure the waiting calls are failed. */
-void umb__connection_open(struct umb_client *client);
+/* Opens a connection and makes it the replica's current one; without memory the waiting calls are
+ * failed. */
+void umb__connection_open(struct umb__endpoint *endpoint);
 
 /* Ends a connection for a reason. Never from inside an nghttp2 call-back. */
 void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason);
+
+/* Sets the timer of a ready connection to look whether the peer says anything while it owes
+ * answers; if not, it is asked for a sign of life. */
+void umb__connection_keep_alive(struct umb__connection *connection);
 
 /* Asks a ready connection for a sign of life; the PING goes out with the next flush. */
 void umb__connection_probe(struct umb__connection *connection);

@@ -35,8 +35,9 @@ enum umb_status umb_client_list(struct umb_client *client, struct umb_client_ass
     *count = 0;
     enum umb_status status = umbw_encode_list_request(&body, error);
     if (status == UMB_OK) {
-        status = umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_LIST}, &body,
-                                decode_list, &reply, error);
+        status =
+            umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_LIST, .safe = true},
+                           &body, decode_list, &reply, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -105,8 +106,10 @@ enum umb_status umb_client_describe(struct umb_client *client, const char *asset
     *description = NULL;
     enum umb_status status = umbw_encode_describe_request(asset, &body, error);
     if (status == UMB_OK) {
-        status = umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_DESCRIBE}, &body,
-                                decode_description, &reply, error);
+        status = umb__call_wait(
+            client,
+            &(struct umb__call_plan){.path = UMBW_PATH_DESCRIBE, .asset = asset, .safe = true},
+            &body, decode_description, &reply, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -143,8 +146,9 @@ enum umb_status umb_client_health(struct umb_client *client, const char *service
     enum umb_status status =
         umbw_encode_health_request(service == NULL ? "" : service, &body, error);
     if (status == UMB_OK) {
-        status = umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_CHECK}, &body,
-                                decode_health, &answer, error);
+        status =
+            umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_CHECK, .safe = true},
+                           &body, decode_health, &answer, error);
     }
     *serving = status == UMB_OK && answer == HEALTH_SERVING;
     return status;

@@ -77,6 +77,8 @@ static struct umb__call_plan plan_of(const struct umb_client_query_request *requ
 {
     return (struct umb__call_plan){
         .path = UMBW_PATH_QUERY,
+        .asset = request->asset,
+        .safe = true,
         .timeout_ms = request->timeout_ms,
         .stream = request->stream,
     };

@@ -82,7 +82,9 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
         reply->has_grpc_status = true;
         reply->grpc_status = small_number(value, value_size, STATUS_DIGITS);
     } else if (is_name(name, name_size, "grpc-retry-pushback-ms")) {
-        reply->come_again = small_number(value, value_size, PUSHBACK_DIGITS) >= 0;
+        int wait_ms = small_number(value, value_size, PUSHBACK_DIGITS);
+        reply->come_again = wait_ms >= 0;
+        reply->come_again_ms = wait_ms >= 0 ? (uint32_t)wait_ms : 0;
     } else if (is_name(name, name_size, "grpc-message")) {
         size_t size =
             value_size < sizeof reply->grpc_message ? value_size : sizeof reply->grpc_message;

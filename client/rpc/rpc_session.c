@@ -10,6 +10,7 @@
  * Source: reference measurements of gRPC on nghttp2: windows of 64 MiB, frames of 1 MiB.
  */
 #include "rpc_connection.h"
+#include "rpc_endpoint.h"
 #include "rpc_stream.h"
 
 #include <stdio.h>
@@ -22,7 +23,7 @@
 
 #define WINDOW_BYTES   (64 << 20)
 #define HEADERS_ALWAYS 8 /* of a request, and some that depend */
-#define HEADERS_MAX    (HEADERS_ALWAYS + 2)
+#define HEADERS_MAX    (HEADERS_ALWAYS + 3)
 
 static struct umb__call *stream_call(nghttp2_session *session, int32_t stream_id)
 {
@@ -42,7 +43,7 @@ static void end_call(struct umb__connection *connection, struct umb__call *call,
         (void)nghttp2_submit_rst_stream(connection->session, NGHTTP2_FLAG_NONE, call->stream_id,
                                         NGHTTP2_CANCEL);
     }
-    umb__call_complete(connection->client, call, status, error);
+    umb__call_conclude(connection->client, call, status, error, true);
 }
 
 static int on_header(nghttp2_session *session, const nghttp2_frame *frame, const uint8_t *name,
@@ -85,8 +86,8 @@ static void on_settings(struct umb__connection *connection)
 {
     if (!connection->ready) {
         connection->ready = true;
-        (void)uv_timer_stop(&connection->timer);
-        umb__client_backoff(connection->client, false);
+        umb__connection_keep_alive(connection);
+        umb__endpoint_backoff(connection->endpoint, false);
     }
 }
 
@@ -140,15 +141,12 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
     }
     /* Refused, beyond the last stream of a GOAWAY, or never sent: the server did no work. */
     bool unprocessed = code == NGHTTP2_REFUSED_STREAM || !call->headers_sent;
-    if (unprocessed && umb__call_retry(connection->client, call)) {
-        return 0;
-    }
     struct umb_error error;
     enum umb_status status =
         umb_fail(&error, unprocessed ? UMB_E_UNAVAILABLE : status_of_reset(code),
-                 "%.200s: the server reset the call (%s)", connection->client->address.text,
+                 "%.200s: the server reset the call (%s)", connection->endpoint->address.text,
                  nghttp2_http2_strerror(code));
-    umb__call_complete(connection->client, call, status, &error);
+    umb__call_conclude(connection->client, call, status, &error, !unprocessed);
     return 0;
 }
 
@@ -271,6 +269,17 @@ static nghttp2_nv header(const char *name, const char *value)
     return pair;
 }
 
+/* Names of assets may be any UTF-8; those that a header cannot hold go without. */
+static bool is_header_value(const char *text)
+{
+    for (const char *at = text; *at != '\0'; at++) {
+        if (*at <= ' ' || *at > '~') {
+            return false;
+        }
+    }
+    return text[0] != '\0';
+}
+
 /* Never put into HPACK's table, where a proxy on the way could be made to compare it. */
 static nghttp2_nv secret_header(const char *name, const char *value)
 {
@@ -287,9 +296,9 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     char timeout[16];
     nghttp2_nv headers[HEADERS_MAX] = {
         header(":method", "POST"),
-        header(":scheme", client->address.is_tls ? "https" : "http"),
+        header(":scheme", connection->endpoint->address.is_tls ? "https" : "http"),
         header(":path", call->path),
-        header(":authority", client->address.authority),
+        header(":authority", connection->endpoint->address.authority),
         header("te", "trailers"),
         header("content-type", "application/grpc"),
         header("user-agent", "umbrage/" UMB_VERSION),
@@ -299,6 +308,9 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     if (call->deadline_ns != UINT64_MAX) {
         (void)umbw_timeout_format((int64_t)left, timeout);
         headers[header_count++] = header("grpc-timeout", timeout);
+    }
+    if (is_header_value(call->asset)) {
+        headers[header_count++] = header("x-umbrage-asset", call->asset);
     }
     if (client->bearer != NULL) {
         headers[header_count++] = secret_header("authorization", client->bearer);
@@ -338,13 +350,11 @@ void umb__session_give_back(struct umb__connection *connection)
         next = call->next;
         if (!call->headers_sent) {
             umb__session_cancel(connection, call);
-            if (!umb__call_retry(connection->client, call)) {
-                struct umb_error error;
-                enum umb_status status =
-                    umb_fail(&error, UMB_E_UNAVAILABLE, "%.200s: the server is going away",
-                             connection->client->address.text);
-                umb__call_complete(connection->client, call, status, &error);
-            }
+            struct umb_error error;
+            enum umb_status status =
+                umb_fail(&error, UMB_E_UNAVAILABLE, "%.200s: the server is going away",
+                         connection->endpoint->address.text);
+            umb__call_conclude(connection->client, call, status, &error, false);
         }
     }
 }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "rpc_connection.h"
+#include "rpc_endpoint.h"
 
 static void make_carrier(struct umb_client_stream *stream);
 
@@ -67,6 +68,7 @@ static bool take_reply(void *user, const uint8_t *message, size_t size)
     if (stream->sent.first == NULL) {
         return false;
     }
+    umb__client_earn(stream->client);
     umb__call_answer(stream->client, stream->sent.first, message, size);
     return true;
 }
@@ -91,6 +93,21 @@ static void refuse_oldest(struct umb_client_stream *stream, const struct umb_err
     push(stream);
 }
 
+/* The stream ended, and with it the answers to what was sent: safe to ask again, within bounds. */
+static void go_on(struct umb_client_stream *stream, const struct umb_error *reason)
+{
+    struct umb_client *client = stream->client;
+    struct umb__call *next;
+    umb__stream_rewind(stream);
+    for (struct umb__call *call = stream->queue.first; call != NULL; call = next) {
+        next = call->next;
+        if (!umb__call_may_repeat(client, call)) {
+            umb__call_complete(client, call, reason->status, reason);
+        }
+    }
+    push(stream);
+}
+
 static void on_carrier_done(void *user, enum umb_status status, const uint8_t *message, size_t size,
                             const struct umb_error *error)
 {
@@ -102,6 +119,7 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
         return; /* was given up by us */
     }
     bool told = stream->carrier->reply.has_grpc_status && status != UMB_E_UNAVAILABLE;
+    bool reached = stream->carrier->headers_sent; /* else nobody could be reached, and was tried */
     stream->carrier = NULL;
     if (status == UMB_OK) {
         (void)umb_fail(&reason, UMB_E_UNAVAILABLE, "the server ended the stream");
@@ -110,6 +128,8 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
     }
     if (told && status != UMB_OK && !stream->client->stopped) {
         refuse_oldest(stream, &reason);
+    } else if (reason.status == UMB_E_UNAVAILABLE && reached) {
+        go_on(stream, &reason);
     } else {
         fail_all(stream, &reason);
     }
@@ -118,7 +138,9 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
 static void make_carrier(struct umb_client_stream *stream)
 {
     struct umb_client *client = stream->client;
-    struct umb__call *carrier = calloc(1, sizeof *carrier);
+    const char *asset = stream->queue.first->asset; /* mostly there is one for all */
+    size_t asset_size = strlen(asset) + 1;
+    struct umb__call *carrier = calloc(1, sizeof *carrier + asset_size);
     if (carrier == NULL) {
         struct umb_error error;
         (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a stream");
@@ -138,7 +160,10 @@ static void make_carrier(struct umb_client_stream *stream)
     pthread_mutex_unlock(&client->lock);
     stream->carrier = carrier;
     stream->deferred = false;
-    umb__call_move(carrier, &client->waiting);
+    carrier->started_ns = uv_hrtime();
+    carrier->key = stream->queue.first->key;
+    memcpy(carrier->asset, asset, asset_size);
+    umb__call_route(client, carrier);
     (void)uv_async_send(&client->wake); /* not every caller is followed by a dispatch */
 }
 

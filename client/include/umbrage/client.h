@@ -9,10 +9,21 @@
  *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
  *     umb_client_close(client);
  *
- * A client owns one loop thread and one connection, which it opens at the first call and again
- * after it was lost. A call that the server has not begun is sent again, at most twice; one that it
- * may have begun never is. A connection on which a call met its deadline is asked for a sign of
- * life and given up after connect_timeout_ms without one. The asynchronous face returns at once and
+ * A client owns one loop thread and a connection to each server it was given, opened at the first
+ * call for it and again after it was lost. A connection on which a call met its deadline, or whose
+ * server owes answers and is silent for keepalive_ms, is asked for a sign of life and given up
+ * after connect_timeout_ms without one.
+ *
+ * Trying again: a call that the server has not begun goes on at once. All calls here only ask, so
+ * one whose connection was lost, or that the server refused with UNAVAILABLE or "come again after",
+ * is asked again after a pause, max_retries times at most, within its deadline, and not while most
+ * calls fail. A server that was there and is gone (restarted) is waited for, connect_timeout_ms at
+ * most; one that never was fails the call at once.
+ *
+ * Several servers: "tcp:a:7420,tcp:b:7420" are replicas with the same assets, 64 at most. Each
+ * asset has its own order of them (rendezvous hashing), the same for every client: a call goes to
+ * the first that can be reached, and a try to the next.
+ * The asynchronous face returns at once and
  * calls back on the client's own thread; the blocking face is the asynchronous one and a wait. The
  * library never aborts, exits or prints.
  *
@@ -27,7 +38,7 @@
  * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
  * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
  * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-when-to-come-again.md).
- * Limits: one connection a client.
+ * Limits: one connection to each server.
  * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
  * umb_client_close then waits for it.
  */
@@ -44,10 +55,17 @@ extern "C" {
 struct umb_client;        /* opaque */
 struct umb_client_stream; /* opaque */
 
+#define UMB_CLIENT_NEVER UINT32_MAX
+
 struct umb_client_options {
     uint32_t connect_timeout_ms; /* until the server's first frame, or sign of life; 0 = 5000 */
     uint32_t call_timeout_ms;    /* 0 = 60000; sent as grpc-timeout */
+    uint32_t keepalive_ms;       /* silence of a server that owes answers before it is asked for a
+                                    sign of life; 0 = 10000 */
+    uint32_t max_retries;        /* of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */
     uint32_t max_calls;          /* under way and waiting; 0 = 1024; further ones get E_BUSY */
+    uint64_t max_request_bytes;  /* of those calls together; 0 = 256 MiB; likewise, but one call
+                                    alone may have more */
     uint64_t max_reply_bytes;    /* of one reply; 0 = 64 MiB, at most 4 GiB */
     umb_log_fn log;              /* NULL = silent; called on the client's thread */
     void *log_user;
@@ -123,13 +141,11 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
 /*
  * Makes a client. Does not connect yet.
  *
- * In:    address: copied. options: copied, strings too; NULL for the defaults.
- * Out:   out: the client, or NULL on failure.
- * Owns:  the caller closes it with umb_client_close.
- * Fails: E_ARGUMENT (address, token, a file that cannot be used, files without a tls: address),
- *        E_NO_INPUT (a file that cannot be read), E_NO_MEMORY, E_INTERNAL (no lock, loop or thread
- *        to be had).
- * Cost:  one thread with all signals blocked, about 0.3 MiB.
+ * In:    address: one, or several with commas between; copied. options: copied, strings too; NULL
+ * for the defaults. Out:   out: the client, or NULL on failure. Owns:  the caller closes it with
+ * umb_client_close. Fails: E_ARGUMENT (address, token, a file that cannot be used, files without a
+ * tls: address), E_NO_INPUT (a file that cannot be read), E_NO_MEMORY, E_INTERNAL (no lock, loop or
+ * thread to be had). Cost:  one thread with all signals blocked, about 0.3 MiB.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
                                                     const struct umb_client_options *options,

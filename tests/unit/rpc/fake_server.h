@@ -7,7 +7,8 @@
  *
  * Names: ok not-found reset refuse refuse-once goaway-once silent garbage over-long http-503 html
  * no-status two-messages short compressed drop drop-inside bomb status-999 shed too-many
- * never-again. "ok" answers each point with its x coordinate (float).
+ * never-again away away-twice drop-once shed-once. "ok" answers each point with its x coordinate
+ * (float).
  */
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -211,8 +212,18 @@ static void fake_query(struct fake_connection *connection, struct fake_stream *s
     static const uint8_t over_long[] = {0, 0x7f, 0xff, 0xff, 0xff, 1, 2, 3};
     const char *name = request->asset;
     const char *type = "application/grpc+proto";
-    bool first = atomic_load(&connection->server->requests) == 1;
-    if (strcmp(name, "not-found") == 0) {
+    unsigned number = atomic_load(&connection->server->requests);
+    bool first = number == 1;
+    if (first && strcmp(name, "drop-once") == 0) {
+        name = "drop";
+    } else if (first && strcmp(name, "shed-once") == 0) {
+        name = "shed";
+    } else if (number <= 2 && strcmp(name, "away-twice") == 0) {
+        name = "away";
+    }
+    if (strcmp(name, "away") == 0) {
+        fake_trailers_only(connection, stream->id, "14", "draining");
+    } else if (strcmp(name, "not-found") == 0) {
         fake_trailers_only(connection, stream->id, "5",
                            "asset: no %22not-found%22%0A caf%C3%A9 50%25");
     } else if (strcmp(name, "status-999") == 0) {

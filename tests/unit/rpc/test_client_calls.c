@@ -301,7 +301,8 @@ static void silence_ends_at_the_deadline_and_resets_the_stream(void **state)
 static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
 {
     struct fake_server server = {.http1 = false};
-    const struct umb_client_options options = {.connect_timeout_ms = 150};
+    const struct umb_client_options options = {.connect_timeout_ms = 150,
+                                               .max_retries = UMB_CLIENT_NEVER};
     char address[128];
     struct umb_error error;
     (void)state;
@@ -433,11 +434,12 @@ static void full_client_is_busy_and_close_cancels_every_call_once(void **state)
 static void connection_lost_in_a_reply_fails_the_call_and_the_next_one_reconnects(void **state)
 {
     struct fake_server server = {.http1 = false};
+    const struct umb_client_options options = {.max_retries = UMB_CLIENT_NEVER};
     char address[128];
     struct umb_error error;
     (void)state;
     fake_start(&server, 0, address);
-    struct umb_client *client = open_client(address, NULL);
+    struct umb_client *client = open_client(address, &options);
     for (int round = 0; round < 3; round++) {
         assert_int_equal(ask(client, "drop", 2000, &error), UMB_E_UNAVAILABLE);
         assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);

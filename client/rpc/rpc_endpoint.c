@@ -1,0 +1,358 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Replicas and tries, see rpc_endpoint.h. */
+#include "rpc_endpoint.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "rpc_connection.h"
+#include "rpc_stream.h"
+
+#define BACKOFF_FIRST_MS 50
+#define BACKOFF_MAX_MS   1000
+#define TOKENS_FULL      100 /* tenths */
+#define TOKENS_FAILURE   10
+#define TOKENS_ANSWER    1
+#define REST_MAX_MS      60000 /* the longest that a server's wish is followed */
+
+/* Source: the finalizer of "Fast splittable pseudorandom number generators", 2014. */
+static uint64_t mix(uint64_t z)
+{
+    z += 0x9e3779b97f4a7c15U;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
+    return z ^ (z >> 31);
+}
+
+uint64_t umb__asset_key(const char *asset)
+{
+    uint64_t key = 0;
+    for (const char *at = asset; *at != '\0'; at++) {
+        key = mix(key ^ (uint8_t)*at);
+    }
+    return key;
+}
+
+enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text,
+                                     struct umb_error *error)
+{
+    size_t count = 1;
+    for (const char *at = text; *at != '\0'; at++) {
+        count += *at == ',';
+    }
+    if (count > UMB__ENDPOINTS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "address: %zu replicas are over the limit of %d",
+                        count, UMB__ENDPOINTS_MAX);
+    }
+    client->endpoints = calloc(count, sizeof *client->endpoints);
+    if (client->endpoints == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+    }
+    enum umb_status status = UMB_OK;
+    for (const char *at = text; status == UMB_OK; at++) {
+        struct umb__endpoint *endpoint = &client->endpoints[client->endpoint_count++];
+        char one[sizeof endpoint->address.text];
+        size_t length = strcspn(at, ",");
+        if (length >= sizeof one) {
+            return umb_fail(error, UMB_E_ARGUMENT, "address: %zu bytes are over the limit of %zu",
+                            length, sizeof one - 1);
+        }
+        memcpy(one, at, length);
+        one[length] = '\0';
+        endpoint->client = client;
+        status = umb__address_parse(one, &endpoint->address, error);
+        endpoint->key = umb__asset_key(one);
+        client->any_tls |= endpoint->address.is_tls;
+        at += length;
+        if (*at == '\0') {
+            break;
+        }
+    }
+    return status;
+}
+
+void umb__endpoints_free(struct umb_client *client)
+{
+    free(client->endpoints);
+}
+
+static uint64_t bit_of(const struct umb__endpoint *endpoint)
+{
+    return (uint64_t)1 << (endpoint - endpoint->client->endpoints);
+}
+
+/* The best replica of those not tried; prefers ones that are not known to be away. NULL if all were
+ * tried. */
+static struct umb__endpoint *choose(struct umb_client *client, const struct umb__call *call)
+{
+    struct umb__endpoint *best = NULL;
+    uint64_t best_score = 0;
+    bool best_away = true;
+    uint64_t now = client->endpoint_count > 1 ? uv_hrtime() : 0;
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        struct umb__endpoint *endpoint = &client->endpoints[i];
+        uint64_t score = mix(endpoint->key ^ call->key);
+        bool away = now < endpoint->backoff_until_ns;
+        if ((call->tried & bit_of(endpoint)) == 0 &&
+            (best == NULL || (best_away && !away) || (best_away == away && score > best_score))) {
+            best = endpoint;
+            best_score = score;
+            best_away = away;
+        }
+    }
+    return best;
+}
+
+void umb__call_route(struct umb_client *client, struct umb__call *call)
+{
+    struct umb__endpoint *endpoint = choose(client, call);
+    if (endpoint == NULL) {
+        call->tried = 0;
+        endpoint = choose(client, call);
+    }
+    call->endpoint = endpoint;
+    umb__call_move(call, &endpoint->waiting);
+}
+
+void umb__endpoint_backoff(struct umb__endpoint *endpoint, bool failed)
+{
+    if (!failed) {
+        endpoint->backoff_ms = 0;
+        endpoint->backoff_until_ns = 0;
+        endpoint->known = true;
+        return;
+    }
+    endpoint->backoff_ms = endpoint->backoff_ms == 0 ? BACKOFF_FIRST_MS : endpoint->backoff_ms * 2;
+    if (endpoint->backoff_ms > BACKOFF_MAX_MS) {
+        endpoint->backoff_ms = BACKOFF_MAX_MS;
+    }
+    endpoint->backoff_until_ns = uv_hrtime() + endpoint->backoff_ms * 1000000U;
+}
+
+/* Has the timer fire by then at the latest. */
+static void wake_by(struct umb_client *client, uint64_t at_ns);
+
+static void on_rest_over(uv_timer_t *timer)
+{
+    struct umb_client *client = timer->data;
+    uint64_t now = uv_hrtime();
+    uint64_t next_ns = UINT64_MAX;
+    struct umb__call *next;
+    client->rest_armed_ns = 0;
+    for (struct umb__call *call = client->resting.first; call != NULL; call = next) {
+        next = call->next;
+        if (call->ready_ns <= now) {
+            umb__call_route(client, call);
+        } else if (call->ready_ns < next_ns) {
+            next_ns = call->ready_ns;
+        }
+    }
+    if (next_ns != UINT64_MAX) {
+        wake_by(client, next_ns);
+    }
+    umb__client_dispatch(client);
+}
+
+static void wake_by(struct umb_client *client, uint64_t at_ns)
+{
+    uint64_t now = uv_hrtime();
+    if (client->rest_armed_ns != 0 && client->rest_armed_ns <= at_ns) {
+        return;
+    }
+    client->rest_armed_ns = at_ns;
+    uv_update_time(&client->loop);
+    (void)uv_timer_start(&client->rest_timer, on_rest_over,
+                         at_ns > now ? (at_ns - now) / 1000000U + 1 : 0, 0);
+}
+
+/* Submits every waiting call; false if the connection became full and another is needed. */
+static bool submit_waiting(struct umb__endpoint *endpoint, struct umb__connection *connection)
+{
+    while (endpoint->waiting.first != NULL) {
+        if (!umb__session_submit(connection, endpoint->waiting.first)) {
+            endpoint->current = NULL;
+            return false;
+        }
+    }
+    umb__connection_flush(connection);
+    return true;
+}
+
+static void dispatch(struct umb__endpoint *endpoint)
+{
+    struct umb_client *client = endpoint->client;
+    /* A connection that is full is replaced once; a new one takes at least one call. */
+    while (endpoint->waiting.first != NULL && !client->stopped) {
+        struct umb__connection *connection = endpoint->current;
+        if (connection != NULL) {
+            if (!connection->ready || submit_waiting(endpoint, connection)) {
+                return;
+            }
+            continue;
+        }
+        if (uv_hrtime() < endpoint->backoff_until_ns) {
+            wake_by(client, endpoint->backoff_until_ns);
+            return;
+        }
+        umb__connection_open(endpoint);
+        return;
+    }
+}
+
+void umb__client_dispatch(struct umb_client *client)
+{
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        dispatch(&client->endpoints[i]);
+    }
+}
+
+/* Makes a call as it was before it was sent. */
+static void start_over(struct umb_client *client, struct umb__call *call)
+{
+    if (call->connection != NULL && call->connection->session != NULL) {
+        (void)nghttp2_session_set_stream_user_data(call->connection->session, call->stream_id,
+                                                   NULL);
+    }
+    call->connection = NULL;
+    call->stream_id = 0;
+    call->headers_sent = false;
+    call->body_sent = 0;
+    umb__reply_restart(&call->reply);
+    if (call->carries != NULL) {
+        umb__stream_rewind(call->carries);
+    }
+    /* Not every caller is followed by a dispatch. */
+    (void)uv_async_send(&client->wake);
+}
+
+/* A pause that doubles with each try, plus or minus a fifth. */
+static uint64_t pause_ns(struct umb_client *client, unsigned tries)
+{
+    client->noise = mix(client->noise);
+    uint64_t pause = (uint64_t)BACKOFF_FIRST_MS * 1000000U << (tries > 4 ? 4 : tries);
+    return pause * 4 / 5 + client->noise % (pause * 2 / 5);
+}
+
+void umb__client_spend(struct umb_client *client)
+{
+    client->tokens -= client->tokens < TOKENS_FAILURE ? client->tokens : TOKENS_FAILURE;
+}
+
+void umb__client_earn(struct umb_client *client)
+{
+    client->tokens += client->tokens < TOKENS_FULL ? TOKENS_ANSWER : 0;
+}
+
+static bool has_budget(const struct umb_client *client)
+{
+    return client->tokens > TOKENS_FULL / 2;
+}
+
+/* Lets a call rest and then go on; false if its time would be over. */
+static bool rest(struct umb_client *client, struct umb__call *call, uint64_t for_ns)
+{
+    uint64_t ready_ns = uv_hrtime() + for_ns;
+    if (ready_ns >= call->deadline_ns) {
+        return false;
+    }
+    start_over(client, call);
+    call->ready_ns = ready_ns;
+    umb__call_move(call, &client->resting);
+    wake_by(client, ready_ns);
+    return true;
+}
+
+/* Another try of a call that the server may have acted on. */
+static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_status status)
+{
+    bool wished = status == UMB_E_BUSY && call->reply.come_again;
+    if (status != UMB_E_UNAVAILABLE && !wished) {
+        return false;
+    }
+    if (call->reply.has_grpc_status) {
+        umb__client_spend(client); /* a lost connection was paid for as such */
+    }
+    /* What was fed or has given messages away cannot be done again. */
+    if (!has_budget(client) || !call->safe || call->was_fed || call->reply.take != NULL ||
+        call->retries >= client->options.max_retries) {
+        return false;
+    }
+    uint64_t for_ns =
+        wished ? (uint64_t)call->reply.come_again_ms * 1000000U : pause_ns(client, call->retries);
+    if (for_ns > (uint64_t)REST_MAX_MS * 1000000U) {
+        return false;
+    }
+    call->tried |= call->endpoint != NULL ? bit_of(call->endpoint) : 0;
+    call->retries++;
+    return rest(client, call, for_ns);
+}
+
+bool umb__call_may_repeat(struct umb_client *client, struct umb__call *call)
+{
+    if (client->stopped || !has_budget(client) || call->retries >= client->options.max_retries) {
+        return false;
+    }
+    call->retries++;
+    return true;
+}
+
+void umb__call_conclude(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                        const struct umb_error *error, bool begun)
+{
+    if (status == UMB_OK) {
+        umb__client_earn(client);
+    } else if (!client->stopped && !begun && !call->was_fed && call->retries < UMB__RETRIES_MAX) {
+        call->retries++;
+        start_over(client, call);
+        umb__call_route(client, call);
+        return;
+    } else if (!client->stopped && begun && repeat(client, call, status)) {
+        return;
+    }
+    umb__call_complete(client, call, status, error);
+}
+
+/* May a call that nobody could be reached for wait until somebody is back? */
+static bool may_wait(const struct umb_client *client, const struct umb__call *call)
+{
+    uint64_t until_ns = call->started_ns + (uint64_t)client->options.connect_timeout_ms * 1000000U;
+    if (client->options.max_retries == 0 || uv_hrtime() >= until_ns) {
+        return false;
+    }
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        if (client->endpoints[i].known) {
+            return true;
+        }
+    }
+    return false;
+}
+
+void umb__endpoint_unreached(struct umb__endpoint *endpoint, const struct umb_error *reason)
+{
+    struct umb_client *client = endpoint->client;
+    struct umb__call_list calls = {NULL, NULL};
+    while (endpoint->waiting.first != NULL) {
+        umb__call_move(endpoint->waiting.first, &calls);
+    }
+    while (calls.first != NULL) {
+        struct umb__call *call = calls.first;
+        call->tried |= bit_of(endpoint);
+        if (choose(client, call) != NULL || may_wait(client, call)) {
+            umb__call_route(client, call);
+        } else {
+            umb__call_complete(client, call, reason->status, reason);
+        }
+    }
+}
+
+void umb__endpoint_deserted(struct umb__endpoint *endpoint, const struct umb_error *reason)
+{
+    struct umb__call_list calls = {NULL, NULL};
+    while (endpoint->waiting.first != NULL) {
+        umb__call_move(endpoint->waiting.first, &calls);
+    }
+    while (calls.first != NULL) {
+        struct umb__call *call = calls.first;
+        call->tried |= bit_of(endpoint);
+        umb__call_conclude(endpoint->client, call, reason->status, reason, false);
+    }
+}
