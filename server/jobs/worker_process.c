@@ -24,7 +24,7 @@
 #define SPARE_FD        100  /* sources are parked above it while 0..3 are laid out */
 #define STEP_MS         20   /* between looks whether it has ended */
 #define NICENESS        5    /* queries come first */
-#define GRACE_MS        3000 /* from the wish that it ends to its kill: it may have work elsewhere */
+#define GRACE_MS        3000 /* from SIGTERM to SIGKILL: it may have work elsewhere */
 
 /* Bytes of a pipe that are no whole line yet. */
 struct line_reader {
