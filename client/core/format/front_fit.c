@@ -12,7 +12,7 @@
 #include <math.h>
 
 #define SLOPE_MAX   1024 /* voxels a texel, so that c of 8x8 texels fits 32 bits */
-#define TURNS       32   /* of slopes, at most */
+#define TURNS       16   /* of slopes, at most: twice as many save 0.5 % of the bytes */
 #define NEAR_SPREAD 4    /* voxels; a spread beyond this is no plane */
 
 static int64_t slope_of(double value, int64_t one)
