@@ -9,7 +9,8 @@
 
 const struct umbc_option UMBC_SESSION_OPTIONS[UMBC_SESSION_COUNT] = {
     [UMBC_SESSION_ADDRESS] = {"address", "ADDRESS",
-                              "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; else UMBRAGE_ADDRESS, "
+                              "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH, or several with commas: "
+                              "replicas; else UMBRAGE_ADDRESS, "
                               "else " UMBC_DEFAULT_ADDRESS,
                               0},
     [UMBC_SESSION_CA] = {"tls-ca", "FILE",
