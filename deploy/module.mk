@@ -44,6 +44,8 @@ install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
 	install -m 0644 $(CORE_LIB) $(RPC_LIB) $(WIRE_LIB) $(DESTDIR)$(libdir)
 	install -m 0644 client/include/umbrage/*.h $(DESTDIR)$(includedir)/umbrage
 	install -m 0644 README.md LICENSE $(wildcard docs/*.md) $(DESTDIR)$(docdir)
+	install -d $(DESTDIR)$(docdir)/examples
+	install -m 0644 $(wildcard docs/examples/*) $(DESTDIR)$(docdir)/examples
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
 	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
 	install -D -m 0644 deploy/systemd/umbraged.socket $(DESTDIR)$(unitdir)/umbraged.socket
