@@ -18,6 +18,7 @@
 
 enum load_option {
     OPTION_RATE,
+    OPTION_CLOSED,
     OPTION_CONNECTIONS,
     OPTION_IN_FLIGHT,
     OPTION_STREAM,
@@ -47,6 +48,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                      "open loop: R calls a second, whatever the daemon does; else "
                      "each connection keeps --in-flight calls under way",
                      0},
+    [OPTION_CLOSED] = {"closed", NULL, "closed loop, which is the default without --rate", 0},
     [OPTION_CONNECTIONS] = {"connections", "N", "default 4", 'c'},
     [OPTION_IN_FLIGHT] = {"in-flight", "N",
                           "calls of a connection: default 8, with --rate at most "
@@ -69,7 +71,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_WARM_UP] = {"warm-up", "S",
                         "seconds before the measured ones, default 1, in a sweep 0.5", 0},
     [OPTION_DURATION] = {"duration", "S",
-                         "seconds that are measured, default 10; of a sweep's step "
+                         "time that is measured (ms, s, m), default 10; of a sweep's step "
                          "2",
                          'd'},
     [OPTION_TIMEOUT] = {"timeout", "MS", "deadline of a call, default 10000", 0},
@@ -141,6 +143,41 @@ static int take_number(const struct umbc_parsed *parsed, enum load_option option
     return -1;
 }
 
+/* Seconds, or with a suffix ms, s or m; otherwise as take_number. */
+static int take_seconds(const struct umbc_parsed *parsed, enum load_option option, double above,
+                        double *value)
+{
+    static const struct {
+        const char *suffix;
+        double seconds;
+    } units[] = {{"ms", 0.001}, {"s", 1}, {"m", 60}};
+    const char *text = parsed->values[option];
+    char number[40];
+    double unit = 1;
+    size_t length = text != NULL ? strspn(text, "0123456789.eE+-") : 0;
+    if (text == NULL) {
+        return -1;
+    }
+    for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
+        if (strcmp(text + length, units[i].suffix) == 0) {
+            unit = units[i].seconds;
+            text = length < sizeof number ? number : text;
+        }
+    }
+    if (text == number) {
+        memcpy(number, parsed->values[option], length);
+        number[length] = '\0';
+    }
+    if (!umbc_parse_number(text, value) ||
+        !(*value * unit > above && *value * unit <= TIME_MAX_S)) {
+        return umbc_usage_error("load: --%s '%s' is not above %g and at most %g seconds (ms, s, m)",
+                                OPTIONS[option].name, parsed->values[option], above < 0 ? 0 : above,
+                                (double)TIME_MAX_S);
+    }
+    *value *= unit;
+    return -1;
+}
+
 static int take_points(const struct umbc_parsed *parsed, struct umbc_load_options *options)
 {
     static const char *const kinds[] = {"camera", "random", "boundary"};
@@ -208,6 +245,10 @@ static int take_load(const struct umbc_parsed *parsed, struct umbc_load_options 
     unsigned long long connections = CONNECTIONS;
     unsigned long long timeout = TIMEOUT_MS;
     int code = take_number(parsed, OPTION_RATE, 0, RATE_MAX, &settings->rate);
+    if (code < 0 && parsed->values[OPTION_CLOSED] != NULL &&
+        (settings->rate > 0 || options->sweep)) {
+        code = umbc_usage_error("load: --closed cannot be with --rate or --sweep");
+    }
     unsigned long long in_flight =
         settings->rate > 0 || options->sweep ? IN_FLIGHT_OPEN : IN_FLIGHT_CLOSED;
     code = code < 0 ? take_count(parsed, OPTION_CONNECTIONS, 1, UMBC_LOAD_CONNS_MAX, &connections)
@@ -217,10 +258,8 @@ static int take_load(const struct umbc_parsed *parsed, struct umbc_load_options 
     code = code < 0 ? take_count(parsed, OPTION_TIMEOUT, 1, 1000ULL * TIME_MAX_S, &timeout) : code;
     settings->warm_up_s = options->sweep ? 0.5 : 1;
     settings->duration_s = options->sweep ? SWEEP_STEP_S : DURATION_S;
-    code = code < 0 ? take_number(parsed, OPTION_WARM_UP, -1e-9, TIME_MAX_S, &settings->warm_up_s)
-                    : code;
-    code = code < 0 ? take_number(parsed, OPTION_DURATION, 0, TIME_MAX_S, &settings->duration_s)
-                    : code;
+    code = code < 0 ? take_seconds(parsed, OPTION_WARM_UP, -1e-9, &settings->warm_up_s) : code;
+    code = code < 0 ? take_seconds(parsed, OPTION_DURATION, 0, &settings->duration_s) : code;
     options->bound_ms = BOUND_MS;
     code = code < 0 ? take_number(parsed, OPTION_BOUND, 0, 1e6, &options->bound_ms) : code;
     if (code < 0 && parsed->values[OPTION_BOUND] != NULL && !options->sweep) {

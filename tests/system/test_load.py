@@ -35,7 +35,7 @@ def load(*words, code=0, to=UNIX):
 
 with test.check("a closed loop's calls and points are those that the daemon counts"):
     before = daemon.metric("umbrage_queries_total")
-    told = load("--warm-up", 0, "--duration", 0.6, "--batch", 100, "--in-flight", 3,
+    told = load("--closed", "--warm-up", "0s", "--duration", "600ms", "--batch", 100, "--in-flight", 3,
                 "--connections", 2, *ADMIN)
     counted = daemon.metric("umbrage_queries_total") - before
     latency = told["latency"]
@@ -110,7 +110,7 @@ with test.check("a test that cannot begin or gets no answer at all says why"):
     assert "no call was answered" in load(*BRIEF, "--batch", 100, code=2, to=(
         "--address", "unix:" + test.daemon("--max-points", 16).socket_path))
     for wrong in (("--rate", 0), ("--taps", 2), ("--batch", 0), ("--connections", 1000), ("--bound", 1),
-                  ("--points", "nice"), ("--trace", "a", "--points", "random"), ("--duration", 0),
+                  ("--points", "nice"), ("--trace", "a", "--points", "random"), ("--duration", 0), ("--duration", "10h"), ("--duration", "ms"), ("--closed", "--rate", 5),
                   ("--normals",), ("--encoding", "png"), ("--warm-up", -1), ("--seed", "x")):
         assert "load:" in load(*wrong, code=2), wrong
 
