@@ -40,9 +40,10 @@ static int check_magic(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     } else {
         return oracle_refuse(error, "magic: neither packed nor mapped");
     }
-    uint64_t major = oracle_number(oracle->bytes + 8, 2);
-    if (major != 1) {
-        return oracle_refuse(error, "major version: %" PRIu64 ", not 1", major);
+    uint64_t major = oracle_number(oracle->bytes + 8, 2),
+             known = oracle->form == ORACLE_PACKED ? 1 : 2;
+    if (major != known) {
+        return oracle_refuse(error, "major version: %" PRIu64 ", not %" PRIu64, major, known);
     }
     return 1;
 }

@@ -25,6 +25,11 @@ static size_t entry_size_of(enum umb_encoding encoding)
     return encoding == UMB_ENCODING_PACKED ? UMB__PAGE_ENTRY : UMB__SECTION_ENTRY;
 }
 
+static unsigned version_of(enum umb_encoding encoding)
+{
+    return encoding == UMB_ENCODING_PACKED ? UMB__VERSION_PACKED : UMB__VERSION_MAPPED;
+}
+
 uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
                           uint32_t info_length)
 {
@@ -51,9 +56,12 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
                         UMB__HEAD_SIZE);
     }
     unsigned major = umb__load16(bytes + UMB__HEAD_VERSION);
-    if (major != UMB__VERSION_MAJOR) {
-        return umb_fail(error, UMB_E_VERSION, "version: %u.%u, this reader knows version %d", major,
-                        umb__load16(bytes + UMB__HEAD_MINOR), UMB__VERSION_MAJOR);
+    if (major != version_of(head->encoding)) {
+        return umb_fail(error, UMB_E_VERSION, "version: %u.%u, this reader knows version %u%s",
+                        major, umb__load16(bytes + UMB__HEAD_MINOR), version_of(head->encoding),
+                        head->encoding == UMB_ENCODING_MAPPED
+                            ? " of mapped files; they are made from packed ones at any time"
+                            : "");
     }
     return UMB_OK;
 }
@@ -154,7 +162,7 @@ void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *b
 {
     memset(bytes, 0, UMB__HEAD_SIZE);
     memcpy(bytes, head->encoding == UMB_ENCODING_PACKED ? UMB__MAGIC_PACKED : UMB__MAGIC_MAPPED, 8);
-    umb__store16(bytes + UMB__HEAD_VERSION, UMB__VERSION_MAJOR);
+    umb__store16(bytes + UMB__HEAD_VERSION, (uint16_t)version_of(head->encoding));
     umb__store16(bytes + UMB__HEAD_MINOR, UMB__VERSION_MINOR);
     umb__store64(bytes + UMB__HEAD_FILE_LENGTH, head->file_length);
     umb__store64(bytes + UMB__HEAD_LENGTH, head->head_length);

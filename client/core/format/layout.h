@@ -22,11 +22,13 @@
  */
 #include <stdint.h>
 
-#define UMB__MAGIC_PACKED  "\x89UMB\r\n\x1a\n"
-#define UMB__MAGIC_MAPPED  "\x89UMM\r\n\x1a\n"
-#define UMB__MAGIC_PARTIAL "\x89UMP\r\n\x1a\n"
-#define UMB__VERSION_MAJOR 1
-#define UMB__VERSION_MINOR 0
+#define UMB__MAGIC_PACKED    "\x89UMB\r\n\x1a\n"
+#define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
+#define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
+#define UMB__VERSION_PACKED  1U /* major versions; the minor one is 0 */
+#define UMB__VERSION_MAPPED  2U /* 1: nodes of any length, one behind the other */
+#define UMB__VERSION_MINOR   0U
+#define UMB__VERSION_PARTIAL 1U
 
 enum {
     UMB__HEAD_VERSION = 8,

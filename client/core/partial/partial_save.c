@@ -26,7 +26,7 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
         return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory for the file's head");
     }
     memcpy(bytes, UMB__MAGIC_PARTIAL, 8);
-    umb__store32(bytes + VERSION, UMB__VERSION_MAJOR);
+    umb__store32(bytes + VERSION, UMB__VERSION_PARTIAL);
     umb__store32(bytes + COUNT, p->held_count);
     umb__store64(bytes + HEAD_LENGTH, head);
     memcpy(bytes + FIXED, p->head_bytes, head);
@@ -91,9 +91,9 @@ enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
     if (size < FIXED) {
         return umb_fail(error, UMB_E_TRUNCATED, "partial file: %zu bytes", size);
     }
-    if (umb__load32(file + VERSION) != UMB__VERSION_MAJOR) {
-        return umb_fail(error, UMB_E_VERSION, "partial file: version %u, this reader knows %d",
-                        umb__load32(file + VERSION), UMB__VERSION_MAJOR);
+    if (umb__load32(file + VERSION) != UMB__VERSION_PARTIAL) {
+        return umb_fail(error, UMB_E_VERSION, "partial file: version %u, this reader knows %u",
+                        umb__load32(file + VERSION), UMB__VERSION_PARTIAL);
     }
     const uint32_t count = umb__load32(file + COUNT);
     const uint64_t head_length = umb__load64(file + HEAD_LENGTH);

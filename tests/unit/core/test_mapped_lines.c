@@ -117,11 +117,35 @@ static void gaps_between_wide_nodes_are_no_nodes(void **state)
     bytes_finish(&mapped);
 }
 
+/* Whoever trusts a cache because it passed a check once must not trust one of another layout. */
+static void a_mapped_file_of_another_version_is_refused_even_if_trusted(void **state)
+{
+    const struct umb_open_options trusting = {.trust = UMB_TRUST_VALIDATED};
+    struct bytes packed = sloped_file(), mapped = make_mapped(&packed);
+    struct umb_asset *asset;
+    (void)state;
+    assert_int_equal(umb__load16(mapped.data + UMB__HEAD_VERSION), UMB__VERSION_MAPPED);
+    for (unsigned version = 0; version < 4; version++) {
+        const enum umb_status wanted = version == UMB__VERSION_MAPPED ? UMB_OK : UMB_E_VERSION;
+        umb__store16(mapped.data + UMB__HEAD_VERSION, (uint16_t)version);
+        seal(&mapped);
+        assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, NULL),
+                         wanted);
+        umb_asset_close(asset);
+        assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, &trusting, &asset, NULL),
+                         wanted);
+        umb_asset_close(asset);
+    }
+    bytes_finish(&packed);
+    bytes_finish(&mapped);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wide_nodes_lie_in_as_few_lines_as_they_need),
         cmocka_unit_test(gaps_between_wide_nodes_are_no_nodes),
+        cmocka_unit_test(a_mapped_file_of_another_version_is_refused_even_if_trusted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
