@@ -269,6 +269,11 @@ static enum umb_status save(struct stream *s, struct umb_error *error)
 static int run(struct stream *s)
 {
     struct umb_error error = {0};
+    if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
+        (void)umb_fail_errno(&error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
+                             s->o.frames);
+        return umbc_complain(&error);
+    }
     s->started_s = umbc_clock_s();
     enum umb_status status = open_region(s, &error);
     if (status == UMB_OK) {

@@ -148,7 +148,6 @@ else:
 
 with test.check("frames show the shadows sharpening"):
     frames = os.path.join(folder, "frames")
-    os.mkdir(frames)
     told = stream(asset, "--camera", CAMERA, "--points", points, "--normals", "--frames", frames,
                   "--size", "320x180")
     pictures = sorted(os.listdir(frames))
