@@ -45,6 +45,7 @@ static const char help[] =
     "  --up y|z            the scene's up axis (default: by its format)\n"
     "  --threads N         default: all processors\n"
     "  --json              print one JSON object\n"
+    "  --quiet             no table\n"
     "  --help\n"
     "\n"
     "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad data,\n"
@@ -65,7 +66,7 @@ struct aliasing {
     const char *scene_path, *output, *way, *weight_text;
     struct umbt_view_options options;
     uint64_t resolution, cascades, threads;
-    int json, help, way_index;
+    int json, quiet, help, way_index;
     double weight;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
@@ -92,6 +93,7 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
         {"--up", UMBT_TEXT, &a->options.up, 0, 0},
         {"--threads", UMBT_COUNT, &a->threads, 1, 256},
         {"--json", UMBT_FLAG, &a->json, 0, 0},
+        {"--quiet", UMBT_FLAG, &a->quiet, 0, 0},
         {"--help", UMBT_FLAG, &a->help, 0, 0},
     };
     struct umbt_positionals positionals = {.max = 1};
@@ -404,9 +406,9 @@ int umbt_aliasing_command(int argc, char **argv)
         fputs(help, stdout);
     } else if (status == UMB_OK && a->json) {
         report_json(a);
-    } else if (status == UMB_OK) {
+    } else if (status == UMB_OK && !a->quiet) {
         report_text(a);
-    } else {
+    } else if (status != UMB_OK) {
         fprintf(stderr, "umbrage aliasing: %s\n", error.message);
     }
     free(a->most);

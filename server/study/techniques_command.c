@@ -36,6 +36,7 @@ static const char help[] =
     "  --up y|z            the scene's up axis (default: by its format)\n"
     "  --threads N         default: all processors\n"
     "  --json              print one JSON object\n"
+    "  --quiet             no table\n"
     "  --help\n"
     "\n"
     "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
@@ -47,7 +48,7 @@ struct study {
     const char *light_size;
     struct umbt_view_options options;
     uint64_t resolution, taps, threads;
-    int json, help;
+    int json, quiet, help;
     struct umbt_view opened;
     struct umbt_technique_view view;
     struct umbt_picture sheet;
@@ -97,6 +98,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
         {"--up", UMBT_TEXT, &study->options.up, 0, 0},
         {"--threads", UMBT_COUNT, &study->threads, 1, 256},
         {"--json", UMBT_FLAG, &study->json, 0, 0},
+        {"--quiet", UMBT_FLAG, &study->quiet, 0, 0},
         {"--help", UMBT_FLAG, &study->help, 0, 0},
     };
     struct umbt_positionals positionals = {.max = 1};
@@ -224,7 +226,7 @@ int umbt_techniques_command(int argc, char **argv)
     }
     if (status == UMB_OK && study.json) {
         report_json(&study);
-    } else if (status == UMB_OK) {
+    } else if (status == UMB_OK && !study.quiet) {
         report_text(&study);
     }
     free(study.values);

@@ -70,6 +70,9 @@ with test.check("`umbrage aliasing` says how many pixels a texel covers, for eac
     assert run.returncode == 0, run.stderr
     ways = {way["way"]: way for way in json.loads(run.stdout)["ways"]}
     assert sorted(ways) == ["lispsm", "scene", "slice", "uniform"]
+    quiet = subprocess.run([ut.program("umbrage"), "aliasing", scene, "--size", "16x9", "--quiet"],
+                           capture_output=True, timeout=120)
+    assert quiet.returncode == 0 and quiet.stdout == quiet.stderr == b"", quiet
     for way in ways.values():
         assert sum(way["histogram"]) == way["points"] == sum(s["points"] for s in way["slices"]), way
     assert ways["scene"]["median"] <= ways["slice"]["median"], ways

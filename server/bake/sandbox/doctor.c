@@ -22,11 +22,12 @@
 static const char *const verdicts[] = {"ALLOWED", "refused", "killed"};
 
 static const char help[] =
-    "umbrage-bake doctor [--json]     check the importer's sandbox and this machine\n"
+    "umbrage-bake doctor [--json | --quiet]    check the importer's sandbox and this machine\n"
     "\n"
     "Tries what a hostile scene file could make the importer do, each in a sandboxed process of\n"
     "its own, and says which layers this kernel offers. `full`: all of them; `reduced`: without\n"
     "namespaces or Landlock, the filter still denies every act; `exempt`: a sanitizer build.\n"
+    "With --quiet the exit code says it all.\n"
     "\n"
     "Exit codes: 0 every act is denied (or the build is exempt), 1 an act is allowed, 2 usage,\n"
     "69 a required layer is missing: scenes are then not read at all.\n";
@@ -194,9 +195,13 @@ int umbb_doctor(int argc, char **argv)
     if (argc == 3 && (strcmp(argv[2], "--help") == 0 || strcmp(argv[2], "-h") == 0)) {
         return fputs(help, stdout) < 0 || fflush(stdout) != 0;
     }
-    if (argc > 2 && !json) {
+    const int quiet = argc == 3 && strcmp(argv[2], "--quiet") == 0;
+    if (argc > 2 && !json && !quiet) {
         fprintf(stderr, "umbrage-bake doctor: '%.64s' is not an option; see --help\n", argv[2]);
         return 2;
+    }
+    if (quiet && freopen("/dev/null", "w", stdout) == NULL) {
+        return 74;
     }
     return examine(json);
 }
