@@ -26,7 +26,7 @@ MAN_PAGES := $(patsubst deploy/man/%.in,$(BUILD)/man/%,$(wildcard deploy/man/*.i
 UNIT := $(BUILD)/systemd/umbraged.service
 
 # Pages quote what the programs print.
-$(MAN_PAGES): $(BUILD)/man/%: deploy/man/%.in deploy/man/man.sh $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake)
+$(MAN_PAGES): $(BUILD)/man/%: deploy/man/%.in deploy/man/man.sh $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study)
 	@mkdir -p $(@D)
 	$(call say,MAN,$@)
 	$(Q)BUILD=$(BUILD) sh deploy/man/man.sh <$< >$@

@@ -43,6 +43,10 @@ if command -v man >/dev/null; then
         grep -oE -- '--[a-z][a-z-]+' "$folder/${pair##*:}" | sort -u >"$folder/told"
         same "${pair##*:} has every option" "" "$(comm -23 "$folder/options" "$folder/told" | tr '\n' ' ')"
     done
+    "$BUILD/umbrage" --help | sed -n 's/^  \([a-z]*\)  .*/\1/p' | grep -vE '^(bake|help|version)$' | while read -r command; do
+        grep -qE "umbrage(-study)? $command " "$folder/umbrage.1" || echo "$command"
+    done >"$folder/missing"
+    same "umbrage.1 has every command" "" "$(cat "$folder/missing")"
     "$BUILD/umbraged" --store x --print-config | sed -n 's/^;* *\([a-z-]*\) =.*/\1/p' | while read -r name; do
         grep -qE "^ *;? ?$name =" "$folder/umbraged.conf.5" || echo "$name"
     done >"$folder/missing"
