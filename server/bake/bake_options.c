@@ -19,7 +19,7 @@ const char umbb_options_help[] =
     "umbrage-bake merge SCENE --from DIR -o OUT.umb [options]    make the asset of such tiles\n"
     "umbrage-bake import SCENE -o FILE [options] read a scene once, for many bakes and tiles of "
     "it\n"
-    "umbrage-bake doctor [--json]                check this machine and the importer's sandbox\n"
+    "umbrage-bake doctor [--json | --quiet]      check this machine and the importer's sandbox\n"
     "\n"
     "SCENE is a glTF, GLB, OBJ, PLY or STL file, or what import made of one.\n"
     "\n"
@@ -423,6 +423,9 @@ static enum umb_status take_valued(struct umbb_options *options, int argc, char 
         if (strlen(flags[i].name) == length && strncmp(word, flags[i].name, length) == 0) {
             return umb_fail(error, UMB_E_ARGUMENT, "%s: takes no value", flags[i].name);
         }
+    }
+    if (strcmp(word, "--static") == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--static: this version does not have the effect");
     }
     return umb_fail(error, UMB_E_ARGUMENT, "unknown option '%.64s'; see --help", word);
 }

@@ -288,7 +288,7 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --depth guess", "--depth", "guess"},
         {"s -o o --verify many", "--verify", "many"},
         {"s -o o --verify 1000000001", "--verify", "1000000001"},
-        {"s -o o --static", "option", "--static"},
+        {"s -o o --static", "--static", "this version does not have the effect"},
         {"s -o o -x", "option", "-x"},
         {"s -o o -o=y", "option", "-o=y"},
         {"s -o o second", "SCENE", "second"},
