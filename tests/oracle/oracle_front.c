@@ -35,7 +35,7 @@ static uint32_t ones_below(uint64_t mask, uint32_t bit)
 {
     uint32_t ones = 0;
     for (uint32_t i = 0; i < bit; i++) {
-        ones += mask >> i & 1;
+        ones += (uint32_t)(mask >> i & 1);
     }
     return ones;
 }

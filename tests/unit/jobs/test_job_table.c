@@ -11,6 +11,23 @@
 
 #include "job_table_fixture.h"
 
+static struct umbj_job submit(struct fixture *f, const char *owner, unsigned content)
+{
+    struct umbj_job job;
+    int is_new;
+    assert_int_equal(submit_as(f, owner, content, 0, 1000, &job, &is_new), UMB_OK);
+    assert_int_equal(is_new, 1);
+    return job;
+}
+
+static struct umbj_job claim(struct fixture *f, int64_t now)
+{
+    struct umbj_job job;
+    assert_int_equal(umbj_table_claim(f->table, now, &job, &f->error), UMB_OK);
+    assert_int_equal(job.state, UMBJ_RUNNING);
+    return job;
+}
+
 static void the_same_submission_of_one_owner_is_one_job(void **state)
 {
     struct fixture *f = *state;
