@@ -47,24 +47,32 @@ struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const c
     return NULL;
 }
 
-struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
-                                       const uint8_t id[UMB_ID_BYTES])
+static int has_id(const struct umbs_table *table, size_t index, const uint8_t id[UMB_ID_BYTES])
+{
+    return index < table->healthy && memcmp(table->by_id[index]->item.id, id, UMB_ID_BYTES) == 0;
+}
+
+/* Where the entries of an id begin: several files may hold the same asset. */
+static size_t first_of_id(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES])
 {
     size_t low = 0;
     size_t high = table->healthy;
     while (low < high) {
         size_t middle = low + (high - low) / 2;
-        int order = memcmp(id, table->by_id[middle]->item.id, UMB_ID_BYTES);
-        if (order == 0) {
-            return table->by_id[middle];
-        }
-        if (order < 0) {
+        if (memcmp(id, table->by_id[middle]->item.id, UMB_ID_BYTES) <= 0) {
             high = middle;
         } else {
             low = middle + 1;
         }
     }
-    return NULL;
+    return low;
+}
+
+struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
+                                       const uint8_t id[UMB_ID_BYTES])
+{
+    const size_t first = first_of_id(table, id);
+    return has_id(table, first, id) ? table->by_id[first] : NULL;
 }
 
 static void store_free(struct umbs_store *store)
@@ -228,6 +236,20 @@ static struct umbs_entry *find_damaged(const struct umbs_table *table,
         }
     }
     return NULL;
+}
+
+int umbs_store_is_named(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES])
+{
+    char text[UMB_ID_TEXT_SIZE];
+    int named = 0;
+    umb_id_to_text(id, text);
+    pthread_mutex_lock(&store->mutex);
+    const struct umbs_table *table = &store->table;
+    for (size_t i = first_of_id(table, id); has_id(table, i, id); i++) {
+        named |= strcmp(table->by_id[i]->item.name, text) != 0;
+    }
+    pthread_mutex_unlock(&store->mutex);
+    return named;
 }
 
 enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)

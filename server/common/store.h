@@ -128,6 +128,9 @@ void umbs_store_reap(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                                struct umbs_entry **out, struct umb_error *error);
 
+/* 1 if a file of that id has another name than the id: somebody put it there by hand. */
+int umbs_store_is_named(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES]);
+
 /* Says that there is no such asset: E_NOT_FOUND, as umbs_store_acquire does. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
 

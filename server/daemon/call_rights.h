@@ -16,8 +16,10 @@ const struct umbd_token *umbd_call_token(struct umbd_call *call);
 
 /*
  * Takes a reference to an asset for a call, as umbs_store_acquire. An asset that a job made is
- * E_NOT_FOUND for everybody but its owners and admins, in the same words as one that is not there:
- * who has a scene must not learn whether somebody else had it baked. _sees: the same question.
+ * E_NOT_FOUND for everybody but its owners and admins, in the same words as one that is not there,
+ * also when its file is damaged: who has a scene must not learn whether somebody else had it baked.
+ * One that also lies in the store under a name of its own is everybody's: nobody can take it away
+ * by baking it again. _sees: the same question.
  */
 UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
                                               struct umbs_entry **out, struct umb_error *error);

@@ -1,0 +1,68 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+What owners of jobs can do to each other: nothing. An asset of one is not seen, not by its damage
+either; baking what is everybody's takes it from nobody; sharing a bake neither waits too long nor
+ends without a file.
+"""
+import os
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import umbrage_test as ut  # noqa: E402
+
+grpc, _ = ut.need_grpc()
+Code = grpc.StatusCode
+test = ut.Test()
+B, S = test.messages.bakes, test.messages.shadows
+STORE, JOBS, TOKENS = test.path("store"), test.path("jobs"), test.path("tokens")
+WHO = {name: [("authorization", f"Bearer {name}-0123456789abcdef")]
+       for name in ("ann", "bob", "eve")}
+with open(os.open(TOKENS, os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="ascii") as file:
+    for name, scopes in (("ann", "query,submit"), ("bob", "query,submit"), ("eve", "query")):
+        file.write(f"{name} {scopes} {name}-0123456789abcdef\n")
+
+with open(test.scene("city", 4), "rb") as file:
+    scene = {"a.glb": file.read()}
+os.makedirs(STORE, exist_ok=True)
+public = test.bake(test.scene("city", 4), test.path("store", "city.umb"), "--resolution", 256,
+                   "--sun", "120,40", "--verify", 20000)["asset"]
+daemon = test.daemon("--jobs", JOBS, "--token-file", TOKENS, "--bake-threads", 1, "--job-lease",
+                     "1s")
+client = test.client(daemon.grpc_tcp)
+
+
+def bake(who, **settings):
+    job = client.submit(scene, "a.glb", WHO[who], **settings).job
+    return client.finished_job(job, WHO[who])
+
+
+def ask(who, asset):
+    return client.describe(S.DescribeRequest(asset=asset), metadata=WHO[who], timeout=10)
+
+
+with test.check("baking again what lies in the store by a name takes it from nobody"):
+    status = bake("ann", resolution=256, sun="120,40", verify=20000)
+    assert status.state == B.JOB_DONE and status.asset.hex() == public, status
+    for asset in ("city", public):
+        assert ask("eve", asset).summary.id.hex() == public
+    listed = client.list(S.ListRequest(), metadata=WHO["eve"], timeout=10).assets
+    assert "city" in [asset.name for asset in listed], listed
+
+with test.check("a damaged asset of another owner is as little there as a whole one"):
+    asset = bake("ann", resolution=128, sun="120,40").asset.hex()
+    with open(os.path.join(STORE, asset + ".umb"), "r+b") as file:
+        file.truncate(os.path.getsize(file.name) // 2)
+    daemon.signal(1)
+
+    def is_damaged():
+        try:
+            ask("ann", asset)
+        except grpc.RpcError as error:
+            return error.code() == Code.DATA_LOSS
+        return False
+
+    ut.wait_until(is_damaged, 10, "its owner hears of the damage")
+    client.refused(lambda: ask("eve", asset), Code.NOT_FOUND, "no asset named")
+
+test.finish()
