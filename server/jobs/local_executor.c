@@ -246,8 +246,8 @@ static void wait_as_known(struct slot *slot, struct umbj_report *ended)
     int64_t passed = 0;
     struct umbj_report report = report_of(slot, UMBJ_REPORT_PHASE);
     snprintf(report.text, sizeof report.text, "bake");
-    tell(slot, &report);
     while (passed < slot->work.known_ms) {
+        tell(slot, &report); /* a sign of life: the lease may be shorter than the bake was */
         struct pollfd stop = {.fd = slot->stop, .events = POLLIN};
         const int64_t left = slot->work.known_ms - passed;
         (void)poll(&stop, 1, left < 500 ? (int)left : 500);

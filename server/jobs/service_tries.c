@@ -219,14 +219,27 @@ void umbj__look_at_loading(struct umbj_service *service)
     }
 }
 
+/* A file that was there when the try ended may have gone with its last owner since. From here on
+ * it cannot: only this thread removes files. */
+static enum umb_status check_there(struct umbj_service *service, const uint8_t *asset,
+                                   struct umb_error *error)
+{
+    char path[PATH_SIZE];
+    umbj_asset_path(service->options.store, asset, path, sizeof path);
+    return access(path, R_OK) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_IO, "the asset's file could not be published");
+}
+
 /* The steps of publishing, in the order that service.h argues. */
 static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
                                struct umbj_report *report, struct umb_error *error)
 {
     enum umb_status status = umbj_table_announce(service->table, report->asset, error);
     umbj_board_own(service->board, report->asset, job->owner); /* before anybody can ask for it */
-    if (status == UMB_OK && report->staged.temporary != NULL) {
-        status = umbs_file_commit(&report->staged, error);
+    if (status == UMB_OK) {
+        status = report->staged.temporary != NULL ? umbs_file_commit(&report->staged, error)
+                                                  : check_there(service, report->asset, error);
     }
     if (status == UMB_OK) {
         status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,
