@@ -89,9 +89,9 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
         .bundle_bytes = (int64_t)bytes,
     };
     status = umbj_table_submit(service->table, &submission, umbj__unix_ms(), job, &is_new, error);
-    if (status != UMB_OK) {
-        umbj__drop_bundle(service, key);
-    } else if (is_new) {
+    if (status != UMB_OK || !is_new) {
+        umbj__drop_bundle(service, key); /* a twin may be done with it */
+    } else {
         atomic_fetch_add(&service->counters.submitted, 1);
         umbj__changed(service, job, 0);
     }

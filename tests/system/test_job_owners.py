@@ -85,4 +85,16 @@ with test.check("an asset that its last owner deletes while it is shared is bake
     assert os.path.exists(os.path.join(STORE, asset + ".umb"))
     assert ask("bob", asset).summary.id.hex() == asset
 
+with test.check("of two submissions at once, the later leaves no bundle behind"):
+    manifest = client.manifest(scene, "a.glb", resolution=64)
+
+    def late():
+        yield B.SubmitRequest(manifest=manifest)
+        bake("ann", resolution=64)
+        yield B.SubmitRequest(data=scene["a.glb"])
+
+    reply = client.raw_submit(late(), timeout=60, metadata=WHO["ann"])
+    assert client.finished_job(reply.job, WHO["ann"]).state == B.JOB_DONE
+    assert os.listdir(os.path.join(JOBS, "bundles")) == []
+
 test.finish()
