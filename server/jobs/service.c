@@ -21,9 +21,11 @@
 #include "jobs/local_executor.h"
 #include "jobs/staging.h"
 
-#define LOOK_MS  1000    /* longest sleep: leases and pauses are looked at so often */
-#define SERVE_MS 20      /* between looks whether the daemon serves what was published */
-#define PRUNE_MS 3600000 /* between removals of old jobs */
+#define LOOK_MS     1000    /* longest sleep: leases and pauses are looked at so often */
+#define SERVE_MS    20      /* between looks whether the daemon serves what was published */
+#define PRUNE_MS    3600000 /* between removals of old jobs */
+#define REQUESTS_MS 100 /* of requests without a break: uploads must not keep jobs from starting   \
+                         */
 
 int64_t umbj__unix_ms(void)
 {
@@ -195,10 +197,11 @@ static void *run_service(void *user)
     struct umbj_service *service = user;
     while (!is_closing(service)) {
         struct umbj_request *request = next_request(service, sleep_ms(service));
+        const int64_t until_ms = umbj__steady_ms() + REQUESTS_MS;
         while (request != NULL && !is_closing(service)) {
             request->run(request, service);
             request->done(request);
-            request = next_request(service, 0);
+            request = umbj__steady_ms() < until_ms ? next_request(service, 0) : NULL;
         }
         if (request != NULL) {
             request->skipped = 1;

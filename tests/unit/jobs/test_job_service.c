@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The job service's thread: what it gets done while somebody keeps it busy. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <poll.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "common/sha256.h"
+#include "jobs/folder.h"
+#include "jobs/service.h"
+
+#define CONTENT "v 0 0 0\n"
+#define STEP_MS 10
+#define STEPS   1000 /* ten seconds */
+
+struct fixture {
+    char folder[64], jobs[80];
+    struct umbj_service *service;
+    struct umb_error error;
+};
+
+static int setup(void **state)
+{
+    struct fixture *f = calloc(1, sizeof *f);
+    assert_non_null(f);
+    snprintf(f->folder, sizeof f->folder, "/tmp/umbrage-service-XXXXXX");
+    assert_non_null(mkdtemp(f->folder));
+    snprintf(f->jobs, sizeof f->jobs, "%s/jobs", f->folder);
+    const struct umbj_service_options options = {
+        .folder = f->jobs,
+        .store = f->folder,
+        .program = "/bin/false",
+        .workers = 1,
+        .threads = 1,
+        .timeout_ms = 10000,
+        .max_output_bytes = 1000,
+        .max_bundle_bytes = 1000,
+        .keep_ms = 1000000,
+        .limits = {.owner_jobs = 8, .owner_bytes = 1000, .total_bytes = 4000, .lease_ms = 100000},
+    };
+    assert_int_equal(umbj_service_create(&options, &f->service, &f->error), UMB_OK);
+    *state = f;
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    struct fixture *f = *state;
+    umbj_service_destroy(f->service);
+    umbj_folder_remove(-1, f->folder); /* an absolute path: no folder to start from is needed */
+    free(f);
+    return 0;
+}
+
+/* A request that is there again as soon as it is done, and takes its time, as a write does. */
+struct flood {
+    struct umbj_request request;
+    struct umbj_service *service;
+    atomic_int stop, stopped;
+};
+
+static void run_flood(struct umbj_request *request, struct umbj_service *service)
+{
+    (void)request;
+    (void)service;
+    (void)poll(NULL, 0, 1);
+}
+
+static void flood_again(struct umbj_request *request)
+{
+    struct flood *flood = (struct flood *)request;
+    if (request->skipped || atomic_load(&flood->stop)) {
+        atomic_store(&flood->stopped, 1);
+    } else {
+        umbj_service_post(flood->service, request);
+    }
+}
+
+struct submission {
+    struct umbj_request request;
+    enum umb_status status;
+    struct umbj_job job;
+    atomic_int done;
+};
+
+static void run_submission(struct umbj_request *request, struct umbj_service *service)
+{
+    struct submission *submission = (struct submission *)request;
+    struct umbj_bundle_file file = {.path = "a.obj", .size = sizeof CONTENT - 1};
+    const struct umbj_manifest manifest = {.scene = "a.obj", .files = &file, .file_count = 1};
+    struct umbj_upload *upload = NULL;
+    struct umb_error error;
+    umbs_sha256_bytes(CONTENT, sizeof CONTENT - 1, file.sha256);
+    submission->status =
+        umbj_service_submit(service, "ann", &manifest, &submission->job, &upload, &error);
+    if (submission->status == UMB_OK) {
+        submission->status = umbj_upload_write(upload, CONTENT, sizeof CONTENT - 1, &error);
+    }
+    if (submission->status == UMB_OK) {
+        submission->status =
+            umbj_service_accept(service, "ann", &manifest, upload, &submission->job, &error);
+    }
+    umbj_upload_destroy(upload);
+}
+
+static void submission_done(struct umbj_request *request)
+{
+    atomic_store(&((struct submission *)request)->done, 1);
+}
+
+static void look_at_state(void *user, const struct umbj_standing *standing)
+{
+    *(enum umbj_state *)user = standing->job.state;
+}
+
+static void requests_without_a_break_keep_no_job_from_running(void **state)
+{
+    struct fixture *f = *state;
+    static struct flood flood; /* the service's until it stopped */
+    static struct submission submission;
+    flood =
+        (struct flood){.request = {.run = run_flood, .done = flood_again}, .service = f->service};
+    submission = (struct submission){.request = {.run = run_submission, .done = submission_done}};
+    umbj_service_post(f->service, &flood.request);
+    umbj_service_post(f->service, &submission.request);
+    enum umbj_state found = UMBJ_QUEUED;
+    for (int i = 0; i < STEPS && found != UMBJ_FAILED; i++) {
+        (void)poll(NULL, 0, STEP_MS);
+        if (atomic_load(&submission.done)) {
+            assert_int_equal(submission.status, UMB_OK);
+            (void)umbj_board_look(umbj_service_board(f->service), submission.job.id, "ann",
+                                  look_at_state, &found);
+        }
+    }
+    atomic_store(&flood.stop, 1);
+    while (!atomic_load(&flood.stopped)) {
+        (void)poll(NULL, 0, STEP_MS);
+    }
+    assert_int_equal(found, UMBJ_FAILED);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
+                                        teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
