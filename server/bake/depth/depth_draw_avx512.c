@@ -354,7 +354,10 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_canva
     const __m512d right = _mm512_min_pd(
         _mm512_add_pd(_mm512_max_pd(top, bottom), _mm512_set1_pd(most(k->corner_off, 0.0) + SLACK)),
         _mm512_set1_pd(k->right));
-    const __m512d near_below = _mm512_add_pd(below, _mm512_set1_pd((double)k->near_y));
+    /* Of the nearest row, as the predicate has it: seven more than `below` would round twice. */
+    const __m256i near_row = _mm256_add_epi32(rows, _mm256_set1_epi32((int32_t)k->near_y));
+    const __m512d near_below = _mm512_sub_pd(
+        _mm512_add_pd(_mm512_cvtepi32_pd(near_row), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
     const __m512d near_x = _mm512_sub_pd(k->near_x < 4.0 ? left : right, _mm512_set1_pd(c->x[0]));
     __m512d z = _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
                               _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), near_below));
