@@ -156,6 +156,23 @@ static void edge_slots(const struct finder *f, size_t triangle, size_t at[3])
     }
 }
 
+/* Where the searches for the edges of front faces from `first` on begin, and fetches what is there;
+ * returns for how many triangles. */
+static size_t fetch_slots(const struct finder *f, size_t first, size_t end,
+                          size_t at[FETCH_TRIANGLES][3])
+{
+    const size_t count = end - first < FETCH_TRIANGLES ? end - first : FETCH_TRIANGLES;
+    for (size_t i = 0; i < count; i++) {
+        if (f->marks[first + i] != 0) {
+            edge_slots(f, first + i, at[i]);
+            for (size_t edge = 0; edge < 3; edge++) {
+                __builtin_prefetch((const void *)&f->slots[at[i][edge]], 1);
+            }
+        }
+    }
+    return count;
+}
+
 /* Pairs the edges of the front faces of a job. */
 static void pair_job(void *user, uint32_t job, unsigned thread)
 {
@@ -164,15 +181,7 @@ static void pair_job(void *user, uint32_t job, unsigned thread)
     const size_t end = job_end(f->casters, job);
     size_t at[FETCH_TRIANGLES][3];
     for (size_t first = job * JOB_TRIANGLES; first < end; first += FETCH_TRIANGLES) {
-        const size_t count = end - first < FETCH_TRIANGLES ? end - first : FETCH_TRIANGLES;
-        for (size_t i = 0; i < count; i++) {
-            if (f->marks[first + i] != 0) {
-                edge_slots(f, first + i, at[i]);
-                for (size_t edge = 0; edge < 3; edge++) {
-                    __builtin_prefetch((const void *)&f->slots[at[i][edge]], 1);
-                }
-            }
-        }
+        const size_t count = fetch_slots(f, first, end, at);
         for (size_t i = 0; i < count; i++) {
             for (size_t edge = 0; edge < 3 && f->marks[first + i] != 0; edge++) {
                 add_half_edge(f, (uint32_t)(4 * (first + i) + edge), at[i][edge]);
@@ -195,13 +204,41 @@ static void front_job(void *user, uint32_t job, unsigned thread)
     atomic_fetch_add_explicit(&f->fronts, fronts, memory_order_relaxed);
 }
 
-/* What waits is a border. */
-static void mark_borders(struct finder *f)
+/* Whether the same edge, the same way around, waits; `at`: where to begin. */
+static int is_waiting(const struct finder *f, uint32_t half_edge, size_t at)
 {
-    for (size_t at = 0; at <= f->last; at++) {
-        const uint32_t waiting = atomic_load_explicit(&f->slots[at], memory_order_relaxed);
-        if (waiting < SLOT_GONE) {
-            f->marks[waiting >> 2] |= (uint8_t)(1U << (waiting & 3));
+    const double *from, *to, *other_from, *other_to;
+    edge_corners(f->casters, half_edge, &from, &to);
+    for (;; at = (at + 1) & f->last) {
+        const uint32_t other = atomic_load_explicit(&f->slots[at], memory_order_relaxed);
+        if (other == SLOT_FREE) {
+            return 0;
+        }
+        if (other != SLOT_GONE) {
+            edge_corners(f->casters, other, &other_from, &other_to);
+            if (same_corner(from, other_from) && same_corner(to, other_to)) {
+                return 1;
+            }
+        }
+    }
+}
+
+/* Marks the borders of the front faces of a job. Of edges that are the same, which one waits is
+ * chance; all of them are borders then, so that the marks are not. */
+static void border_job(void *user, uint32_t job, unsigned thread)
+{
+    (void)thread;
+    struct finder *f = user;
+    const size_t end = job_end(f->casters, job);
+    size_t at[FETCH_TRIANGLES][3];
+    for (size_t first = job * JOB_TRIANGLES; first < end; first += FETCH_TRIANGLES) {
+        const size_t count = fetch_slots(f, first, end, at);
+        for (size_t i = 0; i < count; i++) {
+            for (size_t edge = 0; edge < 3 && f->marks[first + i] != 0; edge++) {
+                if (is_waiting(f, (uint32_t)(4 * (first + i) + edge), at[i][edge])) {
+                    f->marks[first + i] |= (uint8_t)(1U << edge);
+                }
+            }
         }
     }
 }
@@ -229,7 +266,7 @@ enum umb_status umbb_front_marks_make(const struct umbb_casters *casters, enum u
     }
     memset((void *)finder.slots, 0xff, slots * sizeof *finder.slots);
     umbb_workers_run(workers, pair_job, &finder, job_count(casters));
-    mark_borders(&finder);
+    umbb_workers_run(workers, border_job, &finder, job_count(casters));
     free((void *)finder.slots);
     *marks = finder.marks;
     return UMB_OK;

@@ -25,12 +25,12 @@ enum {
  *
  * In:    prove: when to; by itself where squares of texels are many for the triangles, which
  *        depends on the casters alone, as it decides which undefined voxels are chosen.
- *        workers: who helps; NULL: nobody. Where edges are the same more often than twice, which of
- *        them is left as a border may differ from run to run, but not where borders lie.
+ *        workers: who helps; NULL: nobody. The marks depend neither on them nor on the order of
+ *        casters: keys of tiles hold them (tile_key.h).
  * Out:   marks: uint8[count], the caller's to free; NULL if they are not to be found, which is
  *        also so where parts count as closed on the caller's word only.
  * Fails: E_NO_MEMORY.
- * Cost:  a table of up to 32 bytes a front face for a while; about two missed cache lines an edge
+ * Cost:  a table of up to 32 bytes a front face for a while; about three missed cache lines an edge
  * of a front face.
  */
 UMB_CHECKED enum umb_status umbb_front_marks_make(const struct umbb_casters *casters,

@@ -75,6 +75,44 @@ static void borders_are_the_same_for_all_numbers_of_threads(void **state)
     soup_finish(&soup);
 }
 
+/* Houses of equal height in a row share the edges of the walls between them: three front faces at
+ * each. Which of them comes first must not show, as with threads it is chance. */
+static void borders_do_not_depend_on_the_order_of_casters(void **state)
+{
+    (void)state;
+    struct soup soup, reversed;
+    struct umb_error error;
+    uint8_t *marks, *others;
+    soup_init(&soup, SIZE, 8);
+    soup_init(&reversed, SIZE, 8);
+    for (int i = 0; i < 8; i++) {
+        double v[8][3];
+        for (int k = 0; k < 8; k++) { /* sheared, so that no wall is parallel to the light */
+            const double z = k & 4 ? 400 : 200;
+            v[k][0] = 100 + 50 * (i + (k & 1)) + 0.25 * z;
+            v[k][1] = (k & 2 ? 300 : 200) + 0.125 * z;
+            v[k][2] = z;
+        }
+        soup_hexahedron(&soup, v, 0);
+    }
+    for (size_t i = soup.count; i-- > 0;) {
+        const double(*v)[3] = (const double(*)[3])soup.corners[i];
+        soup_add(&reversed, v[0], v[1], v[2], UMBB_CASTER_CLOSED);
+    }
+    const struct umbb_casters casters = soup_casters(&soup, 1), back = soup_casters(&reversed, 1);
+    assert_int_equal(umbb_front_marks_make(&casters, UMBB_PROVE_ALWAYS, NULL, &marks, &error),
+                     UMB_OK);
+    assert_int_equal(umbb_front_marks_make(&back, UMBB_PROVE_ALWAYS, NULL, &others, &error),
+                     UMB_OK);
+    for (size_t i = 0; i < soup.count; i++) {
+        assert_int_equal(marks[i], others[soup.count - 1 - i]);
+    }
+    free(marks);
+    free(others);
+    soup_finish(&soup);
+    soup_finish(&reversed);
+}
+
 static void lists_are_the_same_for_all_numbers_of_threads(void **state)
 {
     (void)state;
@@ -157,6 +195,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(borders_are_the_same_for_all_numbers_of_threads),
+        cmocka_unit_test(borders_do_not_depend_on_the_order_of_casters),
         cmocka_unit_test(lists_are_the_same_for_all_numbers_of_threads),
         cmocka_unit_test(squares_are_proven_by_any_number_of_threads),
     };
