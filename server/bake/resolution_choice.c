@@ -90,6 +90,8 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
     struct umbb_bake_figures figures = {0};
     const double start = processor_s();
     memset(sample, 0, sizeof *sample);
+    options.task = UMBB_TASK_BAKE; /* all of it, also where only tiles are wanted afterwards */
+    options.only_given = 0;
     options.resolution_log2 = log2_size;
     options.quiet = 1;
     enum umb_status status = fit(job, log2_size, error);

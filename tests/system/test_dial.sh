@@ -69,6 +69,8 @@ check "but not at twice the price" json out "['lights'][0]['curve'][0]['bound_m'
 wanted=$("$BUILD/umbrage" info chosen.umb --quiet)
 bake same city.glb --resolution 1024
 same "the same resolution gives the same id" "$wanted" "$("$BUILD/umbrage" info same.umb --quiet)"
+try 0 umbrage-bake tile city.glb -o tiles --max-error 0.2 --only 0 --json
+check "tiles can be had by an error too" test "$(find tiles -name '*.umbt' | wc -l)" = 1
 try 0 umbrage-bake city.glb --plan --max-error 0.2
 check "--plan tells the costs" grep -q 'of processor time' err
 try 75 umbrage-bake city.glb -o none.umb --max-error 0.0001 --quiet
