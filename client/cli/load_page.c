@@ -119,7 +119,7 @@ static void put_figures(FILE *file, const struct umbc_load_story *story)
     if (result->has_server && result->server_points > 0) {
         put_figure(file, "daemon, ns a point", "%.4g",
                    1e9 * result->server_cpu_s / result->server_points);
-        put_figure(file, "daemon, cores", "%.2f", result->server_cpu_s / result->seconds);
+        put_figure(file, "daemon, cores", "%.2f", result->server_cpu_s / result->server_s);
     }
     put_figure(file, "generator, cores", "%.2f", result->generator_cores);
     (void)fputs("</div>\n", file);

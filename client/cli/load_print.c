@@ -68,7 +68,7 @@ static void print_result(FILE *file, const struct umbc_load_story *story)
             file, "daemon     %.3g us a call, %.4g ns a point, %.2f cores, at most %.0f MiB\n",
             1e6 * result->server_cpu_s / (result->calls > 0 ? (double)result->calls : 1),
             1e9 * result->server_cpu_s / (result->server_points > 0 ? result->server_points : 1),
-            result->server_cpu_s / seconds, result->server_rss_max / 1048576);
+            result->server_cpu_s / result->server_s, result->server_rss_max / 1048576);
     }
     (void)fprintf(file, "generator  %.2f cores\n", result->generator_cores);
 }

@@ -27,6 +27,7 @@ struct run {
     atomic_bool stop_pacing;
     double cpu_s; /* of this process, when the window began */
     struct umbc_server_figures server;
+    uint64_t server_ns; /* when these were asked for */
     struct umbc_server_figures last_scrape;
     double last_scrape_s, last_server_cores;
     struct umbc_histogram piece; /* too large for the stack */
@@ -122,6 +123,7 @@ static enum umb_status begin_window(struct run *run, struct umb_error *error)
 {
     run->cpu_s = own_cpu_s();
     run->last_scrape_s = 0;
+    run->server_ns = umbc_load_clock_ns();
     if (run->plan.settings->admin == NULL) {
         return UMB_OK;
     }
@@ -131,16 +133,23 @@ static enum umb_status begin_window(struct run *run, struct umb_error *error)
     return status;
 }
 
+/* The window is over. Called before the daemon is asked, which may take its time. */
+static void note_end(const struct run *run, struct umbc_load_result *result)
+{
+    double passed_s = seconds_between(run->plan.window_ns, umbc_load_clock_ns());
+    result->seconds = seconds_between(run->plan.window_ns, run->plan.end_ns);
+    result->generator_cores = (own_cpu_s() - run->cpu_s) / passed_s;
+    result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
+}
+
 static enum umb_status end_window(struct run *run, struct umbc_load_result *result,
                                   struct umb_error *error)
 {
     struct umbc_server_figures figures;
-    result->seconds = seconds_between(run->plan.window_ns, umbc_load_clock_ns());
-    result->generator_cores = (own_cpu_s() - run->cpu_s) / result->seconds;
-    result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
     if (run->plan.settings->admin == NULL) {
         return UMB_OK;
     }
+    result->server_s = seconds_between(run->server_ns, umbc_load_clock_ns());
     enum umb_status status = umbc_server_figures_get(run->plan.settings->admin, &figures, error);
     result->has_server = status == UMB_OK;
     result->server_cpu_s = figures.cpu_s - run->server.cpu_s;
@@ -166,6 +175,9 @@ static enum umb_status watch_run(struct run *run, umbc_load_watch_fn watch, void
         uint64_t goal_ns = in_window ? plan->end_ns : plan->window_ns;
         uint64_t to_ns = from_ns + piece_ns < goal_ns ? from_ns + piece_ns : goal_ns;
         sleep_until(to_ns);
+        if (in_window && to_ns == goal_ns) {
+            note_end(run, result);
+        }
         if (to_ns > from_ns && result->moment_count < UMBC_LOAD_MOMENTS) {
             end_piece(run, from_ns, umbc_load_clock_ns(), result);
             if (watch != NULL) {

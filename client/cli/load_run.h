@@ -51,8 +51,8 @@ struct umbc_load_moment {
 };
 
 struct umbc_load_result {
-    double rate; /* as asked */
-    double seconds;
+    double rate;     /* as asked */
+    double seconds;  /* of the window */
     uint64_t calls;  /* ended well in the window */
     uint64_t points; /* of those */
     uint64_t errors[UMBC_LOAD_STATUSES];
@@ -61,6 +61,7 @@ struct umbc_load_result {
     double generator_cores;        /* processor time of this process by time, in the window */
     bool counts;                   /* generator_cores <= UMBC_LOAD_BUSY */
     bool has_server;
+    double server_s; /* between the two times that its figures were asked for */
     double server_cpu_s, server_points, server_rss_max, server_shed;
     size_t moment_count;
     struct umbc_load_moment moments[UMBC_LOAD_MOMENTS];

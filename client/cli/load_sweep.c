@@ -37,7 +37,7 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
         .p99_ms = 1e-6 * (double)umbc_histogram_percentile(&result->latency, 0.99),
         .failed = result->error_count + result->unsent,
         .generator_cores = result->generator_cores,
-        .server_cores = result->has_server ? result->server_cpu_s / result->seconds : 0,
+        .server_cores = result->has_server ? result->server_cpu_s / result->server_s : 0,
     };
     step->kept = step->p99_ms <= sweep->bound_ms && step->failed == 0;
     *kept = step->kept;

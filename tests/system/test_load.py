@@ -9,8 +9,10 @@ import json
 import os
 import re
 import signal
+import socket
 import sys
 import threading
+import time
 import xml.etree.ElementTree
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -70,6 +72,22 @@ with test.check("a stall counts for every call that was due in it, also for thos
     assert told["latency"]["count"] == 700 and told["error_count"] == 0, told
     assert told["latency"]["p75_ms"] > 50 and told["latency"]["max_ms"] > 400, told
 
+with test.check("a daemon that is slow to tell its figures does not stretch the window"):
+    def tell_slowly():
+        while True:
+            peer, _ = slow.accept()
+            time.sleep(0.3)
+            page = daemon.admin("/metrics")[1].encode()
+            peer.recv(4096)
+            peer.sendall(b"HTTP/1.0 200 OK\r\n\r\n" + page)
+            peer.close()
+    slow = socket.create_server(("127.0.0.1", 0))
+    threading.Thread(target=tell_slowly, daemon=True).start()
+    told = load("--warm-up", 0, "--duration", 0.5, "--rate", 200, "--admin",
+                "127.0.0.1:%d" % slow.getsockname()[1])
+    assert abs(told["seconds"] - 0.5) < 1e-6 and told["calls_s"] > 180, told
+    assert told["server"]["cpu_s"] >= 0, told
+
 with test.check("points at the borders of shadows, and recorded ones, can be asked"):
     assert load(*BRIEF, "--points", "boundary", "--rate", 100)["error_count"] == 0
     trace = test.path("trace.f32")
@@ -94,8 +112,13 @@ with test.check("a sweep ends at the highest rate that kept the bound, or says t
 
 with test.check("failures in the middle of a run are counted by their names"):
     victim = test.daemon()
-    threading.Timer(0.4, victim.kill).start()
-    told = load("--warm-up", 0, "--duration", 0.8, "--rate", 200, "--connections", 2,
+
+    def kill_in_the_middle():
+        while victim.metric("umbrage_queries_total") < 30 * 64:
+            time.sleep(0.01)
+        victim.kill()
+    threading.Thread(target=kill_in_the_middle).start()
+    told = load("--warm-up", 0, "--duration", 1.2, "--rate", 200, "--connections", 2,
                 to=("--address", "unix:" + victim.socket_path))
     test.daemons.remove(victim)
     assert told["errors"].get("E_UNAVAILABLE", 0) > 20 and told["calls"] > 20, told
