@@ -93,10 +93,11 @@ void umbd_errand_send(struct umbd_call *call,
     umbj_service_post(call->conn->loop->daemon->jobs, &errand->request);
 }
 
-static void run_nothing(struct umbj_request *request, struct umbj_service *service)
+static void run_drop(struct umbj_request *request, struct umbj_service *service)
 {
-    (void)request;
-    (void)service;
+    struct umbd_errand *errand = (struct umbd_errand *)request;
+    umbj_service_drop_upload(service, errand->upload);
+    errand->upload = NULL;
 }
 
 static void free_there(struct umbj_request *request)
@@ -110,7 +111,7 @@ static void give_up(struct umbd_daemon *daemon, struct umbd_errand *errand)
         errand_free(errand);
         return;
     }
-    errand->request = (struct umbj_request){.run = run_nothing, .done = free_there};
+    errand->request = (struct umbj_request){.run = run_drop, .done = free_there};
     umbj_service_post(daemon->jobs, &errand->request);
 }
 

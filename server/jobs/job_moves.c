@@ -9,7 +9,8 @@
 #include <sys/random.h>
 
 enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
-                                       int64_t bundle_bytes, struct umb_error *error)
+                                       int64_t bundle_bytes, const struct umbj_pending *pending,
+                                       struct umb_error *error)
 {
     int64_t jobs = 0, bytes = 0, all = 0;
     struct umbj_sql *sql = &table->sql;
@@ -30,6 +31,11 @@ enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *own
     }
     if (status != UMB_OK) {
         return status;
+    }
+    if (pending != NULL) {
+        jobs += pending->own_jobs;
+        bytes += pending->own_bytes;
+        all += pending->all_bytes;
     }
     if (jobs >= table->limits.owner_jobs) {
         return umb_fail(error, UMB_E_BUSY,
@@ -94,7 +100,8 @@ enum umb_status umbj_table_submit(struct umbj_table *table,
     status = umbj_table_find_same(table, submission->owner, submission->key, job, error);
     if (status == UMB_E_NOT_FOUND) {
         *is_new = 1;
-        status = umbj_table_check_quota(table, submission->owner, submission->bundle_bytes, error);
+        status =
+            umbj_table_check_quota(table, submission->owner, submission->bundle_bytes, NULL, error);
         if (status == UMB_OK) {
             status = insert(table, submission, now, job, error);
         }

@@ -68,9 +68,18 @@ UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);
 
-/* Checks the owner's quotas for one more job of that size. Fails: as umbj_table_submit. */
+/* Uploads on their way, which are no jobs yet but take their space already. */
+struct umbj_pending {
+    int64_t own_jobs, own_bytes; /* of the owner */
+    int64_t all_bytes;
+};
+
+/* Checks the owner's quotas for one more job of that size. pending: NULL = none. Fails: as
+ * umbj_table_submit. */
 UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
-                                                   int64_t bundle_bytes, struct umb_error *error);
+                                                   int64_t bundle_bytes,
+                                                   const struct umbj_pending *pending,
+                                                   struct umb_error *error);
 
 /* Takes the next job: it is running then, with a new epoch and a lease. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now,

@@ -21,11 +21,12 @@
 #include "jobs/local_executor.h"
 #include "jobs/staging.h"
 
-#define LOOK_MS     1000    /* longest sleep: leases and pauses are looked at so often */
-#define SERVE_MS    20      /* between looks whether the daemon serves what was published */
-#define PRUNE_MS    3600000 /* between removals of old jobs */
-#define REQUESTS_MS 100 /* of requests without a break: uploads must not keep jobs from starting   \
-                         */
+#define LOOK_MS  1000    /* longest sleep: leases and pauses are looked at so often */
+#define SERVE_MS 20      /* between looks whether the daemon serves what was published */
+#define PRUNE_MS 3600000 /* between removals of old jobs */
+#define REQUESTS_MS                                                                                \
+    100 /* of requests without a break: uploads must not keep jobs from starting                   \
+         */
 
 int64_t umbj__unix_ms(void)
 {
@@ -368,6 +369,11 @@ void umbj_service_destroy(struct umbj_service *service)
     umbj_table_close(service->table);
     umbj_board_destroy(service->board);
     free(service->loading);
+    while (service->promises != NULL) {
+        struct umbj_promise *promise = service->promises;
+        service->promises = promise->next;
+        free(promise);
+    }
     if (service->lock >= 0) {
         close(service->lock);
     }

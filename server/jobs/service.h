@@ -84,13 +84,17 @@ const struct umbj_service_options *umbj_service_options_of(const struct umbj_ser
 /*
  * Looks at a submission: a job that stands for it already, or an upload to be filled.
  *
- * Out:   job: the existing job, or an empty id and *upload.
+ * Out:   job: the existing job, or an empty id and *upload, for umbj_service_drop_upload: its bytes
+ *        count for the quotas until it is accepted or dropped.
  * Fails: as umbj_manifest_check, umbj_table_check_quota, umbj_upload_begin.
  */
 UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
                                                 const struct umbj_manifest *manifest,
                                                 struct umbj_job *job, struct umbj_upload **upload,
                                                 struct umb_error *error);
+
+/* Gives an upload of _submit up, whatever became of it; NULL is allowed. */
+void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload);
 
 /* Makes the job of an upload whose bytes are there. Fails: as umbj_upload_accept,
  * umbj_table_submit. */

@@ -12,6 +12,14 @@ struct umbj_loading {
     int64_t since_ms;
 };
 
+/* An upload that is no job yet: its bytes count for the quotas. */
+struct umbj_promise {
+    struct umbj_promise *next;
+    const struct umbj_upload *upload;
+    char owner[UMBJ_OWNER_SIZE];
+    int64_t bytes;
+};
+
 struct umbj_service {
     struct umbj_service_options options;
     char program[4096];
@@ -23,6 +31,7 @@ struct umbj_service {
     struct umbj_counters counters;
     struct umbj_loading *loading;
     size_t loading_count, loading_capacity;
+    struct umbj_promise *promises;
     int64_t look_at_ms, prune_at_ms;
 
     pthread_t thread;

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -22,6 +23,65 @@ static void disown_missing(struct umbj_service *service, const struct umbj_job *
             umbj__collect_assets(service);
         }
     }
+}
+
+static struct umbj_pending pending_of(const struct umbj_service *service, const char *owner)
+{
+    struct umbj_pending pending = {0, 0, 0};
+    for (const struct umbj_promise *at = service->promises; at != NULL; at = at->next) {
+        const int own = strcmp(at->owner, owner) == 0;
+        pending.own_jobs += own;
+        pending.own_bytes += own ? at->bytes : 0;
+        pending.all_bytes += at->bytes;
+    }
+    return pending;
+}
+
+/* Begins an upload, and counts its bytes from now on. */
+static enum umb_status begin_upload(struct umbj_service *service, const char *owner,
+                                    const struct umbj_manifest *manifest, const uint8_t *key,
+                                    int64_t bytes, struct umbj_upload **upload,
+                                    struct umb_error *error)
+{
+    const struct umbj_pending pending = pending_of(service, owner);
+    enum umb_status status = umbj_table_check_quota(service->table, owner, bytes, &pending, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umbj_promise *promise = calloc(1, sizeof *promise);
+    if (promise == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an upload");
+    }
+    status = umbj_upload_begin(service->options.folder, manifest, key, upload, error);
+    if (status != UMB_OK) {
+        free(promise);
+        return status;
+    }
+    memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+    promise->upload = *upload;
+    promise->bytes = bytes;
+    promise->next = service->promises;
+    service->promises = promise;
+    return UMB_OK;
+}
+
+static void drop_promise(struct umbj_service *service, const struct umbj_upload *upload)
+{
+    struct umbj_promise **at = &service->promises;
+    while (*at != NULL && (*at)->upload != upload) {
+        at = &(*at)->next;
+    }
+    if (*at != NULL) {
+        struct umbj_promise *promise = *at;
+        *at = promise->next;
+        free(promise);
+    }
+}
+
+void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload)
+{
+    drop_promise(service, upload);
+    umbj_upload_destroy(upload);
 }
 
 enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
@@ -50,11 +110,9 @@ enum umb_status umbj_service_submit(struct umbj_service *service, const char *ow
     }
     if (status == UMB_E_NOT_FOUND) {
         memset(job, 0, sizeof *job);
-        status = umbj_table_check_quota(service->table, owner, (int64_t)bytes, error);
+        status = begin_upload(service, owner, manifest, key, (int64_t)bytes, upload, error);
     }
-    return status == UMB_OK
-               ? umbj_upload_begin(service->options.folder, manifest, key, upload, error)
-               : status;
+    return status;
 }
 
 enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
@@ -89,6 +147,7 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
         .bundle_bytes = (int64_t)bytes,
     };
     status = umbj_table_submit(service->table, &submission, umbj__unix_ms(), job, &is_new, error);
+    drop_promise(service, upload); /* now it counts as a job */
     if (status != UMB_OK || !is_new) {
         umbj__drop_bundle(service, key); /* a twin may be done with it */
     } else {

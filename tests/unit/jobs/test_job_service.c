@@ -107,7 +107,7 @@ static void run_submission(struct umbj_request *request, struct umbj_service *se
         submission->status =
             umbj_service_accept(service, "ann", &manifest, upload, &submission->job, &error);
     }
-    umbj_upload_destroy(upload);
+    umbj_service_drop_upload(service, upload);
 }
 
 static void submission_done(struct umbj_request *request)
@@ -146,11 +146,63 @@ static void requests_without_a_break_keep_no_job_from_running(void **state)
     assert_int_equal(found, UMBJ_FAILED);
 }
 
+/* Uploads that wait for their bytes, and what the service says to the last one. */
+struct waiting {
+    struct umbj_request request;
+    enum umb_status first, second, others, again;
+    atomic_int done;
+};
+
+static enum umb_status begin(struct umbj_service *service, const char *owner, uint64_t size,
+                             struct umbj_upload **upload)
+{
+    const struct umbj_bundle_file file = {.path = "a.obj", .size = size};
+    const struct umbj_manifest manifest = {.scene = "a.obj", .files = &file, .file_count = 1};
+    struct umbj_job job;
+    struct umb_error error;
+    return umbj_service_submit(service, owner, &manifest, &job, upload, &error);
+}
+
+static void run_waiting(struct umbj_request *request, struct umbj_service *service)
+{
+    struct waiting *waiting = (struct waiting *)request;
+    struct umbj_upload *uploads[4] = {NULL, NULL, NULL, NULL};
+    waiting->first = begin(service, "ann", 600, &uploads[0]);
+    waiting->second = begin(service, "ann", 601, &uploads[1]);
+    waiting->others = begin(service, "bob", 601, &uploads[2]);
+    umbj_service_drop_upload(service, uploads[0]);
+    waiting->again = begin(service, "ann", 601, &uploads[3]);
+    for (int i = 1; i < 4; i++) {
+        umbj_service_drop_upload(service, uploads[i]);
+    }
+}
+
+static void waiting_done(struct umbj_request *request)
+{
+    atomic_store(&((struct waiting *)request)->done, 1);
+}
+
+static void uploads_on_their_way_count_for_the_quotas(void **state)
+{
+    struct fixture *f = *state;
+    static struct waiting waiting;
+    waiting = (struct waiting){.request = {.run = run_waiting, .done = waiting_done}};
+    umbj_service_post(f->service, &waiting.request);
+    while (!atomic_load(&waiting.done)) {
+        (void)poll(NULL, 0, STEP_MS);
+    }
+    assert_int_equal(waiting.first, UMB_OK);
+    assert_int_equal(waiting.second, UMB_E_BUSY);
+    assert_int_equal(waiting.others, UMB_OK);
+    assert_int_equal(waiting.again, UMB_OK);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
                                         teardown),
+        cmocka_unit_test_setup_teardown(uploads_on_their_way_count_for_the_quotas, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -104,7 +104,7 @@ static void quotas_name_their_limit(void **state)
     assert_int_equal(submit_as(f, "ann", 9, 0, 1000, &job, &is_new), UMB_E_BUSY);
     assert_non_null(strstr(f->error.message, "--owner-jobs"));
     submit(f, "bob", 9);
-    assert_int_equal(umbj_table_check_quota(f->table, "bob", 950, &f->error), UMB_E_BUSY);
+    assert_int_equal(umbj_table_check_quota(f->table, "bob", 950, NULL, &f->error), UMB_E_BUSY);
     assert_non_null(strstr(f->error.message, "--owner-bytes"));
 }
 
