@@ -43,7 +43,7 @@ static size_t take_bytes(char *bytes, size_t size, size_t count, void *user)
     (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
     if (code != 206) {
         fetch->whole_file = code == 200;
-        return code == 200 ? 0 : all; /* the body of an error is not looked at */
+        return 0; /* the body of an error may have no end */
     }
     if (all > fetch->wanted - fetch->size) {
         fetch->whole_file = true;
@@ -89,7 +89,9 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
         return umb_fail(error, UMB_E_PROTOCOL, "'%.200s': the server does not serve ranges",
                         http->url);
     }
-    if (result != CURLE_OK) {
+    /* An error's body was cut off; a redirect is an error only if curl did not follow it. */
+    const bool refused = code >= 400 && (result == CURLE_OK || result == CURLE_WRITE_ERROR);
+    if (result != CURLE_OK && !refused) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "'%.200s': %.200s", http->url,
                         fetch->reason[0] ? fetch->reason : curl_easy_strerror(result));
     }
@@ -162,6 +164,8 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
 
 static bool prepare(const struct http *http, struct fetch *fetch)
 {
+    /* What was asked for over TLS does not come without it. */
+    const char *onward = strncmp(http->url, "https://", 8) == 0 ? "https" : "http,https";
     fetch->easy = curl_easy_init();
     return fetch->easy && curl_easy_setopt(fetch->easy, CURLOPT_URL, http->url) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_PROTOCOLS_STR, "http,https") == CURLE_OK &&
@@ -169,7 +173,7 @@ static bool prepare(const struct http *http, struct fetch *fetch)
            curl_easy_setopt(fetch->easy, CURLOPT_WRITEDATA, fetch) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_ERRORBUFFER, fetch->reason) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_FOLLOWLOCATION, 1L) == CURLE_OK &&
-           curl_easy_setopt(fetch->easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https") == CURLE_OK &&
+           curl_easy_setopt(fetch->easy, CURLOPT_REDIR_PROTOCOLS_STR, onward) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_MAXREDIRS, 5L) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_NOSIGNAL, 1L) == CURLE_OK &&
            curl_easy_setopt(fetch->easy, CURLOPT_CONNECTTIMEOUT, (long)CONNECT_TIMEOUT_S) ==

@@ -7,6 +7,8 @@ import shutil
 import socket
 import subprocess
 import sys
+import threading
+import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import link  # noqa: E402
@@ -115,6 +117,35 @@ with test.check("the wrong asset, damaged pages, no ranges, no file, nobody ther
     server.close()
     stream("--from-url", url, code=69)
     assert "http" in stream("--from-url", "ftp://x/y", code=2)
+
+with test.check("an answer without an end: an error is told at once, what is no part is not read"):
+    def endless(head):
+        """A server of one answer that never ends; returns its URL."""
+        listener = socket.create_server(("127.0.0.1", 0))
+
+        def serve(one):
+            try:
+                one.recv(4096)
+                one.sendall(head + b"\r\n\r\n")
+                while True:
+                    one.sendall(b"x" * 1000)
+                    time.sleep(0.02)
+            except OSError:
+                pass  # the client has heard enough
+
+        def accept():
+            while True:
+                threading.Thread(target=serve, args=listener.accept()[:1], daemon=True).start()
+        threading.Thread(target=accept, daemon=True).start()
+        return f"http://127.0.0.1:{listener.getsockname()[1]}/city.umb"
+
+    for head, code, words in ((b"HTTP/1.1 404 Not Found", 66, "says 404"),
+                              (b"HTTP/1.1 503 Busy\r\nContent-Length: 99999999999", 69, "says 503"),
+                              (b"HTTP/1.1 302 Found\r\nLocation: /there", 69, "redirects"),
+                              (b"HTTP/1.1 200 OK", 70, "does not serve ranges")):
+        started = time.monotonic()
+        assert words in stream("--from-url", endless(head), code=code), head
+        assert time.monotonic() - started < 5, head
 
 if shutil.which("nginx") or os.path.exists("/usr/sbin/nginx"):
     with test.check("nginx serves the same part"):
