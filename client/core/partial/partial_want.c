@@ -190,7 +190,9 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
         if (cube->level > l->lack.level) {
             l->lack = (struct umb__lack){cube->level, above};
         }
-        l->p->pages[cube->child & ~UMB__ABSENT].benefit += l->want ? 1 : 0;
+        if (l->want) { /* else other threads may be looking, too */
+            l->p->pages[cube->child & ~UMB__ABSENT].benefit += 1;
+        }
         return;
     }
     if (cube->level == UMB_LEVEL_BRICK) {
