@@ -49,7 +49,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
 {
     const struct umbt_render_options *options = &render->options;
     const double start = umbt_now_s();
-    enum umb_status status = umbt_source_init(&render->source, options->asset, options->address,
+    enum umb_status status = umbt_source_init(&render->source, options->asset, &options->daemon,
                                               &options->settings, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&render->scene, options->scene, error);

@@ -15,8 +15,10 @@ const char umbt_render_help[] =
     "Makes a picture of a scene with the shadows of an asset that was baked from it.\n"
     "\n"
     "  --asset FILE|ASSET   asset file, or the name or id of a daemon's asset\n"
-    "  --address ADDRESS    the daemon: tcp:HOST:PORT or unix:PATH\n"
+    "  --address ADDRESS    the daemon: tcp:HOST:PORT, tls:HOST:PORT or unix:PATH\n"
     "                       (else UMBRAGE_ADDRESS, else tcp:127.0.0.1:7420)\n"
+    "  --tls-ca, --tls-cert, --tls-key, --tls-name, --token-file\n"
+    "                       as `umbrage query` takes them (token: else UMBRAGE_TOKEN)\n"
     "  -o, --output FILE    the picture, PNG\n"
     "  --camera WHERE       eye=X,Y,Z[,target=X,Y,Z][,fov=DEG], or [az=DEG][,el=DEG][,fov=DEG]:\n"
     "                       fitted to the scene from a compass direction. Default: fitted, from\n"
@@ -174,7 +176,12 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
     struct raw raw = {.taps = 9};
     const struct umbt_option table[] = {
         {"--asset", UMBT_TEXT, &options->asset, 0, 0},
-        {"--address", UMBT_TEXT, &options->address, 0, 0},
+        {"--address", UMBT_TEXT, &options->daemon.address, 0, 0},
+        {"--tls-ca", UMBT_TEXT, &options->daemon.ca_file, 0, 0},
+        {"--tls-cert", UMBT_TEXT, &options->daemon.certificate_file, 0, 0},
+        {"--tls-key", UMBT_TEXT, &options->daemon.key_file, 0, 0},
+        {"--tls-name", UMBT_TEXT, &options->daemon.server_name, 0, 0},
+        {"--token-file", UMBT_TEXT, &options->daemon.token_file, 0, 0},
         {"-o", UMBT_TEXT, &options->output, 0, 0},
         {"--output", UMBT_TEXT, &options->output, 0, 0},
         {"--camera", UMBT_TEXT, &raw.camera, 0, 0},

@@ -3,11 +3,13 @@
 #define UMBRAGE_SERVER_STUDY_RENDER_OPTIONS_H
 /* The command line of `render`, parsed and checked; texts are borrowed from argv. */
 #include "study/camera.h"
+#include "study/shadow_source.h"
 #include "study/traced_shadow.h"
 #include "umbrage/query.h"
 
 struct umbt_render_options {
-    const char *scene, *asset, *address;
+    const char *scene, *asset;
+    struct umbt_daemon daemon;
     const char *output, *reference, *difference; /* PNG files or NULL */
     struct umbt_camera_request camera;
     struct umb_query_settings settings; /* format UMB_ANSWER_F32 */

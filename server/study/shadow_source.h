@@ -6,7 +6,8 @@
  * libumbrage. The answers are the same bits.
  *
  * An argument is a file if it exists as one, holds a '/', or ends in .umb or .umbm; else it names
- * an asset at `address`, or at UMBRAGE_ADDRESS, or at tcp:127.0.0.1:7420.
+ * an asset of a daemon: at its address, or UMBRAGE_ADDRESS, or tcp:127.0.0.1:7420; with the token
+ * in its file, or UMBRAGE_TOKEN, or none.
  * Threads: after init, umbt_source_answer may be called from any number of threads.
  */
 #include "umbrage/client.h"
@@ -26,6 +27,12 @@ struct umbt_source {
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
 };
 
+/* How the daemon is reached, as `umbrage` is told it; NULL: not given. Borrowed. */
+struct umbt_daemon {
+    const char *address, *token_file;
+    const char *ca_file, *certificate_file, *key_file, *server_name; /* of tls: addresses */
+};
+
 /* 1 if the argument names a file by the rule above. */
 int umbt_source_is_file(const char *argument);
 
@@ -33,10 +40,11 @@ int umbt_source_is_file(const char *argument);
  * Opens the source and checks the settings against it.
  *
  * In:    settings: format must be UMB_ANSWER_F32.
- * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe, E_NO_MEMORY.
+ * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe, E_NO_MEMORY; E_NO_INPUT,
+ *        E_PERMISSION, E_IO or E_ARGUMENT (token file).
  */
 UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                             const char *address,
+                                             const struct umbt_daemon *daemon,
                                              const struct umb_query_settings *settings,
                                              struct umb_error *error);
 void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */

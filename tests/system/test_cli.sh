@@ -308,6 +308,34 @@ check "render by daemon and by file are one picture" cmp daemon.png file.png
 kill -TERM $daemon
 wait $daemon
 same "the daemon exits with 0" 0 $?
+
+# --- a daemon that asks for a token ---
+token=0123456789abcdef0123456789
+(umask 077 && echo "studio query $token" >tokens)
+echo $token >token
+"$BUILD/umbraged" --store store --listen "unix:$folder/t.sock" --address-file token_addresses \
+    --token-file tokens --drain-delay 0 >daemon.log 2>&1 &
+daemon=$!
+children="$children $daemon"
+for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+    [ -f token_addresses ] && break
+    sleep 0.25
+done
+UMBRAGE_ADDRESS=unix:$folder/t.sock
+set -- umbrage render city.glb --asset city -o token.png --size 64x48 --quiet
+try 77 "$@"
+one_sentence TOKEN
+try 0 "$@" --token-file token
+check "render shows a token from a file" cmp token.png file.png
+try 66 "$@" --token-file no_token
+one_sentence no_token
+try 2 "$@" --tls-ca token
+one_sentence tls:
+export UMBRAGE_TOKEN=$token
+try 0 "$@"
+unset UMBRAGE_TOKEN
+kill -TERM $daemon
+wait $daemon
 try 0 umbraged --store store --check-config
 try 2 umbraged --store store --listen nonsense --check-config
 try 2 umbraged --store store --workers 0 --check-config
