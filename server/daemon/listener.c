@@ -64,6 +64,20 @@ static void remove_stale(const char *path)
     }
 }
 
+/* libuv says EACCES where the folder of a socket is missing. */
+static int is_folder_missing(const char *path)
+{
+    char folder[sizeof((struct sockaddr_un *)0)->sun_path];
+    struct stat status;
+    const char *end = strrchr(path, '/');
+    if (end == NULL || end == path || (size_t)(end - path) >= sizeof folder) {
+        return 0;
+    }
+    memcpy(folder, path, (size_t)(end - path));
+    folder[end - path] = '\0';
+    return stat(folder, &status) != 0 && errno == ENOENT;
+}
+
 static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address)
 {
     remove_stale(address->path);
@@ -72,7 +86,7 @@ static int bind_unix(struct umbd_listener *listener, const struct umbd_address *
         memcpy(listener->path, address->path, sizeof listener->path);
         snprintf(listener->text, sizeof listener->text, "unix:%s", address->path);
     }
-    return code;
+    return code == UV_EACCES && is_folder_missing(address->path) ? UV_ENOENT : code;
 }
 
 static int bind_tcp(struct umbd_listener *listener, const struct sockaddr_storage *address)

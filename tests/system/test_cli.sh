@@ -340,6 +340,8 @@ try 0 umbraged --store store --check-config
 try 2 umbraged --store store --listen nonsense --check-config
 try 2 umbraged --store store --workers 0 --check-config
 try 66 umbraged --store missing --listen "unix:$folder/e.sock"
+try 69 umbraged --store store --listen "unix:$folder/no/such/e.sock"
+check "  the folder is missing, not the right" grep -q "e.sock': no such file or directory" err
 try 66 umbrage render missing.glb --asset city.umb -o x.png
 try 66 umbrage render city.glb --asset missing.umb -o x.png
 try 2 umbrage render city.glb --asset city.umb
