@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finding a scene's files, see cli_bundle.h. */
+#define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
 #include "cli_bundle.h"
 
 #include <ctype.h>
@@ -109,7 +110,21 @@ static enum umb_status add_path(struct gathering *g, const char *path)
     return UMB_OK;
 }
 
-/* Adds what a scene names, if it is a file. */
+/* 1 if a file lies in the scene's folder, wherever links lead. Others are not sent: a scene from a
+ * stranger could name any file of ours, and no importer would open them. */
+static bool is_beneath(const struct gathering *g, const char *path)
+{
+    char *folder = realpath(g->folder[0] != '\0' ? g->folder : "/", NULL);
+    char *found = folder != NULL ? realpath(path, NULL) : NULL;
+    const size_t length = found != NULL && strcmp(folder, "/") != 0 ? strlen(folder) : 0;
+    const bool beneath =
+        found != NULL && strncmp(found, folder, length) == 0 && found[length] == '/';
+    free(folder);
+    free(found);
+    return beneath;
+}
+
+/* Adds what a scene names, if it is a file in its folder. */
 static enum umb_status add_named(struct gathering *g, const char *name)
 {
     char path[2 * PATH_SIZE];
@@ -124,6 +139,15 @@ static enum umb_status add_named(struct gathering *g, const char *name)
     if (!normalise(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
         if (!g->quiet) {
             (void)fprintf(stderr, "umbrage: notice: the scene names '%.200s', which is not here\n",
+                          name);
+        }
+        return UMB_OK;
+    }
+    if (!is_beneath(g, path)) {
+        if (!g->quiet) {
+            (void)fprintf(stderr,
+                          "umbrage: notice: the scene names '%.200s', which is not sent: it lies "
+                          "outside of the scene's folder\n",
                           name);
         }
         return UMB_OK;

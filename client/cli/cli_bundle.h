@@ -6,8 +6,9 @@
  * glTF, material libraries of OBJ and their textures). Names are looked for in the text, not
  * parsed: one too many costs bytes, the daemon's importer decides what they mean.
  *
- * Paths of the bundle are relative to the deepest folder that holds all of them, so that a scene
- * may name files above its own folder. Names that are no files here are left out with a notice.
+ * Paths of the bundle are relative to the deepest folder that holds all of them. Names that are no
+ * files here are left out with a notice, and so are files outside of the scene's folder, by ".." or
+ * by links: what a scene names must not decide which of somebody's files leave the machine.
  */
 #include "umbrage/jobs.h"
 

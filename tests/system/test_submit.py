@@ -67,7 +67,7 @@ with test.check("fetch gives a file that verifies, and goes on from what an earl
     cli("fetch", 64 * "0", "-o", out, code=66)
     assert not os.path.exists(out) and not os.path.exists(out + ".part")
 
-with test.check("files of a glTF and an OBJ are gathered, also from above the scene's folder"):
+with test.check("files of a glTF and an OBJ are gathered, and no others"):
     os.makedirs(test.path("deep", "models"))
     os.makedirs(test.path("deep", "data files"))
     with open(test.path("deep", "data files", "a.bin"), "wb") as file:
@@ -96,8 +96,17 @@ with test.check("files of a glTF and an OBJ are gathered, also from above the sc
     os.rename(test.path("deep", "models", "a.mtl"), test.path("deep", "a.mtl"))
     with open(obj, "a", encoding="ascii") as file:
         file.write("mtllib ../a.mtl\n")
-    job = answer("submit", obj, "--resolution", 64)["job"]
+    done = cli("submit", obj, "--resolution", 64, "--json")
+    assert b"'../a.mtl', which is not sent" in done.stderr, done.stderr
+    job = json.loads(done.stdout)["job"]
     assert answer("watch", job, code=None)["state"] in ("done", "failed")
+
+with test.check("a link out of the scene's folder is not followed"):
+    os.remove(test.path("deep", "models", "a.bin"))
+    os.symlink(test.path("deep", "data files", "a.bin"), test.path("deep", "models", "a.bin"))
+    done = cli("submit", gltf, "--resolution", 128, "--wait", "--json", code=None)
+    assert b"'a.bin', which is not sent" in done.stderr, done.stderr
+    assert json.loads(done.stdout)["state"] == "failed", done.stdout
 
 with test.check("a scene that cannot be used ends with 65 and the reason"):
     with open(test.path("bad.obj"), "w", encoding="ascii") as file:
