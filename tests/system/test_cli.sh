@@ -295,7 +295,9 @@ for dial in "--max-error 30" "--max-error 0.3vis" "--level 3"; do
     done
 done
 try 2 umbrage query city --points points --max-error 0.0001
-one_sentence reaches
+one_sentence "max_error: 0.0001 m: this light's asset reaches"
+try 2 umbrage query city --points points --max-error 0.0001vis
+one_sentence "max_error: visibility 0.0001: this light's asset reaches"
 try 66 umbrage query nobody --points points
 one_sentence nobody
 try 66 umbrage info nobody

@@ -3,6 +3,7 @@
 #include "umbrage/curve.h"
 
 #include <math.h>
+#include <stdio.h>
 
 #include "format/asset_parts.h"
 
@@ -148,12 +149,18 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
                         "wanted costs %.3g ns, any other at least %.3g ns",
                         choice->dial->budget_ns, ns ? ns[accurate] : 0.0, ns ? ns[least] : 0.0);
     }
+    const double metres = choice->dial->max_error_m, visibility = choice->dial->max_visibility;
+    char wanted[64] = "";
+    int length = metres > 0 ? snprintf(wanted, sizeof wanted, " %g m", metres) : 0;
+    if (visibility > 0) {
+        (void)snprintf(wanted + length, sizeof wanted - (size_t)length, "%s visibility %g",
+                       length > 0 ? "," : "", visibility);
+    }
     return umb_fail(error, UMB_E_ARGUMENT,
-                    "max_error: %g m, visibility %g: this light's asset reaches %.4g m (level %u, "
-                    "%u taps), or visibility %.3g (level %u, %u taps)",
-                    choice->dial->max_error_m, choice->dial->max_visibility, finest->bound_m,
-                    finest->level, finest->taps, softest->visibility_error, softest->level,
-                    softest->taps);
+                    "max_error:%s: this light's asset reaches %.4g m (level %u, %u taps), or "
+                    "visibility %.3g (level %u, %u taps)",
+                    wanted, finest->bound_m, finest->level, finest->taps,
+                    softest->visibility_error, softest->level, softest->taps);
 }
 
 enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_dial *dial,
