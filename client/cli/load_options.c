@@ -10,6 +10,7 @@
 #define BATCH            64
 #define BATCH_MAX        (1U << 22)
 #define RATE_MAX         1e6
+#define RATE_MIN         1e-3 /* above; far less, and when calls are due has no number */
 #define TIME_MAX_S       86400
 #define TIMEOUT_MS       10000
 #define DURATION_S       10
@@ -244,7 +245,7 @@ static int take_load(const struct umbc_parsed *parsed, struct umbc_load_options 
     struct umbc_load_settings *settings = &options->settings;
     unsigned long long connections = CONNECTIONS;
     unsigned long long timeout = TIMEOUT_MS;
-    int code = take_number(parsed, OPTION_RATE, 0, RATE_MAX, &settings->rate);
+    int code = take_number(parsed, OPTION_RATE, RATE_MIN, RATE_MAX, &settings->rate);
     if (code < 0 && parsed->values[OPTION_CLOSED] != NULL &&
         (settings->rate > 0 || options->sweep)) {
         code = umbc_usage_error("load: --closed cannot be with --rate or --sweep");

@@ -11,7 +11,8 @@
  */
 #include "load_run.h"
 
-#define UMBC_SWEEP_STEPS 64
+/* Thirty doublings from the lowest first rate to the highest, five halvings, all tried twice. */
+#define UMBC_SWEEP_STEPS 80
 
 struct umbc_load_step {
     double rate, calls_s; /* asked, and answered, a second */

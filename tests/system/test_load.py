@@ -132,7 +132,8 @@ with test.check("a test that cannot begin or gets no answer at all says why"):
     assert "--admin" in load(*BRIEF, "--admin", "127.0.0.1:1", code=69)
     assert "no call was answered" in load(*BRIEF, "--batch", 100, code=2, to=(
         "--address", "unix:" + test.daemon("--max-points", 16).socket_path))
-    for wrong in (("--rate", 0), ("--taps", 2), ("--batch", 0), ("--connections", 1000), ("--bound", 1),
+    for wrong in (("--rate", 0), ("--rate", 1e-12), ("--taps", 2), ("--batch", 0),
+                  ("--connections", 1000), ("--bound", 1),
                   ("--points", "nice"), ("--trace", "a", "--points", "random"), ("--duration", 0), ("--duration", "10h"), ("--duration", "ms"), ("--closed", "--rate", 5),
                   ("--normals",), ("--encoding", "png"), ("--warm-up", -1), ("--seed", "x")):
         assert "load:" in load(*wrong, code=2), wrong
