@@ -264,16 +264,16 @@ static bool rest(struct umb_client *client, struct umb__call *call, uint64_t for
 /* Another try of a call that the server may have acted on. */
 static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_status status)
 {
-    bool wished = status == UMB_E_BUSY && call->reply.come_again;
-    if (status != UMB_E_UNAVAILABLE && !wished) {
+    bool wished = call->reply.come_again;
+    if (status != UMB_E_UNAVAILABLE && !(status == UMB_E_BUSY && wished)) {
         return false;
     }
     if (call->reply.has_grpc_status) {
         umb__client_spend(client); /* a lost connection was paid for as such */
     }
     /* What was fed or has given messages away cannot be done again. */
-    if (!has_budget(client) || !call->safe || call->was_fed || call->reply.take != NULL ||
-        call->retries >= client->options.max_retries) {
+    if (!has_budget(client) || !call->safe || call->reply.stay_away || call->was_fed ||
+        call->reply.take != NULL || call->retries >= client->options.max_retries) {
         return false;
     }
     uint64_t for_ns =

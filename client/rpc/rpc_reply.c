@@ -84,6 +84,7 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     } else if (is_name(name, name_size, "grpc-retry-pushback-ms")) {
         int wait_ms = small_number(value, value_size, PUSHBACK_DIGITS);
         reply->come_again = wait_ms >= 0;
+        reply->stay_away = wait_ms < 0;
         reply->come_again_ms = wait_ms >= 0 ? (uint32_t)wait_ms : 0;
     } else if (is_name(name, name_size, "grpc-message")) {
         size_t size =

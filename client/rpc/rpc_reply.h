@@ -26,7 +26,8 @@ struct umb__reply {
     bool is_grpc;         /* content-type begins with application/grpc */
     bool has_grpc_status;
     int grpc_status; /* -1 = not a number */
-    bool come_again; /* the server said after how many milliseconds to try again: */
+    bool stay_away;  /* the server said not to try again */
+    bool come_again; /* or after how many milliseconds: */
     uint32_t come_again_ms;
     char content_type[64];
     char grpc_message[1024]; /* still escaped */

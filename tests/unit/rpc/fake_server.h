@@ -157,13 +157,14 @@ static void fake_trailers_only(struct fake_connection *connection, int32_t id, c
     (void)nghttp2_submit_response(connection->session, id, headers, 4, NULL);
 }
 
-/* RESOURCE_EXHAUSTED with a hint when to come again. */
-static void fake_exhausted(struct fake_connection *connection, int32_t id, const char *pushback)
+/* A status with a hint when to come again. */
+static void fake_hint(struct fake_connection *connection, int32_t id, const char *status,
+                      const char *pushback)
 {
     const nghttp2_nv headers[] = {
         fake_header(":status", "200"),
         fake_header("content-type", "application/grpc"),
-        fake_header("grpc-status", "8"),
+        fake_header("grpc-status", status),
         fake_header("grpc-message", "queue: full"),
         fake_header("grpc-retry-pushback-ms", pushback),
     };
@@ -229,9 +230,13 @@ static void fake_query(struct fake_connection *connection, struct fake_stream *s
     } else if (strcmp(name, "status-999") == 0) {
         fake_trailers_only(connection, stream->id, "9x9", "");
     } else if (strcmp(name, "shed") == 0) {
-        fake_exhausted(connection, stream->id, "50");
+        fake_hint(connection, stream->id, "8", "50");
     } else if (strcmp(name, "never-again") == 0) {
-        fake_exhausted(connection, stream->id, "-1");
+        fake_hint(connection, stream->id, "8", "-1");
+    } else if (strcmp(name, "away-for-good") == 0) {
+        fake_hint(connection, stream->id, "14", "-1");
+    } else if (strcmp(name, "away-a-while") == 0 && first) {
+        fake_hint(connection, stream->id, "14", "400");
     } else if (strcmp(name, "too-many") == 0) {
         fake_trailers_only(connection, stream->id, "8", "points: 100 is over the limit of 1");
     } else if (strcmp(name, "reset") == 0) {

@@ -65,6 +65,7 @@ static void queries_are_asked_again_and_only_so_often(void **state)
         {"not-found", 0, UMB_E_NOT_FOUND, 1},
         {"reset", 0, UMB_E_PROTOCOL, 1},
         {"never-again", 0, UMB_E_TOO_LARGE, 1},
+        {"away-for-good", 0, UMB_E_UNAVAILABLE, 1},
         {"short", 0, UMB_E_PROTOCOL, 1},
         /* whom another try may hurt */
         {"drop-once", UMB_CLIENT_NEVER, UMB_E_UNAVAILABLE, 1},
@@ -101,6 +102,14 @@ static void a_server_says_when_to_come_again_and_is_obeyed(void **state)
     assert_true(now_s() - start >= 0.05);
     umb_client_close(client);
     fake_stop(&server);
+    struct fake_server other = {.http1 = false};
+    fake_start(&other, 0, address);
+    client = open_client(address, NULL);
+    start = now_s();
+    assert_int_equal(ask(client, "away-a-while", &error), UMB_OK);
+    assert_true(now_s() - start >= 0.4);
+    umb_client_close(client);
+    fake_stop(&other);
 }
 
 static void a_server_that_fails_everything_is_not_asked_thrice_as_much(void **state)
