@@ -69,6 +69,8 @@ static void print_result(FILE *file, const struct umbc_load_story *story)
             1e6 * result->server_cpu_s / (result->calls > 0 ? (double)result->calls : 1),
             1e9 * result->server_cpu_s / (result->server_points > 0 ? result->server_points : 1),
             result->server_cpu_s / result->server_s, result->server_rss_max / 1048576);
+    } else if (story->options->settings.admin != NULL) {
+        (void)fputs("daemon     told no figures at the end\n", file);
     }
     (void)fprintf(file, "generator  %.2f cores\n", result->generator_cores);
 }

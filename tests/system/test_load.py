@@ -119,8 +119,9 @@ with test.check("failures in the middle of a run are counted by their names"):
         victim.kill()
     threading.Thread(target=kill_in_the_middle).start()
     told = load("--warm-up", 0, "--duration", 1.2, "--rate", 200, "--connections", 2,
-                to=("--address", "unix:" + victim.socket_path))
+                "--admin", victim.addresses["http"], to=("--address", "unix:" + victim.socket_path))
     test.daemons.remove(victim)
+    assert "server" not in told
     assert told["errors"].get("E_UNAVAILABLE", 0) > 20 and told["calls"] > 20, told
     assert sum(told["errors"].values()) == told["error_count"], told
 
