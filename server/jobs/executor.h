@@ -25,8 +25,8 @@ struct umbj_work {
     const char *scene;    /* path in the bundle */
     const char *settings; /* lines of --name=value */
     const char *cache;    /* folder of the owner's tiles, NULL = none */
-    /* An earlier bake of the same key, by whomever: nothing is run, but it takes as long as that
-     * did, so that no owner learns from the time what others have. */
+    /* An earlier bake of the same key whose asset the owner has: nothing is run, but it takes as
+     * long as that did. */
     int is_known;
     uint8_t known_asset[UMBJ_HASH_BYTES];
     int64_t known_ms;

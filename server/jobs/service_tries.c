@@ -115,14 +115,19 @@ enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *jo
     return status;
 }
 
-/* 1 if an earlier bake of the key is there to be shared. */
+/* 1 if an earlier bake of the key gave an asset that is the owner's already. Those of others are
+ * baked again: the steps that Watch shows of a bake would be missing, and tell of them. */
 static int find_known(struct umbj_service *service, const struct umbj_job *job,
                       struct umbj_work *work)
 {
     char path[PATH_SIZE];
     struct umb_error error;
+    int known = 0, owned = 0;
     if (umbj_table_find_bake(service->table, job->key, work->known_asset, &work->known_ms,
-                             &error) != UMB_OK) {
+                             &error) != UMB_OK ||
+        umbj_table_asset(service->table, work->known_asset, job->owner, &known, &owned, &error) !=
+            UMB_OK ||
+        !owned) {
         return 0;
     }
     umbj_asset_path(service->options.store, work->known_asset, path, sizeof path);

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 What owners of jobs can do to each other: nothing. An asset of one is not seen, not by its damage
-either; baking what is everybody's takes it from nobody; sharing a bake neither waits too long nor
+either; baking what is everybody's takes it from nobody; no job of an asset that others have gets lost or
 ends without a file.
 """
 import os
@@ -65,7 +65,7 @@ with test.check("a damaged asset of another owner is as little there as a whole 
     ut.wait_until(is_damaged, 10, "its owner hears of the damage")
     client.refused(lambda: ask("eve", asset), Code.NOT_FOUND, "no asset named")
 
-with test.check("a bake that took longer than the lease is shared all the same"):
+with test.check("the same scene of two owners is one asset, if it takes longer than the lease too"):
     settings = {"resolution": 1024, "sun": "120,40", "verify": 4000000}  # seconds of work
     first = bake("ann", **settings)
     second = bake("bob", **settings)
@@ -73,7 +73,7 @@ with test.check("a bake that took longer than the lease is shared all the same")
     assert second.asset == first.asset and second.epoch == 1, second
     asset = first.asset.hex()
 
-with test.check("an asset that its last owner deletes while it is shared is baked again"):
+with test.check("an asset that its other owner deletes meanwhile is there at the end"):
     client.delete_asset(B.DeleteRequest(asset=asset), metadata=WHO["bob"])
     job = client.submit(scene, "a.glb", WHO["bob"], **settings).job
     for seen in client.watch_job(B.WatchRequest(job=job), metadata=WHO["bob"], timeout=60):

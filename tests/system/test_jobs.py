@@ -88,13 +88,15 @@ with test.check("the same of the same owner is the same job, at once and without
     again = client.raw_submit(only_manifest(), timeout=20, metadata=WHO["ann"])
     assert again.existing and again.job == reply.job and time.monotonic() - begin < 10
 
-with test.check("another owner shares the work and learns nothing"):
+with test.check("another owner of the same scene learns nothing, and the asset is kept once"):
     other = client.submit({"a/city.glb": scene}, "a/city.glb", WHO["bob"], resolution=512,
                           sun="120,40", verify=20000)
     assert not other.existing and other.job != reply.job
     status = client.finished_job(other.job, WHO["bob"])
     assert status.asset.hex() == plain
     assert status.ended_ms - status.started_ms >= 50, "faster than a bake can be"
+    shown = list(client.watch_job(B.WatchRequest(job=other.job), metadata=WHO["bob"], timeout=60))
+    assert "effect=closed" in shown[-1].plan, "a job without a plan is one that somebody else had"
     assert [job.job for job in client.list_jobs(B.ListJobsRequest(), metadata=WHO["bob"]).jobs] \
         == [other.job]
     for call in (lambda: client.cancel_job(B.CancelRequest(job=reply.job), metadata=WHO["bob"]),
