@@ -161,7 +161,8 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
         if (end - word < 2) {
             return false;
         }
-        if (node[0] == 0 && node[1] == 0) { /* between nodes */
+        if (node[0] == 0 && node[1] == 0) { /* between nodes, or one that is all shadowed */
+            starts[word / 64] |= (uint64_t)1 << (word % 64);
             word += 2;
             continue;
         }

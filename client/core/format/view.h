@@ -15,7 +15,8 @@
  *   bricks.
  *
  * A node that would begin in one line of 64 bytes and end in more than it needs begins in the next;
- * what it leaves is zero, and no node begins with two zero words.
+ * what it leaves is zero. Two zero words are a node that is all shadowed, which written trees have
+ * not.
  *
  * Why: against an octree it halves the dependent cache lines of a look-up (reference/core.md,
  * section 3, layout C: 1.7 to 2.3 times faster than one octree level a node), and a whole window
@@ -37,10 +38,10 @@ struct umb__top {
 
 /* Borrowed arrays of the mapped layout. All little-endian, as the host must be. */
 struct umb__view {
-    const struct umb__top *tops;   /* [frustum_count] */
-    const uint32_t *grid;          /* [grid_count], cell x + (y << g) + (z << 2g) */
-    const uint64_t *nodes;         /* [node_words] */
-    const uint64_t (*bricks)[8];   /* [brick_count][z] */
+    const struct umb__top *tops; /* [frustum_count] */
+    const uint32_t *grid;        /* [grid_count], cell x + (y << g) + (z << 2g) */
+    const uint64_t *nodes;       /* [node_words] */
+    const uint64_t (*bricks)[8]; /* [brick_count][z] */
     uint64_t grid_count, node_words, brick_count;
     uint64_t level_begin[UMB__WIDE_COUNT + 1]; /* first word of level 5 + 2i; the last is the end */
 };
