@@ -113,6 +113,9 @@ def farm(folder, scene, asset):
     problem = bake("merge", scene, "--from", tiles, "-o", out, *SETTINGS, expect=75)
     check("a merge names the missing tile", "tile" in problem and "--only" in problem, problem)
     check("a merge that failed leaves nothing", not os.path.exists(out))
+    problem = bake("merge", scene, "--from", tiles + "x", "-o", out, *SETTINGS, expect=66)
+    check("a merge makes no folder of tiles", "--from" in problem and
+          not os.path.exists(tiles + "x"), problem)
     workers = [subprocess.Popen([BAKE, "tile", scene, "-o", tiles, "--only", only, *SETTINGS],
                                 stdout=subprocess.DEVNULL)
                for only in ("0-20", "0-31", "21-62", "63")]

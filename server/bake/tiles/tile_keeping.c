@@ -2,9 +2,11 @@
 /* Key, code and cache put together. */
 #include "bake/tiles/tile_keeping.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "bake/tiles/tile_key.h"
 
@@ -14,6 +16,9 @@ enum umb_status umbb_tile_keeping_open(struct umbb_tile_keeping *keeping,
 {
     memset(keeping, 0, sizeof *keeping);
     keeping->mode = mode;
+    if (mode == UMBB_KEEPING_MERGE && access(folder, R_OK | X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "--from: cannot read '%.200s'", folder);
+    }
     return umbb_tile_cache_open(&keeping->cache, folder, max_bytes, error);
 }
 
