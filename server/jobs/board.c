@@ -35,6 +35,7 @@ struct umbj_board {
     struct entry *over_first, *over_last;
     size_t over_count;
     uint64_t version;
+    int forgot; /* an owner could not be noted for lack of memory */
 };
 
 enum umb_status umbj_board_create(struct umbj_board **out, struct umb_error *error)
@@ -301,6 +302,7 @@ void umbj_board_own(struct umbj_board *board, const uint8_t *asset, const char *
         owned->next = *bucket;
         *bucket = owned;
     }
+    board->forgot |= at == NULL && owned == NULL;
     pthread_mutex_unlock(&board->mutex);
 }
 
@@ -330,8 +332,9 @@ void umbj_board_disown(struct umbj_board *board, const uint8_t *asset, const cha
 
 int umbj_board_may_read(struct umbj_board *board, const uint8_t *asset, const char *owner)
 {
-    int known = 0, owns = 0;
+    int known, owns = 0;
     pthread_mutex_lock(&board->mutex);
+    known = board->forgot; /* then an asset without a note may be anybody's: nobody sees it */
     for (const struct owned *at = board->assets[bucket_of_asset(asset)]; at != NULL;
          at = at->next) {
         if (is_asset(at, asset)) {
