@@ -73,20 +73,23 @@ with test.check("health needs no token"):
 with test.check("a token's rate holds; the refusal says when to come again, and that is true"):
     begin = time.monotonic()
     points = M.QueryRequest(asset="city", points=bytes(12 * 10000))
+    heavy = M.QueryRequest(asset="city", points=bytes(12 * 60000))  # 3 s of the rate
     answered = 0
-    while time.monotonic() - begin < 2.5:
+    while answered < 5 and time.monotonic() - begin < 60:
         try:
             client.query(points, timeout=30, metadata=bearer(SLOW))
             answered += 1
         except grpc.RpcError as error:
             assert error.code() == Code.RESOURCE_EXHAUSTED and "20000" in error.details()
             time.sleep(pushback(error) / 1000)
-    assert 5 <= answered <= 10, answered  # 20000 points a second, and a second ahead
+    elapsed = time.monotonic() - begin
+    assert answered == 5, answered
+    assert elapsed > 0.9, elapsed  # 20000 points a second and a second ahead: the fifth waits 1 s
     assert len(client.query(request, timeout=30, metadata=bearer(GOOD)).visibility) == 10
 with test.check("a stream pays for each of its requests"):
     def endless():
         while True:
-            yield points
+            yield heavy
     client.refused(lambda: list(client.stream(endless(), timeout=30, metadata=bearer(SLOW))),
                    Code.RESOURCE_EXHAUSTED, "rate")
 
@@ -104,20 +107,20 @@ def open_stream(token):
 
 with test.check("a stream pays with its own token, whatever token the connection showed since"):
     ask, feed, _ = open_stream(SLOW)
-    time.sleep(2)  # debts of the checks before
+    time.sleep(4)  # debts of the checks before
     assert ask(request).visibility
     for other in (GOOD, "unknown-0123456789abcdef"):
         try:
             client.query(request, timeout=30, metadata=bearer(other))
         except grpc.RpcError as error:
             assert error.code() == Code.UNAUTHENTICATED
-    client.refused(lambda: [ask(points) for _ in range(8)], Code.RESOURCE_EXHAUSTED, "20000")
+    client.refused(lambda: [ask(heavy) for _ in range(8)], Code.RESOURCE_EXHAUSTED, "20000")
     feed.put(None)
 with test.check("reflection pays for each of its requests"):
     def ask_for_ever():
         while True:
             yield R.ServerReflectionRequest(list_services="*")
-    time.sleep(2)
+    time.sleep(4)
     client.refused(lambda: list(client.reflect[0](ask_for_ever(), timeout=30,
                                                   metadata=bearer(SLOW))),
                    Code.RESOURCE_EXHAUSTED, "rate")
@@ -149,10 +152,10 @@ with test.check("a token file that others may read is refused at start"):
     assert b"--token-file" in done.stderr
 client.close()
 
-limited = test.daemon("--address-rate", 20000, "--max-address-connections", 3)
+limited = test.daemon("--address-rate", 20, "--max-address-connections", 3)
 with test.check("an address has its rate, whatever connection it asks on"):
     clients = [test.client(limited.grpc_tcp) for _ in range(2)]
-    codes = []
+    codes = []  # the first batch passes and is paid for after 500 s
     for i in range(8):
         try:
             clients[i % 2].query(points, timeout=30)
@@ -160,8 +163,8 @@ with test.check("an address has its rate, whatever connection it asks on"):
         except grpc.RpcError as error:
             codes.append(error.code())
             assert pushback(error) > 0
-    assert codes[:2] == [Code.OK] * 2 and codes[4:] == [Code.RESOURCE_EXHAUSTED] * 4, codes
-    assert limited.metric("umbrage_rate_limited_total") >= 4
+    assert codes == [Code.OK] + [Code.RESOURCE_EXHAUSTED] * 7, codes
+    assert limited.metric("umbrage_rate_limited_total") == 7
     unix = test.client(limited.grpc_unix)
     assert unix.query(points, timeout=30).visibility  # another account
     unix.close()
