@@ -58,7 +58,7 @@ check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
 system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
-	@BUILD=$(BUILD) $(RUN) $(SYSTEM_TESTS)
+	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
 questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
@@ -88,7 +88,7 @@ sanitize:
 SANITIZED := $(if $(filter tsan,$(config)),$(filter-out $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire),$(UNIT_TESTS)),$(UNIT_TESTS))
 sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
 	@echo "== $(config)"
-	@BUILD=$(BUILD) $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
+	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BUILD)/scenegen $(BUILD)/oracle_check
