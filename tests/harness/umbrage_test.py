@@ -436,9 +436,12 @@ def need_grpc():
         return skip(f"python3-grpcio is not installed ({error})")
 
 
+PATIENCE = 4  # a machine may be so many times slower than a quiet one
+
+
 def wait_until(condition, seconds, what):
-    """Polls until condition() is true; its last value."""
-    deadline = time.monotonic() + seconds
+    """Polls until condition() is true, for PATIENCE times as long as it takes; its last value."""
+    deadline = time.monotonic() + PATIENCE * seconds
     while True:
         value = condition()
         if value:

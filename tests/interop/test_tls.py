@@ -86,7 +86,7 @@ def shake(to, alpn=("h2",), highest=None):
         context.minimum_version = ssl.TLSVersion.TLSv1
         context.maximum_version = highest
         context.set_ciphers("ALL:@SECLEVEL=0")
-    raw = socket.create_connection(("127.0.0.1", to), timeout=10)
+    raw = socket.create_connection(("127.0.0.1", to), timeout=60)
     return context.wrap_socket(raw, server_hostname="localhost")
 
 
@@ -132,7 +132,7 @@ with test.check("a client that offers another protocol than h2, or none, is cut"
 with test.check("plain HTTP/2 and noise on a TLS port are cut at once, and counted"):
     before = daemon.metric("umbrage_tls_failures_total")
     for data in (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(9), b"\xff" * 300, b"GET / HTTP/1.1\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
             connection.sendall(data)
             try:
                 while connection.recv(1000):
@@ -153,7 +153,7 @@ with test.check("a client that says goodbye has not failed"):
     time.sleep(0.5)
     assert daemon.metric("umbrage_tls_failures_total") == before
 with test.check("a handshake that does not go on is cut by its timer"):
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
         connection.sendall(b"\x16\x03\x01\x02\x00\x01")
         begin = time.monotonic()
         assert connection.recv(100) == b""
@@ -163,7 +163,7 @@ with test.check("records that arrive byte by byte are put together"):
     context.set_alpn_protocols(["h2"])
     incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
     session = context.wrap_bio(incoming, outgoing, server_hostname="localhost")
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for _ in range(20):
             try:
@@ -185,7 +185,7 @@ with test.check("records that arrive byte by byte are put together"):
         assert data[3] == 4, "the first frame is SETTINGS"
 with test.check("a client that trusts another authority does not connect"):
     stranger = secure(address, ca="other")
-    stranger.refused(lambda: stranger.ask("city", timeout=10), Code.UNAVAILABLE)
+    stranger.refused(lambda: stranger.ask("city", timeout=60), Code.UNAVAILABLE)
     stranger.close()
 
 mutual = test.daemon(*TLS, "--tls-client-ca", test.path("ca.pem"))
@@ -195,7 +195,7 @@ with test.check("with --tls-client-ca only clients with its certificates are ans
         if welcome:
             assert len(peer.ask("city", points[:120]).visibility) == 10
         else:
-            peer.refused(lambda: peer.ask("city", timeout=10), Code.UNAVAILABLE)
+            peer.refused(lambda: peer.ask("city", timeout=60), Code.UNAVAILABLE)
         peer.close()
 
 with test.check("SIGHUP takes a new certificate for new connections; a bad one changes nothing"):

@@ -101,7 +101,7 @@ for name, options in (("a drain without delay", ()),
               f"drained in {took:.2f} s")
         assert took < 20
 with test.check("health goes to NOT_SERVING at the signal, before listening ends"):
-    first = test.daemon("--drain-delay", "1s")
+    first = test.daemon("--drain-delay", "4s")
     watcher = test.client(first.grpc_tcp)
     stream = watcher.watch(H.HealthCheckRequest(), timeout=30)
     states = iter(stream)
@@ -110,7 +110,7 @@ with test.check("health goes to NOT_SERVING at the signal, before listening ends
     first.signal(signal.SIGTERM)
     assert next(states).status == H.HealthCheckResponse.NOT_SERVING
     late = test.client(first.grpc_unix)  # a new connection is still taken
-    state = late.check(H.HealthCheckRequest(), timeout=10).status
+    state = late.check(H.HealthCheckRequest(), timeout=60).status
     assert state == H.HealthCheckResponse.NOT_SERVING
     assert late.ask("city", points[:1200], taps=3).visibility == expected[100]
     assert first.admin("/readyz")[0] == 503 and first.admin("/livez")[0] == 200
@@ -164,7 +164,7 @@ with test.check("a second signal ends at once, with 0"):
     begin = time.monotonic()
     first.signal(signal.SIGTERM)
     first.exited()
-    assert time.monotonic() - begin < 5
+    assert time.monotonic() - begin < 20
 with test.check("a call that never ends is given up after --drain-timeout"):
     first = test.daemon("--drain-delay", "0", "--drain-timeout", "1s", "--body-timeout", "60s",
                         "--loops", 2)

@@ -36,7 +36,7 @@ def ask(client, name):
     request = test.messages.shadows.QueryRequest(asset=name, points=points)
     for attempt in range(3):
         try:
-            reply = client.query(request, timeout=10, metadata=(("x-umbrage-asset", name),))
+            reply = client.query(request, timeout=60, metadata=(("x-umbrage-asset", name),))
             assert reply.visibility == truth, "a wrong answer"
             return attempt
         except grpc.RpcError as error:
@@ -80,7 +80,7 @@ def under_load(event):
 with test.check("calls through the proxy are answered, an asset always by one replica"):
     client = test.client(frontend)
     ut.wait_until(lambda: test.client(frontend).check(
-        test.messages.health.HealthCheckRequest(), timeout=10, wait_for_ready=True).status == 1, 20,
+        test.messages.health.HealthCheckRequest(), timeout=60, wait_for_ready=True).status == 1, 20,
                   "the proxy serves")
     homes = {}
     for name in NAMES:

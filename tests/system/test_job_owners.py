@@ -38,7 +38,7 @@ def bake(who, **settings):
 
 
 def ask(who, asset):
-    return client.describe(S.DescribeRequest(asset=asset), metadata=WHO[who], timeout=10)
+    return client.describe(S.DescribeRequest(asset=asset), metadata=WHO[who], timeout=60)
 
 
 with test.check("baking again what lies in the store by a name takes it from nobody"):
@@ -46,7 +46,7 @@ with test.check("baking again what lies in the store by a name takes it from nob
     assert status.state == B.JOB_DONE and status.asset.hex() == public, status
     for asset in ("city", public):
         assert ask("eve", asset).summary.id.hex() == public
-    listed = client.list(S.ListRequest(), metadata=WHO["eve"], timeout=10).assets
+    listed = client.list(S.ListRequest(), metadata=WHO["eve"], timeout=60).assets
     assert "city" in [asset.name for asset in listed], listed
 
 with test.check("a damaged asset of another owner is as little there as a whole one"):

@@ -72,7 +72,7 @@ with test.check("a submitted scene becomes the asset of the command line, and is
     assert read(os.path.join(STORE, plain + ".umb"))
     answer = client.query(test.messages.shadows.QueryRequest(asset=plain,
                                                              points=ut.floats([0, 0, 0])),
-                          metadata=WHO["ann"], timeout=10)
+                          metadata=WHO["ann"], timeout=60)
     assert answer.asset_id.hex() == plain
     assert leftovers() == [], leftovers()
 
@@ -100,7 +100,7 @@ with test.check("another owner of the same scene learns nothing, and the asset i
     assert [job.job for job in client.list_jobs(B.ListJobsRequest(), metadata=WHO["bob"]).jobs] \
         == [other.job]
     for call in (lambda: client.cancel_job(B.CancelRequest(job=reply.job), metadata=WHO["bob"]),
-                 lambda: list(client.watch_job(B.WatchRequest(job=reply.job), timeout=10,
+                 lambda: list(client.watch_job(B.WatchRequest(job=reply.job), timeout=60,
                                                metadata=WHO["bob"]))):
         client.refused(call, Code.NOT_FOUND)
 
@@ -116,9 +116,9 @@ with test.check("only owners and admins see an asset that a job made, in health 
     def asked(who, name=plain):
         part = R.RegionRequest(asset=name, offsets=[0], lengths=[8])
         requests = (lambda: client.query(S.QueryRequest(asset=name, points=ut.floats([0, 0, 0])),
-                                         metadata=who, timeout=10),
-                    lambda: client.describe(S.DescribeRequest(asset=name), metadata=who, timeout=10),
-                    lambda: list(region(part, metadata=who, timeout=10)))
+                                         metadata=who, timeout=60),
+                    lambda: client.describe(S.DescribeRequest(asset=name), metadata=who, timeout=60),
+                    lambda: list(region(part, metadata=who, timeout=60)))
         found = []
         for request in requests:
             try:
@@ -127,7 +127,7 @@ with test.check("only owners and admins see an asset that a job made, in health 
             except grpc.RpcError as error:
                 assert error.code() == Code.NOT_FOUND, error
                 found.append(error.details().replace(name, "X"))
-        listed = [a.name for a in client.list(S.ListRequest(), metadata=who, timeout=10).assets]
+        listed = [a.name for a in client.list(S.ListRequest(), metadata=who, timeout=60).assets]
         return found, name in listed
 
     for name in ("ann", "bob", "boss"):
@@ -135,10 +135,10 @@ with test.check("only owners and admins see an asset that a job made, in health 
     nothing = asked(WHO["eve"], 64 * "0")
     assert asked(WHO["eve"]) == nothing and nothing[1] is False, asked(WHO["eve"])
     service = "umbrage.v1.Shadows/" + plain
-    client.refused(lambda: client.check(H.HealthCheckRequest(service=service), timeout=10),
+    client.refused(lambda: client.check(H.HealthCheckRequest(service=service), timeout=60),
                    Code.NOT_FOUND)
     assert client.check(H.HealthCheckRequest(service=service), metadata=WHO["ann"],
-                        timeout=10).status == 1
+                        timeout=60).status == 1
 
 with test.check("an asset is fetched whole, and from an offset on"):
     whole = read(os.path.join(STORE, plain + ".umb"))

@@ -69,12 +69,12 @@ def cached():
 
 
 with test.check("an empty store serves, and knows nothing"):
-    assert not client.list(M.ListRequest(), timeout=10).assets
+    assert not client.list(M.ListRequest(), timeout=60).assets
     assert state("one") == Code.NOT_FOUND
 with test.check("a file renamed into the store answers within seconds"):
     publish("a", "one.umb")
     becomes("one", ids["a"])
-    assert [x.name for x in client.list(M.ListRequest(), timeout=10).assets] == ["one"]
+    assert [x.name for x in client.list(M.ListRequest(), timeout=60).assets] == ["one"]
     assert cached() == [ids["a"] + ".umbm"]
 with test.check("a file copied slowly into the store answers when it is whole, never before"):
     with open(test.path("b.umb"), "rb") as file:
@@ -95,7 +95,7 @@ with test.check("names that are no asset's are not served"):
     daemon.signal(signal.SIGHUP)
     publish("c", "three.umb")
     becomes("three", ids["c"])
-    names = [x.name for x in client.list(M.ListRequest(), timeout=10).assets]
+    names = [x.name for x in client.list(M.ListRequest(), timeout=60).assets]
     assert names == ["one", "slow", "three"], names
 with test.check("replacing a file under load gives each call one version, whole"):
     stopping = threading.Event()
@@ -142,7 +142,7 @@ with test.check("damaged files are DATA_LOSS for their own calls, the others ans
         client.refused(lambda: ask(name), Code.DATA_LOSS, name)
     assert state("one") == ids["b"] and state("three") == ids["c"]
     assert daemon.metric("umbrage_asset_damaged") >= len(damages)
-    names = [x.name for x in client.list(M.ListRequest(), timeout=10).assets]
+    names = [x.name for x in client.list(M.ListRequest(), timeout=60).assets]
     assert names == ["one", "slow", "three"], names
 with test.check("a good file in place of a damaged one answers"):
     publish("c", "flip.umb")
