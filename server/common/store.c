@@ -238,18 +238,16 @@ static struct umbs_entry *find_damaged(const struct umbs_table *table,
     return NULL;
 }
 
-int umbs_store_is_named(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES])
+int umbs_store_has(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folders)
 {
-    char text[UMB_ID_TEXT_SIZE];
-    int named = 0;
-    umb_id_to_text(id, text);
+    int has = 0;
     pthread_mutex_lock(&store->mutex);
     const struct umbs_table *table = &store->table;
     for (size_t i = first_of_id(table, id); has_id(table, i, id); i++) {
-        named |= strcmp(table->by_id[i]->item.name, text) != 0;
+        has |= table->by_id[i]->folder < folders;
     }
     pthread_mutex_unlock(&store->mutex);
-    return named;
+    return has;
 }
 
 enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)

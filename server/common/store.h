@@ -47,7 +47,7 @@
 
 #define UMBS_STORE_NAME_MAX        251  /* bytes of an asset's name */
 #define UMBS_STORE_TEMPORARY_AGE_S 3600 /* older `.tmp.*` files belong to nobody */
-#define UMBS_STORE_FOLDERS_MAX     16
+#define UMBS_STORE_FOLDERS_MAX     17
 #define UMBS_STORE_SETTLE_MS       500 /* a file changed less long ago may still be being copied */
 
 struct umbs_store; /* opaque */
@@ -128,8 +128,8 @@ void umbs_store_reap(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                                struct umbs_entry **out, struct umb_error *error);
 
-/* 1 if a file of that id has another name than the id: somebody put it there by hand. */
-int umbs_store_is_named(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES]);
+/* 1 if one of the first so many folders has a whole file of that id. */
+int umbs_store_has(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folders);
 
 /* Says that there is no such asset: E_NOT_FOUND, as umbs_store_acquire does. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);

@@ -7,6 +7,7 @@
 #include "daemon/service_manager.h"
 
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 /* What the job service asks of the daemon; on its thread. */
@@ -33,7 +34,6 @@ static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *
     const struct umbd_options *options = &daemon->options;
     const struct umbj_service_options service = {
         .folder = options->jobs,
-        .store = options->stores[0],
         .program = options->bake_program,
         .workers = options->bake_workers,
         .threads = options->bake_threads,
@@ -62,6 +62,38 @@ void umbd_daemon_end_jobs(struct umbd_daemon *daemon)
     umbj_service_destroy(jobs);
 }
 
+static int is_same_folder(const char *a, const char *b)
+{
+    struct stat first, second;
+    return stat(a, &first) == 0 && stat(b, &second) == 0 && first.st_dev == second.st_dev &&
+           first.st_ino == second.st_ino;
+}
+
+/* The store's folders: the operator's, then that of the assets that jobs made. */
+static enum umb_status list_folders(struct umbd_daemon *daemon, struct umb_error *error)
+{
+    const struct umbd_options *options = &daemon->options;
+    memcpy(daemon->folders, options->stores, sizeof daemon->folders);
+    while (daemon->folders[daemon->store_count] != NULL) {
+        daemon->store_count++;
+    }
+    if (options->jobs == NULL) {
+        return UMB_OK;
+    }
+    daemon->folders[daemon->store_count] = daemon->job_assets;
+    enum umb_status status =
+        umbj_service_prepare(options->jobs, daemon->job_assets, sizeof daemon->job_assets, error);
+    for (size_t i = 0; status == UMB_OK && i < daemon->store_count; i++) {
+        if (is_same_folder(options->stores[i], options->jobs) ||
+            is_same_folder(options->stores[i], daemon->job_assets)) {
+            status = umb_fail(error, UMB_E_ARGUMENT,
+                              "--jobs: '%.200s' is a --store too: everybody would see every asset",
+                              options->stores[i]);
+        }
+    }
+    return status;
+}
+
 enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_options *options,
                                  struct umb_error *error)
 {
@@ -74,13 +106,16 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     enum umb_status status =
         umbd_store_watch_create(&daemon->metrics, &daemon->log, &daemon->watch, error);
     if (status == UMB_OK) {
+        status = list_folders(daemon, error);
+    }
+    if (status == UMB_OK) {
         struct umbs_store_options store = {.copy = options->copy,
                                            .warm = options->warm_up,
                                            .log = &daemon->log,
                                            .retired = umbd_store_watch_retired,
                                            .faulted = umbd_store_watch_faulted,
                                            .owner = daemon->watch};
-        memcpy(store.folders, options->stores, sizeof store.folders);
+        memcpy(store.folders, daemon->folders, sizeof store.folders);
         status = umbs_store_open(&store, &daemon->store, error);
     }
     if (status == UMB_OK) {
@@ -112,7 +147,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
                                   error);
     }
     if (status == UMB_OK) {
-        status = umbd_store_watch_start(daemon->watch, daemon->store, daemon->options.stores,
+        status = umbd_store_watch_start(daemon->watch, daemon->store, daemon->folders,
                                         options->scrub_interval_ms, error);
     }
     if (status == UMB_OK && options->jobs != NULL) {

@@ -24,6 +24,9 @@ struct umbd_daemon {
     struct umbs_log log;
     struct umbd_metrics metrics;
     struct umbs_store *store;
+    const char *folders[UMBS_STORE_FOLDERS_MAX]; /* the store's, NULL behind the last: */
+    size_t store_count;                          /* the operator's, then */
+    char job_assets[4096];                       /* the assets that jobs made */
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
     struct umbd_peer_table *peers;

@@ -78,7 +78,7 @@ static const struct option table[] = {
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
      "who may ask: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
     {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
-     "take scenes over the network and bake them into the first --store; their table is in DIR"},
+     "take scenes over the network and bake them; all about them is in DIR, which is no --store"},
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
@@ -220,12 +220,12 @@ static enum umb_status set_store(const char *text, struct umbd_options *options,
                                  struct umb_error *error)
 {
     size_t count = 0;
-    while (count < UMBS_STORE_FOLDERS_MAX && options->stores[count] != NULL) {
+    while (options->stores[count] != NULL) {
         count++;
     }
-    if (count == UMBS_STORE_FOLDERS_MAX || text[0] == '\0') {
+    if (count == UMBS_STORE_FOLDERS_MAX - 1 || text[0] == '\0') {
         return umb_fail(error, UMB_E_ARGUMENT, "--store: empty, or more than %d folders",
-                        UMBS_STORE_FOLDERS_MAX);
+                        UMBS_STORE_FOLDERS_MAX - 1);
     }
     options->stores[count] = text;
     return UMB_OK;

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The board, see board.h. Two hash tables by the first byte of id: jobs, and (asset, owner) pairs.
- * An asset that lost its last owner keeps an entry of nobody until it is disowned for all: between
- * the loss and the removal of its file it must not become everybody's.
  */
 #include "jobs/board.h"
 
@@ -25,7 +23,6 @@ struct owned {
     struct owned *next;
     uint8_t asset[UMBJ_HASH_BYTES];
     char owner[UMBJ_OWNER_SIZE];
-    int nobody; /* its last owner is gone, its file not yet */
 };
 
 struct umbj_board {
@@ -35,7 +32,6 @@ struct umbj_board {
     struct entry *over_first, *over_last;
     size_t over_count;
     uint64_t version;
-    int forgot; /* an owner could not be noted for lack of memory */
 };
 
 enum umb_status umbj_board_create(struct umbj_board **out, struct umb_error *error)
@@ -283,65 +279,53 @@ uint64_t umbj_board_version(struct umbj_board *board, const char *id)
     return version;
 }
 
-static int is_asset(const struct owned *owned, const uint8_t *asset)
+/* The link that leads to the pair, or to the end of its list. */
+static struct owned **find_owned(struct umbj_board *board, const uint8_t *asset, const char *owner)
 {
-    return memcmp(owned->asset, asset, UMBJ_HASH_BYTES) == 0;
+    struct owned **at = &board->assets[bucket_of_asset(asset)];
+    while (*at != NULL && (memcmp((*at)->asset, asset, UMBJ_HASH_BYTES) != 0 ||
+                           strcmp((*at)->owner, owner) != 0)) {
+        at = &(*at)->next;
+    }
+    return at;
 }
 
 void umbj_board_own(struct umbj_board *board, const uint8_t *asset, const char *owner)
 {
     pthread_mutex_lock(&board->mutex);
-    struct owned **bucket = &board->assets[bucket_of_asset(asset)], *at = *bucket;
-    while (at != NULL && !(is_asset(at, asset) && !at->nobody && strcmp(at->owner, owner) == 0)) {
-        at = at->next;
+    struct owned **at = find_owned(board, asset, owner);
+    if (*at == NULL) {
+        *at = calloc(1, sizeof **at);
+        if (*at != NULL) {
+            memcpy((*at)->asset, asset, UMBJ_HASH_BYTES);
+            memcpy((*at)->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+        }
     }
-    struct owned *owned = at == NULL ? calloc(1, sizeof *owned) : NULL;
-    if (owned != NULL) {
-        memcpy(owned->asset, asset, UMBJ_HASH_BYTES);
-        memcpy(owned->owner, owner, strlen(owner) + 1); /* checked where owners come from */
-        owned->next = *bucket;
-        *bucket = owned;
-    }
-    board->forgot |= at == NULL && owned == NULL;
     pthread_mutex_unlock(&board->mutex);
 }
 
 void umbj_board_disown(struct umbj_board *board, const uint8_t *asset, const char *owner)
 {
     pthread_mutex_lock(&board->mutex);
-    struct owned **at = &board->assets[bucket_of_asset(asset)];
-    size_t left = 0;
-    for (const struct owned *other = *at; other != NULL; other = other->next) {
-        left += is_asset(other, asset) ? 1 : 0;
-    }
+    struct owned **at =
+        owner != NULL ? find_owned(board, asset, owner) : &board->assets[bucket_of_asset(asset)];
     while (*at != NULL) {
         struct owned *owned = *at;
-        if (!is_asset(owned, asset) || (owner != NULL && strcmp(owned->owner, owner) != 0)) {
-            at = &owned->next;
-        } else if (owner != NULL && left == 1) {
-            owned->nobody = 1;
-            at = &owned->next;
-        } else {
+        if (memcmp(owned->asset, asset, UMBJ_HASH_BYTES) == 0 &&
+            (owner == NULL || strcmp(owned->owner, owner) == 0)) {
             *at = owned->next;
             free(owned);
-            left--;
+        } else {
+            at = &owned->next;
         }
     }
     pthread_mutex_unlock(&board->mutex);
 }
 
-int umbj_board_may_read(struct umbj_board *board, const uint8_t *asset, const char *owner)
+int umbj_board_owns(struct umbj_board *board, const uint8_t *asset, const char *owner)
 {
-    int known, owns = 0;
     pthread_mutex_lock(&board->mutex);
-    known = board->forgot; /* then an asset without a note may be anybody's: nobody sees it */
-    for (const struct owned *at = board->assets[bucket_of_asset(asset)]; at != NULL;
-         at = at->next) {
-        if (is_asset(at, asset)) {
-            known = 1;
-            owns |= !at->nobody && strcmp(at->owner, owner) == 0;
-        }
-    }
+    const int owns = *find_owned(board, asset, owner) != NULL;
     pthread_mutex_unlock(&board->mutex);
-    return !known || owns;
+    return owns;
 }

@@ -46,10 +46,10 @@ int umbj_board_look(struct umbj_board *board, const char *id, const char *owner,
 /* The job's version, 0 = not on the board. */
 uint64_t umbj_board_version(struct umbj_board *board, const char *id);
 
-/* Assets: _own, _disown (owner NULL: all); _may_read: 1 if no job made the asset, or it is the
- * owner's. Once memory was lacking for a note, assets without one are nobody's until a restart. */
+/* Assets that jobs made: _own, _disown (owner NULL: all); _owns: 1 if it is the owner's. One that
+ * could not be noted for lack of memory is nobody's until a restart. */
 void umbj_board_own(struct umbj_board *board, const uint8_t *asset, const char *owner);
 void umbj_board_disown(struct umbj_board *board, const uint8_t *asset, const char *owner);
-int umbj_board_may_read(struct umbj_board *board, const uint8_t *asset, const char *owner);
+int umbj_board_owns(struct umbj_board *board, const uint8_t *asset, const char *owner);
 
 #endif

@@ -231,7 +231,7 @@ static void bake(struct slot *slot, struct umbj_report *ended)
         tell(slot, &phase);
         snprintf(output, sizeof output, "%s/out.umb", slot->folder);
         status =
-            umbj_stage(output, slot->owner->options.store, &ended->staged, ended->asset, &error);
+            umbj_stage(output, slot->owner->options.assets, &ended->staged, ended->asset, &error);
     }
     if (status != UMB_OK) {
         ended->failure = failure_of(status);

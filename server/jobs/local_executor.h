@@ -11,7 +11,7 @@
 
 struct umbj_local_options {
     const char *program;       /* umbrage-bake; borrowed */
-    const char *store;         /* folder for what was baked; borrowed */
+    const char *assets;        /* folder for what was baked; borrowed */
     unsigned workers;          /* tries at once, 1..UMBJ_WORKERS_MAX */
     unsigned threads;          /* of one bake */
     uint64_t memory_bytes;     /* of one bake */

@@ -214,11 +214,24 @@ static void *run_service(void *user)
     return NULL;
 }
 
+enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t size,
+                                     struct umb_error *error)
+{
+    const int length = snprintf(assets, size, "%s/assets", folder);
+    if (length < 0 || (size_t)length >= size) {
+        return umb_fail(error, UMB_E_LIMIT, "--jobs: a path of %zu bytes is too long",
+                        strlen(folder));
+    }
+    enum umb_status status = umbj_folder_make(AT_FDCWD, folder, error);
+    return status == UMB_OK ? umbj_folder_make(AT_FDCWD, assets, error) : status;
+}
+
 static enum umb_status open_folder(struct umbj_service *service, struct umb_error *error)
 {
     static const char *const names[] = {"incoming", "bundles", "work", "tiles"};
     const char *path = service->options.folder;
-    enum umb_status status = umbj_folder_make(AT_FDCWD, path, error);
+    enum umb_status status =
+        umbj_service_prepare(path, service->assets_path, sizeof service->assets_path, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -269,7 +282,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
     const struct umbj_service_options *options = &service->options;
     const struct umbj_local_options local = {
         .program = options->program,
-        .store = options->store,
+        .assets = service->assets_path,
         .workers = options->workers,
         .threads = options->threads,
         .memory_bytes = options->memory_bytes,
@@ -319,7 +332,8 @@ enum umb_status umbj_service_create(const struct umbj_service_options *options,
         status = make_absolute(&service->options.folder, service->folder_path, error);
     }
     if (status == UMB_OK) {
-        status = make_absolute(&service->options.store, service->store_path, error);
+        snprintf(service->assets_path, sizeof service->assets_path, "%s/assets",
+                 service->folder_path);
     }
     if (status == UMB_OK) {
         status = open_table(service, error);

@@ -16,6 +16,9 @@
  * without an owner, which the next start removes; the job itself is tried again and gives the same
  * bytes. Watchers are told that a job is done when the daemon serves the asset.
  *
+ * Assets lie in a folder of their own in that of the jobs, and nothing else does: what an operator
+ * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
+ *
  * One daemon a jobs folder: a lock file says so.
  */
 #include <stdatomic.h>
@@ -29,7 +32,6 @@ struct umbj_service; /* opaque */
 
 struct umbj_service_options {
     const char *folder;  /* of the jobs; made if it is not there */
-    const char *store;   /* folder for what is baked */
     const char *program; /* umbrage-bake; NULL = beside the running program */
     uint32_t workers;    /* bakes at once */
     uint32_t threads;    /* of one bake */
@@ -62,6 +64,12 @@ struct umbj_request {
     void (*done)(struct umbj_request *request);
     int skipped;
 };
+
+/* Makes the jobs folder and, in it, the folder of assets if they are not there, so that a store can
+ * be opened on it before the service is created. Out: assets: its path. Fails: E_CANNOT_CREATE,
+ * E_LIMIT (a path that is too long). */
+UMB_CHECKED enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t size,
+                                                 struct umb_error *error);
 
 /* Fails: E_CANNOT_CREATE, E_BUSY (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake),
  * what umbj_table_open fails with. */

@@ -17,7 +17,7 @@ static void disown_missing(struct umbj_service *service, const struct umbj_job *
 {
     char path[4200];
     struct umb_error error;
-    umbj_asset_path(service->options.store, job->asset, path, sizeof path);
+    umbj_asset_path(service->assets_path, job->asset, path, sizeof path);
     if (job->state == UMBJ_DONE && access(path, F_OK) != 0 && errno == ENOENT) {
         if (umbj_table_disown(service->table, job->asset, NULL, &error) == UMB_OK) {
             umbj__collect_assets(service);
@@ -217,7 +217,7 @@ enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint
     if (status != UMB_OK) {
         return status;
     }
-    umbj_asset_path(service->options.store, asset, path, sizeof path);
+    umbj_asset_path(service->assets_path, asset, path, sizeof path);
     *fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (*fd < 0 || fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {
         const int cause = errno;

@@ -55,15 +55,10 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
 {
     int64_t users = 1;
     struct umb_error error;
-    char id[UMB_ID_TEXT_SIZE];
-    if (umbj_table_bundle_users(service->table, key, &users, &error) != UMB_OK || users > 0) {
-        return;
-    }
-    umb_id_to_text(key, id);
-    int bundles = openat(service->folder, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (bundles >= 0) {
-        umbj_folder_remove(bundles, id);
-        close(bundles);
+    if (umbj_table_bundle_users(service->table, key, &users, &error) == UMB_OK && users == 0 &&
+        umbj_bundle_remove(service->folder, key) != 0) {
+        (void)umb_fail_errno(&error, UMB_E_IO, errno, "a bundle that nobody needs stays");
+        umbj__log_error(service, "bundle_remove", &error);
     }
 }
 
@@ -74,13 +69,13 @@ void umbj__collect_assets(struct umbj_service *service)
     struct umb_error error;
     int removed = 0;
     while (umbj_table_unowned(service->table, asset, &error) == UMB_OK) {
-        umbj_asset_path(service->options.store, asset, path, sizeof path);
+        umbj_asset_path(service->assets_path, asset, path, sizeof path);
         if (unlink(path) != 0 && errno != ENOENT) {
             (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot remove '%.200s'", path);
             umbj__log_error(service, "asset_remove", &error);
             break;
         }
-        int folder = open(service->options.store, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+        int folder = open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
         if (folder >= 0) {
             (void)fsync(folder); /* if it comes back with a crash, its row does too */
             close(folder);
@@ -130,7 +125,7 @@ static int find_known(struct umbj_service *service, const struct umbj_job *job,
         !owned) {
         return 0;
     }
-    umbj_asset_path(service->options.store, work->known_asset, path, sizeof path);
+    umbj_asset_path(service->assets_path, work->known_asset, path, sizeof path);
     return access(path, R_OK) == 0;
 }
 
@@ -230,7 +225,7 @@ static enum umb_status check_there(struct umbj_service *service, const uint8_t *
                                    struct umb_error *error)
 {
     char path[PATH_SIZE];
-    umbj_asset_path(service->options.store, asset, path, sizeof path);
+    umbj_asset_path(service->assets_path, asset, path, sizeof path);
     return access(path, R_OK) == 0
                ? UMB_OK
                : umb_fail(error, UMB_E_IO, "the asset's file could not be published");
@@ -378,24 +373,23 @@ static void empty_folder(struct umbj_service *service, const char *name)
     }
 }
 
-/* Temporaries of assets that an earlier daemon was staging: nobody else's are named like this. */
+/* Temporaries of assets that an earlier daemon was staging. */
 static void sweep_staged(struct umbj_service *service)
 {
     struct umbj_names names;
-    int store = open(service->options.store, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (store < 0) {
+    int assets = open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (assets < 0) {
         return;
     }
-    if (umbj_names_read(store, &names) == 0) {
+    if (umbj_names_read(assets, &names) == 0) {
         for (size_t i = 0; i < names.count; i++) {
-            const char *name = names.list[i], *id = strncmp(name, ".tmp.", 5) == 0 ? name + 5 : "";
-            if (strspn(id, "0123456789abcdef") == UMB_ID_TEXT_SIZE - 1) {
-                (void)unlinkat(store, name, 0);
+            if (strncmp(names.list[i], ".tmp.", 5) == 0) {
+                (void)unlinkat(assets, names.list[i], 0);
             }
         }
         umbj_names_finish(&names);
     }
-    close(store);
+    close(assets);
 }
 
 enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)

@@ -70,15 +70,15 @@ static enum umb_status read_proven(const char *path, struct block *block,
     return status;
 }
 
-void umbj_asset_path(const char *store, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
+void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
                      size_t size)
 {
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(asset, id);
-    (void)snprintf(path, size, "%s/%s.umb", store, id);
+    (void)snprintf(path, size, "%s/%s.umb", folder, id);
 }
 
-/* 1 if the store has a whole file of that id under our name for it. */
+/* 1 if there is a whole file of that id. */
 static int is_there(const char *path, const uint8_t asset[UMBJ_HASH_BYTES])
 {
     struct block block = {NULL, 0};
@@ -111,7 +111,7 @@ static enum umb_status write_checked(const struct block *block, struct umbs_file
     return status;
 }
 
-enum umb_status umbj_stage(const char *path, const char *store, struct umbs_file *staged,
+enum umb_status umbj_stage(const char *path, const char *folder, struct umbs_file *staged,
                            uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
 {
     char target[4096];
@@ -119,7 +119,7 @@ enum umb_status umbj_stage(const char *path, const char *store, struct umbs_file
     *staged = (struct umbs_file){.fd = -1};
     enum umb_status status = read_proven(path, &block, asset, error);
     if (status == UMB_OK) {
-        umbj_asset_path(store, asset, target, sizeof target);
+        umbj_asset_path(folder, asset, target, sizeof target);
         if (!is_there(target, asset)) {
             status = umbs_file_begin(target, staged, error);
             if (status == UMB_OK) {

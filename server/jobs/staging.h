@@ -13,17 +13,17 @@
  * Stages a file.
  *
  * Out:   staged: to be committed or abandoned by the caller; not begun (temporary NULL) if a file
- *        of that id is in the store already and whole. asset: the id.
+ *        of that id is in the folder already and whole. asset: the id.
  * Fails: E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE, E_NO_MEMORY:
  *        staged is not begun.
  * Cost:  reads the file twice, writes it once.
  */
-UMB_CHECKED enum umb_status umbj_stage(const char *path, const char *store,
+UMB_CHECKED enum umb_status umbj_stage(const char *path, const char *folder,
                                        struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
                                        struct umb_error *error);
 
-/* Path of an asset in the store. */
-void umbj_asset_path(const char *store, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
+/* Path of an asset in the folder of those that jobs made. */
+void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
                      size_t size);
 
 #endif

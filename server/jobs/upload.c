@@ -288,6 +288,21 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
     return status;
 }
 
+int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES])
+{
+    char id[UMB_ID_TEXT_SIZE], source[sizeof "bundles/" + UMB_ID_TEXT_SIZE],
+        gone[2 * sizeof source];
+    umb_id_to_text(key, id);
+    snprintf(source, sizeof source, "bundles/%s", id);
+    snprintf(gone, sizeof gone, "incoming/gone.%s", id);
+    umbj_folder_remove(jobs, gone); /* what an earlier removal left */
+    if (renameat(jobs, source, jobs, gone) != 0) {
+        return errno == ENOENT ? 0 : -1;
+    }
+    umbj_folder_remove(jobs, gone);
+    return 0;
+}
+
 void umbj_upload_destroy(struct umbj_upload *upload)
 {
     if (upload == NULL) {

@@ -34,6 +34,11 @@ UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const 
  * missing), E_IO, E_LIMIT. */
 UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error);
 
+/* Takes an accepted bundle out of its place in one step, then removes it: a removal that is cut
+ * short leaves nothing that a later upload of the key would take for whole. In: jobs: descriptor of
+ * the jobs folder. Returns 0, also if there is none, or -1 with errno: it stays whole. */
+int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES]);
+
 /* NULL is allowed. */
 void umbj_upload_destroy(struct umbj_upload *upload);
 

@@ -24,6 +24,7 @@ WAYS = ("ENOSPC",) if fs.SHORT else ("ENOSPC", "EIO", "EMFILE")
 POINTS = 4 if fs.SHORT else 40  # of each way and each kill: over 100 faults in full
 root = test.path("root")        # everything that counts lies below it
 STORE, JOBS = os.path.join(root, "store"), os.path.join(root, "jobs")
+ASSETS = os.path.join(JOBS, "assets")
 SOCKET = test.path("s")
 scene = test.scene("city", 2)
 OPTIONS = ("--resolution", 256, "--verify", 2000)
@@ -61,7 +62,7 @@ def processes():
 def leftovers():
     found = [f"{folder}/{name}" for folder in ("incoming", "bundles", "work")
              for name in os.listdir(os.path.join(JOBS, folder))]
-    return found + [name for name in os.listdir(STORE)
+    return found + [name for name in os.listdir(ASSETS) + os.listdir(STORE)
                     if name not in (expected + ".umb", ".umbrage-cache")]
 
 
@@ -112,7 +113,7 @@ def sound(job):
             status = json.loads(done.stdout)
             if status["state"] == "done":
                 assert status["asset"] == expected, status
-                shown = ut.run("umbrage", "verify", os.path.join(STORE, expected + ".umb"))
+                shown = ut.run("umbrage", "verify", os.path.join(ASSETS, expected + ".umb"))
                 assert shown.returncode == 0
             else:
                 assert status["state"] == "failed" and len(status["cause"]) > 10, status

@@ -16,6 +16,7 @@ Code = grpc.StatusCode
 test = ut.Test()
 B, S = test.messages.bakes, test.messages.shadows
 STORE, JOBS, TOKENS = test.path("store"), test.path("jobs"), test.path("tokens")
+ASSETS = os.path.join(JOBS, "assets")
 WHO = {name: [("authorization", f"Bearer {name}-0123456789abcdef")]
        for name in ("ann", "bob", "eve")}
 with open(os.open(TOKENS, os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="ascii") as file:
@@ -49,9 +50,25 @@ with test.check("baking again what lies in the store by a name takes it from nob
     listed = client.list(S.ListRequest(), metadata=WHO["eve"], timeout=60).assets
     assert "city" in [asset.name for asset in listed], listed
 
+with test.check("an operator's file named by its id stays, whoever bakes and deletes that asset"):
+    own = test.bake(test.scene("city", 4), test.path("own.umb"), "--resolution", 64)["asset"]
+    path = os.path.join(STORE, own + ".umb")
+    os.rename(test.path("own.umb"), path)
+    before = os.stat(path)
+    daemon.signal(1)
+    ut.wait_until(lambda: own in [item.name for item in client.list(
+        S.ListRequest(), metadata=WHO["eve"], timeout=10).assets], 10, "it is served")
+    assert bake("ann", resolution=64).asset.hex() == own
+    assert ask("eve", own).summary.id.hex() == own
+    client.delete_asset(B.DeleteRequest(asset=own), metadata=WHO["ann"])
+    after = os.stat(path)
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    assert not os.path.exists(os.path.join(ASSETS, own + ".umb"))
+    assert ask("eve", own).summary.id.hex() == own
+
 with test.check("a damaged asset of another owner is as little there as a whole one"):
     asset = bake("ann", resolution=128, sun="120,40").asset.hex()
-    with open(os.path.join(STORE, asset + ".umb"), "r+b") as file:
+    with open(os.path.join(ASSETS, asset + ".umb"), "r+b") as file:
         file.truncate(os.path.getsize(file.name) // 2)
     daemon.signal(1)
 
@@ -82,7 +99,7 @@ with test.check("an asset that its other owner deletes meanwhile is there at the
             break
     status = client.finished_job(job, WHO["bob"])
     assert status.state == B.JOB_DONE and status.asset.hex() == asset, status
-    assert os.path.exists(os.path.join(STORE, asset + ".umb"))
+    assert os.path.exists(os.path.join(ASSETS, asset + ".umb"))
     assert ask("bob", asset).summary.id.hex() == asset
 
 with test.check("of two submissions at once, the later leaves no bundle behind"):
@@ -96,5 +113,17 @@ with test.check("of two submissions at once, the later leaves no bundle behind")
     reply = client.raw_submit(late(), timeout=60, metadata=WHO["ann"])
     assert client.finished_job(reply.job, WHO["ann"]).state == B.JOB_DONE
     assert os.listdir(os.path.join(JOBS, "bundles")) == []
+
+with test.check("a daemon without jobs does not serve what jobs made, and one with them refuses to"):
+    job_asset = bake("ann", resolution=128, sun="100,40").asset.hex()
+    other = test.daemon(store=STORE)
+    plain = test.client(other.grpc_tcp)
+    plain.refused(lambda: plain.describe(S.DescribeRequest(asset=job_asset), timeout=10),
+                  Code.NOT_FOUND, "no asset named")
+    plain.close()
+    other.stop()
+    for folder in (JOBS, ASSETS):
+        refused = ut.run("umbraged", "--store", folder, "--jobs", JOBS, code=2).stderr.decode()
+        assert "--jobs" in refused and "is a --store too" in refused, refused
 
 test.finish()

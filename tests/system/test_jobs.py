@@ -20,6 +20,7 @@ Code = grpc.StatusCode
 test = ut.Test()
 B = test.messages.bakes
 STORE, JOBS = test.path("store"), test.path("jobs")
+ASSETS = os.path.join(JOBS, "assets")
 TOKENS = test.path("tokens")
 WHO = {name: [("authorization", f"Bearer {name}-0123456789abcdef")]
        for name in ("ann", "bob", "eve", "boss")}
@@ -69,7 +70,7 @@ with test.check("a submitted scene becomes the asset of the command line, and is
     assert status.state == B.JOB_DONE, status
     assert status.asset.hex() == plain, f"{status.asset.hex()} is not {plain}"
     assert "effect=closed" in status.plan, status.plan
-    assert read(os.path.join(STORE, plain + ".umb"))
+    assert read(os.path.join(ASSETS, plain + ".umb"))
     answer = client.query(test.messages.shadows.QueryRequest(asset=plain,
                                                              points=ut.floats([0, 0, 0])),
                           metadata=WHO["ann"], timeout=60)
@@ -141,7 +142,7 @@ with test.check("only owners and admins see an asset that a job made, in health 
                         timeout=60).status == 1
 
 with test.check("an asset is fetched whole, and from an offset on"):
-    whole = read(os.path.join(STORE, plain + ".umb"))
+    whole = read(os.path.join(ASSETS, plain + ".umb"))
     for offset in (0, 1, len(whole) - 1, len(whole)):
         pieces = list(client.fetch(B.FetchRequest(asset=plain, offset=offset), timeout=20,
                                    metadata=WHO["ann"]))
@@ -246,7 +247,7 @@ with test.check("a daemon that is killed loses nothing, and leaves no process an
     client.close()
     daemon.kill()
     ut.wait_until(lambda: not workers(daemon), 10, "its workers ended with it")
-    open(os.path.join(STORE, ".tmp." + 64 * "a" + ".umb.1.1.1"), "w", encoding="ascii").close()
+    open(os.path.join(ASSETS, ".tmp." + 64 * "a" + ".umb.1.1.1"), "w", encoding="ascii").close()
     os.mkdir(os.path.join(JOBS, "incoming", "half"))
     daemon, client = start("--bake-workers", 2)
     status = client.finished_job(job, WHO["ann"])
@@ -265,7 +266,7 @@ with test.check("a clean restart goes on with a job and counts no failure"):
     assert status.state == B.JOB_DONE and status.failure == B.FAILURE_NONE, status
 
 with test.check("an asset goes when its last owner deletes it"):
-    path = os.path.join(STORE, plain + ".umb")
+    path = os.path.join(ASSETS, plain + ".umb")
     client.delete_asset(B.DeleteRequest(asset=plain), metadata=WHO["ann"])
     client.refused(lambda: client.delete_asset(B.DeleteRequest(asset=plain), metadata=WHO["ann"]),
                    Code.NOT_FOUND)

@@ -17,6 +17,7 @@ import umbrage_test as ut  # noqa: E402
 
 test = ut.Test()
 STORE, JOBS, SOCKET = test.path("store"), test.path("jobs"), test.path("jobs.sock")
+ASSETS = os.path.join(JOBS, "assets")
 
 
 def start():
@@ -56,7 +57,7 @@ with test.check("the same again is the same job, whatever the options' form"):
 
 with test.check("fetch gives a file that verifies, and goes on from what an earlier one left"):
     out = test.path("out.umb")
-    whole = read(os.path.join(STORE, plain + ".umb"))
+    whole = read(os.path.join(ASSETS, plain + ".umb"))
     for left in (None, whole[:1000], whole, b"something else entirely", whole + b"more"):
         if left is not None:
             with open(out + ".part", "wb") as file:
@@ -146,7 +147,7 @@ with test.check("a cancelled job ends its watcher with 75"):
 
 with test.check("rm takes the file along, and plain TCP is refused without a token"):
     cli("rm", plain)
-    assert not os.path.exists(os.path.join(STORE, plain + ".umb"))
+    assert not os.path.exists(os.path.join(ASSETS, plain + ".umb"))
     cli("rm", plain, code=66)
     refused = cli("jobs", code=77, where=daemon.tcp)
     assert b"token" in refused.stderr

@@ -35,7 +35,6 @@ static int setup(void **state)
     snprintf(f->jobs, sizeof f->jobs, "%s/jobs", f->folder);
     const struct umbj_service_options options = {
         .folder = f->jobs,
-        .store = f->folder,
         .program = "/bin/false",
         .workers = 1,
         .threads = 1,

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -232,6 +233,32 @@ static void removing_a_folder_does_not_follow_links(void **state)
     assert_int_equal(names_in(f, "bundles"), 1);
 }
 
+/* With few descriptors left a removal goes as far as it can and stops within. */
+static void a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    struct rlimit limit, few;
+    for (int spare = 0; spare < 8; spare++) {
+        struct umbj_upload *upload = begin(f, key);
+        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, 16, &f->error), UMB_OK);
+        assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
+        umbj_upload_destroy(upload);
+        const int next = dup(f->fd);
+        close(next);
+        assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+        few = limit;
+        few.rlim_cur = (rlim_t)(next + spare);
+        assert_int_equal(setrlimit(RLIMIT_NOFILE, &few), 0);
+        const int removed = umbj_bundle_remove(f->fd, key);
+        assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+        assert_int_equal(removed, 0);
+        assert_int_equal(names_in(f, "bundles"), 0); /* what is left of it lies elsewhere */
+        assert_int_equal(umbj_bundle_remove(f->fd, key), 0);
+        assert_int_equal(names_in(f, "incoming"), 0);
+    }
+}
+
 int main(void)
 {
 #define UPLOAD_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -243,6 +270,7 @@ int main(void)
         UPLOAD_TEST(paths_that_could_leave_the_folder_are_refused),
         UPLOAD_TEST(limits_are_met_before_anything_is_written),
         UPLOAD_TEST(a_file_that_is_also_a_folder_is_refused),
+        UPLOAD_TEST(a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one),
         UPLOAD_TEST(removing_a_folder_does_not_follow_links),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
