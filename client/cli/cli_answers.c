@@ -12,6 +12,13 @@ static bool is_raw(const struct umbc_answers *answers)
     return answers->options->encoding != UMBC_ENCODING_TEXT;
 }
 
+double umbc_query_ns(const struct umbc_query_total *total)
+{
+    const double seconds = total->here_s + 1e-9 * (double)total->server_ns;
+    const double looked = (double)total->points * (double)total->light_count;
+    return looked > 0 ? 1e9 * seconds / looked : 0;
+}
+
 enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
                                    struct umbc_answers *answers, struct umb_error *error)
 {
@@ -257,6 +264,7 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     if (total->expected_ns > 0) {
         umbc_json_number(json, "expected_ns", total->expected_ns);
     }
+    umbc_json_number(json, "ns_per_point", umbc_query_ns(total));
     umbc_json_integer(json, "points", total->points);
     umbc_json_begin(json, "stats", '{');
     umbc_json_integer(json, "outside", total->stats.outside);

@@ -14,6 +14,7 @@ struct umbc_query_total {
     struct umb_query_stats stats;
     uint8_t asset_id[UMB_ID_BYTES];
     uint64_t server_ns; /* CPU time of the daemon, 0 for a file */
+    double here_s;      /* CPU time of the look-ups in a file, 0 with a daemon */
     double seconds;     /* from the first batch to the last */
     uint64_t points;
     const uint32_t *lights; /* [light_count] */
@@ -23,6 +24,9 @@ struct umbc_query_total {
     struct umb_curve_row row; /* of the curve, if the asset has one for these settings */
     double expected_ns;       /* a point, calibrated for a budget; else 0 */
 };
+
+/* Nanoseconds that a point and light took of one core; 0 without points. */
+double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {
     const struct umbc_query_options *options;

@@ -15,6 +15,7 @@
 #include <string.h>
 #include "cli_answers.h"
 #include "cli_progress.h"
+#include "cli_query_dial.h"
 #include "cli_query_volume.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
@@ -69,8 +70,10 @@ static void answer_here(struct job *job, struct slot *slot)
     struct umb_light_answers answers = {.values = slot->values, .stats = slot->stats};
     slot->error.status = umb_points_check(&slot->points, &slot->error);
     if (slot->error.status == UMB_OK) {
+        const double start = umbc_cpu_s();
         umb_query_run_lights(job->queries, job->light_count, &slot->points, 0, slot->points.count,
                              &answers);
+        job->total.here_s += umbc_cpu_s() - start;
     } else {
         slot->error.status = UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
@@ -253,53 +256,20 @@ static enum umb_status choose_lights(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
-/* What the settings of the first light come to. */
-static void state_settings(struct job *job, const struct umb_query_settings *settings,
-                           const struct umb_calibration *calibration)
-{
-    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    const size_t count = umb_curve_get(job->asset, settings->light, rows);
-    job->total.level = settings->level;
-    job->total.bound_m = umb_query_bound_m(job->asset, settings);
-    for (size_t i = 0; i < count; i++) {
-        if (rows[i].level == settings->level && rows[i].taps == job->total.taps) {
-            job->total.row = rows[i];
-            job->total.expected_ns = i < calibration->count ? calibration->ns[i] : 0;
-        }
-    }
-}
-
-/* Lets the dial choose, if there is one. */
-static enum umb_status choose_settings(struct job *job, struct umb_query_settings *settings,
-                                       struct umb_calibration *calibration, struct umb_error *error)
-{
-    const struct umb_dial *dial = &job->options->dial;
-    enum umb_status status = UMB_OK;
-    memset(calibration, 0, sizeof *calibration);
-    if (!job->options->has_dial) {
-        return UMB_OK;
-    }
-    if (dial->budget_ns > 0) {
-        status = umb_calibrate(job->asset, settings->light, umbc_clock_s, calibration, error);
-    }
-    return status == UMB_OK ? umb_dial_choose(job->asset, dial, calibration, settings, NULL, error)
-                            : status;
-}
-
 static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
     for (size_t k = 0; status == UMB_OK && k < job->light_count; k++) {
         struct umb_query_settings settings = job->options->settings;
         struct umb_calibration calibration;
-        settings.light = job->lights[k];
-        status = choose_settings(job, &settings, &calibration, error);
+        status = umbc_dial_settings(job->asset, job->lights[k], job->options, &settings,
+                                    &calibration, error);
         if (status == UMB_OK) {
             status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
         }
         if (status == UMB_OK && k == 0) {
             job->total.taps = umb_query_taps(&job->queries[0]);
-            state_settings(job, &settings, &calibration);
+            umbc_dial_state(job->asset, &settings, &calibration, &job->total);
         }
     }
     return status;
@@ -425,6 +395,9 @@ static void print_summary(const struct umbc_query_total *total)
         }
         if (total->expected_ns > 0) {
             (void)fprintf(stderr, ", %.3g ns a point expected", total->expected_ns);
+        }
+        if (umbc_query_ns(total) > 0) {
+            (void)fprintf(stderr, ", %.3g ns taken", umbc_query_ns(total));
         }
         (void)fputc('\n', stderr);
     }

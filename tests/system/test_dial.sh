@@ -55,9 +55,12 @@ done
 try 0 umbrage query city.umb --points points --budget 100000 --json --quiet
 check "a budget states what it expects to pay" json out "['expected_ns'] > 0 or 1 / 0"
 cp out dialled
+check "and what was paid" json out "['ns_per_point'] > 0 or 1 / 0"
 taps=$(json dialled "['taps']") level=$(json dialled "['level']")
 try 0 umbrage query city.umb --points points --taps "$taps" --level "$level" --json --quiet
 same "and answers as its setting does" "$(json dialled "['answers']")" "$(json out "['answers']")"
+"$BUILD/umbrage" query city.umb --points - --budget 100000 --json --quiet <points >piped
+check "points that come but once have a budget too" json piped "['expected_ns'] > 0 or 1 / 0"
 try 2 umbrage query city.umb --points points --budget 0.001
 one_sentence budget
 

@@ -1,17 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From counts to nanoseconds, on this machine. Points of two kinds are asked with every setting:
- * easy ones anywhere in the frustum (mostly large uniform cells), hard ones where the light first
- * meets a caster. How hard the points of the curve are, which lie on surfaces, is told by the lines
- * that one tap reads there, counted alike for all three; every setting's cost goes as far from easy
- * to hard. Each timing asks other points, more altogether than a core's own caches hold, since
- * callers' points are spread over the whole asset, too.
+ * From counts to nanoseconds, on this machine. Each row of a curve is timed on the caller's points,
+ * or where there are none on points of two kinds: easy ones anywhere in the frustum (mostly large
+ * uniform cells), hard ones where the light first meets a caster. How hard the points of the curve
+ * are, which lie on surfaces, is told by the lines that one tap reads there, counted alike for all
+ * three; every setting's cost goes as far from easy to hard.
  */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
+#include "curve/row_timer.h"
 #include "format/asset_parts.h"
 #include "query/query_parts.h"
 #include "query/voxel_tree.h"
@@ -19,8 +18,6 @@
 
 enum {
     POINTS = 32768,    /* of each kind */
-    SLICE = 4096,      /* of them, asked at a time */
-    RUNS = 5,          /* of each row, interleaved; the median counts */
     COLUMN_STEPS = 64, /* cubes looked at along a ray before another ray is tried */
     HARDNESS_MAX = 2,  /* surfaces may be harder than what the light sees of them, but not much */
 };
@@ -29,8 +26,7 @@ enum {
 struct sample {
     double (*positions)[3];
     double lines; /* that one tap reads, as the curve counts them */
-    double seconds[UMB_CURVE_ROWS_MAX][RUNS];
-    size_t next; /* slice to be asked */
+    double ns[UMB_CURVE_ROWS_MAX];
 };
 
 struct job {
@@ -40,8 +36,6 @@ struct job {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
     size_t count;
     struct sample easy, hard;
-    float *answers;
-    double (*now_s)(void);
 };
 
 static double unit(uint64_t *state)
@@ -138,40 +132,6 @@ static void draw_points(struct job *job)
     }
 }
 
-/* Asks a slice of a sample with a row's settings. */
-static enum umb_status time_row(struct job *job, size_t row, int run, struct sample *sample,
-                                struct umb_error *error)
-{
-    struct umb_query query;
-    struct umb_query_settings settings = {
-        .light = job->light, .taps = job->rows[row].taps, .level = job->rows[row].level};
-    struct umb_points points = {
-        .positions = sample->positions, .format = UMB_POINT_F64, .count = POINTS};
-    struct umb_answers answers = {.values = job->answers};
-    memcpy(points.origin, job->asset->canonical.content.origin, sizeof points.origin);
-    enum umb_status status = umb_query_prepare(job->asset, &settings, &query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    const double start = job->now_s();
-    umb_query_run(&query, &points, sample->next, SLICE, &answers);
-    sample->seconds[row][run] = job->now_s() - start;
-    sample->next = (sample->next + SLICE) % POINTS;
-    return status;
-}
-
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median_ns(double seconds[RUNS])
-{
-    qsort(seconds, RUNS, sizeof *seconds, by_size);
-    return seconds[RUNS / 2] * 1e9 / SLICE;
-}
-
 /* How far the curve's points are from easy (0) to hard (1). */
 static double hardness(const struct job *job)
 {
@@ -184,74 +144,132 @@ static double hardness(const struct job *job)
     return span > 0.05 ? fmin(fmax(from_easy / span, 0), HARDNESS_MAX) : 1;
 }
 
-/* Fills in the costs; one that reads more never costs less. */
-static void conclude(struct job *job, struct umb_calibration *calibration)
+/*
+ * Fills in the costs; one that reads more never costs less. Where times say otherwise (a look-up
+ * that stops at a coarse level may take longer than one of a single tap), neighbours by lines are
+ * pooled into their mean until they do not: the isotonic regression, the nearest costs in order.
+ */
+static void conclude(const struct umb_curve_row *rows, size_t count,
+                     const double row_ns[UMB_CURVE_ROWS_MAX], struct umb_calibration *calibration)
+{
+    size_t order[UMB_CURVE_ROWS_MAX], pool_size[UMB_CURVE_ROWS_MAX], pools = 0;
+    double pool_ns[UMB_CURVE_ROWS_MAX];
+    for (size_t i = 0; i < count; i++) { /* insertion: few rows, nearly in order */
+        size_t at = i;
+        for (; at > 0 && rows[order[at - 1]].lines > rows[i].lines; at--) {
+            order[at] = order[at - 1];
+        }
+        order[at] = i;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const int is_tie = i > 0 && rows[order[i]].lines <= rows[order[i - 1]].lines;
+        double ns = row_ns[order[i]];
+        size_t size = 1;
+        while (pools > 0 && (pool_ns[pools - 1] >= ns || (is_tie && size == 1))) {
+            pools--;
+            ns = (ns * (double)size + pool_ns[pools] * (double)pool_size[pools]) /
+                 (double)(size + pool_size[pools]);
+            size += pool_size[pools];
+        }
+        pool_ns[pools] = ns;
+        pool_size[pools++] = size;
+    }
+    calibration->count = count;
+    for (size_t pool = 0, i = 0; pool < pools; pool++) {
+        for (size_t end = i + pool_size[pool]; i < end; i++) {
+            calibration->ns[order[i]] = pool_ns[pool];
+        }
+    }
+}
+
+/* Of the points drawn here, as hard as the curve's. */
+static void conclude_drawn(const struct job *job, struct umb_calibration *calibration)
 {
     const double far = hardness(job);
     double row_ns[UMB_CURVE_ROWS_MAX];
     for (size_t i = 0; i < job->count; i++) {
-        const double easy = median_ns(job->easy.seconds[i]), hard = median_ns(job->hard.seconds[i]);
+        const double easy = job->easy.ns[i], hard = job->hard.ns[i];
         row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
     }
-    calibration->count = job->count;
-    for (size_t i = 0; i < job->count; i++) {
-        double ns = 0;
-        for (size_t k = 0; k < job->count; k++) {
-            if (job->rows[k].lines <= job->rows[i].lines) {
-                ns = fmax(ns, row_ns[k]);
-            }
-        }
-        calibration->ns[i] = ns;
-    }
+    conclude(job->rows, job->count, row_ns, calibration);
 }
 
-static enum umb_status time_rows(struct job *job, struct umb_error *error)
+static enum umb_status time_sample(struct job *job, struct sample *sample, double (*now_s)(void),
+                                   struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (int run = 0; run < RUNS; run++) {
-        for (size_t row = 0; row < job->count && status == UMB_OK; row++) {
-            status = time_row(job, row, run, &job->easy, error);
-            if (status == UMB_OK) {
-                status = time_row(job, row, run, &job->hard, error);
-            }
-        }
+    struct umb_points points = {
+        .positions = sample->positions, .format = UMB_POINT_F64, .count = POINTS};
+    memcpy(points.origin, job->asset->canonical.content.origin, sizeof points.origin);
+    struct umb__row_timer timer = {job->asset, job->light, job->rows, job->count, &points, now_s};
+    return umb__time_rows(&timer, sample->ns, error);
+}
+
+/* Light and curve of what is to be calibrated. */
+static enum umb_status find_rows(struct job *job, struct umb_error *error)
+{
+    const struct umb_content *content = &job->asset->canonical.content;
+    if (job->light >= content->light_count) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", job->light,
+                        content->light_count);
     }
-    return status;
+    job->count = umb_curve_get(job->asset, job->light, job->rows);
+    if (job->count == 0) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "calibration: the asset carries no accuracy curve for light %u",
+                        job->light);
+    }
+    job->first_frustum = content->lights[job->light].first_frustum;
+    job->frustum = &content->frusta[job->first_frustum];
+    return UMB_OK;
 }
 
 enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light, double (*now_s)(void),
                               struct umb_calibration *calibration, struct umb_error *error)
 {
-    const struct umb_content *content = &asset->canonical.content;
-    struct job job = {.asset = asset, .light = light, .now_s = now_s};
+    struct job job = {.asset = asset, .light = light};
     memset(calibration, 0, sizeof *calibration);
-    if (light >= content->light_count) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
-                        content->light_count);
+    enum umb_status status = find_rows(&job, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    job.count = umb_curve_get(asset, light, job.rows);
-    if (job.count == 0) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "calibration: the asset carries no accuracy curve for light %u", light);
-    }
-    job.first_frustum = content->lights[light].first_frustum;
-    job.frustum = &content->frusta[job.first_frustum];
     job.easy.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.easy.positions);
     job.hard.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.hard.positions);
-    job.answers = umb__alloc(asset->alloc, POINTS, sizeof *job.answers);
-    enum umb_status status;
-    if (job.easy.positions && job.hard.positions && job.answers) {
+    if (job.easy.positions && job.hard.positions) {
         draw_points(&job);
-        status = time_rows(&job, error);
+        status = time_sample(&job, &job.easy, now_s, error);
     } else {
         status =
             umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused", POINTS);
     }
     if (status == UMB_OK) {
-        conclude(&job, calibration);
+        status = time_sample(&job, &job.hard, now_s, error);
+    }
+    if (status == UMB_OK) {
+        conclude_drawn(&job, calibration);
     }
     umb__free(asset->alloc, job.easy.positions);
     umb__free(asset->alloc, job.hard.positions);
-    umb__free(asset->alloc, job.answers);
+    return status;
+}
+
+enum umb_status umb_calibrate_points(const struct umb_asset *asset, uint32_t light,
+                                     const struct umb_points *points, double (*now_s)(void),
+                                     struct umb_calibration *calibration, struct umb_error *error)
+{
+    struct job job = {.asset = asset, .light = light};
+    double row_ns[UMB_CURVE_ROWS_MAX];
+    memset(calibration, 0, sizeof *calibration);
+    enum umb_status status = find_rows(&job, error);
+    if (status == UMB_OK && points->count == 0) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb__row_timer timer = {asset, light, job.rows, job.count, points, now_s};
+    status = umb__time_rows(&timer, row_ns, error);
+    if (status == UMB_OK) {
+        conclude(job.rows, job.count, row_ns, calibration);
+    }
     return status;
 }

@@ -159,8 +159,8 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
     return umb_fail(error, UMB_E_ARGUMENT,
                     "max_error:%s: this light's asset reaches %.4g m (level %u, %u taps), or "
                     "visibility %.3g (level %u, %u taps)",
-                    wanted, finest->bound_m, finest->level, finest->taps,
-                    softest->visibility_error, softest->level, softest->taps);
+                    wanted, finest->bound_m, finest->level, finest->taps, softest->visibility_error,
+                    softest->level, softest->taps);
 }
 
 enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_dial *dial,

@@ -72,7 +72,7 @@ struct umb_curve_row {
 UMB_API size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
                              struct umb_curve_row rows[UMB_CURVE_ROWS_MAX]);
 
-/* What rows cost on this machine; umb_calibrate fills it in. */
+/* What rows cost on this machine; umb_calibrate or umb_calibrate_points fills it in. */
 struct umb_calibration {
     size_t count;                  /* rows, in the order of umb_curve_get */
     double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
@@ -93,6 +93,27 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
                                                   double (*now_s)(void),
                                                   struct umb_calibration *calibration,
                                                   struct umb_error *error);
+
+/*
+ * Measures what the rows of a light's curve cost for points like these: as near to each other, as
+ * hard, as often facing away. Costs depend on all of that, up to tenfold; so a budget for points at
+ * hand is best calibrated on them, or on a fair sample: stretches of a few thousand consecutive
+ * points from all over them.
+ *
+ * In:    points: as umb_points_check accepts them, at least one; 10^5 and more spread over the
+ *        scene leave the caches as cold as all of them do. now_s: a clock in seconds that does not
+ *        go back; the calling thread's CPU time suits a busy machine.
+ * Out:   calibration: median of interleaved runs; costs that do not fall where the counts of the
+ *        curve rise.
+ * Fails: E_ARGUMENT (no points), E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
+ * Cost:  about 50 ms of one core; 32 KiB, freed again.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_calibrate_points(const struct umb_asset *asset,
+                                                         uint32_t light,
+                                                         const struct umb_points *points,
+                                                         double (*now_s)(void),
+                                                         struct umb_calibration *calibration,
+                                                         struct umb_error *error);
 
 /* What is wanted of an answer; 0 where nothing is. */
 struct umb_dial {

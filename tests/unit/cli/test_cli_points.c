@@ -10,6 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "../../../client/cli/cli_point_sample.h"
 #include "../../../client/cli/cli_points.h"
 
 static char folder[] = "umbrage-points-XXXXXX";
@@ -267,6 +268,70 @@ static void what_is_no_readable_file_is_no_input(void **state)
     assert_non_null(strstr(error.message, "no/such/file"));
 }
 
+enum {
+    MANY = 800000
+};
+
+/* Each sampled point is its own number: in order, in stretches, from the whole file. */
+static void check_sample(enum umbc_points_format format, bool with_normals, size_t total)
+{
+    struct umbc_batch sample;
+    struct umb_error error;
+    size_t steps = 0, quarters[4] = {0};
+    assert_int_equal(umbc_points_sample(path, format, with_normals, &sample, &error), UMB_OK);
+    for (size_t i = 0; i < sample.count; i++) {
+        const double x = sample.wide ? sample.wide[3 * i] : (double)sample.narrow[3 * i];
+        const double last = i == 0        ? -1
+                            : sample.wide ? sample.wide[3 * i - 3]
+                                          : (double)sample.narrow[3 * i - 3];
+        const double y = sample.wide ? sample.wide[3 * i + 1] : (double)sample.narrow[3 * i + 1];
+        assert_true(x >= 0 && x < (double)total && y == 7);
+        assert_true(!sample.has_normals || sample.normals[3 * i + 2] == 1);
+        steps += x != last + 1;
+        quarters[(size_t)(4 * x / (double)total)]++;
+    }
+    assert_true(sample.has_normals == with_normals || format == UMBC_POINTS_TEXT);
+    assert_int_equal(sample.count, total < MANY ? total : (size_t)64 * 4096);
+    assert_int_equal(steps, total < MANY ? 0 : 63); /* the first stretch goes on from -1 */
+    for (size_t q = 0; q < 4; q++) {
+        assert_true(quarters[q] > sample.count / 5);
+    }
+    umbc_batch_finish(&sample);
+}
+
+static void samples_come_in_stretches_from_all_over_a_file(void **state)
+{
+    (void)state;
+    static float raw[MANY][6];
+    static char text[(size_t)MANY * 16];
+    size_t length = 0;
+    for (size_t i = 0; i < MANY; i++) {
+        const float point[6] = {(float)i, 7, 0, 0, 0, 1};
+        memcpy(raw[i], point, sizeof point);
+        length += (size_t)snprintf(text + length, sizeof text - length, "%zu 7 0\n", i);
+    }
+    write_file(raw, sizeof raw);
+    check_sample(UMBC_POINTS_F32, true, MANY);
+    write_file(text, length);
+    check_sample(UMBC_POINTS_TEXT, false, MANY);
+    write_file(raw, 1000 * sizeof *raw);
+    check_sample(UMBC_POINTS_F32, true, 1000);
+}
+
+static void what_cannot_be_sampled_gives_no_points(void **state)
+{
+    (void)state;
+    struct umbc_batch sample;
+    const char *const names[] = {"-", "no/such/file", folder, path};
+    write_file("1 2 three\n", 10);
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        assert_int_equal(umbc_points_sample(names[i], UMBC_POINTS_TEXT, false, &sample, NULL),
+                         UMB_OK);
+        assert_int_equal(sample.count, 0);
+        umbc_batch_finish(&sample);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -277,6 +342,8 @@ int main(void)
         cmocka_unit_test(raw_points_are_little_endian_numbers),
         cmocka_unit_test(raw_rests_and_infinities_are_refused),
         cmocka_unit_test(what_is_no_readable_file_is_no_input),
+        cmocka_unit_test(samples_come_in_stretches_from_all_over_a_file),
+        cmocka_unit_test(what_cannot_be_sampled_gives_no_points),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -314,6 +314,86 @@ static void a_budget_buys_the_least_error_that_costs_no_more(void **state)
     fixture_close(&f);
 }
 
+/* A clock that stands still between looks of a pair, and steps by random lengths within them. */
+static uint64_t clock_seed;
+static int clock_looks;
+
+static double dice_clock(void)
+{
+    ticks += clock_looks++ % 2 ? 1e-3 * (0.5 + random_unit(&clock_seed)) : 0;
+    return ticks;
+}
+
+static double even_clock(void)
+{
+    ticks += clock_looks++ % 2 ? 1e-3 : 0;
+    return ticks;
+}
+
+static void calibrations_on_points_time_every_row_on_them(void **state)
+{
+    (void)state;
+    struct fixture f;
+    struct umb_calibration calibration;
+    fixture_open(&f, 7);
+    struct umb_points points = draw_points(7);
+    ticks = clock_looks = 0;
+    assert_int_equal(umb_calibrate_points(f.asset, 1, &points, even_clock, &calibration, NULL),
+                     UMB_OK);
+    assert_true(calibration.count > 0);
+    for (size_t i = 0; i < calibration.count; i++) { /* 600 points, again until there are 8192 */
+        assert_float_equal(calibration.ns[i], 1e6 / (14 * POINTS), 1e-6);
+    }
+    points.count = 1;
+    assert_int_equal(umb_calibrate_points(f.asset, 1, &points, even_clock, &calibration, NULL),
+                     UMB_OK);
+    assert_float_equal(calibration.ns[0], 1e6 / 64, 1e-6);
+    fixture_close(&f);
+}
+
+static void costs_rise_with_the_lines_and_keep_their_mean_whatever_the_clock_says(void **state)
+{
+    (void)state;
+    struct fixture f;
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], row;
+    fixture_open(&f, 7);
+    const struct umb_points points = draw_points(7);
+    const size_t count = umb_curve_get(f.asset, 1, rows);
+    clock_seed = 5;
+    for (int round = 0; round < 50; round++) {
+        struct umb_calibration calibration;
+        ticks = clock_looks = 0;
+        assert_int_equal(umb_calibrate_points(f.asset, 1, &points, dice_clock, &calibration, NULL),
+                         UMB_OK);
+        double sum = 0;
+        for (size_t i = 0; i < count; i++) {
+            sum += calibration.ns[i];
+            for (size_t k = 0; k < count; k++) {
+                assert_true(rows[k].lines > rows[i].lines ||
+                            calibration.ns[k] <= calibration.ns[i]);
+            }
+        }
+        assert_in_range((int)(sum / (double)count), 60, 240); /* dice of 0.5 .. 1.5 ms / 8400 */
+        double last_error = 0, last_cost = INFINITY;
+        for (double budget = 1000; budget > 1; budget /= 1.1) { /* less buys no more */
+            const struct umb_dial dial = {.budget_ns = budget};
+            if (!wins(&f, dial, &calibration, &row)) {
+                break;
+            }
+            double cost = 0;
+            for (size_t i = 0; i < count; i++) {
+                cost = rows[i].level == row.level && rows[i].taps == row.taps ? calibration.ns[i]
+                                                                              : cost;
+            }
+            assert_true(row.visibility_error >= last_error && cost <= last_cost && cost <= budget);
+            last_error = row.visibility_error;
+            last_cost = cost;
+        }
+        assert_true(last_cost < INFINITY);
+    }
+    fixture_close(&f);
+}
+
 static void dials_refuse_what_they_cannot_honour(void **state)
 {
     (void)state;
@@ -340,6 +420,14 @@ static void dials_refuse_what_they_cannot_honour(void **state)
     assert_int_equal(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &bare, NULL), UMB_OK);
     assert_int_equal(umb_dial_choose(bare, &metre, NULL, &plain, NULL, &error), UMB_E_UNSUPPORTED);
     assert_int_equal(umb_calibrate(bare, 0, slow_clock, &calibration, &error), UMB_E_UNSUPPORTED);
+    struct umb_points points = draw_points(7);
+    assert_int_equal(umb_calibrate_points(bare, 0, &points, slow_clock, &calibration, &error),
+                     UMB_E_UNSUPPORTED);
+    assert_int_equal(umb_calibrate_points(f.asset, 9, &points, slow_clock, &calibration, &error),
+                     UMB_E_NOT_FOUND);
+    points.count = 0;
+    assert_int_equal(umb_calibrate_points(f.asset, 0, &points, slow_clock, &calibration, &error),
+                     UMB_E_ARGUMENT);
     assert_int_equal(umb_calibrate(bare, 9, slow_clock, &calibration, &error), UMB_E_NOT_FOUND);
     umb_asset_close(bare);
     bytes_finish(&bytes);
@@ -355,6 +443,8 @@ int main(void)
         cmocka_unit_test(curves_out_of_order_or_range_are_refused),
         cmocka_unit_test(halving_an_error_never_widens_the_bound_nor_lowers_the_cost),
         cmocka_unit_test(a_budget_buys_the_least_error_that_costs_no_more),
+        cmocka_unit_test(calibrations_on_points_time_every_row_on_them),
+        cmocka_unit_test(costs_rise_with_the_lines_and_keep_their_mean_whatever_the_clock_says),
         cmocka_unit_test(dials_refuse_what_they_cannot_honour),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See cli_query_dial.h. */
+#define _POSIX_C_SOURCE 200809L /* CLOCK_THREAD_CPUTIME_ID */
+#include "cli_query_dial.h"
+
+#include <string.h>
+#include <time.h>
+
+#include "cli_point_sample.h"
+
+double umbc_cpu_s(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,
+                                 const struct umbc_query_options *options,
+                                 struct umb_calibration *calibration, struct umb_error *error)
+{
+    struct umbc_batch sample = {0};
+    enum umb_status status =
+        umbc_points_sample(options->points, options->format, options->with_normals, &sample, error);
+    if (status == UMB_OK) {
+        const struct umb_points points = umbc_batch_view(&sample, options->format, options->origin);
+        status = points.count > 0 && umb_points_check(&points, NULL) == UMB_OK
+                     ? umb_calibrate_points(asset, light, &points, umbc_cpu_s, calibration, error)
+                     : umb_calibrate(asset, light, umbc_cpu_s, calibration, error);
+    }
+    umbc_batch_finish(&sample);
+    return status;
+}
+
+enum umb_status umbc_dial_settings(const struct umb_asset *asset, uint32_t light,
+                                   const struct umbc_query_options *options,
+                                   struct umb_query_settings *settings,
+                                   struct umb_calibration *calibration, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    memset(calibration, 0, sizeof *calibration);
+    *settings = options->settings;
+    settings->light = light;
+    if (options->dial.budget_ns > 0) {
+        status = calibrate(asset, light, options, calibration, error);
+    }
+    return status == UMB_OK && options->has_dial
+               ? umb_dial_choose(asset, &options->dial, calibration, settings, NULL, error)
+               : status;
+}
+
+void umbc_dial_state(const struct umb_asset *asset, const struct umb_query_settings *settings,
+                     const struct umb_calibration *calibration, struct umbc_query_total *total)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    const size_t count = umb_curve_get(asset, settings->light, rows);
+    total->level = settings->level;
+    total->bound_m = umb_query_bound_m(asset, settings);
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].level == settings->level && rows[i].taps == total->taps) {
+            total->row = rows[i];
+            total->expected_ns = i < calibration->count ? calibration->ns[i] : 0;
+        }
+    }
+}

@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See row_timer.h. */
+#include "curve/row_timer.h"
+
+#include <stdlib.h>
+
+#include "base/memory.h"
+#include "format/asset_parts.h"
+
+enum {
+    RUNS = 7,
+    STRETCHES = 8,
+    STRETCH = 1024,   /* points; a query's own start does not count much then */
+    REPEATS_MAX = 64, /* of a few points */
+};
+
+static int by_size(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* `count` points from `first` on, as points of their own. */
+static struct umb_points stretch_of(const struct umb_points *points, size_t first, size_t count)
+{
+    const size_t size = points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float);
+    struct umb_points stretch = *points;
+    stretch.positions = (const unsigned char *)points->positions + 3 * first * size;
+    stretch.normals =
+        points->normals ? (const float *)points->normals + 3 * first : points->normals;
+    stretch.count = count;
+    return stretch;
+}
+
+/* Asks STRETCHES stretches, the `turn`th of each part of the points. Returns nanoseconds a point.
+ */
+static double time_stretches(const struct umb__row_timer *timer, const struct umb_query *query,
+                             size_t turn, float *answers)
+{
+    const struct umb_points *points = timer->points;
+    const size_t part = points->count / STRETCHES, turns = part / STRETCH;
+    struct umb_answers out = {.values = answers};
+    size_t asked = 0;
+    const double start = timer->now_s();
+    if (turns > 0) {
+        for (size_t i = 0; i < STRETCHES; i++) {
+            const struct umb_points stretch =
+                stretch_of(points, i * part + turn % turns * STRETCH, STRETCH);
+            umb_query_run(query, &stretch, 0, STRETCH, &out);
+            asked += STRETCH;
+        }
+    } else {
+        for (int i = 0; i < REPEATS_MAX && asked < STRETCHES * STRETCH; i++) {
+            umb_query_run(query, points, 0, points->count, &out);
+            asked += points->count;
+        }
+    }
+    return 1e9 * (timer->now_s() - start) / (double)asked;
+}
+
+static enum umb_status time_runs(const struct umb__row_timer *timer, double runs[][RUNS],
+                                 float *answers, struct umb_error *error)
+{
+    for (size_t run = 0; run < RUNS; run++) {
+        for (size_t row = 0; row < timer->count; row++) {
+            const struct umb_query_settings settings = {.light = timer->light,
+                                                        .taps = timer->rows[row].taps,
+                                                        .level = timer->rows[row].level};
+            struct umb_query query;
+            const enum umb_status status =
+                umb_query_prepare(timer->asset, &settings, &query, error);
+            if (status != UMB_OK) {
+                return status;
+            }
+            runs[row][run] = time_stretches(timer, &query, run * timer->count + row, answers);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__time_rows(const struct umb__row_timer *timer, double ns[UMB_CURVE_ROWS_MAX],
+                               struct umb_error *error)
+{
+    const struct umb_alloc *alloc = timer->asset->alloc;
+    double runs[UMB_CURVE_ROWS_MAX][RUNS];
+    const size_t room =
+        timer->points->count < (size_t)STRETCHES * STRETCH ? timer->points->count : (size_t)STRETCH;
+    float *answers = umb__alloc(alloc, room, sizeof *answers);
+    if (answers == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %zu answers refused",
+                        room);
+    }
+    const enum umb_status status = time_runs(timer, runs, answers, error);
+    umb__free(alloc, answers);
+    for (size_t row = 0; row < timer->count && status == UMB_OK; row++) {
+        qsort(runs[row], RUNS, sizeof *runs[row], by_size);
+        ns[row] = runs[row][RUNS / 2];
+    }
+    return status;
+}
