@@ -91,6 +91,9 @@ static void draw(struct view *view, const char *note)
             (void)fprintf(stderr, "/s  %.0f s left",
                           s->left_ms >= 0 ? 1e-3 * (double)s->left_ms : 0);
         }
+        if (s->tiles_total > 1) {
+            (void)fprintf(stderr, "  tile %" PRIu64 " of %" PRIu64, s->tiles_done, s->tiles_total);
+        }
     }
     (void)fputs(" \033[K", stderr);
     (void)fflush(stderr);
@@ -171,6 +174,11 @@ void umbc_job_json(struct umbc_json *json, const struct umb_job_status *status)
     umbc_json_signed(json, "submitted_ms", status->submitted_ms);
     umbc_json_signed(json, "started_ms", status->started_ms);
     umbc_json_signed(json, "ended_ms", status->ended_ms);
+    if (status->tiles_total > 0) {
+        umbc_json_integer(json, "tiles", status->tiles_total);
+        umbc_json_integer(json, "tiles_done", status->tiles_done);
+        umbc_json_integer(json, "tiles_found", status->tiles_found);
+    }
 }
 
 int umbc_job_report(const struct umb_job_status *status, const char *plan, bool as_json, bool quiet)
@@ -190,6 +198,10 @@ int umbc_job_report(const struct umb_job_status *status, const char *plan, bool 
         if (!quiet) {
             (void)printf("job         %s: done in %.1f s\n", status->job,
                          1e-3 * (double)(status->ended_ms - status->submitted_ms));
+            if (status->tiles_total > 0) {
+                (void)printf("tiles       %" PRIu64 ", of them %" PRIu64 " as baked before\n",
+                             status->tiles_total, status->tiles_found);
+            }
         }
     }
     if (code != 0) {

@@ -31,6 +31,9 @@ static void status_from_wire(const struct umbw_job_status *from, struct umb_job_
     to->total = from->total;
     to->rate = from->rate;
     to->left_ms = from->left_ms;
+    to->tiles_done = from->tiles_done;
+    to->tiles_total = from->tiles_total;
+    to->tiles_found = from->tiles_found;
 }
 
 static enum umb_status check_job(const char *job, struct umb_error *error)

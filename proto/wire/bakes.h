@@ -66,6 +66,7 @@ struct umbw_job_status {
     uint64_t epoch, bundle_bytes, done, total;
     int64_t submitted_ms, started_ms, ended_ms, not_before_ms, left_ms;
     double rate;
+    uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* NULL or lines; decoder: malloc */
 };
 

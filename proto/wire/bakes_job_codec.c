@@ -105,6 +105,9 @@ static void put_status(const struct umbw_job_status *status, Umbrage__V1__JobSta
     message->not_before_ms = status->not_before_ms;
     message->left_ms = status->left_ms;
     message->rate = status->rate;
+    message->tiles_done = status->tiles_done;
+    message->tiles_total = status->tiles_total;
+    message->tiles_found = status->tiles_found;
     if (status->plan != NULL) {
         message->plan = (char *)(uintptr_t)status->plan;
     }
@@ -160,6 +163,9 @@ static enum umb_status take_status(const Umbrage__V1__JobStatus *message,
     out->not_before_ms = message->not_before_ms;
     out->left_ms = message->left_ms;
     out->rate = message->rate;
+    out->tiles_done = message->tiles_done;
+    out->tiles_total = message->tiles_total;
+    out->tiles_found = message->tiles_found;
     return status;
 }
 

@@ -20,16 +20,18 @@ struct series {
     struct umb_front *fronts; /* [frustum_count]; NULL: not wanted */
     struct umbb_progress progress;
     uint64_t texels_total;
+    uint64_t tiles_total;
     uint64_t texels_before; /* drawn for the frusta already baked */
-    uint64_t found_before;  /* of these, in tiles that were kept */
     struct umbb_bake_figures figures;
 };
 
 /* What was found is taken off the total: it says nothing about the rate. */
-static void series_progress(void *user, uint64_t texels_done, uint64_t texels_found)
+static void series_progress(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found)
 {
     struct series *series = user;
-    series->progress.total = series->texels_total - series->found_before - texels_found;
+    const uint64_t found = series->figures.tiles_found + tiles_found;
+    umbb_progress_tiles(series->figures.tiles + tiles, series->tiles_total, found);
+    series->progress.total = series->texels_total - (found << (2 * series->memory->tile_log2));
     umbb_progress_update(&series->progress, series->texels_before + texels_done);
 }
 
@@ -111,7 +113,6 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     series->figures.seconds_build += figures.seconds_build;
     series->figures.octree_bytes = figures.octree_bytes;
     series->texels_before += figures.texels;
-    series->found_before += figures.tiles_found << (2 * series->memory->tile_log2);
     return status;
 }
 
@@ -197,7 +198,9 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     umb_pool_init(&series.pool, NULL, job->memory->octree_max_bytes);
     const uint64_t tiles = options->only_given ? options->only_last - options->only_first + 1
                                                : umbb_tile_count(analysis, job->memory->tile_log2);
+    series.tiles_total = tiles;
     series.texels_total = tiles << (2 * job->memory->tile_log2);
+    umbb_progress_tiles(0, tiles, 0);
     umbb_progress_start(&series.progress, stderr, options->quiet, "Mtexel", series.texels_total);
     enum umb_status status =
         roots != NULL && levels != NULL

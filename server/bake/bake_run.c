@@ -401,6 +401,7 @@ static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error
     const struct umbb_options *options = run->options; /* chosen meanwhile, perhaps */
     if (status == UMB_OK && options->plan) {
         const uint64_t tiles = umbb_tile_count(&run->analysis, options->tile_log2);
+        umbb_progress_tiles(0, tiles, 0);
         if (options->json) {
             umbb_plan_print_json(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
         } else {

@@ -49,6 +49,24 @@ void umbb_progress_plan(const char *plan)
     }
 }
 
+void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found)
+{
+    static uint64_t told_done, told_total;
+    static double told_s;
+    const double now = told >= 0 ? umbb_clock_s() : 0;
+    const int is_new = done != told_done || total != told_total;
+    if (told < 0 || !is_new || (0 < done && done < total && now - told_s < INTERVAL_S)) {
+        return;
+    }
+    char line[96];
+    told_done = done;
+    told_total = total;
+    told_s = now;
+    tell(line,
+         (size_t)snprintf(line, sizeof line, "tiles %llu %llu %llu\n", (unsigned long long)done,
+                          (unsigned long long)total, (unsigned long long)found));
+}
+
 void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
                          uint64_t total)
 {

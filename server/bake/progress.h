@@ -37,13 +37,16 @@ void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done
  *     phase import | analysis | bake | write | verify
  *     plan ...                                     each line of the plan
  *     progress DONE TOTAL UNIT                     of the phase, at most five a second
+ *     tiles DONE TOTAL FOUND                       FOUND: of DONE, in the folder of tiles already
  *
- * _tell_to: sets the descriptor, -1 = nobody (tests). _phase, _plan: write those lines. A reader
- * who went away is not told any more. Threads: as umbb_progress_update; one bake a process.
+ * _tell_to: sets the descriptor, -1 = nobody (tests). _phase, _plan: write those lines; _tiles if
+ * they are more, at most five a second and at the end. A reader who went away is not told any more.
+ * Threads: as umbb_progress_update; one bake a process.
  */
 void umbb_progress_tell_to(int fd);
 void umbb_progress_phase(const char *phase);
 void umbb_progress_plan(const char *plan);
+void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found);
 
 /* Seconds of the monotonic clock. */
 double umbb_clock_s(void);

@@ -38,6 +38,7 @@ static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *
         .workers = options->bake_workers,
         .threads = options->bake_threads,
         .memory_bytes = options->bake_memory,
+        .tile = options->bake_tile,
         .cache_bytes = options->tile_cache,
         .timeout_ms = options->job_time_ms,
         .max_output_bytes = options->max_asset,
@@ -200,7 +201,12 @@ void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
     umbs_store_count(daemon->store, &gauges->assets);
     gauges->queue_depth = umbd_pool_depth(daemon->pool);
     gauges->buffered_bytes = atomic_load(&daemon->buffered);
-    gauges->jobs = daemon->jobs != NULL ? umbj_service_counters(daemon->jobs) : NULL;
+    if (daemon->jobs != NULL) {
+        gauges->jobs = umbj_service_counters(daemon->jobs);
+        gauges->tiles = umbj_board_tiles(umbj_service_board(daemon->jobs));
+    } else {
+        gauges->jobs = NULL;
+    }
     gauges->ready = !atomic_load(&daemon->draining);
 }
 

@@ -243,7 +243,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION);
 }
 
-static void write_jobs(FILE *out, struct umbj_counters *jobs)
+static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_tiles *tiles)
 {
     head(out, "umbrage_jobs", "gauge", "Bake jobs that the table knows, by state.");
     for (int i = 0; i < UMBJ_STATE_COUNT; i++) {
@@ -259,6 +259,16 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs)
     head(out, "umbrage_job_bake_seconds", "summary", "Time from the start of a bake to its asset.");
     fprintf(out, "umbrage_job_bake_seconds_sum %.3f\numbrage_job_bake_seconds_count %llu\n",
             (double)get(&jobs->bake_ms) * 1e-3, get(&jobs->finished));
+    head(out, "umbrage_job_tiles", "gauge", "Tiles of the jobs that run, by state.");
+    fprintf(out,
+            "umbrage_job_tiles{state=\"waiting\"} %llu\numbrage_job_tiles{state=\"done\"} %llu\n",
+            (unsigned long long)(tiles->total - tiles->done), (unsigned long long)tiles->done);
+    head(out, "umbrage_job_tiles_total", "counter",
+         "Tiles of jobs that were baked, or found kept.");
+    fprintf(out,
+            "umbrage_job_tiles_total{how=\"baked\"} %llu\n"
+            "umbrage_job_tiles_total{how=\"found\"} %llu\n",
+            get(&jobs->tiles_baked), get(&jobs->tiles_found));
 }
 
 /* Resident pages from /proc; 0 where there is no such file. */
@@ -298,7 +308,7 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
     write_times(out, metrics);
     write_own(out, metrics, gauges);
     if (gauges->jobs != NULL) {
-        write_jobs(out, gauges->jobs);
+        write_jobs(out, gauges->jobs, &gauges->tiles);
     }
     write_process(out);
     int bad = ferror(out);

@@ -89,6 +89,7 @@ struct umbd_gauges {
     uint64_t buffered_bytes;
     int ready;
     struct umbj_counters *jobs; /* NULL without --jobs */
+    struct umbj_tiles tiles;    /* of the jobs that run */
 };
 
 static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)

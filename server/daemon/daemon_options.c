@@ -82,6 +82,8 @@ static const struct option table[] = {
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
+    {"--bake-tile", KIND_COUNT, AT(bake_tile), 64, 32768, "N",
+     "texels a side of a tile, the unit of work, a power of two; default 2048"},
     {"--bake-threads", KIND_COUNT, AT(bake_threads), 1, 256, "N",
      "threads of one bake; default: one a core"},
     {"--bake-memory", KIND_BYTES, AT(bake_memory), 16 << 20, (uint64_t)1 << 50, "BYTES",
@@ -297,6 +299,7 @@ static void set_defaults(struct umbd_options *options)
         .stall_timeout_ms = 30000,
         .scrub_interval_ms = HOUR_MS,
         .bake_workers = 1,
+        .bake_tile = 2048,
         .bake_threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
         .bake_memory = (uint64_t)4 << 30,
         .tile_cache = (uint64_t)10 << 30,
@@ -328,6 +331,10 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             (unsigned long long)options->max_message,
             (unsigned long long)options->connection_buffer,
             (unsigned long long)options->max_buffer);
+    }
+    if ((options->bake_tile & (options->bake_tile - 1)) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--bake-tile: '%u' is no power of two",
+                        options->bake_tile);
     }
     if (options->max_bundle > options->owner_bytes || options->owner_bytes > options->job_bytes) {
         return umb_fail(error, UMB_E_ARGUMENT,

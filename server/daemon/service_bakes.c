@@ -97,6 +97,9 @@ static void take_look(void *user, const struct umbj_standing *standing)
         status.rate = standing->rate;
         status.left_ms = standing->left_ms;
     }
+    status.tiles_done = standing->tiles.done;
+    status.tiles_total = standing->tiles.total;
+    status.tiles_found = standing->tiles.found;
     status.plan = standing->plan;
     status.notices = standing->notices;
     look->version = standing->version;

@@ -210,6 +210,18 @@ static void take_progress(struct entry *entry, const struct umbj_report *report,
             : -1;
 }
 
+/* What a worker says of its tiles; it may say anything. */
+static struct umbj_tiles take_tiles(struct entry *entry, const struct umbj_report *report)
+{
+    const struct umbj_tiles before = entry->standing.tiles;
+    struct umbj_tiles *now = &entry->standing.tiles;
+    now->total = report->total;
+    now->done = report->done < report->total ? report->done : report->total;
+    now->found = report->found < now->done ? report->found : now->done;
+    return (struct umbj_tiles){.done = now->done > before.done ? now->done - before.done : 0,
+                               .found = now->found > before.found ? now->found - before.found : 0};
+}
+
 static void take_report(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
 {
     switch (report->kind) {
@@ -220,6 +232,8 @@ static void take_report(struct entry *entry, const struct umbj_report *report, i
         break;
     case UMBJ_REPORT_PROGRESS:
         take_progress(entry, report, now_ms);
+        break;
+    case UMBJ_REPORT_TILES: /* umbj_board_report */
         break;
     case UMBJ_REPORT_PLAN:
         add_line(&entry->plan, report->text);
@@ -234,26 +248,50 @@ static void take_report(struct entry *entry, const struct umbj_report *report, i
     entry->standing.notices = entry->notices;
 }
 
-/* A further try begins with its own plan and notices. */
-static void forget_texts(struct entry *entry)
+/* A further try begins with its own plan, notices and tiles. */
+static void forget_try(struct entry *entry)
 {
+    entry->standing.tiles = (struct umbj_tiles){0, 0, 0};
     free(entry->plan);
     free(entry->notices);
     entry->plan = entry->notices = NULL;
 }
 
-void umbj_board_report(struct umbj_board *board, const struct umbj_report *report, int64_t now_ms)
+struct umbj_tiles umbj_board_report(struct umbj_board *board, const struct umbj_report *report,
+                                    int64_t now_ms)
 {
+    struct umbj_tiles more = {0, 0, 0};
     pthread_mutex_lock(&board->mutex);
     struct entry *entry = find(board, report->job);
     if (entry != NULL && entry->standing.job.epoch == report->epoch) {
         if (report->kind == UMBJ_REPORT_PHASE && entry->standing.phase[0] == '\0') {
-            forget_texts(entry);
+            forget_try(entry);
         }
-        take_report(entry, report, now_ms);
+        if (report->kind == UMBJ_REPORT_TILES) {
+            more = take_tiles(entry, report);
+        } else {
+            take_report(entry, report, now_ms);
+        }
         entry->standing.version = ++board->version;
     }
     pthread_mutex_unlock(&board->mutex);
+    return more;
+}
+
+struct umbj_tiles umbj_board_tiles(struct umbj_board *board)
+{
+    struct umbj_tiles sum = {0, 0, 0};
+    pthread_mutex_lock(&board->mutex);
+    for (size_t i = 0; i < BUCKETS; i++) {
+        for (const struct entry *at = board->jobs[i]; at != NULL; at = at->next) {
+            const int running = at->standing.job.state == UMBJ_RUNNING;
+            sum.done += running ? at->standing.tiles.done : 0;
+            sum.total += running ? at->standing.tiles.total : 0;
+            sum.found += running ? at->standing.tiles.found : 0;
+        }
+    }
+    pthread_mutex_unlock(&board->mutex);
+    return sum;
 }
 
 int umbj_board_look(struct umbj_board *board, const char *id, const char *owner,

@@ -15,14 +15,20 @@
 
 struct umbj_board; /* opaque */
 
+/* Tiles of one bake or of several; total 0 = not known. */
+struct umbj_tiles {
+    uint64_t done, total, found; /* found: of done, those kept from earlier bakes */
+};
+
 /* Where a job stands. */
 struct umbj_standing {
     struct umbj_job job;
     char phase[UMBJ_PHASE_SIZE];
     char unit[UMBJ_PHASE_SIZE];
-    uint64_t done, total; /* of the phase; total 0 = not known */
-    int64_t left_ms;      /* of the phase; -1 = not known */
-    double rate;          /* units a second */
+    uint64_t done, total;    /* of the phase; total 0 = not known */
+    int64_t left_ms;         /* of the phase; -1 = not known */
+    double rate;             /* units a second */
+    struct umbj_tiles tiles; /* of the try; stays when the job is done */
     const char *plan, *notices;
     int loading;      /* done, and not served yet: watchers are told that it runs */
     uint64_t version; /* grows with each change of any job */
@@ -35,13 +41,18 @@ void umbj_board_destroy(struct umbj_board *board); /* NULL is allowed */
  * board: watchers then find it missing. loading: see above. */
 void umbj_board_set(struct umbj_board *board, const struct umbj_job *job, int loading);
 
-/* Takes a report of a running job; now_ms: of a clock that only goes forward. */
-void umbj_board_report(struct umbj_board *board, const struct umbj_report *report, int64_t now_ms);
+/* Takes a report of a running job; now_ms: of a clock that only goes forward. Returns the tiles
+ * that it tells of beyond what was known (total: 0). */
+struct umbj_tiles umbj_board_report(struct umbj_board *board, const struct umbj_report *report,
+                                    int64_t now_ms);
 
 /* Calls look(user, standing) under the lock; returns 0 if the job is not on the board. owner: NULL
  * = anybody's. */
 int umbj_board_look(struct umbj_board *board, const char *id, const char *owner,
                     void (*look)(void *user, const struct umbj_standing *standing), void *user);
+
+/* Adds up the tiles of the jobs that run. */
+struct umbj_tiles umbj_board_tiles(struct umbj_board *board);
 
 /* The job's version, 0 = not on the board. */
 uint64_t umbj_board_version(struct umbj_board *board, const char *id);

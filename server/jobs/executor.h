@@ -35,6 +35,7 @@ struct umbj_work {
 enum umbj_report_kind {
     UMBJ_REPORT_PHASE = 0, /* text: a word */
     UMBJ_REPORT_PROGRESS,  /* done of total, text: the unit */
+    UMBJ_REPORT_TILES,     /* done of total tiles, `found` of them from earlier bakes */
     UMBJ_REPORT_PLAN,      /* text: one line */
     UMBJ_REPORT_NOTICE,    /* text: one line */
     UMBJ_REPORT_ENDED,     /* the last one */
@@ -44,7 +45,7 @@ struct umbj_report {
     enum umbj_report_kind kind;
     char job[UMBJ_ID_SIZE];
     int64_t epoch;
-    uint64_t done, total;
+    uint64_t done, total, found;
     char text[UMBJ_CAUSE_SIZE];
     /* ended */
     enum umbj_failure failure; /* UMBJ_NO_FAILURE: there is an asset; else text is the cause */

@@ -20,11 +20,10 @@
 #include <unistd.h>
 
 #include "common/scene_text.h"
+#include "jobs/command_words.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
 #include "jobs/worker_process.h"
-
-#define FIXED_ARGUMENTS 12
 
 struct slot {
     struct local *owner;
@@ -89,7 +88,7 @@ static void on_progress(void *user, const char *line)
 {
     struct slot *slot = user;
     struct umbj_report report = report_of(slot, UMBJ_REPORT_PHASE);
-    unsigned long long done = 0, total = 0;
+    unsigned long long done = 0, total = 0, found = 0;
     char unit[UMBJ_PHASE_SIZE] = "";
     if (strncmp(line, "phase ", 6) == 0) {
         copy_text(report.text, line + 6);
@@ -101,58 +100,32 @@ static void on_progress(void *user, const char *line)
         report.done = done;
         report.total = total;
         copy_text(report.text, unit);
+    } else if (sscanf(line, "tiles %llu %llu %llu", &done, &total, &found) == 3) {
+        report.kind = UMBJ_REPORT_TILES;
+        report.done = done;
+        report.total = total;
+        report.found = found;
     } else {
         return;
     }
     tell(slot, &report);
 }
 
-/* The words of a command line; the strings are the slot's and those of `texts`. */
-struct command {
-    char **words;
-    char output[4200], scene[UMBJ_SCENE_SIZE + 8], memory[40], threads[40], progress[40];
-    char cache[4200], cache_size[48];
-};
-
-static enum umb_status make_command(struct slot *slot, struct command *command,
-                                    struct umb_error *error)
+static void make_command(struct slot *slot, struct umbj_words *words)
 {
     const struct umbj_local_options *options = &slot->owner->options;
-    size_t lines = 0, at = 0;
-    for (const char *text = slot->settings; *text != '\0'; text++) {
-        lines += *text == '\n';
+    umbj_words_add(words, "%s", options->program);
+    umbj_words_add(words, "--output=%s/out.umb", slot->folder);
+    umbj_words_add(words, "--memory=%llu", (unsigned long long)options->memory_bytes);
+    umbj_words_add(words, "--threads=%u", options->threads);
+    umbj_words_add(words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    /* Embree does not tell which triangles reach a tile, so that its tiles cannot be kept. */
+    if (slot->cache != NULL && !umbj_settings_have(slot->settings, "--depth=embree")) {
+        umbj_words_add(words, "--cache=%s", slot->cache);
+        umbj_words_add(words, "--cache-size=%llu", (unsigned long long)options->cache_bytes);
     }
-    command->words = calloc(lines + FIXED_ARGUMENTS, sizeof *command->words);
-    if (command->words == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a command line");
-    }
-    snprintf(command->output, sizeof command->output, "--output=%s/out.umb", slot->folder);
-    snprintf(command->scene, sizeof command->scene, "./%s", slot->scene);
-    snprintf(command->memory, sizeof command->memory, "--memory=%llu",
-             (unsigned long long)options->memory_bytes);
-    snprintf(command->threads, sizeof command->threads, "--threads=%u", options->threads);
-    snprintf(command->progress, sizeof command->progress, "--progress-fd=%d",
-             UMBJ_WORKER_FD_PROGRESS);
-    command->words[at++] = (char *)(uintptr_t)options->program; /* execve takes no const */
-    command->words[at++] = command->output;
-    command->words[at++] = command->memory;
-    command->words[at++] = command->threads;
-    command->words[at++] = command->progress;
-    if (slot->cache != NULL) {
-        snprintf(command->cache, sizeof command->cache, "--cache=%s", slot->cache);
-        snprintf(command->cache_size, sizeof command->cache_size, "--cache-size=%llu",
-                 (unsigned long long)options->cache_bytes);
-        command->words[at++] = command->cache;
-        command->words[at++] = command->cache_size;
-    }
-    for (char *line = slot->settings; *line != '\0';) {
-        size_t length = strcspn(line, "\n");
-        line[length] = '\0'; /* every line has its end */
-        command->words[at++] = line;
-        line += length + 1;
-    }
-    command->words[at++] = command->scene;
-    return UMB_OK;
+    umbj_words_add_settings(words, slot->settings, options->tile);
+    umbj_words_add(words, "./%s", slot->scene);
 }
 
 /* Why a try failed: what the program said last, or what its end tells. */
@@ -191,26 +164,26 @@ static enum umb_status run_process(struct slot *slot, struct umbj_process_end *e
                                    struct umb_error *error)
 {
     const struct umbj_local_options *options = &slot->owner->options;
-    struct command command;
+    struct umbj_words words = {0};
     if (mkdir(slot->folder, 0700) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot make a folder for the bake");
     }
-    enum umb_status status = make_command(slot, &command, error);
-    if (status == UMB_OK) {
-        const struct umbj_process process = {
-            .program = options->program,
-            .arguments = command.words,
-            .folder = slot->bundle,
-            .max_output_bytes = options->max_output_bytes,
-            .timeout_ms = options->timeout_ms,
-            .stop = slot->stop,
-            .said = on_said,
-            .progress = on_progress,
-            .user = slot,
-        };
-        status = umbj_process_run(&process, end, error);
-        free(command.words);
-    }
+    make_command(slot, &words);
+    const struct umbj_process process = {
+        .program = options->program,
+        .arguments = words.list,
+        .folder = slot->bundle,
+        .max_output_bytes = options->max_output_bytes,
+        .timeout_ms = options->timeout_ms,
+        .stop = slot->stop,
+        .said = on_said,
+        .progress = on_progress,
+        .user = slot,
+    };
+    const enum umb_status status =
+        words.failed ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a command line")
+                     : umbj_process_run(&process, end, error);
+    umbj_words_finish(&words);
     return status;
 }
 

@@ -14,6 +14,7 @@ struct umbj_local_options {
     const char *assets;        /* folder for what was baked; borrowed */
     unsigned workers;          /* tries at once, 1..UMBJ_WORKERS_MAX */
     unsigned threads;          /* of one bake */
+    uint32_t tile;             /* texels along its side; 0 = as umbrage-bake has it */
     uint64_t memory_bytes;     /* of one bake */
     uint64_t cache_bytes;      /* of one owner's tiles */
     uint64_t timeout_ms;       /* of one try, wall clock */

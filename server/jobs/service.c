@@ -285,6 +285,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
         .assets = service->assets_path,
         .workers = options->workers,
         .threads = options->threads,
+        .tile = options->tile,
         .memory_bytes = options->memory_bytes,
         .cache_bytes = options->cache_bytes,
         .timeout_ms = options->timeout_ms,

@@ -35,6 +35,7 @@ struct umbj_service_options {
     const char *program; /* umbrage-bake; NULL = beside the running program */
     uint32_t workers;    /* bakes at once */
     uint32_t threads;    /* of one bake */
+    uint32_t tile;       /* texels along its side, a power of 2; 0 = as umbrage-bake has it */
     uint64_t memory_bytes, timeout_ms, max_output_bytes; /* of one bake */
     uint64_t cache_bytes;      /* of one owner's tiles; 0 = none are kept */
     uint64_t max_bundle_bytes; /* of one submission */
@@ -53,7 +54,8 @@ struct umbj_counters {
     atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
     atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
     atomic_uint_fast64_t submitted, finished;
-    atomic_uint_fast64_t bake_ms; /* of all that finished */
+    atomic_uint_fast64_t bake_ms;                  /* of all that finished */
+    atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */
 };
 
 /* Work for the service's thread. run is called there, then done; the request is the sender's until

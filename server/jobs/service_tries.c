@@ -297,7 +297,9 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         take_end(service, &job, report);
     } else if (counts) {
         const int64_t lease = service->options.limits.lease_ms;
-        umbj_board_report(service->board, report, umbj__steady_ms());
+        const struct umbj_tiles more = umbj_board_report(service->board, report, umbj__steady_ms());
+        atomic_fetch_add(&service->counters.tiles_baked, more.done - more.found);
+        atomic_fetch_add(&service->counters.tiles_found, more.found);
         if (job.lease_until_ms - umbj__unix_ms() < lease - lease / LEASE_PARTS) {
             status = umbj_table_renew(service->table, job.id, job.epoch, umbj__unix_ms(), &error);
         }

@@ -67,6 +67,8 @@ struct umb_job_status {
     uint64_t done, total;       /* of the phase; total 0 = not known */
     double rate;                /* units a second */
     int64_t left_ms;            /* of the phase, -1 = not known */
+    /* Of a watched job's last try; total 0 = not known, found: kept from earlier bakes: */
+    uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* lines; NULL in lists; borrowed during the call-back */
 };
 

@@ -32,11 +32,10 @@ struct loop {
     struct umbb_column *columns;               /* [tiles] */
     struct grid_level grid[UMB_LEVEL_MAX + 1]; /* levels tile_log2 .. log2_size */
     atomic_uint_fast64_t texels_done;
-    uint64_t texels_found; /* of tiles that the keeper had */
-    size_t spare_bytes;    /* of what is shared, nobody's yet */
-    atomic_int failed;     /* blocks not yet begun are left out */
-    int only;              /* only some tiles, for the keeper */
-    int busy_slot;         /* of the tile whose depth is under way */
+    size_t spare_bytes; /* of what is shared, nobody's yet */
+    atomic_int failed;  /* blocks not yet begun are left out */
+    int only;           /* only some tiles, for the keeper */
+    int busy_slot;      /* of the tile whose depth is under way */
     struct umbb_bake_figures figures;
 };
 
@@ -123,7 +122,7 @@ static void show_progress(void *user)
     if (loop->options->progress != NULL) {
         loop->options->progress(loop->options->progress_user,
                                 atomic_load_explicit(&loop->texels_done, memory_order_relaxed),
-                                loop->texels_found);
+                                loop->figures.tiles, loop->figures.tiles_found);
     }
 }
 
@@ -248,7 +247,7 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     status = keeper->find(keeper->user, &place, loop->spare_bytes / 4, loop->pool, &loop->runs,
                           &result, found, error);
     if (status == UMB_OK && *found) {
-        loop->texels_found += (uint64_t)1 << (2 * loop->options->tile_log2);
+        loop->figures.tiles++;
         loop->figures.tiles_found++;
         status = result_keep(loop, number, &result, error);
         show_progress(loop);
@@ -298,6 +297,8 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         }
         if (status == UMB_OK) {
             status = tile_build(loop, number, slot, error);
+            loop->figures.tiles++;
+            show_progress(loop);
         }
         number = next;
         slot = 1 - slot;
@@ -387,8 +388,6 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
         loop.figures.seconds_build += now_s() - start;
     }
     loop.figures.texels = atomic_load(&loop.texels_done);
-    loop.figures.tiles = loop.only ? options->only_end - options->only_first
-                                   : (uint64_t)grid_width(options) * grid_width(options);
     if (figures != NULL) {
         *figures = loop.figures;
     }

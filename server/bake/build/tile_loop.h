@@ -38,9 +38,9 @@ struct umbb_bake_options {
     struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no keeper, and no
                               * square proven from bounds */
     int (*cancelled)(void);  /* may be NULL; from any thread */
-    /* May be NULL; from the owner. texels_found: of tiles that the keeper had, which were no work;
-     * texels_done does not count them. */
-    void (*progress)(void *user, uint64_t texels_done, uint64_t texels_found);
+    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the keeper had,
+     * which were no work; texels_done does not count them. */
+    void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
 };
 

@@ -85,6 +85,8 @@ static void options_name_each_bad_argument(void **state)
         {"--store", ""},
         {"--bogus", "1"},
         {"--queue", "0"},
+        {"--bake-tile", "1000"},
+        {"--bake-tile", "32"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_COMMAND_WORDS_H
+#define UMBRAGE_SERVER_JOBS_COMMAND_WORDS_H
+/*
+ * Command lines, word by word; no shell ever splits them.
+ *
+ *     struct umbj_words words = {0};
+ *     umbj_words_add(&words, "%s", program);
+ *     umbj_words_add_settings(&words, settings, tile);
+ *     if (!words.failed) { run words.list }
+ *     umbj_words_finish(&words);
+ */
+#include <stddef.h>
+#include <stdint.h>
+
+struct umbj_words {
+    char **list; /* [count], then NULL; heap */
+    size_t count;
+    int failed; /* memory was refused: words are missing */
+};
+
+/* Adds one word, made like printf does. */
+void umbj_words_add(struct umbj_words *words, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+
+/* Adds a job's settings, lines of --name=value, and before them --tile=N with the given number of
+ * texels, or those of the whole map if that has fewer; 0: no such word. */
+void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile);
+
+void umbj_words_finish(struct umbj_words *words);
+
+/* 1 if one of the lines is exactly this. */
+int umbj_settings_have(const char *settings, const char *line);
+
+#endif
