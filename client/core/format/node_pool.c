@@ -8,17 +8,18 @@
  * that most of the budget can be used. The hash's low half gives the place, the high half the tag.
  */
 #define XXH_INLINE_ALL
-#include "format/node_pool.h"
+#include "format/node_pool_parts.h"
 
 #include <string.h>
 #include <xxhash.h>
 
 #include "base/memory.h"
 
-#define EMPTY          UINT64_MAX
+#define EMPTY          UMB__SLOT_EMPTY
 #define SLOTS_LOG2_MIN 10U
 #define SLOTS_LOG2_MAX 33U
 #define ITEMS_MIN      1024U
+#define LARGE_BYTES    ((size_t)4 << 20) /* arrays from here on are worth large pages */
 
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
 {
@@ -40,6 +41,26 @@ void umb_pool_finish(struct umb_pool *pool)
     memset(pool, 0, sizeof *pool);
 }
 
+static void slots_clear(struct umb_hash_slots *slots)
+{
+    if (slots->words != NULL) {
+        memset(slots->words, 0xff, ((size_t)1 << slots->log2_size) * sizeof *slots->words);
+    }
+}
+
+void umb_pool_clear(struct umb_pool *pool)
+{
+    slots_clear(&pool->brick_slots);
+    pool->brick_count = 0;
+    for (uint32_t i = 0; i <= UMB_LEVEL_MAX; i++) {
+        struct umb_pool_level *level = &pool->level[i];
+        if (level->count > 0) {
+            slots_clear(&level->slots);
+        }
+        level->count = level->child_count = 0;
+    }
+}
+
 /* Reserves bytes of the budget. */
 static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_error *error)
 {
@@ -54,6 +75,20 @@ static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_err
     return UMB_OK;
 }
 
+/* Resizes a block; a large one by moving it to large pages, as look-ups go all over it. */
+static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes, size_t bytes)
+{
+    if (bytes < LARGE_BYTES) {
+        return umb__resize(alloc, block, bytes);
+    }
+    void *moved = umb__alloc_large(alloc, bytes, 1);
+    if (moved != NULL && block != NULL) {
+        memcpy(moved, block, old_bytes);
+        umb__free(alloc, block);
+    }
+    return moved;
+}
+
 /* Grows an array of items to new_count; the old block is charged until it is gone. */
 static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
@@ -62,7 +97,7 @@ static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, si
     if (status != UMB_OK) {
         return status;
     }
-    void *grown = umb__resize(pool->alloc, *block, new_count * item);
+    void *grown = resize(pool->alloc, *block, old_count * item, new_count * item);
     if (grown == NULL) {
         pool->bytes -= new_count * item;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
@@ -87,25 +122,15 @@ static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t ite
     return wanted > most ? most : (uint32_t)wanted;
 }
 
-static size_t slot_place(const struct umb_hash_slots *slots, uint64_t hash)
-{
-    return (size_t)(hash & (((uint64_t)1 << slots->log2_size) - 1));
-}
-
-static uint64_t slot_word(uint64_t hash, uint32_t number)
-{
-    return (hash & 0xffffffff00000000ULL) | number;
-}
-
 /* Puts a number that is known not to be there. */
 static void slots_put(struct umb_hash_slots *slots, uint64_t hash, uint32_t number)
 {
     const size_t last = ((size_t)1 << slots->log2_size) - 1;
-    size_t at = slot_place(slots, hash);
+    size_t at = umb__slot_place(slots, hash);
     while (slots->words[at] != EMPTY) {
         at = (at + 1) & last;
     }
-    slots->words[at] = slot_word(hash, number);
+    slots->words[at] = umb__slot_word(hash, number);
 }
 
 /* Whether a table must grow before it takes one more. */
@@ -136,7 +161,7 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
     if (status != UMB_OK) {
         return status;
     }
-    uint64_t *words = umb__alloc(pool->alloc, bytes, 1);
+    uint64_t *words = umb__alloc_large(pool->alloc, bytes, 1);
     if (words == NULL) {
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
@@ -149,7 +174,7 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
     return UMB_OK;
 }
 
-static uint64_t brick_hash(const uint64_t slices[8])
+uint64_t umb__brick_hash(const uint64_t slices[8])
 {
     return XXH3_64bits(slices, 8 * sizeof slices[0]);
 }
@@ -179,31 +204,21 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
             return status;
         }
         for (uint32_t i = 0; i < pool->brick_count; i++) {
-            slots_put(&pool->brick_slots, brick_hash(pool->bricks[i]), i);
+            slots_put(&pool->brick_slots, umb__brick_hash(pool->bricks[i]), i);
         }
     }
     return UMB_OK;
 }
 
-enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
-                               struct umb_error *error)
+enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8], uint64_t hash,
+                                     uint32_t *ref, struct umb_error *error)
 {
-    uint64_t any = 0, all = UINT64_MAX;
-    for (int z = 0; z < 8; z++) {
-        any |= slices[z];
-        all &= slices[z];
-    }
-    if (any == 0 || all == UINT64_MAX) {
-        *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
-        return UMB_OK;
-    }
-    const uint64_t hash = brick_hash(slices);
     if (pool->brick_slots.words != NULL) {
         const size_t last = ((size_t)1 << pool->brick_slots.log2_size) - 1;
-        size_t at = slot_place(&pool->brick_slots, hash);
+        size_t at = umb__slot_place(&pool->brick_slots, hash);
         for (uint64_t word; (word = pool->brick_slots.words[at]) != EMPTY; at = (at + 1) & last) {
             const uint32_t number = (uint32_t)word;
-            if (word == slot_word(hash, number) &&
+            if (word == umb__slot_word(hash, number) &&
                 memcmp(pool->bricks[number], slices, sizeof *pool->bricks) == 0) {
                 *ref = number;
                 return UMB_OK;
@@ -221,18 +236,27 @@ enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], 
     return UMB_OK;
 }
 
-/* A node's key: its mask and its mixed children. */
-struct node_key {
-    uint32_t words[9]; /* mask, children */
-    uint32_t child_count;
-};
+enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
+                               struct umb_error *error)
+{
+    uint64_t any = 0, all = UINT64_MAX;
+    for (int z = 0; z < 8; z++) {
+        any |= slices[z];
+        all &= slices[z];
+    }
+    if (any == 0 || all == UINT64_MAX) {
+        *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+        return UMB_OK;
+    }
+    return umb__pool_find_brick(pool, slices, umb__brick_hash(slices), ref, error);
+}
 
-static uint64_t key_hash(const struct node_key *key)
+uint64_t umb__key_hash(const struct umb__node_key *key)
 {
     return XXH3_64bits(key->words, (1 + (size_t)key->child_count) * sizeof key->words[0]);
 }
 
-static void key_from_children(const uint32_t children[8], struct node_key *key)
+void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key)
 {
     uint32_t mask = 0, count = 0;
     for (unsigned c = 0; c < 8; c++) {
@@ -246,7 +270,8 @@ static void key_from_children(const uint32_t children[8], struct node_key *key)
     key->child_count = count;
 }
 
-static void key_of_node(const struct umb_pool_level *level, uint32_t node, struct node_key *key)
+static void key_of_node(const struct umb_pool_level *level, uint32_t node,
+                        struct umb__node_key *key)
 {
     key->words[0] = level->masks[node];
     key->child_count = level->first[node + 1] - level->first[node];
@@ -255,7 +280,7 @@ static void key_of_node(const struct umb_pool_level *level, uint32_t node, struc
 }
 
 static int node_equals(const struct umb_pool_level *level, uint32_t node,
-                       const struct node_key *key)
+                       const struct umb__node_key *key)
 {
     /* Equal masks have equally many mixed children. */
     return level->masks[node] == key->words[0] &&
@@ -325,32 +350,26 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
         if (status != UMB_OK) {
             return status;
         }
-        struct node_key key;
+        struct umb__node_key key;
         for (uint32_t i = 0; i < level->count; i++) {
             key_of_node(level, i, &key);
-            slots_put(&level->slots, key_hash(&key), i);
+            slots_put(&level->slots, umb__key_hash(&key), i);
         }
     }
     return UMB_OK;
 }
 
-enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
-                              const uint32_t children[8], uint32_t *ref, struct umb_error *error)
+enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number,
+                                    const struct umb__node_key *key, uint64_t hash, uint32_t *ref,
+                                    struct umb_error *error)
 {
     struct umb_pool_level *level = &pool->level[level_number];
-    struct node_key key;
-    key_from_children(children, &key);
-    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
-        *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
-        return UMB_OK;
-    }
-    const uint64_t hash = key_hash(&key);
     if (level->slots.words != NULL) {
         const size_t last = ((size_t)1 << level->slots.log2_size) - 1;
-        size_t at = slot_place(&level->slots, hash);
+        size_t at = umb__slot_place(&level->slots, hash);
         for (uint64_t word; (word = level->slots.words[at]) != EMPTY; at = (at + 1) & last) {
             const uint32_t number = (uint32_t)word;
-            if (word == slot_word(hash, number) && node_equals(level, number, &key)) {
+            if (word == umb__slot_word(hash, number) && node_equals(level, number, key)) {
                 *ref = number;
                 return UMB_OK;
             }
@@ -361,14 +380,26 @@ enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
         return status;
     }
     const uint32_t number = level->count++;
-    level->masks[number] = (uint16_t)key.words[0];
-    memcpy(level->children + level->child_count, key.words + 1,
-           key.child_count * sizeof key.words[0]);
-    level->child_count += key.child_count;
+    level->masks[number] = (uint16_t)key->words[0];
+    memcpy(level->children + level->child_count, key->words + 1,
+           key->child_count * sizeof key->words[0]);
+    level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;
     slots_put(&level->slots, hash, number);
     *ref = number;
     return UMB_OK;
+}
+
+enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
+                              const uint32_t children[8], uint32_t *ref, struct umb_error *error)
+{
+    struct umb__node_key key;
+    umb__key_from_children(children, &key);
+    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
+        *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+        return UMB_OK;
+    }
+    return umb__pool_find_node(pool, level_number, &key, umb__key_hash(&key), ref, error);
 }
 
 enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const uint32_t *levels,

@@ -21,9 +21,9 @@
 #include "umbrage/status.h"
 
 /* A child: one of these two, or the number of a node in the level below. */
-#define UMB_REF_LIT      UINT32_MAX
-#define UMB_REF_SHADOWED (UINT32_MAX - 1U)
-#define UMB_REF_INDEX_MAX    (UINT32_MAX - 2U) /* largest number of a node or brick */
+#define UMB_REF_LIT       UINT32_MAX
+#define UMB_REF_SHADOWED  (UINT32_MAX - 1U)
+#define UMB_REF_INDEX_MAX (UINT32_MAX - 2U) /* largest number of a node or brick */
 
 /* State that a reference stands for. */
 static inline enum umb_node_state umb_ref_state(uint32_t ref)
@@ -61,6 +61,9 @@ struct umb_pool {
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 void umb_pool_finish(struct umb_pool *pool);
 
+/* Forgets all bricks and nodes; keeps the memory for others. */
+void umb_pool_clear(struct umb_pool *pool);
+
 /*
  * Finds or adds a brick.
  *
@@ -69,7 +72,7 @@ void umb_pool_finish(struct umb_pool *pool);
  * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
  */
 UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8],
-                                            uint32_t *ref, struct umb_error *error);
+                                           uint32_t *ref, struct umb_error *error);
 
 /*
  * Finds or adds a node of a level from its eight children (x + 2 * y + 4 * z).
@@ -78,8 +81,28 @@ UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t
  * Fails: as umb_pool_brick.
  */
 UMB_CHECKED enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level,
-                                           const uint32_t children[8], uint32_t *ref,
+                                          const uint32_t children[8], uint32_t *ref,
+                                          struct umb_error *error);
+
+/* A pool's numbers in another one; memory is kept from one merge to the next. Start zeroed. */
+struct umb_pool_numbers {
+    uint32_t *refs;  /* of the level asked for: [number in the merged pool] */
+    uint32_t *below; /* working memory */
+    size_t refs_capacity, below_capacity;
+};
+
+/*
+ * Adds all that another pool holds up to a level.
+ *
+ * Out:   numbers: refs of that level. With malloc; free with umb_pool_numbers_finish.
+ * Fails: as umb_pool_brick. The pool may hold part of the other.
+ * Cost:  linear in what is added; memory is asked for many look-ups ahead, so that it costs a
+ *        fraction of as many single ones.
+ */
+UMB_CHECKED enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *from,
+                                           uint32_t level, struct umb_pool_numbers *numbers,
                                            struct umb_error *error);
+void umb_pool_numbers_finish(struct umb_pool_numbers *numbers);
 
 /*
  * Hands the arrays over as an octree.

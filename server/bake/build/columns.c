@@ -3,7 +3,7 @@
  * Top-down over the squares, columns joined on the way back.
  *
  * Squares without a mixed node are not entered: their texels are not read (and may be unset).
- * Recursion is as deep as the tile has levels above the bricks, at most 13.
+ * Recursion is as deep as there are levels above the leaves, at most 15.
  */
 #include "bake/build/columns.h"
 
@@ -162,17 +162,43 @@ enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
     return UMB_OK;
 }
 
-/* What a tile's recursion carries along. */
+enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_t level,
+                                    const size_t place[2], struct umbb_column *column,
+                                    struct umb_error *error)
+{
+    const size_t at = (place[1] << (tree->log2_size - level)) + place[0];
+    *column = umbb_column_bounds(level, tree->max_lit[level][at], tree->min_end[level][at]);
+    column->run_first = tree->runs->count;
+    if (column->mixed_first == column->mixed_end) {
+        return UMB_OK;
+    }
+    if (level == tree->leaf_level) {
+        return tree->leaf(tree->user, place[0], place[1], column, error);
+    }
+    const size_t mark = tree->runs->count;
+    struct umbb_column four[4];
+    for (size_t q = 0; q < 4; q++) {
+        const size_t quarter[2] = {2 * place[0] + (q & 1), 2 * place[1] + (q >> 1)};
+        const enum umb_status status =
+            umbb_column_of_tree(tree, level - 1, quarter, &four[q], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return umbb_column_join(tree->pool, level, four, mark, tree->runs, column, error);
+}
+
+/* What the bricks of a tile are built with. */
 struct walk {
     struct umb_pool *pool;
     const struct umbb_tile *tile;
     struct umbb_runs *runs;
-    struct umb_error *error;
 };
 
-static enum umb_status build_brick(struct walk *walk, const int32_t *lit, const int32_t *end,
-                                   uint32_t z, uint32_t *ref)
+static enum umb_status build_brick(const struct walk *walk, const int32_t *const values[2],
+                                   uint32_t z, uint32_t *ref, struct umb_error *error)
 {
+    const int32_t *lit = values[0], *end = values[1];
     uint64_t visible[8];
     umbb_slices_above(lit, (int32_t)(8 * z), visible);
     if (end != lit) {
@@ -180,7 +206,7 @@ static enum umb_status build_brick(struct walk *walk, const int32_t *lit, const 
         umbb_slices_above(end, (int32_t)(8 * z), allowed);
         umbb_slices_fill(visible, allowed, visible);
     }
-    return umb_pool_brick(walk->pool, visible, ref, walk->error);
+    return umb_pool_brick(walk->pool, visible, ref, error);
 }
 
 /* The first brick at or after z into which some value falls; `end` if none before it. */
@@ -200,10 +226,14 @@ static uint32_t next_event(const int32_t *values, uint32_t z, uint32_t end)
  * Bricks of one 8x8 square. Brick z has an event if some lit or end v has v / 8 == z. Between two
  * events all bricks are equal: every comparison with every slice comes out the same.
  */
-static enum umb_status brick_column(struct walk *walk, size_t block, struct umbb_column *column)
+static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_column *column,
+                                    struct umb_error *error)
 {
+    const struct walk *walk = user;
+    const size_t block = (y << (walk->tile->log2_size - UMB_LEVEL_BRICK)) + x;
     const int32_t *lit = walk->tile->lit + block * 64;
     const int32_t *end = walk->tile->end + block * 64;
+    const int32_t *const values[2] = {lit, end};
     uint32_t next;
     for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
         next = z + 1;
@@ -213,9 +243,9 @@ static enum umb_status brick_column(struct walk *walk, size_t block, struct umbb
             next = event > next ? event : next;
         }
         uint32_t ref;
-        enum umb_status status = build_brick(walk, lit, end, z, &ref);
+        enum umb_status status = build_brick(walk, values, z, &ref, error);
         if (status == UMB_OK) {
-            status = umbb_runs_push(walk->runs, column->run_first, next, ref, walk->error);
+            status = umbb_runs_push(walk->runs, column->run_first, next, ref, error);
         }
         if (status != UMB_OK) {
             return status;
@@ -225,36 +255,20 @@ static enum umb_status brick_column(struct walk *walk, size_t block, struct umbb
     return UMB_OK;
 }
 
-static enum umb_status square_column(struct walk *walk, uint32_t level, size_t x, size_t y,
-                                     struct umbb_column *column)
+enum umb_status umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
+                                      const struct umbb_square *square, struct umbb_runs *runs,
+                                      struct umbb_column *column, struct umb_error *error)
 {
-    const struct umbb_tile *tile = walk->tile;
-    const size_t width = (size_t)1 << (tile->log2_size - level);
-    const size_t at = y * width + x;
-    *column = umbb_column_bounds(level, tile->max_lit[level][at], tile->min_end[level][at]);
-    column->run_first = walk->runs->count;
-    if (column->mixed_first == column->mixed_end) {
-        return UMB_OK;
-    }
-    if (level == UMB_LEVEL_BRICK) {
-        return brick_column(walk, at, column);
-    }
-    const size_t mark = walk->runs->count;
-    struct umbb_column four[4];
-    for (size_t q = 0; q < 4; q++) {
-        const enum umb_status status =
-            square_column(walk, level - 1, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q]);
-        if (status != UMB_OK) {
-            return status;
-        }
-    }
-    return umbb_column_join(walk->pool, level, four, mark, walk->runs, column, walk->error);
-}
-
-enum umb_status umbb_column_of_tile(struct umb_pool *pool, const struct umbb_tile *tile,
-                                    struct umbb_runs *runs, struct umbb_column *column,
-                                    struct umb_error *error)
-{
-    struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .error = error};
-    return square_column(&walk, tile->log2_size, 0, 0, column);
+    struct walk walk = {.pool = pool, .tile = tile, .runs = runs};
+    const struct umbb_column_tree tree = {
+        .pool = pool,
+        .runs = runs,
+        .log2_size = tile->log2_size,
+        .leaf_level = UMB_LEVEL_BRICK,
+        .max_lit = tile->max_lit,
+        .min_end = tile->min_end,
+        .leaf = brick_column,
+        .user = &walk,
+    };
+    return umbb_column_of_tree(&tree, square->level, square->place, column, error);
 }

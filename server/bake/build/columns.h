@@ -52,17 +52,50 @@ UMB_CHECKED enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column
 /* The bounds of a column's mixed range from the pyramid's values. */
 struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit, int32_t min_end);
 
+/* A quadtree of squares, and somebody who knows the columns over its leaves. */
+struct umbb_column_tree {
+    struct umb_pool *pool;
+    struct umbb_runs *runs;
+    uint32_t log2_size; /* of the square over all */
+    uint32_t leaf_level;
+    int32_t *const *max_lit; /* [level][y * width + x]: levels leaf_level .. log2_size */
+    int32_t *const *min_end;
+    /*
+     * Gives the column over square (x, y) of leaf_level. In: column: bounds set, not empty.
+     * Out: column: its runs are the last of the tree's.
+     */
+    enum umb_status (*leaf)(void *user, size_t x, size_t y, struct umbb_column *column,
+                            struct umb_error *error);
+    void *user;
+};
+
 /*
- * Builds the column over a whole tile (level tile->log2_size).
+ * Builds the column over square (x, y) of a level: leaves from the one who knows them, joined.
  *
- * In:    tile: texels and pyramid filled.
+ * Out:   column: its runs are the last of the tree's.
+ * Fails: as umb_pool_brick, and as the leaves.
+ */
+UMB_CHECKED enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_t level,
+                                                const size_t place[2], struct umbb_column *column,
+                                                struct umb_error *error);
+
+/* A square of a tile: of which level, and which in x and y. */
+struct umbb_square {
+    uint32_t level;
+    size_t place[2];
+};
+
+/*
+ * Builds the column over a square of a tile.
+ *
+ * In:    tile: texels and pyramid filled. square: of level 3 .. tile->log2_size.
  * Out:   column: its runs are the last of `runs`.
  * Fails: as umb_pool_brick.
  */
-UMB_CHECKED enum umb_status umbb_column_of_tile(struct umb_pool *pool,
-                                                const struct umbb_tile *tile,
-                                                struct umbb_runs *runs, struct umbb_column *column,
-                                                struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
+                      const struct umbb_square *square, struct umbb_runs *runs,
+                      struct umbb_column *column, struct umb_error *error);
 
 /*
  * Joins four columns (x + 2 * y) of level - 1 into one.

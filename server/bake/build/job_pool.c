@@ -17,11 +17,12 @@ struct worker {
 struct umbb_jobs {
     pthread_mutex_t lock;
     pthread_cond_t wake; /* jobs to take, or the end */
-    pthread_cond_t idle; /* the last job is done */
+    pthread_cond_t idle; /* the last job is done, or any while the owner waits for one of them */
     umbb_job_fn run;
     void *user;
     uint32_t next, count, done;
     int ending;
+    int is_owner_waiting;  /* for what some job does */
     unsigned worker_count; /* threads running */
     struct worker workers[];
 };
@@ -39,7 +40,7 @@ static int run_one(struct umbb_jobs *jobs, unsigned thread)
     run(user, job, thread);
     pthread_mutex_lock(&jobs->lock);
     jobs->done++;
-    if (jobs->done == jobs->count) {
+    if (jobs->done == jobs->count || jobs->is_owner_waiting) {
         pthread_cond_signal(&jobs->idle);
     }
     return 1;
@@ -107,6 +108,19 @@ void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_u
     while (jobs->done != jobs->count) {
         pthread_cond_wait(&jobs->idle, &jobs->lock);
     }
+    pthread_mutex_unlock(&jobs->lock);
+}
+
+void umbb_jobs_wait_until(struct umbb_jobs *jobs, int (*is_done)(void *user), void *user)
+{
+    pthread_mutex_lock(&jobs->lock);
+    while (!is_done(user) && run_one(jobs, 0)) {
+    }
+    jobs->is_owner_waiting = 1;
+    while (!is_done(user) && jobs->done != jobs->count) {
+        pthread_cond_wait(&jobs->idle, &jobs->lock);
+    }
+    jobs->is_owner_waiting = 0;
     pthread_mutex_unlock(&jobs->lock);
 }
 

@@ -42,6 +42,13 @@ void umbb_jobs_start(struct umbb_jobs *jobs, umbb_job_fn run, void *user, uint32
 void umbb_jobs_wait(struct umbb_jobs *jobs, umbb_jobs_tick_fn tick, void *tick_user);
 
 /*
+ * Helps until something that a job does has been done, or all jobs are done. is_done may be
+ * asked while the job is still under way, so it reads with acquire what the job wrote last, with
+ * release. It must be quick and call nothing of these jobs.
+ */
+void umbb_jobs_wait_until(struct umbb_jobs *jobs, int (*is_done)(void *user), void *user);
+
+/*
  * The same threads as helpers of the core, while they have nothing else to do.
  *
  * In: jobs: borrowed as long as the result is used.

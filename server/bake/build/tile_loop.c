@@ -15,11 +15,10 @@
 #include "bake/build/columns.h"
 #include "bake/build/job_pool.h"
 #include "bake/build/tile_front.h"
+#include "bake/build/tile_squares.h"
 
-/* One level of the grid above the tiles. */
-struct grid_level {
-    int32_t *max_lit, *min_end;
-};
+/* What part of the memory that is nobody's yet the squares of a tile may take together. */
+#define SQUARES_SHARE 8U
 
 struct loop {
     const struct umbb_depth *depth;
@@ -27,15 +26,18 @@ struct loop {
     struct umb_pool *pool; /* shared by all frusta */
     struct umbb_jobs *jobs;
     struct umbb_tile tiles[2];
-    struct umbb_runs runs;                     /* working stack */
-    struct umbb_runs kept;                     /* runs of the tiles' columns */
-    struct umbb_column *columns;               /* [tiles] */
-    struct grid_level grid[UMB_LEVEL_MAX + 1]; /* levels tile_log2 .. log2_size */
+    struct umbb_squares *squares;
+    struct umbb_runs runs;       /* working stack */
+    struct umbb_runs kept;       /* runs of the tiles' columns */
+    struct umbb_column *columns; /* [tiles] */
+    /* The grid above the tiles: levels tile_log2 .. log2_size. */
+    int32_t *max_lit[UMB_LEVEL_MAX + 1], *min_end[UMB_LEVEL_MAX + 1];
     atomic_uint_fast64_t texels_done;
-    size_t spare_bytes; /* of what is shared, nobody's yet */
-    atomic_int failed;  /* blocks not yet begun are left out */
-    int only;           /* only some tiles, for the keeper */
-    int busy_slot;      /* of the tile whose depth is under way */
+    size_t spare_bytes;   /* of what is shared, nobody's yet */
+    atomic_int failed;    /* blocks not yet begun are left out */
+    int only;             /* only some tiles, for the keeper */
+    int drawn_slot;       /* of the tile whose depth is under way */
+    uint32_t square_jobs; /* of the tile that is built meanwhile */
     struct umbb_bake_figures figures;
 };
 
@@ -67,6 +69,9 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
     const struct umbb_bake_options *o = loop->options;
     loop->pool->max_bytes = o->octree_max_bytes;
     enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
+    if (status == UMB_OK) {
+        status = umbb_squares_create(o->tile_log2, &loop->squares, error);
+    }
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
     for (int i = 0; i < slots && status == UMB_OK; i++) {
         status = umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule, error);
@@ -79,10 +84,10 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
     int complete = loop->columns != NULL;
     for (uint32_t level = o->tile_log2; level <= o->log2_size; level++) {
         const size_t count = (size_t)1 << (2 * (o->log2_size - level));
-        struct grid_level *g = &loop->grid[level];
-        g->max_lit = malloc(2 * count * sizeof *g->max_lit);
-        complete = complete && g->max_lit != NULL;
-        g->min_end = g->max_lit == NULL ? NULL : g->max_lit + count;
+        int32_t *bounds = malloc(2 * count * sizeof *bounds);
+        complete = complete && bounds != NULL;
+        loop->max_lit[level] = bounds;
+        loop->min_end[level] = bounds == NULL ? NULL : bounds + count;
     }
     return complete ? UMB_OK
                     : umb_fail(error, UMB_E_NO_MEMORY, "grid of %zu tiles: memory refused", n * n);
@@ -91,28 +96,39 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 static void loop_finish(struct loop *loop)
 {
     umbb_jobs_destroy(loop->jobs);
+    umbb_squares_destroy(loop->squares);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
     umbb_runs_finish(&loop->runs);
     umbb_runs_finish(&loop->kept);
     free(loop->columns);
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        free(loop->grid[level].max_lit);
+        free(loop->max_lit[level]);
     }
 }
 
-/* One block of depth; a job. */
-static void depth_job(void *user, uint32_t job, unsigned thread)
+/* One block of depth. */
+static void depth_job(struct loop *loop, uint32_t job, unsigned thread)
 {
-    struct loop *loop = user;
-    struct umbb_tile *tile = &loop->tiles[loop->busy_slot];
+    struct umbb_tile *tile = &loop->tiles[loop->drawn_slot];
     const int32_t block = umbb_tile_block(tile);
     const uint32_t across = (uint32_t)(tile->size / block);
     if (!is_cancelled(loop) && !atomic_load_explicit(&loop->failed, memory_order_relaxed)) {
-        loop->depth->block(loop->depth->state, loop->busy_slot, thread, tile,
+        loop->depth->block(loop->depth->state, loop->drawn_slot, thread, tile,
                            (int32_t)(job % across), (int32_t)(job / across));
         atomic_fetch_add_explicit(&loop->texels_done, (uint64_t)block * (uint64_t)block,
                                   memory_order_relaxed);
+    }
+}
+
+/* Squares of the tile that is built, then blocks of the one that is drawn. */
+static void run_job(void *user, uint32_t job, unsigned thread)
+{
+    struct loop *loop = user;
+    if (job < loop->square_jobs) {
+        umbb_squares_job(loop->squares, job);
+    } else {
+        depth_job(loop, job - loop->square_jobs, thread);
     }
 }
 
@@ -148,6 +164,10 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
     loop->pool->max_bytes =
         at_most(o->octree_max_bytes, limit - runs - at_most(lists, limit - runs));
     loop->spare_bytes = loop->pool->max_bytes - at_most(loop->pool->bytes, loop->pool->max_bytes);
+    const size_t squares = loop->spare_bytes / SQUARES_SHARE;
+    umbb_squares_allow(loop->squares, squares);
+    loop->spare_bytes -= squares;
+    loop->pool->max_bytes -= squares;
     return UMB_OK;
 }
 
@@ -161,8 +181,8 @@ static struct umbb_tile_place place_of(const struct loop *loop, uint32_t number)
     };
 }
 
-/* Sets the threads to work on a tile's depth. */
-static enum umb_status depth_start(struct loop *loop, uint32_t number, int slot,
+/* Makes ready to draw a tile. Out: blocks: how many jobs that is. */
+static enum umb_status depth_begin(struct loop *loop, uint32_t number, int slot, uint32_t *blocks,
                                    struct umb_error *error)
 {
     const struct umbb_tile_place place = place_of(loop, number);
@@ -176,11 +196,9 @@ static enum umb_status depth_start(struct loop *loop, uint32_t number, int slot,
     if (status == UMB_OK) {
         status = share_memory(loop, error); /* of what begin has left */
     }
-    if (status == UMB_OK) {
-        loop->busy_slot = slot;
-        const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
-        umbb_jobs_start(loop->jobs, depth_job, loop, across * across);
-    }
+    const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
+    loop->drawn_slot = slot;
+    *blocks = across * across;
     return status;
 }
 
@@ -189,8 +207,8 @@ static enum umb_status result_keep(struct loop *loop, uint32_t number,
                                    const struct umbb_tile_result *result, struct umb_error *error)
 {
     const uint32_t level = loop->options->tile_log2;
-    loop->grid[level].max_lit[number] = result->max_lit;
-    loop->grid[level].min_end[number] = result->min_end;
+    loop->max_lit[level][number] = result->max_lit;
+    loop->min_end[level][number] = result->min_end;
     loop->columns[number] = result->column;
     if (loop->only) { /* the levels above are built elsewhere */
         const struct umb_alloc *alloc = loop->pool->alloc;
@@ -201,21 +219,20 @@ static enum umb_status result_keep(struct loop *loop, uint32_t number,
     return umbb_runs_keep(&loop->kept, &loop->runs, &loop->columns[number], error);
 }
 
-/* Builds a tile's nodes. */
+/* Takes over a tile's nodes, whose squares are under way. */
 static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
                                   struct umb_error *error)
 {
     const struct umbb_tile_keeper *keeper = loop->options->keeper;
-    struct umbb_tile *tile = &loop->tiles[slot];
+    const struct umbb_tile *tile = &loop->tiles[slot];
     const uint32_t level = tile->log2_size;
-    umbb_tile_pyramid(tile);
     struct umbb_tile_result result = {
         .max_lit = tile->max_lit[level][0],
         .min_end = tile->min_end[level][0],
     };
     loop->runs.count = 0;
-    enum umb_status status =
-        umbb_column_of_tile(loop->pool, tile, &loop->runs, &result.column, error);
+    enum umb_status status = umbb_squares_column(loop->squares, loop->jobs, loop->pool, &loop->runs,
+                                                 &result.column, error);
     if (status == UMB_OK && loop->options->front != NULL) {
         status = umbb_tile_front(tile, loop->options->front, error);
     }
@@ -271,15 +288,44 @@ static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_
     return status;
 }
 
+/*
+ * Builds a drawn tile while the next is drawn.
+ *
+ * In: number: of the tile in `slot`. next, end: the first one after it that is to be drawn, or end.
+ */
+static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t next, uint32_t end,
+                                 int slot, struct umb_error *error)
+{
+    uint32_t blocks = 0;
+    enum umb_status status = UMB_OK;
+    if (next < end) {
+        status = depth_begin(loop, next, 1 - slot, &blocks, error);
+    } else {
+        status = share_memory(loop, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    umbb_tile_pyramid(&loop->tiles[slot]);
+    umbb_squares_begin(loop->squares, &loop->tiles[slot]);
+    loop->square_jobs = UMBB_SQUARE_COUNT;
+    umbb_jobs_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
+    return tile_build(loop, number, slot, error);
+}
+
 static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
 {
     const uint32_t n = grid_width(loop->options);
     const uint32_t end = loop->only ? loop->options->only_end : n * n;
     uint32_t number = loop->only ? loop->options->only_first : 0;
+    uint32_t blocks = 0;
     int slot = 0;
     enum umb_status status = next_unknown(loop, &number, end, error);
     if (status == UMB_OK && number < end) {
-        status = depth_start(loop, number, slot, error);
+        status = depth_begin(loop, number, slot, &blocks, error);
+    }
+    if (status == UMB_OK) {
+        umbb_jobs_start(loop->jobs, run_job, loop, blocks);
     }
     while (number < end && status == UMB_OK) {
         const double start = now_s();
@@ -292,11 +338,8 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         }
         uint32_t next = number + 1;
         status = next_unknown(loop, &next, end, error);
-        if (status == UMB_OK && next < end) {
-            status = depth_start(loop, next, 1 - slot, error);
-        }
         if (status == UMB_OK) {
-            status = tile_build(loop, number, slot, error);
+            status = tile_step(loop, number, next, end, slot, error);
             loop->figures.tiles++;
             show_progress(loop);
         }
@@ -314,37 +357,18 @@ static void grid_reduce(struct loop *loop)
     const struct umbb_bake_options *o = loop->options;
     for (uint32_t level = o->tile_log2 + 1; level <= o->log2_size; level++) {
         const size_t n = (size_t)1 << (o->log2_size - level);
-        umbb_pyramid_step(loop->grid[level - 1].max_lit, loop->grid[level - 1].min_end, n,
-                          loop->grid[level].max_lit, loop->grid[level].min_end);
+        umbb_pyramid_step(loop->max_lit[level - 1], loop->min_end[level - 1], n,
+                          loop->max_lit[level], loop->min_end[level]);
     }
 }
 
-/* The column over square (x, y) of a level at or above the tiles. */
-static enum umb_status upper_column(struct loop *loop, uint32_t level, size_t x, size_t y,
-                                    struct umbb_column *column, struct umb_error *error)
+/* The column over a tile, as a leaf of the tree above the tiles. */
+static enum umb_status tile_column(void *user, size_t x, size_t y, struct umbb_column *column,
+                                   struct umb_error *error)
 {
-    const struct umbb_bake_options *o = loop->options;
-    const size_t at = (y << (o->log2_size - level)) + x;
-    if (level == o->tile_log2) {
-        *column = loop->columns[at];
-        return umbb_runs_keep(&loop->runs, &loop->kept, column, error);
-    }
-    *column =
-        umbb_column_bounds(level, loop->grid[level].max_lit[at], loop->grid[level].min_end[at]);
-    column->run_first = loop->runs.count;
-    if (column->mixed_first == column->mixed_end) {
-        return UMB_OK;
-    }
-    const size_t mark = loop->runs.count;
-    struct umbb_column four[4];
-    for (size_t q = 0; q < 4; q++) {
-        const enum umb_status status =
-            upper_column(loop, level - 1, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error);
-        if (status != UMB_OK) {
-            return status;
-        }
-    }
-    return umbb_column_join(loop->pool, level, four, mark, &loop->runs, column, error);
+    struct loop *loop = user;
+    *column = loop->columns[y * grid_width(loop->options) + x];
+    return umbb_runs_keep(&loop->runs, &loop->kept, column, error);
 }
 
 /* The levels above the tiles, and the root. */
@@ -354,7 +378,18 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     grid_reduce(loop);
     loop->runs.count = 0;
     struct umbb_column column;
-    const enum umb_status status = upper_column(loop, level, 0, 0, &column, error);
+    const struct umbb_column_tree tree = {
+        .pool = loop->pool,
+        .runs = &loop->runs,
+        .log2_size = level,
+        .leaf_level = loop->options->tile_log2,
+        .max_lit = loop->max_lit,
+        .min_end = loop->min_end,
+        .leaf = tile_column,
+        .user = loop,
+    };
+    const size_t whole[2] = {0, 0};
+    const enum umb_status status = umbb_column_of_tree(&tree, level, whole, &column, error);
     if (status != UMB_OK) {
         return status;
     }

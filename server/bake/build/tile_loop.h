@@ -4,10 +4,10 @@
 /*
  * The bake proper: tiles of depth in, the merged octree out.
  *
- * While the threads get the depth of a tile, the owner builds the nodes of the one before: two
- * tiles are in memory at a time. The levels above the tiles are built at the end from each tile's
- * column.
- * Equal casters give equal octrees up to numbering, whatever the tile size and threads.
+ * The threads build the nodes of a tile and get the depth of the next one, and the owner gathers
+ * the nodes (tile_squares.h): two tiles are in memory at a time. The levels above the tiles are
+ * built at the end from each tile's column. Equal casters give equal octrees up to numbering,
+ * whatever the tile size and threads.
  */
 #include "bake/build/tile_keeper.h"
 #include "format/front_build.h"

@@ -342,6 +342,38 @@ static void the_shared_limit_counts_columns_and_lists_too(void **state)
     soup_finish(&soup);
 }
 
+/* Squares of a tile that do not fit into their share of what is left are built another way. */
+static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
+{
+    (void)state;
+    static const size_t limits[] = {(size_t)4 << 20, (size_t)24 << 20, 0}; /* none, some, all fit */
+    struct soup soup;
+    soup_init(&soup, 512, 601);
+    soup_mixture(&soup);
+    const struct umbb_casters casters = soup_casters(&soup, 0);
+    const struct umbb_depth_options depth_options = {.tile_log2 = 8, .threads = 2};
+    struct umb_octree reference;
+    soup_bake(&soup, 0, 9, 1, &reference);
+    for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
+        struct umbb_depth depth;
+        struct umb_error error;
+        struct umb_octree octree;
+        assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, &error),
+                         UMB_OK);
+        const struct umbb_bake_options options = {.log2_size = 9,
+                                                  .tile_log2 = 8,
+                                                  .threads = 2,
+                                                  .octree_max_bytes = SIZE_MAX,
+                                                  .shared_max_bytes = limits[i]};
+        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
+        assert_same_octree(&octree, &reference);
+        umb_octree_finish(&octree);
+        depth.destroy(depth.state);
+    }
+    umb_octree_finish(&reference);
+    soup_finish(&soup);
+}
+
 static int always(void)
 {
     return 1;
@@ -432,6 +464,7 @@ int main(void)
         cmocka_unit_test(a_lid_over_everything_leaves_a_lit_slab_before_it),
         cmocka_unit_test(memory_limit_stops_the_build_with_a_reason),
         cmocka_unit_test(the_shared_limit_counts_columns_and_lists_too),
+        cmocka_unit_test(octrees_do_not_depend_on_the_memory_that_is_left),
         cmocka_unit_test(a_cancelled_bake_ends_cleanly),
         cmocka_unit_test(slices_compare_every_depth),
         cmocka_unit_test(filling_keeps_what_is_defined_and_makes_runs),

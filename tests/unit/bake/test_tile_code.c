@@ -40,7 +40,9 @@ static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
         .max_lit = tile.max_lit[LOG2_SIZE][0],
         .min_end = tile.min_end[LOG2_SIZE][0],
     };
-    assert_int_equal(umbb_column_of_tile(pool, &tile, &runs, &result.column, &error), UMB_OK);
+    const struct umbb_square whole = {tile.log2_size, {0, 0}};
+    assert_int_equal(umbb_column_of_square(pool, &tile, &whole, &runs, &result.column, &error),
+                     UMB_OK);
     uint8_t *bytes;
     assert_int_equal(umbb_tile_encode(&shape, pool, &runs, &result, LEFT, &bytes, size, &error),
                      UMB_OK);

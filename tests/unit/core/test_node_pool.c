@@ -86,11 +86,109 @@ static void most_of_a_budget_holds_nodes(void **state)
     }
 }
 
+static uint32_t draw(uint32_t *seed, uint32_t end)
+{
+    *seed = *seed * 1664525U + 1013904223U;
+    return (uint32_t)((uint64_t)*seed * end >> 32);
+}
+
+/* Many bricks and two levels of nodes over them, a third of them equal to others of any pool. */
+static void fill_with_nodes(struct umb_pool *pool, uint32_t seed)
+{
+    uint32_t refs[3][2000];
+    for (uint32_t i = 0; i < 2000; i++) {
+        uint64_t slices[8];
+        brick_of(draw(&seed, 3000), slices);
+        assert_int_equal(umb_pool_brick(pool, slices, &refs[0][i], NULL), UMB_OK);
+    }
+    for (uint32_t level = 4; level <= 5; level++) {
+        for (uint32_t i = 0; i < 2000; i++) {
+            uint32_t children[8];
+            for (int c = 0; c < 8; c++) {
+                const uint32_t kind = draw(&seed, 4);
+                children[c] = kind == 0   ? UMB_REF_LIT
+                              : kind == 1 ? UMB_REF_SHADOWED
+                                          : refs[level - 4][draw(&seed, 40)];
+            }
+            assert_int_equal(umb_pool_node(pool, level, children, &refs[level - 3][i], NULL),
+                             UMB_OK);
+        }
+    }
+}
+
+/* 1 if two nodes of two pools are the same all the way down. */
+static int same_node(const struct umb_pool *a, const struct umb_pool *b, uint32_t level, uint32_t i,
+                     uint32_t k)
+{
+    if (level == UMB_LEVEL_BRICK) {
+        return memcmp(a->bricks[i], b->bricks[k], sizeof a->bricks[i]) == 0;
+    }
+    const struct umb_pool_level *la = &a->level[level], *lb = &b->level[level];
+    int same = la->masks[i] == lb->masks[k];
+    for (uint32_t c = 0; same && c < la->first[i + 1] - la->first[i]; c++) {
+        same = same_node(a, b, level - 1, la->children[la->first[i] + c],
+                         lb->children[lb->first[k] + c]);
+    }
+    return same;
+}
+
+static void merged_pools_hold_what_each_held_and_nothing_twice(void **state)
+{
+    (void)state;
+    struct umb_pool all, again, part;
+    struct umb_pool_numbers numbers = {0};
+    umb_pool_init(&all, NULL, SIZE_MAX);
+    umb_pool_init(&again, NULL, SIZE_MAX);
+    umb_pool_init(&part, NULL, SIZE_MAX);
+    for (uint32_t seed = 1; seed <= 6; seed++) {
+        umb_pool_clear(&part);
+        fill_with_nodes(&part, seed % 4); /* 1 and 2 come twice */
+        assert_int_equal(umb_pool_merge(&all, &part, 5, &numbers, NULL), UMB_OK);
+        fill_with_nodes(&again, seed % 4); /* one at a time: the oracle */
+        for (uint32_t i = 0; i < part.level[5].count; i++) {
+            assert_true(same_node(&part, &all, 5, i, numbers.refs[i]));
+        }
+        assert_int_equal(all.brick_count, again.brick_count);
+        for (uint32_t level = 4; level <= 5; level++) {
+            assert_int_equal(all.level[level].count, again.level[level].count);
+            assert_int_equal(all.level[level].child_count, again.level[level].child_count);
+        }
+    }
+    umb_pool_clear(&part);
+    assert_int_equal(umb_pool_merge(&all, &part, 5, &numbers, NULL), UMB_OK);
+    assert_int_equal(all.brick_count, again.brick_count);
+    umb_pool_numbers_finish(&numbers);
+    umb_pool_finish(&part);
+    umb_pool_finish(&again);
+    umb_pool_finish(&all);
+}
+
+static void a_merge_ends_at_the_budget(void **state)
+{
+    (void)state;
+    struct umb_pool part, pool;
+    struct umb_pool_numbers numbers = {0};
+    struct umb_error error;
+    umb_pool_init(&part, NULL, SIZE_MAX);
+    fill_with_nodes(&part, 1);
+    for (size_t budget = 0; budget < part.bytes; budget += part.bytes / 7) {
+        umb_pool_init(&pool, NULL, budget);
+        const enum umb_status status = umb_pool_merge(&pool, &part, 5, &numbers, &error);
+        assert_true(status == UMB_E_LIMIT || (status == UMB_OK && budget > part.bytes / 3));
+        assert_true(pool.bytes <= budget);
+        umb_pool_finish(&pool);
+    }
+    umb_pool_numbers_finish(&numbers);
+    umb_pool_finish(&part);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(most_of_a_budget_holds_bricks),
         cmocka_unit_test(most_of_a_budget_holds_nodes),
+        cmocka_unit_test(merged_pools_hold_what_each_held_and_nothing_twice),
+        cmocka_unit_test(a_merge_ends_at_the_budget),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

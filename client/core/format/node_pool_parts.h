@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
+#define UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
+/*
+ * Between node_pool.c and pool_merge.c: hashes, keys and slots.
+ *
+ * A slot is one 64-bit word, tag above number: the hash's low half gives the place, its high half
+ * the tag. Slots that follow one another are tried in turn until an empty one.
+ */
+#include "format/node_pool.h"
+
+#define UMB__SLOT_EMPTY UINT64_MAX
+
+static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint64_t hash)
+{
+    return (size_t)(hash & (((uint64_t)1 << slots->log2_size) - 1));
+}
+
+static inline uint64_t umb__slot_word(uint64_t hash, uint32_t number)
+{
+    return (hash & 0xffffffff00000000ULL) | number;
+}
+
+/* A node's key: its mask and its mixed children. */
+struct umb__node_key {
+    uint32_t words[9]; /* mask, children */
+    uint32_t child_count;
+};
+
+uint64_t umb__brick_hash(const uint64_t slices[8]);
+uint64_t umb__key_hash(const struct umb__node_key *key);
+
+/* In: children: as umb_pool_node takes them. */
+void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
+
+/* Finds or adds what is not uniform, under its hash; else as umb_pool_brick and umb_pool_node. */
+UMB_CHECKED enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8],
+                                                 uint64_t hash, uint32_t *ref,
+                                                 struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level,
+                                                const struct umb__node_key *key, uint64_t hash,
+                                                uint32_t *ref, struct umb_error *error);
+
+#endif

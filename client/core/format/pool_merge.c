@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One pool added to another, from the bricks up.
+ *
+ * In a large pool nearly every look-up waits for memory, first for its slot, then for the key that
+ * the slot names. Here all keys are known beforehand: they are taken in groups, and each step asks
+ * for the lines that the next one reads, so that a group waits about once a step.
+ */
+#include "base/memory.h"
+#include "format/node_pool_parts.h"
+
+#define GROUP  32U
+#define NOBODY UINT32_MAX
+
+/* Asks for the line that a look-up begins with. */
+static void slot_ahead(const struct umb_hash_slots *slots, uint64_t hash)
+{
+    if (slots->words != NULL) {
+        __builtin_prefetch(slots->words + umb__slot_place(slots, hash));
+    }
+}
+
+/* The first number with the hash's tag on its way, NOBODY if an empty slot comes before. */
+static uint32_t slot_number(const struct umb_hash_slots *slots, uint64_t hash)
+{
+    if (slots->words == NULL) {
+        return NOBODY;
+    }
+    const size_t last = ((size_t)1 << slots->log2_size) - 1;
+    size_t at = umb__slot_place(slots, hash);
+    for (uint64_t word; (word = slots->words[at]) != UMB__SLOT_EMPTY; at = (at + 1) & last) {
+        if (word == umb__slot_word(hash, (uint32_t)word)) {
+            return (uint32_t)word;
+        }
+    }
+    return NOBODY;
+}
+
+static enum umb_status merge_bricks(struct umb_pool *pool, const struct umb_pool *from,
+                                    uint32_t *refs, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t first = 0; first < from->brick_count && status == UMB_OK; first += GROUP) {
+        const uint32_t left = from->brick_count - first, n = left < GROUP ? left : GROUP;
+        uint64_t hashes[GROUP];
+        for (uint32_t i = 0; i < n; i++) {
+            hashes[i] = umb__brick_hash(from->bricks[first + i]);
+            slot_ahead(&pool->brick_slots, hashes[i]);
+        }
+        for (uint32_t i = 0; i < n; i++) {
+            const uint32_t number = slot_number(&pool->brick_slots, hashes[i]);
+            if (number != NOBODY) {
+                __builtin_prefetch(pool->bricks[number]);
+            }
+        }
+        for (uint32_t i = 0; i < n && status == UMB_OK; i++) {
+            status = umb__pool_find_brick(pool, from->bricks[first + i], hashes[i],
+                                          &refs[first + i], error);
+        }
+    }
+    return status;
+}
+
+/* A group of a level's nodes under way. */
+struct node_group {
+    struct umb__node_key keys[GROUP];
+    uint64_t hashes[GROUP];
+    uint32_t numbers[GROUP];
+};
+
+/* Keys with the children's new numbers. */
+static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_t n,
+                      const uint32_t *below, struct node_group *group)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        struct umb__node_key *key = &group->keys[i];
+        const uint32_t *children = from->children + from->first[first + i];
+        key->words[0] = from->masks[first + i];
+        key->child_count = from->first[first + i + 1] - from->first[first + i];
+        for (uint32_t c = 0; c < key->child_count; c++) {
+            key->words[1 + c] = below[children[c]];
+        }
+        group->hashes[i] = umb__key_hash(key);
+    }
+}
+
+/* Asks for all lines that looking a group up will read. */
+static void nodes_ahead(const struct umb_pool_level *level, struct node_group *group, uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        slot_ahead(&level->slots, group->hashes[i]);
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        group->numbers[i] = slot_number(&level->slots, group->hashes[i]);
+        if (group->numbers[i] != NOBODY) {
+            __builtin_prefetch(level->masks + group->numbers[i]);
+            __builtin_prefetch(level->first + group->numbers[i]);
+        }
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        if (group->numbers[i] != NOBODY) {
+            __builtin_prefetch(level->children + level->first[group->numbers[i]]);
+        }
+    }
+}
+
+/* In: below: new numbers of the level below. */
+static enum umb_status merge_nodes(struct umb_pool *pool, const struct umb_pool *from,
+                                   uint32_t level, struct umb_pool_numbers *numbers,
+                                   struct umb_error *error)
+{
+    const struct umb_pool_level *nodes = &from->level[level];
+    struct node_group group;
+    enum umb_status status = UMB_OK;
+    for (uint32_t first = 0; first < nodes->count && status == UMB_OK; first += GROUP) {
+        const uint32_t left = nodes->count - first, n = left < GROUP ? left : GROUP;
+        read_keys(nodes, first, n, numbers->below, &group);
+        nodes_ahead(&pool->level[level], &group, n);
+        for (uint32_t i = 0; i < n && status == UMB_OK; i++) {
+            status = umb__pool_find_node(pool, level, &group.keys[i], group.hashes[i],
+                                         &numbers->refs[first + i], error);
+        }
+    }
+    return status;
+}
+
+static void swap_numbers(struct umb_pool_numbers *numbers)
+{
+    *numbers = (struct umb_pool_numbers){
+        .refs = numbers->below,
+        .below = numbers->refs,
+        .refs_capacity = numbers->below_capacity,
+        .below_capacity = numbers->refs_capacity,
+    };
+}
+
+enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *from, uint32_t level,
+                               struct umb_pool_numbers *numbers, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = UMB_LEVEL_BRICK; i <= level && status == UMB_OK; i++) {
+        const size_t count = i == UMB_LEVEL_BRICK ? from->brick_count : from->level[i].count;
+        swap_numbers(numbers);
+        if (!umb__grow(NULL, &numbers->refs, &numbers->refs_capacity, count,
+                       sizeof *numbers->refs)) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu numbers refused", count);
+        }
+        status = i == UMB_LEVEL_BRICK ? merge_bricks(pool, from, numbers->refs, error)
+                                      : merge_nodes(pool, from, i, numbers, error);
+    }
+    return status;
+}
+
+void umb_pool_numbers_finish(struct umb_pool_numbers *numbers)
+{
+    umb__free(NULL, numbers->refs);
+    umb__free(NULL, numbers->below);
+    *numbers = (struct umb_pool_numbers){0};
+}
