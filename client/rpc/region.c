@@ -15,16 +15,17 @@
 enum {
     FIRST_BYTES = 64 << 10,
     ROUND_BYTES_MIN = 512 << 10,
-    ROUND_PAGES_MAX = 4096,
+    ROUND_ITEMS_MAX = 4096,
+    BLOCK_BYTES = 4096, /* of the directory, at most */
 };
 
 struct umb_region {
     struct umb_region_source source;
     struct umb_partial *partial;
     uint64_t received_bytes, requests, rounds, pages_received;
-    uint32_t pages[ROUND_PAGES_MAX];
-    struct umb_range ranges[ROUND_PAGES_MAX];
-    uint32_t first_page[ROUND_PAGES_MAX]; /* of each range: pages follow one another */
+    uint32_t items[ROUND_ITEMS_MAX]; /* numbers of blocks, then of pages */
+    struct umb_range ranges[ROUND_ITEMS_MAX];
+    uint32_t first_item[ROUND_ITEMS_MAX]; /* of each range: items follow one another */
 };
 
 /* The front of the file. */
@@ -73,7 +74,7 @@ static enum umb_status add_front_pages(struct umb_region *region, const struct f
         uint64_t offset;
         uint32_t length;
         umb_partial_locate(region->partial, page, &offset, &length);
-        if (offset + length > front->size) {
+        if (length == 0 || offset + length > front->size) {
             break;
         }
         enum umb_status status =
@@ -183,63 +184,98 @@ void umb_region_close(struct umb_region *region)
     }
 }
 
-/* Joins pages that follow one another in the file. Ranges keep the order of their first pages in
- * the list, which is that of benefit. Returns how many. */
-static size_t join_pages(struct umb_region *region, size_t count)
+/* Blocks of the directory and pages come in the same way. */
+enum item_kind {
+    ITEM_BLOCK,
+    ITEM_PAGE,
+};
+
+static void locate(const struct umb_region *region, enum item_kind kind, uint32_t item,
+                   uint64_t *offset, uint32_t *length)
 {
-    size_t ranges = 0;
-    for (size_t i = 0; i < count; i++) {
-        uint64_t offset;
-        uint32_t length;
-        umb_partial_locate(region->partial, region->pages[i], &offset, &length);
-        if (ranges > 0 &&
-            region->ranges[ranges - 1].offset + region->ranges[ranges - 1].length == offset) {
-            region->ranges[ranges - 1].length += length;
-            continue;
-        }
-        region->ranges[ranges] = (struct umb_range){offset, length};
-        region->first_page[ranges++] = region->pages[i];
+    if (kind == ITEM_BLOCK) {
+        umb_partial_locate_block(region->partial, item, offset, length);
+    } else {
+        umb_partial_locate(region->partial, item, offset, length);
     }
-    return ranges;
 }
 
 /* A round under way. */
 struct round {
     struct umb_region *region;
-    bool full; /* the memory budget: what comes further is left out */
-    size_t added;
+    size_t block_ranges; /* the first ranges are of blocks */
+    size_t ranges;
+    bool full;            /* the memory budget: what comes further is left out */
+    size_t blocks, pages; /* that came */
     struct umb_error *error;
 };
+
+/* Adds ranges for items in ascending order; those that follow one another in the file go in one. */
+static void join_items(struct round *round, enum item_kind kind, const uint32_t *items,
+                       size_t count)
+{
+    struct umb_region *region = round->region;
+    const size_t start = round->ranges;
+    for (size_t i = 0; i < count; i++) {
+        uint64_t offset;
+        uint32_t length;
+        locate(region, kind, items[i], &offset, &length);
+        struct umb_range *last = round->ranges > start ? &region->ranges[round->ranges - 1] : NULL;
+        if (last && items[i] == items[i - 1] + 1 && last->offset + last->length == offset) {
+            last->length += length;
+            continue;
+        }
+        region->ranges[round->ranges] = (struct umb_range){offset, length};
+        region->first_item[round->ranges++] = items[i];
+    }
+}
+
+static enum umb_status take_item(struct round *round, enum item_kind kind, uint32_t item,
+                                 const uint8_t *bytes, uint32_t length)
+{
+    struct umb_region *region = round->region;
+    enum umb_status status =
+        kind == ITEM_BLOCK
+            ? umb_partial_add_block(region->partial, item, bytes, length, round->error)
+            : umb_partial_add(region->partial, item, bytes, length, round->error);
+    if (status == UMB_E_NO_MEMORY) {
+        round->full = true;
+        return UMB_OK;
+    }
+    if (status == UMB_OK && kind == ITEM_PAGE) {
+        region->pages_received++;
+        round->pages++;
+    } else if (status == UMB_OK) {
+        round->blocks++;
+    }
+    return status;
+}
 
 static enum umb_status take_range(void *user, size_t index, const void *bytes, size_t size)
 {
     struct round *round = user;
     struct umb_region *region = round->region;
+    const enum item_kind kind = index < round->block_ranges ? ITEM_BLOCK : ITEM_PAGE;
     const uint8_t *at = bytes;
-    uint32_t page = region->first_page[index];
+    uint32_t item = region->first_item[index];
     region->received_bytes += size;
     if (size != region->ranges[index].length) {
         return umb_fail(round->error, UMB_E_TRUNCATED,
-                        "page %u of the file: %zu bytes came of a range of %llu", page, size,
+                        "%s %u of the file: %zu bytes came of a range of %llu",
+                        kind == ITEM_BLOCK ? "directory block" : "page", item, size,
                         (unsigned long long)region->ranges[index].length);
     }
     while (size > 0 && !round->full) {
         uint64_t offset;
         uint32_t length;
-        umb_partial_locate(region->partial, page, &offset, &length);
-        enum umb_status status = umb_partial_add(region->partial, page, at, length, round->error);
-        if (status == UMB_E_NO_MEMORY) {
-            round->full = true;
-            break;
-        }
+        locate(region, kind, item, &offset, &length);
+        enum umb_status status = take_item(round, kind, item, at, length);
         if (status != UMB_OK) {
             return status;
         }
-        region->pages_received++;
-        round->added++;
         at += length;
         size -= length;
-        page++;
+        item++;
     }
     return UMB_OK;
 }
@@ -250,22 +286,47 @@ static int by_number(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/*
+ * Lists the blocks that a round takes: all that are missing where they are a small part of it, so
+ * that no later round waits for one; else those that pages need now.
+ */
+static size_t list_blocks(struct umb_region *region, uint64_t bytes)
+{
+    struct umb_partial_stats stats;
+    umb_partial_get_stats(region->partial, &stats);
+    const uint64_t missing = stats.block_count - stats.blocks_held;
+    const bool all = missing * BLOCK_BYTES <= bytes / 4;
+    const uint64_t most = bytes / BLOCK_BYTES;
+    return umb_partial_missing_blocks(region->partial, all, region->items,
+                                      most < ROUND_ITEMS_MAX / 2 ? (size_t)most
+                                                                 : ROUND_ITEMS_MAX / 2);
+}
+
 /* Asks for what matters most. Out: round. Nothing is asked for if nothing is missing. */
 static enum umb_status run_round(struct umb_region *region, uint64_t bytes, struct round *round)
 {
-    const size_t count =
-        umb_partial_missing(region->partial, region->pages, ROUND_PAGES_MAX, bytes);
-    if (count == 0) {
+    const size_t blocks = umb_partial_missing_blocks(region->partial, 0, region->items, 1) > 0 ||
+                                  umb_partial_missing(region->partial, region->items, 1, 0) > 0
+                              ? list_blocks(region, bytes)
+                              : 0;
+    const uint64_t used = (uint64_t)blocks * BLOCK_BYTES;
+    uint32_t *pages = region->items + blocks;
+    const size_t count = used < bytes ? umb_partial_missing(region->partial, pages,
+                                                            ROUND_ITEMS_MAX - blocks, bytes - used)
+                                      : 0;
+    if (blocks + count == 0) {
         return UMB_OK;
     }
     /* All of a round are needed before it is laid out, so that their order is free: neighbours go
      * in one range. */
-    qsort(region->pages, count, sizeof *region->pages, by_number);
-    const size_t ranges = join_pages(region, count);
-    region->requests += ranges;
+    qsort(pages, count, sizeof *pages, by_number);
+    join_items(round, ITEM_BLOCK, region->items, blocks);
+    round->block_ranges = round->ranges;
+    join_items(round, ITEM_PAGE, pages, count);
+    region->requests += round->ranges;
     region->rounds++;
-    return region->source.read(region->source.user, region->ranges, ranges, take_range, round,
-                               round->error);
+    return region->source.read(region->source.user, region->ranges, round->ranges, take_range,
+                               round, round->error);
 }
 
 static enum umb_status want_views(struct umb_region *region,
@@ -303,7 +364,7 @@ enum umb_status umb_region_update(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
     const uint64_t start = region->received_bytes;
-    for (;;) { /* ends: each round adds a page, or is the last */
+    for (;;) { /* ends: each round adds a page or a block, or is the last */
         struct round round = {.region = region, .error = error};
         const uint64_t bytes = round_bytes(region, request, start);
         enum umb_status status = want_views(region, request, error);
@@ -311,7 +372,7 @@ enum umb_status umb_region_update(struct umb_region *region,
             return status;
         }
         status = run_round(region, bytes, &round);
-        if (round.added > 0) {
+        if (round.pages > 0) {
             struct umb_partial_stats before, after;
             umb_partial_get_stats(region->partial, &before);
             const enum umb_status built =
@@ -320,10 +381,10 @@ enum umb_status umb_region_update(struct umb_region *region,
             round.full = round.full || after.pages_dropped > before.pages_dropped;
             status = status == UMB_OK ? built : status;
         }
-        if (status == UMB_OK && round.added > 0 && request->progress) {
+        if (status == UMB_OK && round.pages > 0 && request->progress) {
             status = request->progress(request->progress_user, region);
         }
-        if (status != UMB_OK || round.added == 0 || round.full) {
+        if (status != UMB_OK || round.pages + round.blocks == 0 || round.full) {
             return status;
         }
     }

@@ -53,7 +53,7 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
 {
     static const double origin[3] = {0, 0, 0};
     struct bytes stored = {0};
-    uint8_t directory[FUZZ_PAGES_MAX * UMB__PAGE_ENTRY] = {0};
+    uint8_t entries[FUZZ_PAGES_MAX * UMB__PAGE_ENTRY] = {0}, block_entry[UMB__BLOCK_ENTRY];
     struct umb__packed_root root = {UMB_NODE_MIXED, 0, 0};
     struct umb__canonical canonical = {.roots = &root};
     uint32_t log2_size = size > 0 ? 6 + data[0] % 5 : 6, pages = 0;
@@ -63,32 +63,40 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
         size_t length = umb__load16(data + at);
         at += 2;
         length = length < size - at ? length : size - at;
-        fuzz_add_page(data + at, length, &stored, directory + pages * UMB__PAGE_ENTRY,
+        fuzz_add_page(data + at, length, &stored, entries + pages * UMB__PAGE_ENTRY,
                       canonical.counts);
         at += length;
         pages++;
     }
     make_content(&voxels, 1, origin, &canonical.content);
     struct umb__head head = {
-        .encoding = UMB_ENCODING_PACKED, .directory = directory, .directory_count = pages};
+        .encoding = UMB_ENCODING_PACKED,
+        .directory = block_entry,
+        .directory_count = umb__block_count(pages),
+        .page_count = pages,
+    };
     uint8_t *block;
     FUZZ_DEMAND(umb__canonical_encode(&canonical, NULL, &block, &head.canonical_length, NULL) ==
                 UMB_OK);
     head.canonical = block;
-    head.head_length = umb__head_length(head.canonical_length, pages, UMB__PAGE_ENTRY, 0);
-    head.file_length = head.head_length + stored.size;
+    head.head_length =
+        umb__head_length(head.canonical_length, head.directory_count, UMB__BLOCK_ENTRY, 0);
+    const uint64_t first_page = head.head_length + pages * UMB__PAGE_ENTRY;
+    head.file_length = first_page + stored.size;
     for (uint32_t i = 0; i < pages; i++) {
-        uint8_t *entry = directory + i * UMB__PAGE_ENTRY;
-        umb__store64(entry, umb__load64(entry) + head.head_length);
+        uint8_t *entry = entries + i * UMB__PAGE_ENTRY;
+        umb__store64(entry, umb__load64(entry) + first_page);
     }
+    FUZZ_DEMAND(umb__block_seal(entries, pages * UMB__PAGE_ENTRY, &test_digest, block_entry));
     FUZZ_DEMAND(umb__directory_identify(&head, &test_digest, NULL, head.id));
     struct bytes file = {.data = malloc((size_t)head.file_length),
                          .size = (size_t)head.file_length,
                          .capacity = (size_t)head.file_length};
     FUZZ_DEMAND(file.data != NULL);
-    umb__head_write(&head, UMB__PAGE_ENTRY, file.data);
+    umb__head_write(&head, UMB__BLOCK_ENTRY, file.data);
+    memcpy(file.data + head.head_length, entries, pages * UMB__PAGE_ENTRY);
     if (stored.size > 0) {
-        memcpy(file.data + head.head_length, stored.data, stored.size);
+        memcpy(file.data + first_page, stored.data, stored.size);
     }
     free(block);
     bytes_finish(&stored);

@@ -61,10 +61,11 @@ static void try_saved(const uint8_t *data, size_t size)
     struct umb_partial *partial;
     FUZZ_DEMAND(file != NULL);
     memcpy(file, data, size);
-    if (size >= 32) {
-        const uint64_t length = umb__load64(file + 16) + 4 * (uint64_t)umb__load32(file + 12);
-        if (length <= size - 32) {
-            umb__store64(file + 24, XXH3_64bits(file + 32, (size_t)length));
+    if (size >= 40) {
+        const uint64_t length = umb__load64(file + 16) + 4 * (uint64_t)umb__load32(file + 12) +
+                                4 * (uint64_t)umb__load32(file + 32);
+        if (length <= size - 40) {
+            umb__store64(file + 24, XXH3_64bits(file + 32, 8 + (size_t)length));
         }
     }
     if (umb_partial_open_saved(file, size, &options, &partial, NULL) == UMB_OK) {

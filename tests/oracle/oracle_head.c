@@ -16,7 +16,9 @@ enum {
     CHECK_AT = 120,
     BLOCK_LIMIT = 64 << 20,
     INFO_LIMIT = 1 << 20,
-    PACKED_ENTRY = 64,
+    PACKED_ENTRY = 40,
+    PAGE_ENTRY = 64,
+    BLOCK_PAGES = 64,
     MAPPED_ENTRY = 32,
     MAPPED_SECTIONS = 5,
     LIGHT_SIZE = 136,
@@ -40,8 +42,7 @@ static int check_magic(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     } else {
         return oracle_refuse(error, "magic: neither packed nor mapped");
     }
-    uint64_t major = oracle_number(oracle->bytes + 8, 2),
-             known = oracle->form == ORACLE_PACKED ? 1 : 2;
+    uint64_t major = oracle_number(oracle->bytes + 8, 2), known = 2;
     if (major != known) {
         return oracle_refuse(error, "major version: %" PRIu64 ", not %" PRIu64, major, known);
     }
@@ -81,14 +82,40 @@ static int is_key_value_text(const uint8_t *bytes, uint64_t size)
     return 1;
 }
 
+/* How many pages there are, and where the blocks of their entries stand: inside the file. */
+static int read_pages_field(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    uint64_t pages = oracle_number(oracle->bytes + 80, 4);
+    oracle->page_count = (uint32_t)pages;
+    oracle->blocks_at = oracle_number(oracle->bytes + 88, 8);
+    if (oracle->form == ORACLE_MAPPED) {
+        return (pages == 0 && oracle->blocks_at == 0) ||
+               oracle_refuse(error, "head: a mapped file has no pages");
+    }
+    if (oracle->directory_count != (pages + BLOCK_PAGES - 1) / BLOCK_PAGES) {
+        return oracle_refuse(error, "directory: %" PRIu32 " blocks for %" PRIu64 " pages",
+                             oracle->directory_count, pages);
+    }
+    uint64_t first = pages < BLOCK_PAGES ? pages : BLOCK_PAGES, others = pages - first;
+    if (first * PAGE_ENTRY > oracle->size - oracle->head_size ||
+        (others == 0 ? oracle->blocks_at != 0
+                     : oracle->blocks_at > oracle->size ||
+                           others * PAGE_ENTRY > oracle->size - oracle->blocks_at)) {
+        return oracle_refuse(error, "directory: %" PRIu64 " pages' entries are not in the file",
+                             pages);
+    }
+    return 1;
+}
+
 int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
     const uint8_t *head = oracle->bytes;
     if (!check_magic(oracle, error)) {
         return 0;
     }
-    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 80, 40)) {
-        return oracle_refuse(error, "head: flags or the 40 bytes from 80 are not zero");
+    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 84, 4) ||
+        !oracle_all_zero(head + 96, 24)) {
+        return oracle_refuse(error, "head: flags or zero fields are not zero");
     }
     if (oracle_number(head + 16, 8) != oracle->size) {
         return oracle_refuse(error, "file length: %" PRIu64 ", the file has %zu bytes",
@@ -116,7 +143,7 @@ int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         return oracle_refuse(error, "directory: %" PRIu32 " sections, not 5",
                              oracle->directory_count);
     }
-    if (!check_head_hash(oracle, error)) {
+    if (!check_head_hash(oracle, error) || !read_pages_field(oracle, error)) {
         return 0;
     }
     if (!is_key_value_text(head + before_info, oracle->info_size)) {

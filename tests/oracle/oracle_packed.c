@@ -19,6 +19,8 @@
 enum {
     HEAD_FIXED = 128,
     ENTRY_SIZE = 64,
+    BLOCK_ENTRY_SIZE = 40,
+    BLOCK_PAGES = 64,
     PAGE_LIMIT = 1 << 20,
 };
 
@@ -44,11 +46,19 @@ static void free_pages(struct page *pages, uint32_t count)
     free(pages);
 }
 
+/* Where a block of the directory stands; oracle_read_head has found all of them inside the file. */
+static const uint8_t *block_at(const struct oracle *oracle, uint32_t block)
+{
+    return oracle->bytes +
+           (block == 0 ? oracle->head_size
+                       : oracle->blocks_at + (uint64_t)(block - 1) * BLOCK_PAGES * ENTRY_SIZE);
+}
+
 static int read_entry(const struct oracle *oracle, uint32_t number, struct page *page,
                       char error[ORACLE_ERROR_SIZE])
 {
     const uint8_t *entry =
-        oracle->bytes + HEAD_FIXED + oracle->block_size + (uint64_t)number * ENTRY_SIZE;
+        block_at(oracle, number / BLOCK_PAGES) + (uint64_t)(number % BLOCK_PAGES) * ENTRY_SIZE;
     page->stored_at = oracle_number(entry, 8);
     page->stored_size = (uint32_t)oracle_number(entry + 8, 4);
     page->size = (uint32_t)oracle_number(entry + 12, 4);
@@ -101,15 +111,38 @@ static int expand(const struct oracle *oracle, uint32_t number, struct page *pag
     return 1;
 }
 
+/* A block's XXH3, and its hash of the hashes of its pages. */
+static int check_block(const struct oracle *oracle, const struct page *pages, uint32_t block,
+                       char error[ORACLE_ERROR_SIZE])
+{
+    const uint8_t *stated =
+        oracle->bytes + HEAD_FIXED + oracle->block_size + (uint64_t)block * BLOCK_ENTRY_SIZE;
+    uint32_t first = block * BLOCK_PAGES, rest = oracle->page_count - first;
+    uint32_t count = rest < BLOCK_PAGES ? rest : BLOCK_PAGES;
+    uint8_t hashes[BLOCK_PAGES * 32], hash[32];
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(hashes + 32 * (size_t)i, pages[first + i].hash, 32);
+    }
+    if (XXH3_64bits(block_at(oracle, block), (size_t)count * ENTRY_SIZE) !=
+        oracle_number(stated, 8)) {
+        return oracle_refuse(error, "block %" PRIu32 ": XXH3 differs", block);
+    }
+    if (!digest(hashes, 32 * (size_t)count, hash) || memcmp(hash, stated + 8, 32) != 0) {
+        return oracle_refuse(error, "block %" PRIu32 ": SHA-256 differs", block);
+    }
+    return 1;
+}
+
 static int check_id(const struct oracle *oracle, const struct page *pages,
                     char error[ORACLE_ERROR_SIZE])
 {
     uint8_t id[32];
+    const uint8_t *table = oracle->bytes + HEAD_FIXED + oracle->block_size;
     EVP_MD_CTX *context = EVP_MD_CTX_new();
     int good = context != NULL && EVP_DigestInit_ex(context, EVP_sha256(), NULL) == 1 &&
                EVP_DigestUpdate(context, oracle->bytes + HEAD_FIXED, (size_t)oracle->block_size);
     for (uint32_t i = 0; good && i < oracle->directory_count; i++) {
-        good = EVP_DigestUpdate(context, pages[i].hash, 32) == 1;
+        good = EVP_DigestUpdate(context, table + (size_t)i * BLOCK_ENTRY_SIZE + 8, 32) == 1;
     }
     good = good && EVP_DigestFinal_ex(context, id, NULL) == 1;
     EVP_MD_CTX_free(context);
@@ -117,7 +150,12 @@ static int check_id(const struct oracle *oracle, const struct page *pages,
         return oracle_refuse(error, "OpenSSL has no SHA-256");
     }
     if (memcmp(id, oracle->id, 32) != 0) {
-        return oracle_refuse(error, "id: not the hash of the canonical block and page hashes");
+        return oracle_refuse(error, "id: not the hash of the canonical block and block hashes");
+    }
+    for (uint32_t i = 0; i < oracle->directory_count; i++) {
+        if (!check_block(oracle, pages, i, error)) {
+            return 0;
+        }
     }
     return 1;
 }
@@ -193,7 +231,7 @@ static int64_t resolve(const struct decoder *decoder, uint32_t l, uint64_t r, co
     }
     uint64_t other = oracle_number(others + 4 * k, 4);
     uint64_t position = oracle_number(others + 4 * ((uint64_t)page->others[l] + k), 4);
-    if (other >= decoder->oracle->directory_count || other == decoder->number ||
+    if (other >= decoder->oracle->page_count || other == decoder->number ||
         position >= decoder->pages[other].count[l - 1]) {
         return -1;
     }
@@ -338,7 +376,7 @@ static int find_roots(struct oracle *oracle, const struct page *pages,
         if (frustum->root_state != 2) {
             continue;
         }
-        if (frustum->root_page >= oracle->directory_count ||
+        if (frustum->root_page >= oracle->page_count ||
             frustum->root_position >= pages[frustum->root_page].count[frustum->n]) {
             return oracle_refuse(error,
                                  "ROOT: frustum %" PRIu32 ": no node %" PRIu32 " of level %" PRIu32
@@ -353,10 +391,17 @@ static int find_roots(struct oracle *oracle, const struct page *pages,
 
 static int read_all_counts(struct oracle *oracle, struct page *pages, char error[ORACLE_ERROR_SIZE])
 {
-    uint64_t at = oracle->head_size;
-    for (uint32_t i = 0; i < oracle->directory_count; i++) {
+    uint32_t first = oracle->page_count < BLOCK_PAGES ? oracle->page_count : BLOCK_PAGES;
+    uint64_t at = oracle->head_size + (uint64_t)first * ENTRY_SIZE;
+    for (uint32_t i = 0; i < oracle->page_count; i++) {
         if (!read_entry(oracle, i, &pages[i], error)) {
             return 0;
+        }
+        if (i == BLOCK_PAGES) {
+            if (at != oracle->blocks_at) {
+                return oracle_refuse(error, "directory: its second block is not behind page 63");
+            }
+            at += (uint64_t)(oracle->page_count - BLOCK_PAGES) * ENTRY_SIZE;
         }
         if (pages[i].stored_at != at || pages[i].stored_size > oracle->size - at) {
             return oracle_refuse(error,
@@ -388,17 +433,17 @@ static int allocate_levels(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 
 int oracle_read_pages(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
-    struct page *pages = calloc((size_t)oracle->directory_count + 1, sizeof *pages);
+    struct page *pages = calloc((size_t)oracle->page_count + 1, sizeof *pages);
     if (pages == NULL) {
         return oracle_refuse(error, "out of memory");
     }
     int good = read_all_counts(oracle, pages, error) && check_id(oracle, pages, error) &&
                allocate_levels(oracle, error);
-    for (uint32_t i = 0; good && i < oracle->directory_count; i++) {
+    for (uint32_t i = 0; good && i < oracle->page_count; i++) {
         const struct decoder decoder = {oracle, pages, i, &pages[i], error};
         good = decode_page(&decoder);
     }
     good = good && find_roots(oracle, pages, error);
-    free_pages(pages, oracle->directory_count);
+    free_pages(pages, oracle->page_count);
     return good;
 }

@@ -70,7 +70,9 @@ struct oracle {
     const uint8_t *bytes;
     size_t size;
     uint64_t head_size, block_size; /* block: the canonical block, from byte 128 */
-    uint32_t directory_count, info_size;
+    uint32_t directory_count, info_size; /* directory: blocks (packed) or sections (mapped) */
+    uint32_t page_count;                 /* packed */
+    uint64_t blocks_at;                  /* packed: the second block, or 0 */
     uint8_t id[32];
     double origin[3], box_min[3], box_max[3];
     struct oracle_light *lights;

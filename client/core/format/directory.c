@@ -4,15 +4,23 @@
 #include "format/directory.h"
 
 #include <string.h>
+#include <xxhash.h>
 #include <zstd.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "format/layout.h"
 
-struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page)
+uint64_t umb__block_offset(const struct umb__head *head, uint32_t block)
 {
-    const uint8_t *at = head->directory + (size_t)page * UMB__PAGE_ENTRY;
+    return block == 0
+               ? head->head_length
+               : head->blocks_offset + (uint64_t)(block - 1) * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
+}
+
+/* An entry as it stands in its block. */
+static struct umb__page_entry load(const uint8_t *at, uint32_t page)
+{
     struct umb__page_entry entry = {
         .page = page,
         .offset = umb__load64(at + UMB__PAGE_OFFSET),
@@ -27,9 +35,112 @@ struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_
     return entry;
 }
 
+static const uint8_t *entry_at(const struct umb__head *head, uint32_t page)
+{
+    return page < UMB__BLOCK_PAGES
+               ? head->entries[0] + (size_t)page * UMB__PAGE_ENTRY
+               : head->entries[1] + (size_t)(page - UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
+}
+
+struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page)
+{
+    return load(entry_at(head, page), page);
+}
+
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page)
 {
-    return head->directory + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+    return entry_at(head, page) + UMB__PAGE_HASH;
+}
+
+static enum umb_status check_entry(const struct umb__head *head,
+                                   const struct umb__page_entry *entry, uint64_t expected,
+                                   struct umb_error *error)
+{
+    if (entry->offset != expected || expected > head->file_length ||
+        entry->stored_length > head->file_length - expected) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: page %u is not where it should be",
+                        entry->page);
+    }
+    if (entry->raw_length > UMB__PAGE_RAW_MAX) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
+                        entry->page, entry->raw_length, UMB__PAGE_RAW_MAX);
+    }
+    if (entry->reserved != 0) {
+        return umb_fail(error, UMB_E_VERSION,
+                        "directory: page %u uses reserved fields of a newer writer", entry->page);
+    }
+    return UMB_OK;
+}
+
+static const uint8_t *table_entry(const struct umb__head *head, uint32_t block)
+{
+    return head->directory + (size_t)block * UMB__BLOCK_ENTRY;
+}
+
+const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block)
+{
+    return entry_at(head, block * UMB__BLOCK_PAGES);
+}
+
+enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, const uint8_t *bytes,
+                                 struct umb__block_extent *extent, struct umb_error *error)
+{
+    const uint32_t size = umb__block_bytes(head->page_count, block);
+    const uint32_t first = block * UMB__BLOCK_PAGES;
+    if (XXH3_64bits(bytes, size) != umb__load64(table_entry(head, block) + UMB__BLOCK_CHECK)) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: checksum of block %u does not match",
+                        block);
+    }
+    const uint64_t begin = umb__load64(bytes + UMB__PAGE_OFFSET);
+    struct umb__block_extent seen = {begin, begin, 0};
+    for (uint32_t i = 0; i < size / UMB__PAGE_ENTRY; i++) {
+        const struct umb__page_entry entry = load(bytes + (size_t)i * UMB__PAGE_ENTRY, first + i);
+        enum umb_status status = check_entry(head, &entry, seen.end, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        seen.end += entry.stored_length;
+        seen.raw_bytes += entry.raw_length;
+    }
+    if (extent) {
+        *extent = seen;
+    }
+    return UMB_OK;
+}
+
+/* SHA-256 of the hashes of a block's pages. False: no digest. */
+static bool hash_block(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
+                       uint8_t hash[UMB_ID_BYTES])
+{
+    const void *parts[UMB__BLOCK_PAGES];
+    size_t sizes[UMB__BLOCK_PAGES];
+    const size_t count = size / UMB__PAGE_ENTRY;
+    for (size_t i = 0; i < count; i++) {
+        parts[i] = bytes + i * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+        sizes[i] = UMB_ID_BYTES;
+    }
+    sha256->digest(sha256->user, parts, sizes, count, hash);
+    return umb__digest_made(hash);
+}
+
+enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block, const uint8_t *bytes,
+                                 const struct umb_sha256 *sha256, struct umb_error *error)
+{
+    uint8_t hash[UMB_ID_BYTES];
+    if (!hash_block(bytes, umb__block_bytes(head->page_count, block), sha256, hash)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "directory: block %u could not be hashed", block);
+    }
+    return memcmp(hash, table_entry(head, block) + UMB__BLOCK_HASH, sizeof hash) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "directory: block %u is not what its hash says",
+                          block);
+}
+
+bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
+                     uint8_t entry[UMB__BLOCK_ENTRY])
+{
+    umb__store64(entry + UMB__BLOCK_CHECK, XXH3_64bits(bytes, size));
+    return hash_block(bytes, size, sha256, entry + UMB__BLOCK_HASH);
 }
 
 enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw_total,
@@ -37,22 +148,24 @@ enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw
 {
     uint64_t expected = head->head_length;
     *raw_total = 0;
-    for (uint32_t page = 0; page < head->directory_count; page++) {
-        struct umb__page_entry entry = umb__directory_load(head, page);
-        if (entry.offset != expected || entry.stored_length > head->file_length - expected) {
-            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u is not where it should be",
-                            page);
+    for (uint32_t block = 0; block < head->directory_count; block++) {
+        struct umb__block_extent extent;
+        enum umb_status status =
+            umb__block_check(head, block, umb__block_view(head, block), &extent, error);
+        if (status != UMB_OK) {
+            return status;
         }
-        if (entry.raw_length > UMB__PAGE_RAW_MAX) {
-            return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
-                            page, entry.raw_length, UMB__PAGE_RAW_MAX);
+        /* The first block precedes its pages; all others stand together before theirs. */
+        const bool placed = block > 1 || umb__block_offset(head, block) == expected;
+        expected += block == 0   ? umb__block_bytes(head->page_count, 0)
+                    : block == 1 ? umb__other_blocks_bytes(head->page_count)
+                                 : 0;
+        if (!placed || extent.begin != expected) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "directory: block %u or its pages are not where they should be", block);
         }
-        if (entry.reserved != 0) {
-            return umb_fail(error, UMB_E_VERSION,
-                            "directory: page %u uses reserved fields of a newer writer", page);
-        }
-        expected += entry.stored_length;
-        *raw_total += entry.raw_length;
+        expected = extent.end;
+        *raw_total += extent.raw_bytes;
     }
     if (expected != head->file_length) {
         return umb_fail(error, UMB_E_CORRUPT, "directory: %llu bytes follow the last page",
@@ -132,9 +245,9 @@ bool umb__directory_identify(const struct umb__head *head, const struct umb_sha2
     if (made) {
         pointers[0] = head->canonical;
         sizes[0] = (size_t)head->canonical_length;
-        for (uint32_t page = 0; page + 1 < parts; page++) {
-            pointers[page + 1] = umb__directory_hash(head, page);
-            sizes[page + 1] = UMB_ID_BYTES;
+        for (uint32_t block = 0; block + 1 < parts; block++) {
+            pointers[block + 1] = table_entry(head, block) + UMB__BLOCK_HASH;
+            sizes[block + 1] = UMB_ID_BYTES;
         }
         sha256->digest(sha256->user, pointers, sizes, parts, id);
         made = umb__digest_made(id);

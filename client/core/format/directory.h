@@ -1,9 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_DIRECTORY_H
 #define UMBRAGE_CORE_FORMAT_DIRECTORY_H
-/* The directory of a packed file: where each page stands, and opening one from its stored bytes. */
+/*
+ * The directory of a packed file: where each page stands, and opening one from its stored bytes.
+ * Entries of pages come in blocks of UMB__BLOCK_PAGES; the head has the check and the hash of each
+ * block, so that a client proves a page with the head, one block and the page.
+ */
 #include <stdbool.h>
 #include "format/head.h"
+#include "format/layout.h"
 #include "format/page.h"
 
 struct ZSTD_DCtx_s;
@@ -18,14 +23,71 @@ struct umb__page_entry {
     uint32_t reserved;
 };
 
-/* In: page: below head->directory_count. */
+/* Blocks that so many pages have. */
+static inline uint32_t umb__block_count(uint32_t page_count)
+{
+    return page_count / UMB__BLOCK_PAGES + (page_count % UMB__BLOCK_PAGES != 0);
+}
+
+/* Length of a block in bytes. In: block: below the count, or 0. */
+static inline uint32_t umb__block_bytes(uint32_t page_count, uint32_t block)
+{
+    const uint32_t rest = page_count - block * UMB__BLOCK_PAGES;
+    return (rest < UMB__BLOCK_PAGES ? rest : UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
+}
+
+/* Length of all blocks but the first. */
+static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
+{
+    return page_count > UMB__BLOCK_PAGES
+               ? (uint64_t)(page_count - UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY
+               : 0;
+}
+
+/* Where a block begins in the file. */
+uint64_t umb__block_offset(const struct umb__head *head, uint32_t block);
+
+/* In: page: below head->page_count; the entries are there. */
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page);
 
 /* A page's SHA-256 in the directory: uint8[UMB_ID_BYTES]. */
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page);
 
+/* A block's bytes. In: head: of a whole file. */
+const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block);
+
+/* Where the pages of a block stand in the file, and their bytes uncompressed. */
+struct umb__block_extent {
+    uint64_t begin, end, raw_bytes;
+};
+
 /*
- * Pages must follow one another without gap or overlap, from the head to the end of the file.
+ * Checks one block: its XXH3, and its pages, which must follow one another in the file.
+ *
+ * In:    bytes: uint8[umb__block_bytes], as they stand in the file; head->entries need not be.
+ * Out:   extent: may be NULL.
+ * Fails: E_CORRUPT, E_VERSION.
+ * Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umb__block_check(const struct umb__head *head, uint32_t block,
+                                             const uint8_t *bytes, struct umb__block_extent *extent,
+                                             struct umb_error *error);
+
+/*
+ * Compares a block's hash in the head with that of its pages' hashes.
+ * In: bytes: as for umb__block_check. Fails: E_CORRUPT, E_NO_MEMORY (no digest could be made).
+ */
+UMB_CHECKED enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block,
+                                             const uint8_t *bytes, const struct umb_sha256 *sha256,
+                                             struct umb_error *error);
+
+/* Writes a block's entry of the table, for entries that are complete. False: no digest. */
+bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
+                     uint8_t entry[UMB__BLOCK_ENTRY]);
+
+/*
+ * Checks all blocks of a whole file. Pages and blocks must follow one another without gap or
+ * overlap, from the head to the end of the file.
  *
  * Out:   raw_total: bytes of all pages, uncompressed.
  * Fails: E_CORRUPT, E_VERSION.
@@ -57,7 +119,7 @@ void umb__page_brick(const struct umb__page *page, uint32_t index, const uint8_t
                      uint64_t brick[8]);
 
 /*
- * The identity that canonical block and page hashes have. False: out of memory.
+ * The identity that canonical block and block hashes have. False: out of memory.
  * In: alloc: for a list of the hashes.
  */
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,

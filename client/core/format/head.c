@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "format/directory.h"
 #include "format/layout.h"
 
 static uint64_t head_checksum(const uint8_t *bytes, uint64_t head_length)
@@ -22,7 +23,7 @@ static uint64_t head_checksum(const uint8_t *bytes, uint64_t head_length)
 
 static size_t entry_size_of(enum umb_encoding encoding)
 {
-    return encoding == UMB_ENCODING_PACKED ? UMB__PAGE_ENTRY : UMB__SECTION_ENTRY;
+    return encoding == UMB_ENCODING_PACKED ? UMB__BLOCK_ENTRY : UMB__SECTION_ENTRY;
 }
 
 static unsigned version_of(enum umb_encoding encoding)
@@ -61,9 +62,35 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
                         major, umb__load16(bytes + UMB__HEAD_MINOR), version_of(head->encoding),
                         head->encoding == UMB_ENCODING_MAPPED
                             ? " of mapped files; they are made from packed ones at any time"
-                            : "");
+                            : " of packed files; bake the scene again");
     }
     return UMB_OK;
+}
+
+/* How many pages there are and where their entries stand. */
+static enum umb_status parse_blocks(const uint8_t *bytes, struct umb__head *head,
+                                    struct umb_error *error)
+{
+    head->page_count = umb__load32(bytes + UMB__HEAD_PAGES);
+    head->blocks_offset = umb__load64(bytes + UMB__HEAD_BLOCKS);
+    const uint64_t pages = head->page_count, wanted = head->encoding == UMB_ENCODING_PACKED
+                                                          ? umb__block_count(head->page_count)
+                                                          : head->directory_count;
+    if (head->encoding == UMB_ENCODING_MAPPED ? pages != 0 || head->blocks_offset != 0
+                                              : wanted != head->directory_count) {
+        return umb_fail(error, UMB_E_CORRUPT, "pages: %llu do not fit %u directory entries",
+                        (unsigned long long)pages, head->directory_count);
+    }
+    const uint64_t first = head->head_length + umb__block_bytes(head->page_count, 0);
+    const uint64_t others = umb__other_blocks_bytes(head->page_count);
+    const bool fits = first <= head->file_length && others <= head->file_length - first;
+    const bool placed = others == 0 ? head->blocks_offset == 0
+                                    : head->blocks_offset >= first &&
+                                          head->blocks_offset <= head->file_length - others;
+    return fits && placed ? UMB_OK
+                          : umb_fail(error, UMB_E_CORRUPT,
+                                     "directory: the blocks of %llu pages do not fit the file",
+                                     (unsigned long long)pages);
 }
 
 /* front: the bytes may be the front of the file only. */
@@ -98,7 +125,7 @@ static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, bool fro
         return umb_fail(error, UMB_E_TRUNCATED, "head: %llu bytes, the file has %zu",
                         (unsigned long long)head->head_length, size);
     }
-    return UMB_OK;
+    return parse_blocks(bytes, head, error);
 }
 
 static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, struct umb__head *head,
@@ -117,7 +144,7 @@ static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, stru
         return umb_fail(error, UMB_E_CORRUPT, "head: checksum does not match");
     }
     static const uint8_t zeros[UMB__HEAD_CHECK - UMB__HEAD_ZERO];
-    if (umb__load32(bytes + UMB__HEAD_FLAGS) != 0 ||
+    if (umb__load32(bytes + UMB__HEAD_FLAGS) != 0 || umb__load32(bytes + UMB__HEAD_ZERO_1) != 0 ||
         memcmp(bytes + UMB__HEAD_ZERO, zeros, sizeof zeros) != 0) {
         return umb_fail(error, UMB_E_VERSION, "head: reserved fields are used by a newer writer");
     }
@@ -125,6 +152,10 @@ static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, stru
     head->canonical = bytes + UMB__HEAD_SIZE;
     head->directory = head->canonical + head->canonical_length;
     head->info = head->directory + (size_t)head->directory_count * entry_size_of(head->encoding);
+    if (!front && head->page_count > 0) {
+        head->entries[0] = bytes + head->head_length;
+        head->entries[1] = bytes + head->blocks_offset;
+    }
     return UMB_OK;
 }
 
@@ -140,11 +171,11 @@ enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size, struct 
     return parse(bytes, size, true, head, error);
 }
 
-enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *head_length,
+enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *front_length,
                                   struct umb_error *error)
 {
     struct umb__head head = {0};
-    *head_length = 0;
+    *front_length = 0;
     enum umb_status status = parse_magic(bytes, size, &head, error);
     if (status == UMB_OK) {
         status = parse_lengths(bytes, size, true, &head, error);
@@ -153,7 +184,10 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *h
         }
     }
     if (status == UMB_OK) {
-        *head_length = head.head_length;
+        *front_length = head.head_length;
+        if (head.encoding == UMB_ENCODING_PACKED) {
+            *front_length += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
+        }
     }
     return status;
 }
@@ -169,6 +203,8 @@ void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *b
     umb__store64(bytes + UMB__HEAD_CANONICAL_LENGTH, head->canonical_length);
     umb__store32(bytes + UMB__HEAD_DIRECTORY_COUNT, head->directory_count);
     umb__store32(bytes + UMB__HEAD_INFO_LENGTH, head->info_length);
+    umb__store32(bytes + UMB__HEAD_PAGES, head->page_count);
+    umb__store64(bytes + UMB__HEAD_BLOCKS, head->blocks_offset);
     memcpy(bytes + UMB__HEAD_ID, head->id, UMB_ID_BYTES);
     uint8_t *at = bytes + UMB__HEAD_SIZE;
     memcpy(at, head->canonical, (size_t)head->canonical_length);

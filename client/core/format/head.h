@@ -11,8 +11,12 @@ struct umb__head {
     uint64_t head_length;
     const uint8_t *canonical;
     uint64_t canonical_length;
-    const uint8_t *directory;
+    const uint8_t *directory; /* a table of blocks (packed) or sections (mapped) */
     uint32_t directory_count;
+    uint32_t page_count;       /* packed; else 0 */
+    uint64_t blocks_offset;    /* of the second block of page entries; 0: one or none */
+    const uint8_t *entries[2]; /* page entries: the first block, and all others one behind the
+                                  other. NULL from umb__head_parse_front */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];
@@ -25,13 +29,15 @@ struct umb__head {
 UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
                                             struct umb__head *head, struct umb_error *error);
 
-/* The same for the front of a file: at least its head, maybe nothing behind it. */
+/* The same for the front of a file: at least its head, maybe nothing behind it. Entries of pages
+ * are not looked for. */
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* How long the head is, from the first 128 bytes or more. Fails: as umb__head_parse. */
+/* How long the head is, with the first block of a packed file's directory, from the first 128 bytes
+ * or more. Fails: as umb__head_parse. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
-                                              uint64_t *head_length, struct umb_error *error);
+                                              uint64_t *front_length, struct umb_error *error);
 
 /*
  * Lays out a head of known parts and seals it with its checksum. `bytes` must hold

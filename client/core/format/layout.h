@@ -4,7 +4,9 @@
 /*
  * Offsets and numbers of the file formats; docs/umb-format.md is the normative text.
  *
- * Both files begin with a head, contiguous and checked by one XXH3-64:
+ * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file stretches
+ * of UMB__BLOCK_PAGES pages have a block of entries each; the head has a table of these blocks, the
+ * first block follows the head, the others follow the first block's pages.
  *
  *   OFFSET  SIZE  FIELD (head)
  *   0       8     magic
@@ -14,10 +16,14 @@
  *   16      8     file length
  *   24      8     head length: this table, canonical block, directory, info
  *   32      8     canonical block length (starts at 128)
- *   40      4     directory entries (the directory follows the canonical block)
+ *   40      4     directory entries (the directory follows the canonical block): blocks of a
+ *                 packed file, sections of a mapped one
  *   44      4     info length (follows the directory)
- *   48      32    id: SHA-256(canonical block, page hashes)
- *   80      40    zero
+ *   48      32    id: SHA-256(canonical block, block hashes)
+ *   80      4     pages (packed), else 0
+ *   84      4     zero
+ *   88      8     where the second block begins, if there is one, else 0
+ *   96      24    zero
  *   120     8     XXH3-64 of head bytes [0,120) and [128, head length)
  */
 #include <stdint.h>
@@ -25,10 +31,10 @@
 #define UMB__MAGIC_PACKED    "\x89UMB\r\n\x1a\n"
 #define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
 #define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
-#define UMB__VERSION_PACKED  1U /* major versions; the minor one is 0 */
+#define UMB__VERSION_PACKED  2U /* major versions; the minor one is 0. 1: one list of pages */
 #define UMB__VERSION_MAPPED  2U /* 1: nodes of any length, one behind the other */
 #define UMB__VERSION_MINOR   0U
-#define UMB__VERSION_PARTIAL 1U
+#define UMB__VERSION_PARTIAL 2U
 
 enum {
     UMB__HEAD_VERSION = 8,
@@ -40,12 +46,23 @@ enum {
     UMB__HEAD_DIRECTORY_COUNT = 40,
     UMB__HEAD_INFO_LENGTH = 44,
     UMB__HEAD_ID = 48,
-    UMB__HEAD_ZERO = 80,
+    UMB__HEAD_PAGES = 80,
+    UMB__HEAD_ZERO_1 = 84,
+    UMB__HEAD_BLOCKS = 88, /* where the second and all further blocks begin */
+    UMB__HEAD_ZERO = 96,
     UMB__HEAD_CHECK = 120,
     UMB__HEAD_SIZE = 128,
 };
 
-/* Directory entry of a packed file: one page. */
+/* Directory entry of a packed file: one block of page entries. */
+enum {
+    UMB__BLOCK_CHECK = 0, /* u64, XXH3-64 of the block's bytes */
+    UMB__BLOCK_HASH = 8,  /* SHA-256 of the SHA-256s of its pages */
+    UMB__BLOCK_ENTRY = 40,
+    UMB__BLOCK_PAGES = 64, /* the last block may have fewer */
+};
+
+/* Page entry in such a block. */
 enum {
     UMB__PAGE_OFFSET = 0,        /* u64, from the start of the file */
     UMB__PAGE_STORED_LENGTH = 8, /* u32, zstd frame */

@@ -71,7 +71,7 @@ static enum umb_status parse_one(struct reader *r, const struct umb__page_entry 
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
-    uint32_t count = r->head->directory_count;
+    uint32_t count = r->head->page_count;
     r->zstd = ZSTD_createDCtx();
     r->raw = umb__alloc(r->alloc, (size_t)raw_total, 1);
     r->pages = umb__alloc(r->alloc, count, sizeof *r->pages);
@@ -111,7 +111,7 @@ static enum umb_status allocate_octree(const struct reader *r, const uint64_t *t
     for (size_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
         struct umb_octree_level *level = &octree->level[l];
         uint64_t references = 0;
-        for (uint32_t page = 0; page < r->head->directory_count; page++) {
+        for (uint32_t page = 0; page < r->head->page_count; page++) {
             references += r->pages[page].reference_count[l];
         }
         if (references >= UINT32_MAX) {
@@ -133,7 +133,7 @@ static enum umb_status allocate_octree(const struct reader *r, const uint64_t *t
 static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
                                uint32_t position, uint32_t *number)
 {
-    if (page >= r->head->directory_count || position >= r->pages[page].node_count[level]) {
+    if (page >= r->head->page_count || position >= r->pages[page].node_count[level]) {
         return umb_fail(r->error, UMB_E_CORRUPT, "node %u of level %u in page %u: not there",
                         position, level, page);
     }
@@ -183,7 +183,7 @@ static void fill_bricks(const struct reader *r, uint32_t p, uint64_t (*bricks)[8
 static enum umb_status fill_octree(const struct reader *r, const struct umb__canonical *canonical,
                                    struct umb_octree *octree)
 {
-    for (uint32_t p = 0; p < r->head->directory_count; p++) {
+    for (uint32_t p = 0; p < r->head->page_count; p++) {
         for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
             enum umb_status status = fill_nodes(r, p, l, &octree->level[l]);
             if (status != UMB_OK) {
@@ -246,7 +246,7 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
         status = umb__directory_check(head, &raw_total, error);
     }
     if (status == UMB_OK) {
-        uint64_t peak = peak_bytes(canonical, head->directory_count, raw_total);
+        uint64_t peak = peak_bytes(canonical, head->page_count, raw_total);
         if (peak > max_memory_bytes) {
             status = umb_fail(error, UMB_E_TOO_LARGE,
                               "asset: expanding takes up to %llu bytes, the limit is %llu",
@@ -302,12 +302,15 @@ static enum umb_status prove_page(ZSTD_DCtx *zstd, const uint8_t *file,
                           page);
 }
 
-enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
+enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head, int check_pages,
                                  const struct umb_sha256 *sha256, struct umb_error *error)
 {
     uint64_t raw_total;
     enum umb_status status = umb__directory_check(head, &raw_total, error);
-    if (status != UMB_OK) {
+    for (uint32_t block = 0; status == UMB_OK && block < head->directory_count; block++) {
+        status = umb__block_prove(head, block, umb__block_view(head, block), sha256, error);
+    }
+    if (status != UMB_OK || !check_pages) {
         return status;
     }
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
@@ -315,7 +318,7 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
     if (!zstd || !raw) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
-    for (uint32_t page = 0; page < head->directory_count && status == UMB_OK; page++) {
+    for (uint32_t page = 0; page < head->page_count && status == UMB_OK; page++) {
         status = prove_page(zstd, file, head, page, raw, sha256, error);
     }
     ZSTD_freeDCtx(zstd);

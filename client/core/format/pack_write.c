@@ -21,7 +21,9 @@
 
 /* Level 6 saves 3 % more bytes and takes twice the time (docs/performance.md). Outside the
  * identity, so it may change. */
-enum { ZSTD_LEVEL = 4 };
+enum {
+    ZSTD_LEVEL = 4
+};
 
 /* What one worker has to itself. */
 struct page_worker {
@@ -41,8 +43,9 @@ struct writer {
     struct umb__pack_order order;
     struct page_worker *workers;
     unsigned worker_count;
-    uint8_t **stored; /* [page_count] compressed pages; lengths are in the directory */
-    uint8_t *directory;
+    uint8_t **stored; /* [page_count] compressed pages; lengths are in the entries */
+    uint8_t *entries; /* [page_count * UMB__PAGE_ENTRY] */
+    uint8_t *blocks;  /* [block count * UMB__BLOCK_ENTRY] */
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -87,7 +90,7 @@ static enum umb_status write_page(const struct writer *w, struct page_worker *wo
     if (status != UMB_OK) {
         return status;
     }
-    uint8_t *entry = w->directory + (size_t)page * UMB__PAGE_ENTRY;
+    uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
     umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
     umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(w->stored[page], length));
@@ -116,8 +119,9 @@ static enum umb_status write_pages(struct writer *w, const struct umb_workers *w
     w->worker_count = workers ? workers->count : 1;
     w->workers = umb__alloc_zeroed(w->alloc, w->worker_count, sizeof *w->workers);
     w->stored = umb__alloc_zeroed(w->alloc, count, sizeof *w->stored);
-    w->directory = umb__alloc_zeroed(w->alloc, count, UMB__PAGE_ENTRY);
-    if (!w->workers || !w->stored || !w->directory) {
+    w->entries = umb__alloc_zeroed(w->alloc, count, UMB__PAGE_ENTRY);
+    w->blocks = umb__alloc_zeroed(w->alloc, umb__block_count(count), UMB__BLOCK_ENTRY);
+    if (!w->workers || !w->stored || !w->entries || !w->blocks) {
         return no_memory(w->error);
     }
     for (unsigned i = 0; i < w->worker_count; i++) {
@@ -153,7 +157,8 @@ static void writer_finish(struct writer *w)
     }
     umb__free(w->alloc, w->workers);
     umb__free(w->alloc, (void *)w->stored);
-    umb__free(w->alloc, w->directory);
+    umb__free(w->alloc, w->entries);
+    umb__free(w->alloc, w->blocks);
     umb__pack_order_finish(&w->order);
 }
 
@@ -175,9 +180,51 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
             canonical.roots[i].position = w->order.position_of[root->level][root->index];
         }
     }
-    enum umb_status status =
-        umb__canonical_encode(&canonical, w->alloc, bytes, length, w->error);
+    enum umb_status status = umb__canonical_encode(&canonical, w->alloc, bytes, length, w->error);
     umb__free(w->alloc, canonical.roots);
+    return status;
+}
+
+/* Where pages and blocks stand, and the blocks' checks and hashes. False: no digest. */
+static bool lay_out(struct writer *w, struct umb__head *head)
+{
+    const uint32_t count = w->order.page_count;
+    head->file_length = head->head_length + umb__block_bytes(count, 0);
+    for (uint32_t page = 0; page < count; page++) {
+        uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
+        if (page == UMB__BLOCK_PAGES) {
+            head->blocks_offset = head->file_length;
+            head->file_length += umb__other_blocks_bytes(count);
+        }
+        umb__store64(entry + UMB__PAGE_OFFSET, head->file_length);
+        head->file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
+    }
+    bool sealed = true;
+    for (uint32_t block = 0; block < head->directory_count; block++) {
+        sealed = umb__block_seal(w->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY,
+                                 umb__block_bytes(count, block), w->sha256,
+                                 w->blocks + (size_t)block * UMB__BLOCK_ENTRY) &&
+                 sealed;
+    }
+    return sealed;
+}
+
+/* All but the head. */
+static enum umb_status write_blocks_and_pages(const struct writer *w, const struct umb_sink *sink)
+{
+    const uint32_t count = w->order.page_count;
+    const size_t first = umb__block_bytes(count, 0);
+    enum umb_status status = sink->write(sink->user, w->entries, first);
+    for (uint32_t page = 0; page < count && status == UMB_OK; page++) {
+        const uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
+        if (page == UMB__BLOCK_PAGES) {
+            status = sink->write(sink->user, entry, (size_t)umb__other_blocks_bytes(count));
+        }
+        if (status == UMB_OK) {
+            status = sink->write(sink->user, w->stored[page],
+                                 umb__load32(entry + UMB__PAGE_STORED_LENGTH));
+        }
+    }
     return status;
 }
 
@@ -190,33 +237,26 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
         .encoding = UMB_ENCODING_PACKED,
         .canonical = canonical,
         .canonical_length = canonical_length,
-        .directory = w->directory,
-        .directory_count = w->order.page_count,
+        .directory = w->blocks,
+        .directory_count = umb__block_count(w->order.page_count),
+        .page_count = w->order.page_count,
         .info = (const uint8_t *)content->notes,
         .info_length = (uint32_t)info_length,
     };
-    head.head_length = umb__head_length(canonical_length, head.directory_count, UMB__PAGE_ENTRY,
+    head.head_length = umb__head_length(canonical_length, head.directory_count, UMB__BLOCK_ENTRY,
                                         head.info_length);
-    head.file_length = head.head_length;
-    for (size_t page = 0; page < w->order.page_count; page++) {
-        uint8_t *entry = w->directory + page * UMB__PAGE_ENTRY;
-        umb__store64(entry + UMB__PAGE_OFFSET, head.file_length);
-        head.file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
-    }
-    if (!umb__directory_identify(&head, w->sha256, w->alloc, head.id)) {
+    if (!lay_out(w, &head) || !umb__directory_identify(&head, w->sha256, w->alloc, head.id)) {
         return no_memory(w->error);
     }
     uint8_t *bytes = umb__alloc(w->alloc, (size_t)head.head_length, 1);
     if (!bytes) {
         return no_memory(w->error);
     }
-    umb__head_write(&head, UMB__PAGE_ENTRY, bytes);
+    umb__head_write(&head, UMB__BLOCK_ENTRY, bytes);
     enum umb_status status = sink->write(sink->user, bytes, (size_t)head.head_length);
     umb__free(w->alloc, bytes);
-    for (size_t page = 0; page < w->order.page_count && status == UMB_OK; page++) {
-        const uint8_t *entry = w->directory + page * UMB__PAGE_ENTRY;
-        status = sink->write(sink->user, w->stored[page],
-                             umb__load32(entry + UMB__PAGE_STORED_LENGTH));
+    if (status == UMB_OK) {
+        status = write_blocks_and_pages(w, sink);
     }
     if (status != UMB_OK) {
         return umb_fail(w->error, status, "packing: %llu bytes of output: %s",
@@ -230,8 +270,7 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
 static enum umb_status check_content(const struct umb_content *content, struct umb_error *error)
 {
     size_t length = content->notes ? strlen(content->notes) : 0;
-    if (length > UMB__INFO_MAX ||
-        !umb__utf8_valid((const uint8_t *)content->notes, length)) {
+    if (length > UMB__INFO_MAX || !umb__utf8_valid((const uint8_t *)content->notes, length)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "notes: %zu bytes, must be UTF-8 text of at most %u bytes", length,
                         UMB__INFO_MAX);
@@ -323,5 +362,5 @@ enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
     if (memcmp(id, head.id, sizeof id) != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "id: does not match the canonical block and hashes");
     }
-    return check_pages ? umb__pages_prove(bytes, &head, sha256, error) : UMB_OK;
+    return umb__pages_prove(bytes, &head, check_pages, sha256, error);
 }

@@ -47,12 +47,30 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
         return umb_fail(error, UMB_E_CORRUPT, "id: the head is that of another asset");
     }
     if (!umb__directory_identify(&p->head, p->sha256, &p->alloc, id)) {
-        return no_memory(error, "the hash list");
+        return no_memory(error, "the block hashes");
     }
     if (memcmp(id, p->head.id, sizeof id) != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "id: does not match the canonical block and hashes");
     }
     return UMB_OK;
+}
+
+/* Room for all entries; the first block is taken if the front has it whole. */
+static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
+                                       struct umb_error *error)
+{
+    p->entries = umb__alloc_zeroed(&p->alloc, p->head.page_count, UMB__PAGE_ENTRY);
+    p->blocks = umb__alloc_zeroed(&p->alloc, p->head.directory_count, sizeof *p->blocks);
+    if (!p->entries || !p->blocks) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "directory: %u pages, the budget is %llu bytes",
+                        p->head.page_count, (unsigned long long)p->meter.limit);
+    }
+    p->head.entries[0] = p->entries;
+    p->head.entries[1] = p->entries + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
+    const uint32_t first = umb__block_bytes(p->head.page_count, 0);
+    return p->head.page_count > 0 && size - p->head.head_length >= first
+               ? umb_partial_add_block(p, 0, front + p->head.head_length, first, error)
+               : UMB_OK;
 }
 
 /* The pages that roots stand in; notes what must be in them. */
@@ -64,7 +82,7 @@ static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error
         if (root->state != UMB_NODE_MIXED) {
             continue;
         }
-        if (root->page >= p->head.directory_count || root->position == UINT32_MAX) {
+        if (root->page >= p->head.page_count || root->position == UINT32_MAX) {
             return umb_fail(error, UMB_E_CORRUPT, "root %u: page %u is not there", i, root->page);
         }
         struct umb__links *links = umb__partial_links(p, root->page);
@@ -82,7 +100,6 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
                                   const uint8_t *id, struct umb_error *error)
 {
     struct umb__head head;
-    uint64_t raw_total;
     enum umb_status status = umb__head_parse_front(front, size, &head, error);
     if (status != UMB_OK) {
         return status;
@@ -98,9 +115,6 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
     memcpy(p->head_bytes, front, (size_t)head.head_length);
     status = umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error);
     if (status == UMB_OK) {
-        status = umb__directory_check(&p->head, &raw_total, error);
-    }
-    if (status == UMB_OK) {
         status = check_id(p, id, error);
     }
     if (status == UMB_OK) {
@@ -111,11 +125,12 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
         return status;
     }
     p->zstd = ZSTD_createDCtx();
-    p->pages = umb__alloc_zeroed(&p->alloc, p->head.directory_count, sizeof *p->pages);
+    p->pages = umb__alloc_zeroed(&p->alloc, p->head.page_count, sizeof *p->pages);
     if (!p->zstd || !p->pages) {
         return no_memory(error, "the list of pages");
     }
-    return link_roots(p, error);
+    status = link_roots(p, error);
+    return status == UMB_OK ? prepare_entries(p, front, size, error) : status;
 }
 
 enum umb_status umb_partial_open(const void *front, size_t size,
@@ -147,11 +162,13 @@ void umb_partial_close(struct umb_partial *p)
         return;
     }
     umb__partial_unbuild(p);
-    for (uint32_t page = 0; p->pages && page < p->head.directory_count; page++) {
+    for (uint32_t page = 0; p->pages && page < p->head.page_count; page++) {
         umb__free(&p->alloc, p->pages[page].stored);
         umb__free(&p->alloc, p->pages[page].links);
     }
     umb__free(&p->alloc, p->pages);
+    umb__free(&p->alloc, p->entries);
+    umb__free(&p->alloc, p->blocks);
     umb__canonical_finish(&p->canonical, &p->alloc);
     umb__free(&p->alloc, p->head_bytes);
     ZSTD_freeDCtx(p->zstd);
@@ -185,12 +202,12 @@ static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uin
 {
     const struct link_check *c = user;
     const struct umb_partial *p = c->p;
-    bool there = page < p->head.directory_count && position < p->canonical.counts[level - 1];
+    bool there = page < p->head.page_count && position < p->canonical.counts[level - 1];
     if (there && page == c->number) {
         there = position < c->page->node_count[level - 1];
     } else if (there && p->pages[page].stored) {
         there = position < p->pages[page].links->count[level - 1];
-    } else if (there) {
+    } else if (there && umb__partial_knows(p, page)) {
         const struct umb__page_entry entry = umb__directory_load(&p->head, page);
         there = position < entry.records && level - 1 <= entry.level_high &&
                 level - 1 >= entry.level_low;
@@ -294,9 +311,13 @@ static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry
 enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void *stored,
                                 size_t size, struct umb_error *error)
 {
-    if (page >= p->head.directory_count) {
+    if (page >= p->head.page_count) {
         return umb_fail(error, UMB_E_ARGUMENT, "page: %u, the asset has %u", page,
-                        p->head.directory_count);
+                        p->head.page_count);
+    }
+    if (!umb__partial_knows(p, page)) {
+        return umb_fail(error, UMB_E_STATE, "page %u of the file: block %u of the directory first",
+                        page, page / UMB__BLOCK_PAGES);
     }
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
     if (p->pages[page].stored) {
@@ -338,7 +359,7 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
 
 void umb_partial_drop(struct umb_partial *p, uint32_t page)
 {
-    struct umb__held *held = page < p->head.directory_count ? &p->pages[page] : NULL;
+    struct umb__held *held = page < p->head.page_count ? &p->pages[page] : NULL;
     if (!held || !held->stored) {
         return;
     }
@@ -351,22 +372,56 @@ void umb_partial_drop(struct umb_partial *p, uint32_t page)
     held->stored = NULL;
 }
 
+enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, const void *bytes,
+                                      size_t size, struct umb_error *error)
+{
+    if (block >= p->head.directory_count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "directory: block %u, the asset has %u", block,
+                        p->head.directory_count);
+    }
+    if (p->blocks[block]) {
+        return umb_fail(error, UMB_E_EXISTS, "directory: block %u is here already", block);
+    }
+    if (size != umb__block_bytes(p->head.page_count, block)) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: block %u: %zu bytes came, it has %u",
+                        block, size, umb__block_bytes(p->head.page_count, block));
+    }
+    enum umb_status status = umb__block_check(&p->head, block, bytes, NULL, error);
+    if (status == UMB_OK) {
+        status = umb__block_prove(&p->head, block, bytes, p->sha256, error);
+    }
+    if (status == UMB_OK) {
+        memcpy(p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY, bytes, size);
+        p->blocks[block] = true;
+        p->block_count++;
+    }
+    return status;
+}
+
 int umb_partial_has(const struct umb_partial *p, uint32_t page)
 {
-    return page < p->head.directory_count && p->pages[page].stored;
+    return page < p->head.page_count && p->pages[page].stored;
 }
 
 void umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
                         uint32_t *length)
 {
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
-    *offset = entry.offset;
-    *length = entry.stored_length;
+    const bool known = umb__partial_knows(p, page);
+    *offset = known ? entry.offset : 0;
+    *length = known ? entry.stored_length : 0;
+}
+
+void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint64_t *offset,
+                              uint32_t *length)
+{
+    *offset = umb__block_offset(&p->head, block);
+    *length = umb__block_bytes(p->head.page_count, block);
 }
 
 const uint8_t *umb_partial_stored(const struct umb_partial *p, uint32_t page)
 {
-    return page < p->head.directory_count ? p->pages[page].stored : NULL;
+    return page < p->head.page_count ? p->pages[page].stored : NULL;
 }
 
 const uint8_t *umb_partial_head(const struct umb_partial *p)
@@ -387,11 +442,13 @@ const struct umb_asset *umb_partial_upper(const struct umb_partial *p)
 void umb_partial_get_stats(const struct umb_partial *p, struct umb_partial_stats *stats)
 {
     *stats = (struct umb_partial_stats){
-        .page_count = p->head.directory_count,
+        .page_count = p->head.page_count,
         .pages_held = p->held_count,
         .asset_bytes = p->head.file_length,
         .head_bytes = p->head.head_length,
         .held_bytes = p->held_bytes,
+        .block_count = p->head.directory_count,
+        .blocks_held = p->block_count,
         .memory_bytes = p->meter.used,
         .memory_peak_bytes = p->meter.peak,
         .pages_dropped = p->dropped,

@@ -58,7 +58,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
     if (!p->order) {
         return UMB_E_NO_MEMORY;
     }
-    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
         struct umb__links *links = p->pages[page].links;
         if (!p->pages[page].stored) {
             continue;
@@ -307,7 +307,7 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
 uint32_t umb__partial_worst(const struct umb_partial *p)
 {
     uint32_t worst = UINT32_MAX;
-    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
         if (p->pages[page].stored &&
             (worst == UINT32_MAX || p->pages[page].benefit <= p->pages[worst].benefit)) {
             worst = page;

@@ -35,11 +35,14 @@ struct umb_partial {
     struct umb__meter meter;
     struct umb_alloc alloc; /* through the meter */
     const struct umb_sha256 *sha256;
-    void *zstd;          /* ZSTD_DCtx */
-    uint8_t *head_bytes; /* [head.head_length] */
+    void *zstd;           /* ZSTD_DCtx */
+    uint8_t *head_bytes;  /* [head.head_length] */
+    uint8_t *entries;     /* [head.page_count * UMB__PAGE_ENTRY]; head.entries lead there */
+    bool *blocks;         /* [head.directory_count] which blocks of entries are here */
+    uint32_t block_count; /* of those */
     struct umb__head head;
     struct umb__canonical canonical;
-    struct umb__held *pages;      /* [head.directory_count] */
+    struct umb__held *pages;      /* [head.page_count] */
     uint64_t totals[UMB__LEVELS]; /* nodes of the pages here */
     uint32_t held_count;
     uint64_t held_bytes;
@@ -57,6 +60,12 @@ struct umb_partial {
 /* Sets the meter up; its address must stay. */
 void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
                      struct umb_alloc *alloc);
+
+/* True if the block of a page's entry is here: umb__directory_load may be asked. */
+static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page)
+{
+    return p->blocks[page / UMB__BLOCK_PAGES];
+}
 
 /* A page's links, made if need be; NULL: out of memory. */
 struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);

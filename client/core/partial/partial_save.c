@@ -11,36 +11,58 @@
 /* The fixed part. */
 enum {
     VERSION = 8,
-    COUNT = 12,
+    PAGES = 12,
     HEAD_LENGTH = 16,
-    CHECK = 24, /* XXH3-64 of what follows the fixed part up to the pages: head and numbers */
-    FIXED = 32,
+    CHECK = 24, /* XXH3-64 of what stands from BLOCKS up to the blocks: counts, head, numbers */
+    BLOCKS = 32,
+    FIXED = 40,
 };
 
-enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_sink *sink,
-                                 struct umb_error *error)
+/* Numbers of the pages and blocks here, in that order. */
+static void write_numbers(const struct umb_partial *p, uint8_t *at)
 {
-    const size_t head = (size_t)p->head.head_length, numbers = 4 * (size_t)p->held_count;
-    uint8_t *bytes = umb__alloc(p->meter.inner, FIXED + head + numbers, 1);
-    if (!bytes) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory for the file's head");
-    }
-    memcpy(bytes, UMB__MAGIC_PARTIAL, 8);
-    umb__store32(bytes + VERSION, UMB__VERSION_PARTIAL);
-    umb__store32(bytes + COUNT, p->held_count);
-    umb__store64(bytes + HEAD_LENGTH, head);
-    memcpy(bytes + FIXED, p->head_bytes, head);
-    uint8_t *at = bytes + FIXED + head;
-    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
         if (p->pages[page].stored) {
             umb__store32(at, page);
             at += 4;
         }
     }
-    umb__store64(bytes + CHECK, XXH3_64bits(bytes + FIXED, head + numbers));
+    for (uint32_t block = 0; block < p->head.directory_count; block++) {
+        if (p->blocks[block]) {
+            umb__store32(at, block);
+            at += 4;
+        }
+    }
+}
+
+enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_sink *sink,
+                                 struct umb_error *error)
+{
+    const size_t head = (size_t)p->head.head_length;
+    const size_t numbers = 4 * ((size_t)p->held_count + p->block_count);
+    uint8_t *bytes = umb__alloc(p->meter.inner, FIXED + head + numbers, 1);
+    if (!bytes) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory for the file's head");
+    }
+    memset(bytes, 0, FIXED);
+    memcpy(bytes, UMB__MAGIC_PARTIAL, 8);
+    umb__store32(bytes + VERSION, UMB__VERSION_PARTIAL);
+    umb__store32(bytes + PAGES, p->held_count);
+    umb__store64(bytes + HEAD_LENGTH, head);
+    umb__store32(bytes + BLOCKS, p->block_count);
+    memcpy(bytes + FIXED, p->head_bytes, head);
+    write_numbers(p, bytes + FIXED + head);
+    umb__store64(bytes + CHECK, XXH3_64bits(bytes + BLOCKS, FIXED - BLOCKS + head + numbers));
     enum umb_status status = sink->write(sink->user, bytes, FIXED + head + numbers);
     umb__free(p->meter.inner, bytes);
-    for (uint32_t page = 0; page < p->head.directory_count && status == UMB_OK; page++) {
+    for (uint32_t block = 0; block < p->head.directory_count && status == UMB_OK; block++) {
+        if (p->blocks[block]) {
+            status = sink->write(sink->user,
+                                 p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY,
+                                 umb__block_bytes(p->head.page_count, block));
+        }
+    }
+    for (uint32_t page = 0; page < p->head.page_count && status == UMB_OK; page++) {
         if (p->pages[page].stored) {
             status = sink->write(sink->user, p->pages[page].stored,
                                  umb__directory_load(&p->head, page).stored_length);
@@ -51,40 +73,68 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
                : umb_fail(error, status, "partial asset: output: %s", umb_status_text(status));
 }
 
-/* Adds the pages of a file; beyond the memory budget the rest stays missing. */
-static enum umb_status add_pages(struct umb_partial *p, const uint8_t *numbers, uint32_t count,
-                                 const uint8_t *at, const uint8_t *end, struct umb_error *error)
+/* A partial file taken apart. */
+struct saved {
+    const uint8_t *head, *page_numbers, *block_numbers;
+    uint64_t head_length;
+    uint32_t pages, blocks;
+    const uint8_t *at, *end; /* what is left: blocks, then pages */
+};
+
+static enum umb_status add_blocks(struct umb_partial *p, struct saved *s, struct umb_error *error)
 {
-    for (uint32_t i = 0; i < count; i++) {
-        const uint32_t page = umb__load32(numbers + 4 * (size_t)i);
-        const uint8_t *stored;
-        if (page >= p->head.directory_count) {
-            return umb_fail(error, UMB_E_CORRUPT, "partial file: page %u, the asset has %u", page,
+    for (uint32_t i = 0; i < s->blocks; i++) {
+        const uint32_t block = umb__load32(s->block_numbers + 4 * (size_t)i);
+        const uint8_t *bytes;
+        if (block >= p->head.directory_count) {
+            return umb_fail(error, UMB_E_CORRUPT, "partial file: block %u, the asset has %u", block,
                             p->head.directory_count);
         }
+        const uint32_t length = umb__block_bytes(p->head.page_count, block);
+        if (!umb__take(&s->at, s->end, length, 1, &bytes)) {
+            return umb_fail(error, UMB_E_TRUNCATED, "partial file: block %u is cut", block);
+        }
+        enum umb_status status = umb_partial_add_block(p, block, bytes, length, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return UMB_OK;
+}
+
+/* Adds the pages of a file; beyond the memory budget the rest stays missing. */
+static enum umb_status add_pages(struct umb_partial *p, struct saved *s, struct umb_error *error)
+{
+    for (uint32_t i = 0; i < s->pages; i++) {
+        const uint32_t page = umb__load32(s->page_numbers + 4 * (size_t)i);
+        const uint8_t *stored;
+        if (page >= p->head.page_count || !umb__partial_knows(p, page)) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "partial file: page %u, the asset has %u and the file must have the "
+                            "block of its entry",
+                            page, p->head.page_count);
+        }
         const uint32_t length = umb__directory_load(&p->head, page).stored_length;
-        if (!umb__take(&at, end, length, 1, &stored)) {
+        if (!umb__take(&s->at, s->end, length, 1, &stored)) {
             return umb_fail(error, UMB_E_TRUNCATED, "partial file: page %u is cut", page);
         }
         enum umb_status status = umb_partial_add(p, page, stored, length, error);
         if (status == UMB_E_NO_MEMORY) {
-            p->dropped += count - i;
+            p->dropped += s->pages - i;
             return UMB_OK;
         }
         if (status != UMB_OK) {
             return status;
         }
     }
-    return at == end ? UMB_OK
-                     : umb_fail(error, UMB_E_CORRUPT, "partial file: bytes follow the last page");
+    return s->at == s->end
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "partial file: bytes follow the last page");
 }
 
-enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
-                                       const struct umb_partial_options *options,
-                                       struct umb_partial **out, struct umb_error *error)
+static enum umb_status parse_saved(const uint8_t *file, size_t size, struct saved *s,
+                                   struct umb_error *error)
 {
-    const uint8_t *file = bytes, *at = file + FIXED, *end = file + size, *head, *numbers;
-    *out = NULL;
     if (size < 8 || memcmp(file, UMB__MAGIC_PARTIAL, 8) != 0) {
         return umb_fail(error, UMB_E_FORMAT, "magic: the file does not begin as a partial asset");
     }
@@ -95,22 +145,44 @@ enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
         return umb_fail(error, UMB_E_VERSION, "partial file: version %u, this reader knows %u",
                         umb__load32(file + VERSION), UMB__VERSION_PARTIAL);
     }
-    const uint32_t count = umb__load32(file + COUNT);
-    const uint64_t head_length = umb__load64(file + HEAD_LENGTH);
-    if (!umb__take(&at, end, head_length, 1, &head) || !umb__take(&at, end, count, 4, &numbers)) {
+    *s = (struct saved){.head_length = umb__load64(file + HEAD_LENGTH),
+                        .pages = umb__load32(file + PAGES),
+                        .blocks = umb__load32(file + BLOCKS),
+                        .at = file + FIXED,
+                        .end = file + size};
+    if (!umb__take(&s->at, s->end, s->head_length, 1, &s->head) ||
+        !umb__take(&s->at, s->end, s->pages, 4, &s->page_numbers) ||
+        !umb__take(&s->at, s->end, s->blocks, 4, &s->block_numbers)) {
         return umb_fail(error, UMB_E_TRUNCATED, "partial file: its head is cut");
     }
-    if (XXH3_64bits(file + FIXED, (size_t)(at - file) - FIXED) != umb__load64(file + CHECK)) {
+    if (XXH3_64bits(file + BLOCKS, (size_t)(s->at - file) - BLOCKS) != umb__load64(file + CHECK)) {
         return umb_fail(error, UMB_E_CORRUPT, "partial file: checksum does not match");
     }
+    return umb__load32(file + BLOCKS + 4) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_VERSION, "partial file: uses fields of a newer writer");
+}
+
+enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
+                                       const struct umb_partial_options *options,
+                                       struct umb_partial **out, struct umb_error *error)
+{
+    struct saved saved = {0};
     struct umb_partial *p;
-    enum umb_status status = umb_partial_open(head, (size_t)head_length, options, &p, error);
+    *out = NULL;
+    enum umb_status status = parse_saved(bytes, size, &saved, error);
+    if (status == UMB_OK) {
+        status = umb_partial_open(saved.head, (size_t)saved.head_length, options, &p, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
-    status = p->head.head_length == head_length
-                 ? add_pages(p, numbers, count, at, end, error)
+    status = p->head.head_length == saved.head_length
+                 ? add_blocks(p, &saved, error)
                  : umb_fail(error, UMB_E_CORRUPT, "partial file: its head is not that long");
+    if (status == UMB_OK) {
+        status = add_pages(p, &saved, error);
+    }
     if (status == UMB_OK) {
         status = umb_partial_build(p, error);
     }

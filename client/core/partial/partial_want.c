@@ -76,7 +76,7 @@ static void walk_cube(const struct walk *w, const struct cube *cube)
 
 static void forget(struct umb_partial *p)
 {
-    for (uint32_t page = 0; page < p->head.directory_count; page++) {
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
         p->pages[page].benefit = 0;
     }
 }
@@ -125,7 +125,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
 static double worth(const struct umb_partial *p, uint32_t page)
 {
     const struct umb__held *held = &p->pages[page];
-    return held->stored || !(held->benefit > 0)
+    return held->stored || !(held->benefit > 0) || !umb__partial_knows(p, page)
                ? 0
                : held->benefit / (umb__directory_load(&p->head, page).stored_length + 64.0);
 }
@@ -134,7 +134,7 @@ size_t umb_partial_missing(const struct umb_partial *p, uint32_t *list, size_t r
                            uint64_t budget_bytes)
 {
     size_t count = 0;
-    for (uint32_t page = 0; page < p->head.directory_count && room > 0; page++) {
+    for (uint32_t page = 0; page < p->head.page_count && room > 0; page++) {
         const double value = worth(p, page);
         if (!(value > 0) || (count == room && !(value > worth(p, list[count - 1])))) {
             continue;
@@ -158,6 +158,22 @@ size_t umb_partial_missing(const struct umb_partial *p, uint32_t *list, size_t r
         bytes += umb__directory_load(&p->head, list[i]).stored_length;
         if (bytes > budget_bytes) {
             return i;
+        }
+    }
+    return count;
+}
+
+size_t umb_partial_missing_blocks(const struct umb_partial *p, int all, uint32_t *list, size_t room)
+{
+    size_t count = 0;
+    for (uint32_t block = 0; block < p->head.directory_count && count < room; block++) {
+        const uint32_t first = block * UMB__BLOCK_PAGES, rest = p->head.page_count - first;
+        bool wanted = all != 0;
+        for (uint32_t i = 0; i < UMB__BLOCK_PAGES && i < rest && !wanted; i++) {
+            wanted = p->pages[first + i].benefit > 0;
+        }
+        if (wanted && !p->blocks[block]) {
+            list[count++] = block;
         }
     }
     return count;

@@ -71,22 +71,26 @@ struct umb_partial_stats {
     uint64_t memory_bytes, memory_peak_bytes; /* taken now and at most */
     uint64_t pages_dropped;                   /* by the budget, since open */
     uint64_t builds;
+    uint32_t block_count, blocks_held; /* of the directory; here */
 };
 
 /*
- * How long the head of a packed file is, from its first 128 bytes or more.
+ * How long the head of a packed file is, the first block of its directory included, from its first
+ * 128 bytes or more.
  * Fails: E_FORMAT, E_VERSION, E_TRUNCATED (under 128 bytes), E_CORRUPT.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_partial_head_length(const void *front, size_t size, uint64_t *length, struct umb_error *error);
 
 /*
- * Opens the front of a packed file: its head at least; what follows is not looked at.
+ * Opens the front of a packed file: its head at least. If the first block of the directory follows
+ * whole, it is taken too; what comes behind is not looked at.
  *
  * In:    front: uint8[size], copied. options: copied, but for what it borrows.
  * Out:   out: the partial asset without a page, or NULL.
  * Fails: as umb_asset_open_bytes; E_UNSUPPORTED (a mapped file), E_CORRUPT (not the id that was
- *        asked for, or not what its own id says).
+ *        asked for, or not what its own id says), E_TOO_LARGE (head or directory beyond the
+ *        budget).
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_open(const void *front, size_t size,
                                                      const struct umb_partial_options *options,
@@ -97,10 +101,34 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_open(const void *front, size_t s
 UMB_API void umb_partial_close(struct umb_partial *partial);
 
 /*
+ * Takes one block of the directory as it stands in the file: where some pages stand, and their
+ * hashes. A page can be added once its block is here.
+ *
+ * In:    bytes: uint8[size], copied.
+ * Fails: E_ARGUMENT (no such block), E_EXISTS (it is here), E_CORRUPT (length, checksum, SHA-256,
+ *        or pages that are not in the file), E_VERSION. The block is then not here.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_partial_add_block(struct umb_partial *partial,
+                                                          uint32_t block, const void *bytes,
+                                                          size_t size, struct umb_error *error);
+
+/* Where a block stands in the file. In: block: below block_count. */
+UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_t block,
+                                      uint64_t *offset, uint32_t *length);
+
+/*
+ * Lists blocks that are not here: those of pages that matter and are missing or, with `all`, every
+ * one. In the order of the file. Returns how many; at most room.
+ */
+UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
+                                          uint32_t *list, size_t room);
+
+/*
  * Takes one page as it stands in the file.
  *
  * In:    stored: uint8[size], copied.
- * Fails: E_ARGUMENT (no such page), E_EXISTS (it is here), E_CORRUPT (length, checksum, SHA-256,
+ * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is not here), E_EXISTS (it
+ *        is here), E_CORRUPT (length, checksum, SHA-256,
  *        structure, or links to or from pages that are here), E_VERSION, E_NO_MEMORY (beyond the
  *        budget, and no page here matters less: those are dropped first). The page is then not
  * here.
@@ -115,7 +143,8 @@ UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
 /* 1 if a page is here. */
 UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
 
-/* Where a page stands in the file. In: page: below page_count. */
+/* Where a page stands in the file; 0 and 0 if its block of the directory is not here. In: page:
+ * below page_count. */
 UMB_API void umb_partial_locate(const struct umb_partial *partial, uint32_t page, uint64_t *offset,
                                 uint32_t *length);
 
@@ -137,7 +166,8 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial
                                                      struct umb_error *error);
 
 /*
- * Lists missing pages that matter, the greatest benefit per stored byte first.
+ * Lists missing pages that matter and whose place is known, the greatest benefit per stored byte
+ * first.
  *
  * In:    room: of list. budget_bytes: stop before more stored bytes than this; 0 = no limit.
  * Out:   list: page numbers. Returns how many; 0: all that the view needs is here, or too large.

@@ -106,9 +106,10 @@ static inline void partial_points(struct partial_fixture *f)
     }
 }
 
-static inline void partial_fixture_open(struct partial_fixture *f, uint64_t budget)
+static inline void partial_fixture_open_size(struct partial_fixture *f, uint32_t log2_size,
+                                             uint64_t budget)
 {
-    const struct voxels voxels = {partial_scene, NULL, 8, 2};
+    const struct voxels voxels = {partial_scene, NULL, log2_size, 2};
     struct umb_octree octree;
     struct umb_content content;
     struct umb_error error = {0};
@@ -136,6 +137,11 @@ static inline void partial_fixture_open(struct partial_fixture *f, uint64_t budg
     f->points = calloc(PARTIAL_POINTS, 24);
     f->normals = calloc(PARTIAL_POINTS, 12);
     partial_points(f);
+}
+
+static inline void partial_fixture_open(struct partial_fixture *f, uint64_t budget)
+{
+    partial_fixture_open_size(f, 8, budget);
 }
 
 static inline void partial_fixture_close(struct partial_fixture *f)

@@ -19,6 +19,7 @@
 #include "format/asset_parts.h"
 #include "format/layout.h"
 #include "make_asset.h"
+#include "seal_asset.h"
 #include "umbrage/query.h"
 
 static const double origin[3] = {10, 20, 30};
@@ -35,16 +36,6 @@ static struct bytes bumpy_file(uint32_t log2_size)
 {
     struct voxels voxels = {bumpy, &log2_size, log2_size, 1};
     return make_packed(&voxels, 0.5, origin);
-}
-
-/* Makes the head's check right again. */
-static void seal(struct bytes *file)
-{
-    uint64_t length = umb__load64(file->data + UMB__HEAD_LENGTH);
-    uint8_t both[16];
-    umb__store64(both, XXH3_64bits(file->data, UMB__HEAD_CHECK));
-    umb__store64(both + 8, XXH3_64bits(file->data + UMB__HEAD_SIZE, length - UMB__HEAD_SIZE));
-    umb__store64(file->data + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
 }
 
 static enum umb_status open_status(const struct bytes *file, struct umb_error *error)
@@ -72,6 +63,12 @@ static size_t directory_at(const struct bytes *file)
     return UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
 }
 
+/* Of page 0, in the first block behind the head. */
+static size_t first_entry_at(const struct bytes *file)
+{
+    return (size_t)umb__load64(file->data + UMB__HEAD_LENGTH);
+}
+
 /* Changes one byte of a sealed file, tries it and puts the byte back. */
 static void expect_spoilt(struct bytes *file, size_t at, uint8_t value, enum umb_status wanted,
                           const char *words)
@@ -80,13 +77,13 @@ static void expect_spoilt(struct bytes *file, size_t at, uint8_t value, enum umb
     uint8_t before = file->data[at];
     assert_int_not_equal(before, value);
     file->data[at] = value;
-    seal(file);
+    seal_asset(file, false);
     assert_int_equal(open_status(file, &error), wanted);
     if (strstr(error.message, words) == NULL) {
         fail_msg("'%s' does not say '%s'", error.message, words);
     }
     file->data[at] = before;
-    seal(file);
+    seal_asset(file, false);
 }
 
 static void reserved_fields_are_a_newer_file(void **state)
@@ -103,7 +100,7 @@ static void reserved_fields_are_a_newer_file(void **state)
     expect_spoilt(&packed, frustum + 8, 2, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, frustum + 15, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, root + 12, 1, UMB_E_VERSION, "newer");
-    expect_spoilt(&packed, directory_at(&packed) + UMB__PAGE_ZERO, 1, UMB_E_VERSION, "newer");
+    expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_ZERO, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&mapped, directory_at(&mapped) + UMB__SECTION_ZERO, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, UMB__HEAD_ZERO + 7, 1, UMB_E_VERSION, "newer");
     assert_int_equal(open_status(&packed, &error), UMB_OK);
@@ -111,12 +108,33 @@ static void reserved_fields_are_a_newer_file(void **state)
     bytes_finish(&mapped);
 }
 
+static void a_directory_that_does_not_fit_its_file_is_refused(void **state)
+{
+    struct bytes packed = bumpy_file(6);
+    (void)state;
+    expect_spoilt(&packed, UMB__HEAD_PAGES + 1, 1, UMB_E_CORRUPT, "pages: 257");
+    expect_spoilt(&packed, UMB__HEAD_BLOCKS, 1, UMB_E_CORRUPT, "do not fit the file");
+    expect_spoilt(&packed, UMB__HEAD_BLOCKS + 7, 0xff, UMB_E_CORRUPT, "do not fit the file");
+    expect_spoilt(&packed, UMB__HEAD_ZERO_1, 1, UMB_E_VERSION, "newer");
+    expect_spoilt(&packed, first_entry_at(&packed), 1, UMB_E_CORRUPT, "block 0");
+    expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_STORED_LENGTH + 3, 1, UMB_E_CORRUPT,
+                  "page 0");
+    packed.data[first_entry_at(&packed) + UMB__PAGE_HASH] ^= 1; /* its check is not made again */
+    struct umb_error error;
+    assert_int_equal(open_status(&packed, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "checksum of block 0"));
+    packed.data[UMB__HEAD_VERSION] = 1;
+    assert_int_equal(open_status(&packed, &error), UMB_E_VERSION);
+    assert_non_null(strstr(error.message, "version: 1.0, this reader knows version 2"));
+    bytes_finish(&packed);
+}
+
 static void texts_that_are_not_utf8_are_refused(void **state)
 {
     struct bytes packed = bumpy_file(6);
     (void)state;
     size_t info = directory_at(&packed) +
-                  umb__load32(packed.data + UMB__HEAD_DIRECTORY_COUNT) * UMB__PAGE_ENTRY;
+                  umb__load32(packed.data + UMB__HEAD_DIRECTORY_COUNT) * UMB__BLOCK_ENTRY;
     size_t name = entry_at(&packed, UMB__TAG_LIGHTS) + 72;
     expect_spoilt(&packed, name, 0xff, UMB_E_CORRUPT, "lights[0].name");
     expect_spoilt(&packed, name + 20, 'x', UMB_E_CORRUPT, "not padded");
@@ -136,7 +154,7 @@ static void messages_about_hostile_bytes_are_plain_text(void **state)
     size_t entry = entry_at(&packed, UMB__TAG_PLAN) - UMB__ENTRY_HEAD;
     memcpy(packed.data + entry, "\x1b[2J", 4);
     packed.data[entry + 12] = 1;
-    seal(&packed);
+    seal_asset(&packed, false);
     assert_int_equal(open_status(&packed, &error), UMB_E_CORRUPT);
     assert_non_null(strstr(error.message, "[2J"));
     for (const char *p = error.message; *p != '\0'; p++) {
@@ -175,14 +193,15 @@ static void a_second_frame_behind_a_page_is_refused(void **state)
     (void)state;
     assert_int_equal(sink.write(&longer, packed.data, packed.size), UMB_OK);
     assert_int_equal(sink.write(&longer, frame, sizeof frame), UMB_OK);
-    uint32_t last = umb__load32(packed.data + UMB__HEAD_DIRECTORY_COUNT) - 1;
-    uint8_t *entry = longer.data + directory_at(&packed) + last * UMB__PAGE_ENTRY;
+    uint32_t last = umb__load32(packed.data + UMB__HEAD_PAGES) - 1;
+    assert_true(last < UMB__BLOCK_PAGES);
+    uint8_t *entry = longer.data + first_entry_at(&packed) + last * UMB__PAGE_ENTRY;
     uint32_t stored = umb__load32(entry + UMB__PAGE_STORED_LENGTH) + (uint32_t)sizeof frame;
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, stored);
     umb__store64(entry + UMB__PAGE_CHECK,
                  XXH3_64bits(longer.data + umb__load64(entry + UMB__PAGE_OFFSET), stored));
     umb__store64(longer.data + UMB__HEAD_FILE_LENGTH, longer.size);
-    seal(&longer);
+    seal_asset(&longer, false);
     assert_int_equal(open_status(&longer, &error), UMB_E_CORRUPT);
     assert_non_null(strstr(error.message, "one zstd frame"));
     assert_int_equal(umb_pack_prove(longer.data, longer.size, 1, &test_digest, NULL),
@@ -267,8 +286,9 @@ static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
     /* What another process can do to a mapped file: page 0 grows after it was looked at, just when
      * the memory for all pages is asked for. */
     struct bytes packed = bumpy_file(7);
-    size_t directory = directory_at(&packed), raw_total = 0;
-    uint32_t pages = umb__load32(packed.data + UMB__HEAD_DIRECTORY_COUNT);
+    size_t directory = first_entry_at(&packed), raw_total = 0;
+    uint32_t pages = umb__load32(packed.data + UMB__HEAD_PAGES);
+    assert_true(pages <= UMB__BLOCK_PAGES);
     for (uint32_t i = 0; i < pages; i++) {
         raw_total +=
             umb__load32(packed.data + directory + i * UMB__PAGE_ENTRY + UMB__PAGE_RAW_LENGTH);
@@ -421,6 +441,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(reserved_fields_are_a_newer_file),
+        cmocka_unit_test(a_directory_that_does_not_fit_its_file_is_refused),
         cmocka_unit_test(texts_that_are_not_utf8_are_refused),
         cmocka_unit_test(messages_about_hostile_bytes_are_plain_text),
         cmocka_unit_test(every_bit_of_a_mapped_file_counts),

@@ -29,6 +29,8 @@ enum {
     CHECK_AT = 120,
     BLOCK_AT = 128,
     ENTRY_SIZE = 64,
+    BLOCK_PAGES = 64,
+    BLOCK_ENTRY_SIZE = 40,
     POOL_BRICKS = 32, /* bricks that stand in many places, so that merging has work */
 };
 
@@ -147,25 +149,46 @@ static void reseal_check(struct bytes *file)
     put_number(file->data + CHECK_AT, XXH3_64bits(both, sizeof both));
 }
 
-/* The real hashes of all pages, the real id, and the check that covers them. */
+/* Where entries of pages begin: the first block follows the head, all others stand together. */
+static uint8_t *block_of(const struct bytes *file, uint32_t block)
+{
+    return file->data + (block == 0 ? number_at(file->data + 24, 8)
+                                    : number_at(file->data + 88, 8) +
+                                          (uint64_t)(block - 1) * BLOCK_PAGES * ENTRY_SIZE);
+}
+
+/* The real hash of a page, in its entry. */
+static void reseal_page(const struct bytes *file, uint8_t *entry)
+{
+    size_t stored = (size_t)number_at(entry + 8, 4), size = (size_t)number_at(entry + 12, 4);
+    uint8_t *page = malloc(size);
+    assert_non_null(page);
+    assert_int_equal(ZSTD_decompress(page, size, file->data + number_at(entry, 8), stored), size);
+    sha256(page, size, entry + 32);
+    free(page);
+}
+
+/* The real hashes of all pages and blocks, the real id, and the checks that cover them. */
 static void reseal(struct bytes *file)
 {
     size_t block = (size_t)number_at(file->data + 32, 8);
-    uint32_t pages = (uint32_t)number_at(file->data + 40, 4);
-    size_t hashed = block + (size_t)pages * 32;
+    uint32_t pages = (uint32_t)number_at(file->data + 80, 4);
+    uint32_t blocks = (uint32_t)number_at(file->data + 40, 4);
+    size_t hashed = block + (size_t)blocks * 32;
     uint8_t *identity = malloc(hashed);
     assert_non_null(identity);
     memcpy(identity, file->data + BLOCK_AT, block);
-    for (uint32_t i = 0; i < pages; i++) {
-        uint8_t *entry = file->data + BLOCK_AT + block + (size_t)i * ENTRY_SIZE;
-        size_t stored = (size_t)number_at(entry + 8, 4), size = (size_t)number_at(entry + 12, 4);
-        uint8_t *page = malloc(size);
-        assert_non_null(page);
-        assert_int_equal(ZSTD_decompress(page, size, file->data + number_at(entry, 8), stored),
-                         size);
-        sha256(page, size, entry + 32);
-        memcpy(identity + block + (size_t)i * 32, entry + 32, 32);
-        free(page);
+    for (uint32_t b = 0; b < blocks; b++) {
+        uint8_t *entries = block_of(file, b), hashes[BLOCK_PAGES * 32];
+        uint8_t *stated = file->data + BLOCK_AT + block + (size_t)b * BLOCK_ENTRY_SIZE;
+        uint32_t rest = pages - b * BLOCK_PAGES, count = rest < BLOCK_PAGES ? rest : BLOCK_PAGES;
+        for (uint32_t i = 0; i < count; i++) {
+            reseal_page(file, entries + (size_t)i * ENTRY_SIZE);
+            memcpy(hashes + 32 * (size_t)i, entries + (size_t)i * ENTRY_SIZE + 32, 32);
+        }
+        put_number(stated, XXH3_64bits(entries, (size_t)count * ENTRY_SIZE));
+        sha256(hashes, 32 * (size_t)count, stated + 8);
+        memcpy(identity + block + (size_t)b * 32, stated + 8, 32);
     }
     sha256(identity, hashed, file->data + ID_AT);
     free(identity);
@@ -313,18 +336,35 @@ static struct bytes small_file(void)
     return packed;
 }
 
-static void reader_refuses_page_hash_that_is_not_the_pages(void **state)
+/* Puts a block's check right, and with it the head's. */
+static void reseal_block_check(struct bytes *file)
+{
+    uint8_t *stated = file->data + BLOCK_AT + number_at(file->data + 32, 8);
+    size_t pages = (size_t)number_at(file->data + 80, 4);
+    assert_true(pages <= BLOCK_PAGES);
+    put_number(stated, XXH3_64bits(block_of(file, 0), pages * ENTRY_SIZE));
+    reseal_check(file);
+}
+
+static void reader_refuses_hashes_that_are_not_those_of_pages_or_blocks(void **state)
 {
     (void)state;
     struct bytes file = small_file();
-    uint8_t *hash = file.data + BLOCK_AT + number_at(file.data + 32, 8) + 32;
+    uint8_t *hash = block_of(&file, 0) + 32;
     hash[5] ^= 0x10;
-    reseal_check(&file);
     assert_refused(file.data, file.size, "page 0: SHA-256 differs");
     hash[5] ^= 0x10;
     hash[-16] ^= 0x01; /* XXH3 of the stored bytes */
-    reseal_check(&file);
     assert_refused(file.data, file.size, "page 0: XXH3");
+    hash[-16] ^= 0x01;
+    uint8_t *block = file.data + BLOCK_AT + number_at(file.data + 32, 8);
+    block[0] ^= 0x01;
+    reseal_check(&file);
+    assert_refused(file.data, file.size, "block 0: XXH3");
+    reseal_block_check(&file);
+    block[8 + 31] ^= 0x01;
+    reseal_check(&file);
+    assert_refused(file.data, file.size, "id: ");
     bytes_finish(&file);
 }
 
@@ -406,9 +446,9 @@ static void reader_refuses_another_major_version_and_takes_any_minor(void **stat
     reseal_check(&file);
     open_good(&oracle, &file);
     oracle_close(&oracle);
-    file.data[8] = 2;
+    file.data[8] = 1;
     reseal_check(&file);
-    assert_refused(file.data, file.size, "major version: 2");
+    assert_refused(file.data, file.size, "major version: 1");
     bytes_finish(&file);
 }
 
@@ -420,7 +460,7 @@ int main(void)
         cmocka_unit_test(two_lights_of_256_voxels_are_read_back_equal),
         cmocka_unit_test(uniform_lights_are_read_back_equal),
         cmocka_unit_test(voxels_outside_the_frustum_have_no_answer),
-        cmocka_unit_test(reader_refuses_page_hash_that_is_not_the_pages),
+        cmocka_unit_test(reader_refuses_hashes_that_are_not_those_of_pages_or_blocks),
         cmocka_unit_test(reader_refuses_id_that_is_not_the_contents),
         cmocka_unit_test(reader_refuses_hashes_of_another_kind),
         cmocka_unit_test(reader_refuses_changed_block_under_a_good_check),

@@ -2,6 +2,7 @@
 /* Pages from a hostile server: refused with the page named, and what was there stays good. */
 #include "partial_fixture.h"
 #include "format/directory.h"
+#include "seal_asset.h"
 #include <zstd.h>
 
 static const struct umb_query_settings one_tap = {.taps = 1};
@@ -53,25 +54,6 @@ static void spoilt_swapped_repeated_and_unknown_pages_are_refused_by_number(void
     partial_fixture_close(&f);
 }
 
-/* Makes check and id of a head right again. */
-static void seal(struct bytes *file, int with_id)
-{
-    struct umb__head head;
-    struct umb_error error;
-    uint8_t both[16];
-    for (int pass = 0; pass < 2; pass++) {
-        const uint64_t length = umb__load64(file->data + UMB__HEAD_LENGTH);
-        umb__store64(both, XXH3_64bits(file->data, UMB__HEAD_CHECK));
-        umb__store64(both + 8, XXH3_64bits(file->data + UMB__HEAD_SIZE, length - UMB__HEAD_SIZE));
-        umb__store64(file->data + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
-        if (pass == 0 && with_id) {
-            assert_int_equal(umb__head_parse_front(file->data, file->size, &head, &error), UMB_OK);
-            assert_true(
-                umb__directory_identify(&head, &test_digest, NULL, file->data + UMB__HEAD_ID));
-        }
-    }
-}
-
 static void a_head_that_is_not_its_id_is_refused(void **state)
 {
     (void)state;
@@ -87,16 +69,16 @@ static void a_head_that_is_not_its_id_is_refused(void **state)
     assert_non_null(strstr(error.message, "another asset"));
     options.id = NULL;
     for (size_t i = 0; i < UMB_ID_BYTES; i++) {
-        uint8_t *hash = f.file.data + directory + UMB__PAGE_HASH + i;
+        uint8_t *hash = f.file.data + directory + UMB__BLOCK_HASH + i;
         *hash ^= 0x10;
-        seal(&f.file, 0);
+        seal_asset(&f.file, false);
         assert_int_equal(umb_partial_open(f.file.data, f.file.size, &options, &partial, &error),
                          UMB_E_CORRUPT);
         assert_non_null(strstr(error.message, "id"));
         assert_null(partial);
         *hash ^= 0x10;
     }
-    seal(&f.file, 0);
+    seal_asset(&f.file, false);
     const size_t head = (size_t)umb__load64(f.file.data + UMB__HEAD_LENGTH);
     for (size_t size = 0; size < head; size += size < 200 ? 1 : 101) {
         uint8_t *exact = malloc(size ? size : 1);
@@ -115,11 +97,11 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
     struct umb_error error = {0};
     assert_int_equal(umb__head_parse(file->data, file->size, &head, &error), UMB_OK);
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
-    for (uint32_t number = head.directory_count; number-- > 0;) {
+    assert_true(head.page_count <= UMB__BLOCK_PAGES);
+    for (uint32_t number = head.page_count; number-- > 0;) {
         const struct umb__page_entry entry = umb__directory_load(&head, number);
         uint8_t *raw = malloc(entry.raw_length),
-                *entry_at =
-                    file->data + (head.directory - file->data) + (size_t)number * UMB__PAGE_ENTRY;
+                *entry_at = file->data + head.head_length + (size_t)number * UMB__PAGE_ENTRY;
         struct umb__page page;
         assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, &error),
                          UMB_OK);
@@ -148,7 +130,7 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         const void *part = raw;
         const size_t raw_length = entry.raw_length;
         test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
-        for (uint32_t later = number + 1; later < head.directory_count; later++) {
+        for (uint32_t later = number + 1; later < head.page_count; later++) {
             uint8_t *at_later = entry_at + (size_t)(later - number) * UMB__PAGE_ENTRY;
             umb__store64(at_later, umb__load64(at_later) - entry.stored_length + length);
         }
@@ -158,7 +140,7 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         ZSTD_freeDCtx(zstd);
         bytes_finish(file);
         *file = made;
-        seal(file, 1);
+        seal_asset(file, true);
         return number;
     }
     fail_msg("no page refers to bricks of another");

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_SEAL_ASSET_H
+#define UMBRAGE_TESTS_SEAL_ASSET_H
+/* Makes a spoilt packed or mapped file's checks right again, so that what is wrong is its content.
+ */
+#include <stdbool.h>
+#include <string.h>
+#include <xxhash.h>
+
+#include "base/bytes.h"
+#include "format/directory.h"
+#include "format/layout.h"
+#include "make_asset.h"
+
+/* The blocks of a packed file's directory: their checks and, if asked, their hashes. Blocks that
+ * are not in the file stay out. */
+static inline void seal_blocks(struct bytes *file, bool with_hashes)
+{
+    const struct umb__head head = {
+        .head_length = umb__load64(file->data + UMB__HEAD_LENGTH),
+        .blocks_offset = umb__load64(file->data + UMB__HEAD_BLOCKS),
+    };
+    const uint32_t pages = umb__load32(file->data + UMB__HEAD_PAGES);
+    uint8_t *entry =
+        file->data + UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
+    for (uint32_t block = 0; block < umb__block_count(pages); block++, entry += UMB__BLOCK_ENTRY) {
+        const uint64_t at = umb__block_offset(&head, block);
+        const uint32_t size = umb__block_bytes(pages, block);
+        uint8_t sealed[UMB__BLOCK_ENTRY];
+        if (at > file->size || size > file->size - at) {
+            return;
+        }
+        (void)umb__block_seal(file->data + at, size, &test_digest, sealed);
+        memcpy(entry, sealed, with_hashes ? UMB__BLOCK_ENTRY : UMB__BLOCK_HASH);
+    }
+}
+
+/* All checks of blocks and head. with_id: the blocks' hashes and the id, too. */
+static inline void seal_asset(struct bytes *file, bool with_id)
+{
+    uint8_t both[16];
+    struct umb__head head;
+    const bool packed = memcmp(file->data, UMB__MAGIC_PACKED, 8) == 0;
+    if (packed) {
+        seal_blocks(file, with_id);
+    }
+    for (int pass = 0; pass < 2; pass++) {
+        const uint64_t length = umb__load64(file->data + UMB__HEAD_LENGTH);
+        umb__store64(both, XXH3_64bits(file->data, UMB__HEAD_CHECK));
+        umb__store64(both + 8, XXH3_64bits(file->data + UMB__HEAD_SIZE, length - UMB__HEAD_SIZE));
+        umb__store64(file->data + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
+        if (pass == 0 && with_id &&
+            umb__head_parse_front(file->data, file->size, &head, NULL) == UMB_OK) {
+            (void)umb__directory_identify(&head, &test_digest, NULL, file->data + UMB__HEAD_ID);
+        }
+    }
+}
+
+#endif
