@@ -6,11 +6,16 @@
 #include "cli_json.h"
 #include "umbrage/curve.h"
 
-/* Prints a light's curve as an indented table; nothing without rows. ns: [count] or NULL. */
-void umbc_curve_print(const struct umb_curve_row *rows, const double *ns, size_t count);
+/* Kinds of costs: nanoseconds a point for points all over the scene, and next to each other. */
+#define UMBC_CURVE_COSTS 2
+
+/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or of each kind
+ * [count] or NULL. */
+void umbc_curve_print(const struct umb_curve_row *rows, const double *const ns[UMBC_CURVE_COSTS],
+                      size_t count);
 
 /* The same under "curve", an array of objects; empty without rows. */
-void umbc_curve_json(struct umbc_json *json, const struct umb_curve_row *rows, const double *ns,
-                     size_t count);
+void umbc_curve_json(struct umbc_json *json, const struct umb_curve_row *rows,
+                     const double *const ns[UMBC_CURVE_COSTS], size_t count);
 
 #endif

@@ -276,6 +276,13 @@ static int info_file(const char *path, const struct umbc_parsed *parsed)
 
 /* --- an asset of a daemon --- */
 
+/* What rows cost on the daemon's machine; NULL where no budget has asked for it yet. */
+static void costs_of(const struct umb_client_light *light, const double *ns[UMBC_CURVE_COSTS])
+{
+    ns[0] = light->scattered_ns[0] > 0 ? light->scattered_ns : NULL;
+    ns[1] = light->coherent_ns[0] > 0 ? light->coherent_ns : NULL;
+}
+
 static void print_description(const struct umb_client_description *about)
 {
     char id[UMB_ID_TEXT_SIZE];
@@ -296,6 +303,9 @@ static void print_description(const struct umb_client_description *about)
         (void)printf("  %" PRIu64 "^3 voxels of %.4g x %.4g x %.4g m, %s\n", light->resolution,
                      light->voxel_m[0], light->voxel_m[1], light->voxel_m[2],
                      light->closed ? "closed" : "open");
+        const double *ns[UMBC_CURVE_COSTS];
+        costs_of(light, ns);
+        umbc_curve_print(light->curve, ns, light->curve_count);
     }
     print_lines("plan", about->plan);
     print_lines("settings", about->settings);
@@ -320,6 +330,9 @@ static void print_description_json(const struct umb_client_description *about)
         umbc_json_integer(&json, "resolution", light->resolution);
         umbc_json_vector(&json, "voxel_m", light->voxel_m);
         umbc_json_bool(&json, "closed", light->closed != 0);
+        const double *ns[UMBC_CURVE_COSTS];
+        costs_of(light, ns);
+        umbc_curve_json(&json, light->curve, ns, light->curve_count);
         umbc_json_end(&json, '}');
     }
     umbc_json_end(&json, ']');

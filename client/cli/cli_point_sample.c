@@ -5,9 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STRETCHES  64
-#define STRETCH    4096                                 /* points */
-#define SMALL_FILE ((uint64_t)STRETCHES * STRETCH * 12) /* bytes: fewer points than a sample */
+#define STRETCH 4096 /* points */
 
 /* Goes to a place in the file where a point begins: the first one not before `offset`. */
 static bool seek_point(struct umbc_points *source, uint64_t offset)
@@ -59,12 +57,12 @@ static void read_stretch(struct umbc_points *source, uint64_t offset, struct umb
 }
 
 enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,
-                                   bool with_normals, struct umbc_batch *batch,
+                                   bool with_normals, size_t most, struct umbc_batch *batch,
                                    struct umb_error *error)
 {
     struct umb_error ignored;
     struct umbc_batch stretch = {0};
-    enum umb_status status = umbc_batch_init(batch, (size_t)STRETCHES * STRETCH, format, error);
+    enum umb_status status = umbc_batch_init(batch, most, format, error);
     struct umbc_points *source = malloc(sizeof *source);
     if (status == UMB_OK && source == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a sample of points");
@@ -75,7 +73,8 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
         size = source->size;
         umbc_points_close(source);
     }
-    const uint64_t count = size > SMALL_FILE ? STRETCHES : size > 0;
+    /* A file that may have no more points than that is read as a whole. */
+    const uint64_t count = size > most * 12 && most > STRETCH ? most / STRETCH : size > 0;
     if (status == UMB_OK && count > 0) {
         status = umbc_batch_init(&stretch, count > 1 ? STRETCH : batch->capacity, format, error);
     }

@@ -42,7 +42,9 @@ struct job {
     struct umb_query *queries; /* [light_count], of the file */
     uint32_t *lights;          /* [light_count] */
     size_t light_count;
-    struct umb_client *client; /* ... or a daemon */
+    struct umb_client *client; /* ... or a daemon, asked with: */
+    struct umb_query_settings settings;
+    struct umb_dial dial;
     struct umbc_points source;
     struct umbc_answers answers;
     struct umbc_progress progress;
@@ -114,8 +116,8 @@ static enum umb_status start_slot(struct job *job, struct slot *slot, struct umb
     }
     struct umb_client_query_request request = {
         .asset = job->options->target,
-        .settings = job->options->settings,
-        .dial = job->options->dial,
+        .settings = job->settings,
+        .dial = job->dial,
         .points = slot->points,
         .want_stats = 1,
     };
@@ -223,8 +225,8 @@ static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
     struct umb_client_query_reply reply;
     struct umb_client_query_request request = {
         .asset = job->options->target,
-        .settings = job->options->settings,
-        .dial = job->options->dial,
+        .settings = job->settings,
+        .dial = job->dial,
     };
     enum umb_status status = umb_client_query(job->client, &request, NULL, &reply, error);
     if (status == UMB_OK) {
@@ -275,12 +277,27 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
     return status;
 }
 
+/* Connects; a budget is made settings at once. */
+static enum umb_status open_asset(struct job *job, struct umb_error *error)
+{
+    const struct umbc_query_options *options = job->options;
+    job->settings = options->settings;
+    job->dial = options->dial;
+    enum umb_status status = umbc_connect(options->session, &job->client, error);
+    if (status == UMB_OK && job->dial.budget_ns > 0) {
+        status =
+            umbc_dial_ask(job->client, options, &job->settings, &job->total.expected_ns, error);
+        memset(&job->dial, 0, sizeof job->dial);
+    }
+    return status;
+}
+
 static enum umb_status open_target(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     if (!umbc_is_file(options->target)) {
         enum umb_status status = choose_lights(job, error);
-        return status == UMB_OK ? umbc_connect(options->session, &job->client, error) : status;
+        return status == UMB_OK ? open_asset(job, error) : status;
     }
     struct umb_asset_info info;
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);

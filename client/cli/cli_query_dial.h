@@ -22,6 +22,18 @@ UMB_CHECKED enum umb_status umbc_dial_settings(const struct umb_asset *asset, ui
                                                struct umb_calibration *calibration,
                                                struct umb_error *error);
 
+/*
+ * Has a daemon choose level and taps for a budget, on a sample of the points that will be asked; so
+ * that all of them are answered alike.
+ *
+ * Out:   settings: level and taps. expected_ns: a point.
+ * Fails: as umb_client_query; E_UNSUPPORTED (a server without budgets); E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbc_dial_ask(struct umb_client *client,
+                                          const struct umbc_query_options *options,
+                                          struct umb_query_settings *settings, double *expected_ns,
+                                          struct umb_error *error);
+
 /* Says what settings give: bound, row of the curve, expected cost. */
 void umbc_dial_state(const struct umb_asset *asset, const struct umb_query_settings *settings,
                      const struct umb_calibration *calibration, struct umbc_query_total *total);

@@ -59,7 +59,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                           "(0.05, 0.05m) or visibility (0.1vis)",
                           0},
     [OPTION_BUDGET] = {"budget", "NS",
-                       "FILE only, instead of --taps: the least error for NS nanoseconds a point",
+                       "instead of --taps: the least error for NS nanoseconds a point of one core",
                        0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
@@ -403,10 +403,6 @@ static int check_together(const struct umbc_query_options *options)
         !umbc_is_file(options->target)) {
         return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
                                 options->settings.footprint_m > 0 ? "footprint" : "filter",
-                                options->target);
-    }
-    if (options->dial.budget_ns > 0 && !umbc_is_file(options->target)) {
-        return umbc_usage_error("query: --budget works on files only, '%s' is an asset",
                                 options->target);
     }
     if (options->explain && !umbc_is_file(options->target)) {

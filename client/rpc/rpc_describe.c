@@ -67,6 +67,14 @@ static enum umb_status decode_description(void *out, const uint8_t *message, siz
     return umbw_decode_describe_reply(message, size, out, error);
 }
 
+static void copy_curve(const struct umbw_curve *curve, struct umb_client_light *light)
+{
+    light->curve_count = curve->count;
+    memcpy(light->curve, curve->rows, sizeof light->curve);
+    memcpy(light->scattered_ns, curve->scattered_ns, sizeof light->scattered_ns);
+    memcpy(light->coherent_ns, curve->coherent_ns, sizeof light->coherent_ns);
+}
+
 /* Moves the texts of a reply and copies the rest. NULL if memory is short. */
 static struct umb_client_description *make_description(struct umbw_describe_reply *reply)
 {
@@ -82,6 +90,7 @@ static struct umb_client_description *make_description(struct umbw_describe_repl
         lights[i].resolution = reply->lights[i].resolution;
         memcpy(lights[i].voxel_m, reply->lights[i].voxel_m, sizeof lights[i].voxel_m);
         lights[i].closed = reply->lights[i].closed;
+        copy_curve(&reply->lights[i].curve, &lights[i]);
     }
     copy_summary(&reply->summary, &out->asset);
     out->light_count = reply->light_count;
@@ -104,7 +113,7 @@ enum umb_status umb_client_describe(struct umb_client *client, const char *asset
     struct umbw_describe_reply reply;
     memset(&reply, 0, sizeof reply);
     *description = NULL;
-    enum umb_status status = umbw_encode_describe_request(asset, &body, error);
+    enum umb_status status = umbw_encode_describe_request(asset, 1, &body, error);
     if (status == UMB_OK) {
         status = umb__call_wait(
             client,

@@ -32,11 +32,6 @@ static enum umb_status encode(const struct umb_client_query_request *request,
                         "%s: the protocol has box filters of a number of taps only",
                         request->settings.footprint_m != 0 ? "footprint_m" : "filter");
     }
-    if (request->dial.budget_ns != 0) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "budget: %g ns; the protocol has errors, not times, to choose by",
-                        request->dial.budget_ns);
-    }
     memcpy(wire.asset, request->asset, length + 1);
     enum umb_status status = umbw_encode_query_request(&wire, body, error);
     if (status != UMB_OK) {
@@ -69,6 +64,7 @@ static enum umb_status decode(const uint8_t *message, size_t size, size_t value_
     reply->bound_m = wire.bound_m;
     reply->visibility_error = wire.visibility_error;
     reply->lines = wire.lines;
+    reply->expected_ns = wire.expected_ns;
     return UMB_OK;
 }
 

@@ -9,18 +9,26 @@
 #include "base/utf8.h"
 
 enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size,
-                                             char asset[UMBW_ASSET_NAME_MAX + 1],
+                                             char asset[UMBW_ASSET_NAME_MAX + 1], int *want_curves,
                                              struct umb_error *error)
 {
-    static const struct umbw_field field = {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset"};
-    struct umbw_field_found found;
+    static const struct umbw_field fields[] = {
+        {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset"},
+        {2, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "want_curves"},
+    };
+    struct umbw_field_found found[2];
     asset[0] = '\0';
-    enum umb_status status = umbw_proto_scan(message, size, &field, 1, &found, NULL, error);
-    return status == UMB_OK ? umbw_asset_copy(found.bytes, found.size, asset, error) : status;
+    *want_curves = 0;
+    enum umb_status status = umbw_proto_scan(message, size, fields, 2, found, NULL, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    *want_curves = found[1].number != 0;
+    return umbw_asset_copy(found[0].bytes, found[0].size, asset, error);
 }
 
-enum umb_status umbw_encode_describe_request(const char *asset, struct umbw_buffer *buffer,
-                                             struct umb_error *error)
+enum umb_status umbw_encode_describe_request(const char *asset, int want_curves,
+                                             struct umbw_buffer *buffer, struct umb_error *error)
 {
     Umbrage__V1__DescribeRequest message = UMBRAGE__V1__DESCRIBE_REQUEST__INIT;
     char copy[UMBW_ASSET_NAME_MAX + 1];
@@ -29,6 +37,7 @@ enum umb_status umbw_encode_describe_request(const char *asset, struct umbw_buff
         return status;
     }
     message.asset = copy;
+    message.want_curves = want_curves != 0;
     return umbw_message_append(&message.base, buffer, error);
 }
 
@@ -38,6 +47,30 @@ void umbw_describe_reply_finish(struct umbw_describe_reply *reply)
     free(reply->plan);
     free(reply->settings);
     memset(reply, 0, sizeof *reply);
+}
+
+static enum umb_status take_curve(const Umbrage__V1__Light *message, struct umbw_curve *curve,
+                                  struct umb_error *error)
+{
+    if (message->n_curve > UMB_CURVE_ROWS_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "lights.curve: %zu rows are over the limit of %d",
+                        message->n_curve, UMB_CURVE_ROWS_MAX);
+    }
+    curve->count = message->n_curve;
+    for (size_t i = 0; i < curve->count; i++) {
+        const Umbrage__V1__CurveRow *row = message->curve[i];
+        curve->rows[i] = (struct umb_curve_row){
+            .level = row->level,
+            .taps = row->taps,
+            .bound_m = row->bound_m,
+            .visibility_error = row->visibility_error,
+            .nodes = row->nodes,
+            .lines = row->lines,
+        };
+        curve->scattered_ns[i] = row->scattered_ns;
+        curve->coherent_ns[i] = row->coherent_ns;
+    }
+    return UMB_OK;
 }
 
 static enum umb_status take_light(const Umbrage__V1__Light *message, struct umbw_light *light,
@@ -67,6 +100,7 @@ static enum umb_status take_light(const Umbrage__V1__Light *message, struct umbw
         light->info.extent = message->extent;
         light->resolution = message->resolution;
         light->closed = message->closed != 0;
+        status = take_curve(message, &light->curve, error);
     }
     return status;
 }
@@ -164,7 +198,29 @@ enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
 struct light_parts {
     struct umbw_light light; /* protobuf-c has no const arrays */
     Umbrage__V1__Light message;
+    Umbrage__V1__CurveRow rows[UMB_CURVE_ROWS_MAX];
+    Umbrage__V1__CurveRow *row_pointers[UMB_CURVE_ROWS_MAX];
 };
+
+static void put_curve(struct light_parts *parts)
+{
+    const struct umbw_curve *curve = &parts->light.curve;
+    for (size_t i = 0; i < curve->count && i < UMB_CURVE_ROWS_MAX; i++) {
+        Umbrage__V1__CurveRow *row = &parts->rows[i];
+        umbrage__v1__curve_row__init(row);
+        row->level = curve->rows[i].level;
+        row->taps = curve->rows[i].taps;
+        row->bound_m = curve->rows[i].bound_m;
+        row->visibility_error = curve->rows[i].visibility_error;
+        row->nodes = curve->rows[i].nodes;
+        row->lines = curve->rows[i].lines;
+        row->scattered_ns = curve->scattered_ns[i];
+        row->coherent_ns = curve->coherent_ns[i];
+        parts->row_pointers[i] = row;
+        parts->message.n_curve = i + 1;
+    }
+    parts->message.curve = parts->row_pointers;
+}
 
 static void put_light(struct light_parts *parts)
 {
@@ -183,6 +239,7 @@ static void put_light(struct light_parts *parts)
     message->voxel_m = light->voxel_m;
     message->n_voxel_m = 3;
     message->closed = light->closed != 0;
+    put_curve(parts);
 }
 
 /* The whole reply; lights and pointers: [light_count]. */

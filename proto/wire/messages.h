@@ -42,7 +42,7 @@ struct umbw_query_request {
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
     int want_stats;
-    struct umb_dial dial; /* budget_ns is not on the wire; with the others taps and level are 0 */
+    struct umb_dial dial; /* if it wants anything, taps and level are 0 */
     /* Decoded only: targets that stand for asset and light, then empty and 0. */
     size_t target_count;
     const uint8_t *targets_at, *targets_end; /* where umbw_query_target_next goes on */
@@ -65,7 +65,7 @@ struct umbw_query_reply {
     double voxel_m;
     /* What answered, as in the message; with stats. */
     uint32_t level, taps;
-    double bound_m, visibility_error, lines;
+    double bound_m, visibility_error, lines, expected_ns;
     int has_stats;
 };
 
@@ -87,11 +87,19 @@ struct umbw_asset_summary {
     uint32_t light_count;
 };
 
+/* A light's accuracy curve, and what its rows cost on the server; 0 where that is not known. */
+struct umbw_curve {
+    size_t count;
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
+};
+
 struct umbw_light {
     struct umb_light_info info;
     uint64_t resolution;
     double voxel_m[3];
     int closed;
+    struct umbw_curve curve; /* only if asked for */
 };
 
 struct umbw_describe_reply {
@@ -131,7 +139,7 @@ UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size
                                                     struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size,
                                                          char asset[UMBW_ASSET_NAME_MAX + 1],
-                                                         struct umb_error *error);
+                                                         int *want_curves, struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
                                                        struct umbw_describe_reply *reply,
                                                        struct umb_error *error);
@@ -166,7 +174,7 @@ size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t
 /* Bytes that the head of a reply takes: exactly, or with stats at most. Only the sizes, counts and
  * has_stats of the reply are looked at. */
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
-UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset,
+UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset, int want_curves,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
 UMB_CHECKED enum umb_status umbw_encode_describe_reply(const struct umbw_describe_reply *reply,

@@ -46,6 +46,7 @@ static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_r
     reply->bound_m = stats->bound_m;
     reply->visibility_error = stats->visibility_error;
     reply->lines = stats->lines;
+    reply->expected_ns = stats->expected_ns;
 }
 
 /* One id, or with targets one of each: then the first can only be found by its last occurrence. */
@@ -99,8 +100,9 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define TAG_BOUND_M          0x61 /* stats, fields 12 to 14, fixed64 */
 #define TAG_VISIBILITY_ERROR 0x69
 #define TAG_LINES            0x71
+#define TAG_EXPECTED_NS      0x79 /* stats, field 15, fixed64 */
 #define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
-#define STATS_MAX            (8 * 11 + 2 * 6 + 4 * 9) /* varints of 64 and 32 bits, doubles, tags */
+#define STATS_MAX            (8 * 11 + 2 * 6 + 5 * 9) /* varints of 64 and 32 bits, doubles, tags */
 #define VARINT_MAX           10
 
 static size_t varint_size(uint64_t value)
@@ -154,6 +156,7 @@ static size_t write_stats(const struct umbw_query_reply *reply, uint8_t out[STAT
     size += write_double(TAG_BOUND_M, reply->bound_m, out + size);
     size += write_double(TAG_VISIBILITY_ERROR, reply->visibility_error, out + size);
     size += write_double(TAG_LINES, reply->lines, out + size);
+    size += write_double(TAG_EXPECTED_NS, reply->expected_ns, out + size);
     return size;
 }
 

@@ -32,6 +32,7 @@ enum request_field {
     FIELD_LEVEL,
     FIELD_MAX_ERROR,
     FIELD_MAX_VISIBILITY,
+    FIELD_BUDGET,
     FIELD_COUNT,
 };
 
@@ -51,6 +52,7 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_LEVEL] = {20, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "level"},
     [FIELD_MAX_ERROR] = {21, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_error_m"},
     [FIELD_MAX_VISIBILITY] = {22, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_visibility"},
+    [FIELD_BUDGET] = {23, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "budget_ns"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -112,13 +114,13 @@ static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The dial: finite lengths, and nothing beside it that it chooses. */
+/* The dial: finite amounts, and nothing beside it that it chooses. */
 static enum umb_status check_dial(const struct umb_dial *dial, uint32_t taps, uint32_t level,
                                   struct umb_error *error)
 {
-    const double wanted[2] = {dial->max_error_m, dial->max_visibility};
-    static const char *const names[2] = {"max_error_m", "max_visibility"};
-    for (int i = 0; i < 2; i++) {
+    const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
+    static const char *const names[3] = {"max_error_m", "max_visibility", "budget_ns"};
+    for (int i = 0; i < 3; i++) {
         if (!isfinite(wanted[i]) || wanted[i] < 0) {
             return umb_fail(error, UMB_E_ARGUMENT, "%s: %.9g, must be finite and not below 0",
                             names[i], wanted[i]);
@@ -134,7 +136,7 @@ static enum umb_status check_dial(const struct umb_dial *dial, uint32_t taps, ui
 
 static int is_dialled(const struct umb_dial *dial)
 {
-    return dial->max_error_m > 0 || dial->max_visibility > 0;
+    return dial->max_error_m > 0 || dial->max_visibility > 0 || dial->budget_ns > 0;
 }
 
 static enum umb_status check_bias(double bias, struct umb_error *error)
@@ -214,6 +216,7 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     settings->bias = double_of(found[FIELD_BIAS].number);
     request->dial.max_error_m = double_of(found[FIELD_MAX_ERROR].number);
     request->dial.max_visibility = double_of(found[FIELD_MAX_VISIBILITY].number);
+    request->dial.budget_ns = double_of(found[FIELD_BUDGET].number);
     request->want_stats = found[FIELD_WANT_STATS].number != 0;
     enum umb_status status = check_dial(&request->dial, taps, settings->level, error);
     settings->taps = taps == 0 && !is_dialled(&request->dial) ? 1 : taps;
@@ -344,6 +347,11 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
         return status;
     }
     status = take_settings(found, message, size, request, error);
+    if (status == UMB_OK && request->dial.budget_ns > 0 && request->target_count > 1) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "budget_ns: %.9g beside %zu targets; it is of one light at a time",
+                        request->dial.budget_ns, request->target_count);
+    }
     return status == UMB_OK ? take_points(found, max_points, &request->points, error) : status;
 }
 
@@ -357,6 +365,7 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     message->level = settings->level;
     message->max_error_m = request->dial.max_error_m;
     message->max_visibility = request->dial.max_visibility;
+    message->budget_ns = request->dial.budget_ns;
     message->bias = settings->bias;
     message->want_stats = request->want_stats != 0;
     enum umb_status status = check_dial(&request->dial, settings->taps, settings->level, error);

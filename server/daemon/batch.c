@@ -44,6 +44,19 @@ static void set_slice(struct umbd_batch *batch)
     batch->slice_points = points - points % SLICE_POINTS_MIN;
 }
 
+/* What a part's setting costs by a calibration. */
+static double expected_ns(const struct umbd_part *part, const struct umb_calibration *calibration)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    const size_t count = umb_curve_get(umbs_entry_asset(part->entry), part->light, rows);
+    for (size_t i = 0; i < count && i < calibration->count; i++) {
+        if (rows[i].level == part->level && rows[i].taps == part->taps) {
+            return calibration->ns[i];
+        }
+    }
+    return 0;
+}
+
 enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry, uint32_t light,
                                struct umb_error *error)
 {
@@ -51,10 +64,11 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
     struct umb_query_settings settings = batch->settings;
     settings.light = light;
     enum umb_status status = UMB_OK;
-    if (batch->dial.max_error_m > 0 || batch->dial.max_visibility > 0) {
+    if (batch->dial.max_error_m > 0 || batch->dial.max_visibility > 0 ||
+        batch->dial.budget_ns > 0) {
         settings.taps = settings.level = 0;
-        status =
-            umb_dial_choose(umbs_entry_asset(entry), &batch->dial, NULL, &settings, NULL, error);
+        status = umb_dial_choose(umbs_entry_asset(entry), &batch->dial, batch->calibration,
+                                 &settings, NULL, error);
     }
     if (status == UMB_OK) {
         status = umb_query_prepare(umbs_entry_asset(entry), &settings, &part->query, error);
@@ -67,6 +81,7 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
     part->light = light;
     part->taps = settings.taps;
     part->level = settings.level;
+    part->expected_ns = batch->calibration != NULL ? expected_ns(part, batch->calibration) : 0;
     batch->settings.light = light;
     batch->settings.taps =
         settings.taps > batch->settings.taps ? settings.taps : batch->settings.taps;

@@ -248,6 +248,11 @@ int umbd_call_is_busy(const struct umbd_call *call)
     return call->batch != NULL || (call->errand != NULL && call->errand->away);
 }
 
+int umbd_method_asks_points(enum umbd_method method)
+{
+    return method == UMBD_METHOD_QUERY || method == UMBD_METHOD_QUERY_STREAM;
+}
+
 int umbd_method_takes_many(enum umbd_method method)
 {
     return method < UMBD_METHOD_UNKNOWN && methods[method].takes_many;

@@ -183,6 +183,7 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 int umbd_call_is_busy(const struct umbd_call *call);
 
 /* 1 if the method takes, or gives, more than one message. */
+int umbd_method_asks_points(enum umbd_method method);
 int umbd_method_takes_many(enum umbd_method method);
 int umbd_method_gives_many(enum umbd_method method);
 
@@ -216,6 +217,7 @@ void umbd_service_regions(struct umbd_call *call);
 void umbd_service_regions_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_limits(struct umbd_call *call);
 void umbd_service_reflection(struct umbd_call *call);
+void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_describe(struct umbd_call *call);
 void umbd_service_list(struct umbd_call *call);

@@ -2,6 +2,7 @@
 /* Construction and take-down of what the loops share. */
 #include "daemon/daemon.h"
 
+#include "daemon/calibrations.h"
 #include "daemon/loop_group.h"
 #include "jobs/service.h"
 #include "daemon/service_manager.h"
@@ -136,6 +137,12 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
                      ? UMB_OK
                      : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the peers");
     }
+    if (status == UMB_OK) {
+        daemon->calibrations = umbd_calibrations_create();
+        status = daemon->calibrations != NULL
+                     ? UMB_OK
+                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for calibrations");
+    }
     if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
         struct umbd_tls_files files = {options->tls_cert, options->tls_key, options->tls_client_ca};
         status = umbd_tls_create(&files, &daemon->tls, error);
@@ -168,6 +175,8 @@ int umbd_daemon_finish(struct umbd_daemon *daemon)
     umbd_peers_destroy(daemon->peers);
     umbd_tokens_destroy(daemon->tokens);
     umbd_tls_destroy(daemon->tls);
+    umbd_calibrations_destroy(daemon->calibrations);
+    daemon->calibrations = NULL;
     daemon->peers = NULL;
     daemon->tokens = NULL;
     daemon->tls = NULL;

@@ -16,6 +16,7 @@
 #include "daemon/tls_context.h"
 #include "daemon/tokens.h"
 
+struct umbd_calibrations;
 struct umbd_loop;
 struct umbj_service;
 
@@ -29,6 +30,7 @@ struct umbd_daemon {
     char job_assets[4096];                       /* the assets that jobs made */
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
+    struct umbd_calibrations *calibrations; /* of budgets */
     struct umbd_peer_table *peers;
     struct umbd_tokens *tokens;       /* NULL = anybody may query */
     struct umbj_service *jobs;        /* NULL without --jobs, and after the loops have run */

@@ -78,7 +78,9 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
         conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, batch->stream_id) : NULL;
     if (call != NULL && call->batch == batch) {
         call->batch = NULL;
-        if (batch->work != NULL) {
+        if (batch->work != NULL && umbd_method_asks_points(call->method)) {
+            umbd_service_query_calibrated(call, batch);
+        } else if (batch->work != NULL) {
             umbd_service_regions_done(call, batch);
         } else {
             umbd_service_query_done(call, batch);

@@ -30,6 +30,7 @@ struct umbd_part {
     struct umbs_entry *entry; /* owned: the one version that answers */
     uint32_t light;
     uint32_t taps, level; /* asked for, or chosen by the batch's dial */
+    double expected_ns;   /* a point, by the calibration of a budget; else 0 */
     struct umb_query query;
 };
 
@@ -43,6 +44,7 @@ struct umbd_batch {
     /* Of all parts; light is that of the last one added, taps the most of any. */
     struct umb_query_settings settings;
     struct umb_dial dial; /* chooses taps and level of each part if it wants anything */
+    const struct umb_calibration *calibration; /* for a budget, until the parts are added */
     uint8_t *values; /* the answers: part_count blocks of part_bytes, where the maker wants them */
     size_t part_bytes, value_bytes;
     uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
+#include "daemon/calibrations.h"
 #include "daemon/call_rights.h"
 #include "jobs/bundle.h"
 
@@ -35,8 +36,26 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
     return status;
 }
 
-/* Borrows the asset's strings; the lights are the caller's to free. */
+/* A light's curve, and what budgets have found its rows to cost. */
+static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs_entry *entry,
+                       uint32_t light, struct umbw_curve *curve)
+{
+    const uint8_t *id = umbs_entry_item(entry)->id;
+    struct umb_calibration known;
+    curve->count = umb_curve_get(umbs_entry_asset(entry), light, curve->rows);
+    if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_SCATTERED, &known) ||
+        umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_FEW, &known)) {
+        memcpy(curve->scattered_ns, known.ns, sizeof curve->scattered_ns);
+    }
+    if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_COHERENT, &known)) {
+        memcpy(curve->coherent_ns, known.ns, sizeof curve->coherent_ns);
+    }
+}
+
+/* Borrows the asset's strings; with curves if calibrations is not NULL; the lights are the caller's
+ * to free. */
 static enum umb_status fill_description(const struct umbs_entry *entry,
+                                        struct umbd_calibrations *calibrations,
                                         struct umbw_describe_reply *reply)
 {
     const struct umb_asset *asset = umbs_entry_asset(entry);
@@ -57,6 +76,9 @@ static enum umb_status fill_description(const struct umbs_entry *entry,
         enum umb_status status = fill_light(asset, i, &reply->lights[i]);
         if (status != UMB_OK) {
             return status;
+        }
+        if (calibrations != NULL) {
+            fill_curve(calibrations, entry, i, &reply->lights[i].curve);
         }
     }
     return UMB_OK;
@@ -83,13 +105,15 @@ void umbd_service_describe(struct umbd_call *call)
     struct umbw_describe_reply reply = {0};
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
+    int want_curves;
     enum umb_status status =
-        umbw_decode_describe_request(call->message, call->message_size, name, &error);
+        umbw_decode_describe_request(call->message, call->message_size, name, &want_curves, &error);
     if (status == UMB_OK) {
         status = umbd_call_acquire(call, name, &entry, &error);
     }
     if (status == UMB_OK) {
-        status = fill_description(entry, &reply);
+        status = fill_description(
+            entry, want_curves ? call->conn->loop->daemon->calibrations : NULL, &reply);
     }
     if (status == UMB_OK) {
         status = umbw_encode_describe_reply(&reply, &head, &error);

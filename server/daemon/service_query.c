@@ -6,7 +6,7 @@
  * Each batch holds one version of its asset from here to the end of its work, and the reply names
  * that version.
  */
-#include "daemon/call_rights.h"
+#include "daemon/query_budget.h"
 
 #include <math.h>
 #include <string.h>
@@ -54,6 +54,7 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     settings.level = part->level;
     reply->taps = part->taps;
     reply->level = part->level;
+    reply->expected_ns = part->expected_ns;
     reply->bound_m = umb_query_bound_m(asset, &settings);
     const size_t count = umb_curve_get(asset, part->light, rows);
     for (size_t i = 0; i < count; i++) {
@@ -185,22 +186,32 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 
-/* A batch with a part for each target. */
+/* A batch with a part for each target. Out: NULL if the call is away to be calibrated, or failed
+ * by its rate. */
 static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_request *request,
                                   struct umbd_batch **out, struct umb_error *error)
 {
     size_t count = request->target_count;
     struct umbw_query_target target;
-    enum umb_status status =
-        umbd_batch_create(count > 0 ? count : 1, &request->settings, &request->points, out, error);
-    if (status != UMB_OK) {
+    struct umb_calibration calibration;
+    int away = 0;
+    enum umb_status status = UMB_OK;
+    if (request->dial.budget_ns > 0) {
+        status = umbd_budget_calibrate(call, request, &calibration, &away, error);
+    }
+    if (status == UMB_OK && !away) {
+        status = umbd_batch_create(count > 0 ? count : 1, &request->settings, &request->points, out,
+                                   error);
+    }
+    if (status != UMB_OK || away) {
         return status;
     }
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
     batch->dial = request->dial;
+    batch->calibration = request->dial.budget_ns > 0 ? &calibration : NULL;
     if (count == 0) {
-        return add_part(call, batch, request->asset, request->settings.light, error);
+        status = add_part(call, batch, request->asset, request->settings.light, error);
     }
     for (size_t i = 0; status == UMB_OK && i < count; i++) {
         status = umbw_query_target_next(request, &target, error);
@@ -208,6 +219,7 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
             status = add_part(call, batch, target.asset, target.light, error);
         }
     }
+    batch->calibration = NULL;
     return status;
 }
 
@@ -221,6 +233,9 @@ void umbd_service_query(struct umbd_call *call)
         call->message, call->message_size, (size_t)daemon->options.max_points, &request, &error);
     if (status == UMB_OK) {
         status = make_batch(call, &request, &batch, &error);
+    }
+    if (status == UMB_OK && batch == NULL) {
+        return; /* comes again when it is calibrated */
     }
     int targets = request.target_count > 0;
     if (status == UMB_OK &&
@@ -247,6 +262,18 @@ void umbd_service_query(struct umbd_call *call)
         shed(call, &error);
     } else if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
+    }
+}
+
+void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *batch)
+{
+    const enum umb_status status = umbd_budget_take(call, batch);
+    if (status == UMB_OK) {
+        umbd_call_serve(call);
+    } else if (status == UMB_E_BUSY) {
+        shed(call, &batch->error);
+    } else {
+        umbd_call_fail_status(call, status, &batch->error);
     }
 }
 

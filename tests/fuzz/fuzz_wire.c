@@ -40,7 +40,7 @@ static void decode_all(const uint8_t *message, size_t size)
     struct umbw_describe_reply describe;
     struct umbw_list_reply list;
     char text[256];
-    int serving;
+    int serving, want_curves;
     if (umbw_decode_query_request(message, size, 1000, &request, NULL) == UMB_OK) {
         FUZZ_DEMAND(request.points.count <= 1000);
         (void)!umb_points_check(&request.points, NULL);
@@ -52,7 +52,7 @@ static void decode_all(const uint8_t *message, size_t size)
     if (umbw_decode_list_reply(message, size, &list, NULL) == UMB_OK) {
         umbw_list_reply_finish(&list);
     }
-    (void)!umbw_decode_describe_request(message, size, text, NULL);
+    (void)!umbw_decode_describe_request(message, size, text, &want_curves, NULL);
     (void)!umbw_decode_health_request(message, size, text, NULL);
     (void)!umbw_decode_health_reply(message, size, &serving, NULL);
 }

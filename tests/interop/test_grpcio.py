@@ -307,6 +307,30 @@ with test.check("the dial chooses as the file's does, and the reply says what"):
         last = stats
         if wanted < 2 * stats.bound_m:
             break
+    for points in (f32[:120], f32):  # calibrated on points of its own, and on these
+        stats = tcp.ask("city", points, budget_ns=1e6, want_stats=True).stats
+        assert 0 < stats.expected_ns <= 1e6 and stats.taps > 1, stats
+        again = tcp.ask("city", points, budget_ns=1e6, want_stats=True).stats
+        assert (again.taps, again.expected_ns) == (stats.taps, stats.expected_ns), again
+        direct = tcp.ask("city", points, taps=stats.taps, level=stats.level)
+        assert direct.visibility == tcp.ask("city", points, budget_ns=1e6).visibility
+    curve = tcp.describe(M.DescribeRequest(asset="city", want_curves=True)).lights[0].curve
+    row = next(row for row in curve if (row.level, row.taps) == (stats.level, stats.taps))
+    assert row.bound_m == stats.bound_m and row.lines == stats.lines
+    assert stats.expected_ns in (row.scattered_ns, row.coherent_ns), (row, stats)
+    assert not tcp.describe(M.DescribeRequest(asset="city")).lights[0].curve
+    asked = [M.QueryRequest(asset="city", points=f32[:120 * 12], **dial)
+             for dial in ({"budget_ns": 1e6}, {"taps": 3}, {"budget_ns": 1e6, "light": 0})]
+    assert [reply.visibility for reply in tcp.stream(iter(asked), timeout=60)] == \
+        [tcp.query(request, timeout=60).visibility for request in asked]
+    broken = b"\0\0\xc0\x7f" + f32[4:]
+    for points in (broken[:120], broken):
+        tcp.refused(lambda: tcp.ask("city", points, budget_ns=1e6), Code.INVALID_ARGUMENT, "0")
+    tcp.refused(lambda: tcp.ask("city", f32[:120], light=9, budget_ns=1e6), Code.NOT_FOUND, "light")
+    tcp.refused(lambda: tcp.ask("", f32[:120], budget_ns=1e6,
+                                targets=[M.Target(asset="city")] * 2), Code.INVALID_ARGUMENT,
+                "budget_ns", "2 targets")
+    tcp.refused(lambda: tcp.ask("city", f32[:120], budget_ns=1e-3), Code.INVALID_ARGUMENT, "budget")
     tcp.refused(lambda: tcp.ask("city", f32[:120], max_error_m=1e-6), Code.INVALID_ARGUMENT,
                 "max_error", "reaches")
     tcp.refused(lambda: tcp.ask("city", f32[:120], max_error_m=1, taps=3), Code.INVALID_ARGUMENT,

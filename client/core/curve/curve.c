@@ -143,11 +143,14 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
         }
     }
     if (accurate < choice->count) {
-        const double *ns = choice->calibration ? choice->calibration->ns : NULL;
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "budget: %g ns a point; the cheapest setting that keeps to the errors "
-                        "wanted costs %.3g ns, any other at least %.3g ns",
-                        choice->dial->budget_ns, ns ? ns[accurate] : 0.0, ns ? ns[least] : 0.0);
+                        "budget: %g ns a point; the cheapest setting%s costs %.3g ns, any at all "
+                        "at least %.3g ns",
+                        choice->dial->budget_ns,
+                        choice->dial->max_error_m > 0 || choice->dial->max_visibility > 0
+                            ? " that keeps to the errors wanted"
+                            : "",
+                        cost_ns(choice, accurate), cost_ns(choice, least));
     }
     const double metres = choice->dial->max_error_m, visibility = choice->dial->max_visibility;
     char wanted[64] = "";

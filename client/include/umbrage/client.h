@@ -81,7 +81,7 @@ struct umb_client_query_request {
     const char *asset; /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
     /* Chooses taps and level, which must be 0, on the server; zeroed: nothing is chosen. budget_ns
-     * must be 0: what nanoseconds a point costs is known to the caller's machine only. */
+     * is of one of the server's cores, calibrated there on points like these. */
     struct umb_dial dial;
     struct umb_points points;         /* that they are finite is checked by the server alone */
     int want_stats;                   /* 0 or 1 */
@@ -99,6 +99,7 @@ struct umb_client_query_reply {
      * not say 0. The last two: 0 if the asset carries no accuracy curve. */
     uint32_t level, taps;
     double bound_m, visibility_error, lines;
+    double expected_ns; /* with a budget and stats: nanoseconds a point; else 0 */
 };
 
 struct umb_client_asset {
@@ -114,6 +115,11 @@ struct umb_client_light {
     uint64_t resolution;        /* voxels a side */
     double voxel_m[3];          /* metres a voxel along the frustum's x, y, z */
     int closed;                 /* baked under the closed rule */
+    size_t curve_count;         /* rows; 0: the asset carries no curve, or the server tells none */
+    struct umb_curve_row curve[UMB_CURVE_ROWS_MAX];
+    /* Nanoseconds a point of a row on one of the server's cores, for points all over the scene and
+     * for such as lie next to each other; 0 until a budget was asked of points of that kind. */
+    double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
 };
 
 /* Numbers are as the server sent them, not checked for being finite. */

@@ -211,6 +211,8 @@ static void dials_replace_taps(void **state)
     (void)state;
     assert_int_equal(query("query a.umb --points p --max-error 0.05", &parsed), -1);
     assert_true(parsed.has_dial && parsed.dial.max_error_m == 0.05 && parsed.settings.taps == 0);
+    assert_int_equal(query("query a --points p --budget 50", &parsed), -1);
+    assert_true(parsed.dial.budget_ns == 50 && parsed.settings.taps == 0);
     assert_int_equal(query("query a.umb --points p --max-error 0.5m --budget 40ns", &parsed), -1);
     assert_true(parsed.dial.max_error_m == 0.5 && parsed.dial.budget_ns == 40);
     assert_int_equal(query("query a.umb --points p --max-error 0.1vis", &parsed), -1);
@@ -244,7 +246,6 @@ static void bad_query_options_are_usage_errors(void **state)
         "query a.umb --points p --budget 50 --level 3",
         "query a.umb --points p --level x",
         "query a.umb --boxes p --max-error 1",
-        "query a --points p --budget 50",
         "query a --points p --filter tent",
         "query a --points p --footprint 1",
         "query a.umb --boxes p --footprint 1",

@@ -278,7 +278,9 @@ static void check_sample(enum umbc_points_format format, bool with_normals, size
     struct umbc_batch sample;
     struct umb_error error;
     size_t steps = 0, quarters[4] = {0};
-    assert_int_equal(umbc_points_sample(path, format, with_normals, &sample, &error), UMB_OK);
+    assert_int_equal(
+        umbc_points_sample(path, format, with_normals, UMBC_SAMPLE_POINTS, &sample, &error),
+        UMB_OK);
     for (size_t i = 0; i < sample.count; i++) {
         const double x = sample.wide ? sample.wide[3 * i] : (double)sample.narrow[3 * i];
         const double last = i == 0        ? -1
@@ -325,7 +327,7 @@ static void what_cannot_be_sampled_gives_no_points(void **state)
     const char *const names[] = {"-", "no/such/file", folder, path};
     write_file("1 2 three\n", 10);
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        assert_int_equal(umbc_points_sample(names[i], UMBC_POINTS_TEXT, false, &sample, NULL),
+        assert_int_equal(umbc_points_sample(names[i], UMBC_POINTS_TEXT, false, 10, &sample, NULL),
                          UMB_OK);
         assert_int_equal(sample.count, 0);
         umbc_batch_finish(&sample);

@@ -31,6 +31,14 @@ static uint8_t *sample_description(size_t *size)
     struct umbw_buffer buffer = {NULL, 0, 0};
     for (unsigned i = 0; i < 3; i++) {
         sample_light(i, &lights[i]);
+        lights[i].curve = (struct umbw_curve){.count = i == 2 ? UMB_CURVE_ROWS_MAX : i};
+        for (size_t row = 0; row < lights[i].curve.count; row++) {
+            const double number = (double)row + i;
+            lights[i].curve.rows[row] =
+                (struct umb_curve_row){i, 3, number, number / 64, number + 2, number + 3};
+            lights[i].curve.scattered_ns[row] = number + 4;
+            lights[i].curve.coherent_ns[row] = i == 1 ? 0 : number + 5;
+        }
     }
     struct umbw_describe_reply reply = {
         .summary = sample_summary(3),
@@ -69,6 +77,17 @@ static void description_round_trip_keeps_every_field(void **state)
         assert_true(out.lights[i].info.extent == light.info.extent);
         assert_true(out.lights[i].resolution == light.resolution);
         assert_int_equal(out.lights[i].closed, light.closed);
+        const struct umbw_curve *curve = &out.lights[i].curve;
+        assert_int_equal(curve->count, i == 2 ? UMB_CURVE_ROWS_MAX : (int)i);
+        for (size_t row = 0; row < curve->count; row++) {
+            const double number = (double)row + i;
+            const struct umb_curve_row *r = &curve->rows[row];
+            assert_true(r->level == i && r->taps == 3 && r->bound_m == number &&
+                        r->visibility_error == number / 64 && r->nodes == number + 2 &&
+                        r->lines == number + 3);
+            assert_true(curve->scattered_ns[row] == number + 4);
+            assert_true(curve->coherent_ns[row] == (i == 1 ? 0 : number + 5));
+        }
     }
     assert_true(out.origin[2] == 3 && out.bounds.min[1] == -2 && out.bounds.max[0] == 4);
     assert_string_equal(out.plan, plan_text);
@@ -197,8 +216,8 @@ static void touch_list(const uint8_t *message, size_t size)
 static void touch_small(const uint8_t *message, size_t size)
 {
     char text[UMBW_ASSET_NAME_MAX + 1];
-    int serving;
-    if (umbw_decode_describe_request(message, size, text, NULL) == UMB_OK) {
+    int serving, want_curves;
+    if (umbw_decode_describe_request(message, size, text, &want_curves, NULL) == UMB_OK) {
         assert_true(strlen(text) > 0);
     }
     if (umbw_decode_health_request(message, size, text, NULL) == UMB_OK) {
@@ -293,12 +312,18 @@ static void small_messages_round_trip(void **state)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
     char text[256];
-    int serving = -1;
+    int serving = -1, want_curves = -1;
     size_t size;
     (void)state;
-    assert_int_equal(umbw_encode_describe_request("stadt \xc3\xbc", &buffer, NULL), UMB_OK);
+    assert_int_equal(umbw_encode_describe_request("stadt", 0, &buffer, NULL), UMB_OK);
     uint8_t *message = take_message(&buffer, &size);
-    assert_int_equal(umbw_decode_describe_request(message, size, text, NULL), UMB_OK);
+    assert_int_equal(umbw_decode_describe_request(message, size, text, &want_curves, NULL), UMB_OK);
+    assert_int_equal(want_curves, 0);
+    free(message);
+    assert_int_equal(umbw_encode_describe_request("stadt \xc3\xbc", 1, &buffer, NULL), UMB_OK);
+    message = take_message(&buffer, &size);
+    assert_int_equal(umbw_decode_describe_request(message, size, text, &want_curves, NULL), UMB_OK);
+    assert_int_equal(want_curves, 1);
     assert_string_equal(text, "stadt \xc3\xbc");
     sweep(message, size, touch_small);
     free(message);
@@ -315,7 +340,7 @@ static void small_messages_round_trip(void **state)
     /* An empty body asks for the server as a whole. */
     assert_int_equal(umbw_decode_health_request(NULL, 0, text, NULL), UMB_OK);
     assert_string_equal(text, "");
-    assert_int_equal(umbw_encode_describe_request("", &buffer, NULL), UMB_E_ARGUMENT);
+    assert_int_equal(umbw_encode_describe_request("", 1, &buffer, NULL), UMB_E_ARGUMENT);
     umbw_buffer_finish(&buffer);
 }
 

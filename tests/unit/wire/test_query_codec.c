@@ -92,6 +92,9 @@ static void dials_and_levels_keep_their_numbers_and_exclude_taps(void **state)
         {{0}, 0, 5, 1, UMB_OK},
         {{.max_error_m = 0.5}, 0, 0, 0, UMB_OK},
         {{.max_error_m = 2, .max_visibility = 0.25}, 0, 0, 0, UMB_OK},
+        {{.budget_ns = 40, .max_error_m = 2}, 0, 0, 0, UMB_OK},
+        {{.budget_ns = 40}, 3, 0, 0, UMB_E_ARGUMENT},
+        {{.budget_ns = -40}, 0, 0, 0, UMB_E_ARGUMENT},
         {{.max_visibility = 0.25}, 3, 0, 0, UMB_E_ARGUMENT},
         {{.max_error_m = 1}, 0, 3, 0, UMB_E_ARGUMENT},
         {{.max_error_m = -1}, 0, 0, 0, UMB_E_ARGUMENT},
@@ -108,7 +111,7 @@ static void dials_and_levels_keep_their_numbers_and_exclude_taps(void **state)
         in.settings.level = cases[i].level;
         assert_int_equal(umbw_encode_query_request(&in, &buffer, &error), cases[i].status);
         if (cases[i].status != UMB_OK) {
-            assert_memory_equal(error.message, "max_", 4);
+            assert_memory_equal(error.message, cases[i].dial.budget_ns != 0 ? "budg" : "max_", 4);
             umbw_buffer_finish(&buffer);
             continue;
         }
@@ -119,6 +122,7 @@ static void dials_and_levels_keep_their_numbers_and_exclude_taps(void **state)
         assert_int_equal(out.settings.level, cases[i].level);
         assert_true(out.dial.max_error_m == cases[i].dial.max_error_m);
         assert_true(out.dial.max_visibility == cases[i].dial.max_visibility);
+        assert_true(out.dial.budget_ns == cases[i].dial.budget_ns);
         Umbrage__V1__QueryRequest *other = umbrage__v1__query_request__unpack(NULL, size, message);
         assert_non_null(other);
         assert_int_equal(other->level, cases[i].level);

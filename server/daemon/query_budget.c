@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Budgets of Shadows.Query and QueryStream. The first one for a kind of points of a light sends the
+ * call on a detour: a worker calibrates, on the call's own points if they are many, and then the
+ * call is served as if it had just come.
+ */
+#include "daemon/query_budget.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define DETOUR_POINTS 65536 /* what calibrating costs on the rates */
+
+/* A calibration on its way; its points lie in its message. */
+struct detour {
+    struct umbs_entry *entry; /* owned */
+    uint32_t light;
+    enum umbd_point_kind kind;
+    uint8_t *message; /* owned */
+    size_t message_size;
+    struct umb_points points;
+    struct umb_calibration calibration;
+    enum umb_status status;
+    struct umb_error error;
+};
+
+static double cpu_now_s(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* If the asset's file is cut under it, what calibrating holds (2 MiB) is lost: once an asset at
+ * most, since that sets the asset aside. */
+static void measure(void *user)
+{
+    struct detour *detour = user;
+    const struct umb_asset *asset = umbs_entry_asset(detour->entry);
+    detour->status =
+        detour->kind == UMBD_POINTS_FEW
+            ? umb_calibrate(asset, detour->light, cpu_now_s, &detour->calibration, &detour->error)
+            : umb_calibrate_points(asset, detour->light, &detour->points, cpu_now_s,
+                                   &detour->calibration, &detour->error);
+}
+
+/* On a worker's thread. */
+static enum umb_status run_detour(void *user, struct umb_error *error)
+{
+    struct detour *detour = user;
+    enum umb_status status = umb_points_check(&detour->points, error);
+    if (status == UMB_OK) {
+        status = umbs_entry_read(detour->entry, measure, detour, error);
+    }
+    if (status == UMB_OK && detour->status != UMB_OK) {
+        *error = detour->error;
+        status = detour->status;
+    }
+    return status;
+}
+
+static void free_detour(void *user)
+{
+    struct detour *detour = user;
+    umbs_entry_release(detour->entry);
+    free(detour->message);
+    free(detour);
+}
+
+/* Takes the message over from the call, points and all. Fails: E_NO_MEMORY. */
+static enum umb_status take_message(struct umbd_call *call, struct detour *detour,
+                                    const struct umb_points *points)
+{
+    const uint8_t *from = call->message;
+    detour->points = *points;
+    detour->message_size = call->message_size;
+    detour->message = umbd_call_take_message(call);
+    if (detour->message == NULL) {
+        return UMB_E_NO_MEMORY;
+    }
+    if (points->positions != NULL) {
+        detour->points.positions = detour->message + ((const uint8_t *)points->positions - from);
+    }
+    if (points->normals != NULL) {
+        detour->points.normals = detour->message + ((const uint8_t *)points->normals - from);
+    }
+    return UMB_OK;
+}
+
+/* Hands a detour to the workers; takes it over. */
+static enum umb_status send_detour(struct umbd_call *call, struct detour *detour,
+                                   struct umb_error *error)
+{
+    static const struct umb_query_settings no_settings;
+    const struct umb_points no_points = {.count = 1}; /* one slice, of no query */
+    struct umbd_batch *batch;
+    enum umb_status status = umbd_batch_create(0, &no_settings, &no_points, &batch, error);
+    if (status != UMB_OK) {
+        free_detour(detour);
+        return status;
+    }
+    batch->work = run_detour;
+    batch->work_free = free_detour;
+    batch->work_user = detour;
+    batch->slice_points = 1;
+    batch->deadline_ns = call->deadline_ns;
+    batch->lane = call->conn->serial;
+    batch->stream_id = call->stream_id;
+    batch->done = umbd_loop_batch_done;
+    batch->home = call->conn->loop;
+    call->batch_bytes = detour->message_size;
+    call->batch = batch; /* before: it may come home at once */
+    status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
+    if (status != UMB_OK) {
+        call->batch = NULL;
+        umbd_batch_destroy(batch);
+    }
+    return status;
+}
+
+/* The light that a request with a budget asks, of at most one target. */
+static enum umb_status light_of(struct umbw_query_request request, struct umbw_query_target *light,
+                                struct umb_error *error)
+{
+    if (request.target_count > 0) {
+        return umbw_query_target_next(&request, light, error);
+    }
+    memcpy(light->asset, request.asset, sizeof light->asset);
+    light->light = request.settings.light;
+    return UMB_OK;
+}
+
+enum umb_status umbd_budget_calibrate(struct umbd_call *call,
+                                      const struct umbw_query_request *request,
+                                      struct umb_calibration *calibration, int *away,
+                                      struct umb_error *error)
+{
+    struct umbw_query_target target;
+    struct umbs_entry *entry = NULL;
+    *away = 0;
+    enum umb_status status = light_of(*request, &target, error);
+    if (status == UMB_OK) {
+        status = umbd_call_acquire(call, target.asset, &entry, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    const enum umbd_point_kind kind =
+        umbd_point_kind_of(umbs_entry_asset(entry), target.light, &request->points);
+    if (umbd_calibrations_get(call->conn->loop->daemon->calibrations, umbs_entry_item(entry)->id,
+                              target.light, kind, calibration)) {
+        umbs_entry_release(entry);
+        return UMB_OK;
+    }
+    struct detour *detour = calloc(1, sizeof *detour);
+    if (detour == NULL) {
+        umbs_entry_release(entry);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a calibration");
+    }
+    detour->entry = entry;
+    detour->light = target.light;
+    detour->kind = kind;
+    *away = 1;
+    if (!umbd_call_take_points(call, DETOUR_POINTS)) { /* the call has failed */
+        free_detour(detour);
+        return UMB_OK;
+    }
+    status = take_message(call, detour, &request->points);
+    if (status != UMB_OK) {
+        free_detour(detour);
+        return umb_fail(error, status, "out of memory for a calibration");
+    }
+    return send_detour(call, detour, error);
+}
+
+enum umb_status umbd_budget_take(struct umbd_call *call, struct umbd_batch *batch)
+{
+    struct detour *detour = batch->work_user;
+    if (batch->status != UMB_OK) {
+        return batch->status;
+    }
+    umbd_calibrations_put(call->conn->loop->daemon->calibrations,
+                          umbs_entry_item(detour->entry)->id, detour->light, detour->kind,
+                          &detour->calibration);
+    call->message = detour->message;
+    call->message_size = detour->message_size;
+    call->message_borrowed = 0;
+    detour->message = NULL;
+    return UMB_OK;
+}
