@@ -153,15 +153,26 @@ static int is_unchanged(const struct umbs_asset_map *map)
            same_time(&now.st_mtim, &map->stamp.modified);
 }
 
-enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*read)(void *user),
+enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map, void (*read)(void *user),
                                     void *user, struct umb_error *error)
 {
     if (map->fd < 0) {
         read(user);
         return UMB_OK;
     }
-    int whole = umbs_fault_guarded(map->base, map->reserved, read, user);
-    return whole && is_unchanged(map) ? UMB_OK : has_changed(error);
+    return umbs_fault_guarded(map->base, map->reserved, read, user) ? UMB_OK : has_changed(error);
+}
+
+enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map, struct umb_error *error)
+{
+    return map->fd < 0 || is_unchanged(map) ? UMB_OK : has_changed(error);
+}
+
+enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*read)(void *user),
+                                    void *user, struct umb_error *error)
+{
+    enum umb_status status = umbs_asset_map_peek(map, read, user, error);
+    return status == UMB_OK ? umbs_asset_map_prove(map, error) : status;
 }
 
 /* Opens the bytes, guarded; the blocks it allocated are in *blocks. */

@@ -88,6 +88,16 @@ UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map
                                                 void (*read)(void *user), void *user,
                                                 struct umb_error *error);
 
+/*
+ * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
+ * after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
+ */
+UMB_CHECKED enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map,
+                                                void (*read)(void *user), void *user,
+                                                struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map,
+                                                 struct umb_error *error);
+
 /* Checks everything again: checksums, structure, identity. Fails: E_CORRUPT and the like,
  * E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
 UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,

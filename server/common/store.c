@@ -204,7 +204,7 @@ void umbs_store_reap(struct umbs_store *store)
     }
 }
 
-void umbs__entry_retain(struct umbs_entry *entry)
+void umbs_entry_retain(struct umbs_entry *entry)
 {
     pthread_mutex_lock(&entry->store->mutex);
     entry->references++;
@@ -341,7 +341,16 @@ void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *er
     }
 }
 
-enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user), void *user,
+/* Sets an entry aside whose file turned out to be damaged. */
+static enum umb_status is_damaged(struct umbs_entry *entry, const struct umb_error *cause,
+                                  struct umb_error *error)
+{
+    umbs__entry_quarantine(entry, cause);
+    return umb_fail(error, cause->status, "asset: '%.64s' is damaged: %s", entry->item.name,
+                    cause->message);
+}
+
+enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *user), void *user,
                                 struct umb_error *error)
 {
     struct umb_error cause;
@@ -349,13 +358,24 @@ enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *use
         read(user);
         return UMB_OK;
     }
-    enum umb_status status = umbs_asset_map_read(entry->map, read, user, &cause);
-    if (status != UMB_OK) {
-        umbs__entry_quarantine(entry, &cause);
-        return umb_fail(error, status, "asset: '%.64s' is damaged: %s", entry->item.name,
-                        cause.message);
-    }
-    return UMB_OK;
+    return umbs_asset_map_peek(entry->map, read, user, &cause) == UMB_OK
+               ? UMB_OK
+               : is_damaged(entry, &cause, error);
+}
+
+enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *error)
+{
+    struct umb_error cause;
+    return entry->map == NULL || umbs_asset_map_prove(entry->map, &cause) == UMB_OK
+               ? UMB_OK
+               : is_damaged(entry, &cause, error);
+}
+
+enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user), void *user,
+                                struct umb_error *error)
+{
+    enum umb_status status = umbs_entry_peek(entry, read, user, error);
+    return status == UMB_OK ? umbs_entry_prove(entry, error) : status;
 }
 
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)

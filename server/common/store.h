@@ -134,6 +134,9 @@ int umbs_store_has(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], siz
 /* Says that there is no such asset: E_NOT_FOUND, as umbs_store_acquire does. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
 
+/* Takes a further reference. */
+void umbs_entry_retain(struct umbs_entry *entry);
+
 /* Gives a reference back. NULL is allowed. */
 void umbs_entry_release(struct umbs_entry *entry);
 
@@ -147,6 +150,15 @@ void umbs_entry_release(struct umbs_entry *entry);
  */
 UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user),
                                             void *user, struct umb_error *error);
+
+/*
+ * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
+ * after all of them succeeded. Each of the two fails as umbs_entry_read does.
+ * Cost:  peek 10 ns, prove 0.2 us.
+ */
+UMB_CHECKED enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *user),
+                                            void *user, struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *error);
 
 /* Borrowed until the release. Its description may be read at any time, its voxels in
  * umbs_entry_read only. */

@@ -38,7 +38,7 @@ struct umbs_table {
 
 struct umbs_folder {
     char *path, *cache;
-    char *proven;                /* path of the list */
+    char *proven; /* path of the list */
     /* Under the store's scan mutex: */
     struct umbs_records records; /* of the last scan, and what this one found */
     int unwritten;               /* there is something in them that the file has not */
@@ -102,9 +102,6 @@ void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *er
 
 /* CLOCK_MONOTONIC in milliseconds, never 0. */
 uint64_t umbs__now_ms(void);
-
-/* Takes a further reference to an entry of the current table (scan only). */
-void umbs__entry_retain(struct umbs_entry *entry);
 
 /* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
  * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */

@@ -83,7 +83,7 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
     if (fresh->retry && old != NULL && old->asset != NULL && !old_faulted) {
         /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
          * version goes on answering until one can tell. */
-        umbs__entry_retain(old);
+        umbs_entry_retain(old);
         umbs_entry_release(fresh);
         old->tried = pass->store->serial;
         return old;
@@ -125,7 +125,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     int tried = old != NULL && old->tried == store->serial;
     if (old != NULL && (tried || (!old->retry && !faulted && old->folder == name->folder &&
                                   umbs_stamp_equal(&old->stamp, &stamp)))) {
-        umbs__entry_retain(old);
+        umbs_entry_retain(old);
         pass->report->unchanged += !tried;
         *out = old;
         return UMB_OK;
@@ -135,7 +135,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     if (fresh == NULL && !pass->may_load) {
         pass->pending = 1;
         if (old != NULL) {
-            umbs__entry_retain(old);
+            umbs_entry_retain(old);
         }
         *out = old;
         return UMB_OK;

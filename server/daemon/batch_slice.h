@@ -4,6 +4,7 @@
 /* Answering one slice of a batch, between batch.c and pool.c. */
 #include "daemon/pool.h"
 
+/* error: valid only on failure. */
 struct umbd__slice_result {
     struct umb_query_stats stats;
     uint64_t cpu_ns;
@@ -16,6 +17,10 @@ struct umbd__slice_result {
  */
 UMB_CHECKED enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first,
                                             size_t count, struct umbd__slice_result *result);
+
+/* Sets slice_points so that turns stay about equally long, whatever a point costs; leaves it where
+ * there are no points to answer. */
+void umbd__batch_set_slice(struct umbd_batch *batch);
 
 void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
 

@@ -354,9 +354,9 @@ static enum umb_status inflate_message(struct umbd_call *call, const uint8_t *me
         return UMB_E_PROTOCOL;
     }
     size_t limit = (size_t)call->conn->loop->daemon->options.max_message;
-    uint64_t from = umbd_now_ns();
+    uint64_t from = umbd_conn_began(call->conn);
     enum umb_status status = umbw_gunzip(message, size, limit, out, out_size, &error);
-    umbd_conn_spent(call->conn, umbd_now_ns() - from);
+    umbd_conn_spent(call->conn, from);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
     } else if (!umbd_call_charge(call, call->charged + *out_size)) {
@@ -409,7 +409,8 @@ size_t umbd_call_room(struct umbd_call *call, size_t most, uint8_t **place)
 
 void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
 {
-    struct umb_error error = {0};
+    struct umb_error error;
+    error.message[0] = '\0';
     call->body_bytes += count;
     if (is_deaf(call)) {
         return;

@@ -106,6 +106,9 @@ struct umbd_call {
     unsigned pushback_ms;   /* tell the client when to come again; 0 = do not */
     struct umbw_buffer out; /* body that is made and not all sent */
     size_t sent;            /* of out */
+    uint64_t owed_turn;     /* proof.h: the turn in which it last owed one, */
+    unsigned owed;          /* for which versions (bits), */
+    size_t owed_bytes;      /* and how many bytes at the end of out wait for it */
 #ifdef UMBRAGE_TEST_SERVICE
     struct umbd_echo echo;
 #endif
@@ -172,6 +175,9 @@ size_t umbd_call_unsent(const struct umbd_call *call);
 
 /* 1 if the call's deadline has passed. */
 int umbd_call_expired(const struct umbd_call *call);
+
+/* Gives up the replies that are owed a proof (proof.h), and fails. */
+void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error);
 
 /* Copies `count` body bytes that are to be sent now. */
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);

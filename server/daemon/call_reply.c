@@ -192,6 +192,14 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
     umbd_call_fail(call, umb_status_grpc(status), message);
 }
 
+void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error)
+{
+    call->out.size -= call->owed_bytes;
+    call->owed_bytes = 0;
+    call->reply_ended = 0; /* whatever was to be its end has not been sent */
+    umbd_call_fail_status(call, error->status, error);
+}
+
 static void respond_grpc(struct umbd_call *call)
 {
     nghttp2_nv fields[3];
@@ -233,6 +241,9 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
 void umbd_call_commit(struct umbd_call *call, size_t bytes)
 {
     call->out.size += bytes;
+    if (call->owed_turn == call->conn->loop->proof.turn) {
+        call->owed_bytes += bytes;
+    }
     if (!umbd_method_gives_many(call->method)) {
         drop_request(call);
         call->reply_ended = 1;

@@ -58,7 +58,8 @@ static int is_control(const nghttp2_frame_hd *frame)
 static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *frame, void *user)
 {
     struct umbd_conn *conn = user;
-    if (!conn->doomed && is_control(frame) && !umbd_bucket_take(&conn->control, uv_hrtime())) {
+    if (!conn->doomed && is_control(frame) &&
+        !umbd_bucket_take(&conn->control, umbd_loop_coarse_ns(conn->loop))) {
         umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many control frames");
     }
     if (frame->length > HEADER_FRAME_BYTES &&

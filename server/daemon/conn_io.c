@@ -108,6 +108,7 @@ static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *siz
 void umbd_conn_flush(struct umbd_conn *conn)
 {
     uint64_t until = conn->sent_bytes + FLUSH_BYTES;
+    umbd_proof_settle(conn->loop); /* before frames are made of what was answered */
     while (!conn->closing && !conn->write_pending) {
         const uint8_t *bytes = NULL;
         size_t size = 0;
@@ -244,6 +245,7 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         return;
     }
     unsigned before = conn->filter.odd;
+    conn->loop->clock_ns = 0;
     int code = conn->tls != NULL ? feed_tls(conn, bytes, (size_t)count)
                                  : feed_filter(conn, bytes, (size_t)count);
     for (; code == 0 && !conn->doomed && before != conn->filter.odd; before++) {

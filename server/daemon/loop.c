@@ -23,6 +23,11 @@
 #define LOG_BURST 20 /* warnings about peers at once */
 #define LOG_RATE  5  /* and a second */
 
+uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop)
+{
+    return uv_now(&loop->uv) * 1000000;
+}
+
 int umbd_loop_may_log(struct umbd_loop *loop)
 {
     return umbd_bucket_take(&loop->log_budget, uv_hrtime());
@@ -74,6 +79,7 @@ void umbd_loop_forget(struct umbd_conn *conn)
 static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
 {
     struct umbd_conn *conn = umbd_conn_find(loop, batch->lane);
+    loop->clock_ns = 0;
     struct umbd_call *call =
         conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, batch->stream_id) : NULL;
     if (call != NULL && call->batch == batch) {
@@ -92,7 +98,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
     } else {
         umbd_daemon_uncharge(loop->daemon, batch->charged);
     }
-    umbd_batch_destroy(batch);
+    umbd_batch_recycle(batch, &loop->spare);
 }
 
 /* Goes on with the streams that had to wait for others, or for the client to take its replies. */
@@ -102,6 +108,7 @@ static void pump_streams(struct umbd_conn *conn)
         return;
     }
     conn->pump_due = 0;
+    conn->loop->clock_ns = 0;
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
         if (call->queue_first != NULL) {
             umbd_stream_pump(call);
@@ -117,6 +124,7 @@ static void begin_turn(struct umbd_conn *conn)
     if (loop->inline_at_ms != now_ms) {
         loop->inline_at_ms = now_ms;
         loop->inline_ns = 0;
+        loop->clock_ns = 0;
     }
     if (conn->turn_at_ms != now_ms) {
         conn->turn_at_ms = now_ms;
@@ -131,11 +139,23 @@ int umbd_conn_has_turn(struct umbd_conn *conn)
     return loop->inline_ns < UMBD_INLINE_NS && conn->turn_ns < UMBD_TURN_NS;
 }
 
-void umbd_conn_spent(struct umbd_conn *conn, uint64_t nanoseconds)
+uint64_t umbd_conn_began(struct umbd_conn *conn)
 {
+    struct umbd_loop *loop = conn->loop;
     begin_turn(conn);
-    conn->loop->inline_ns += nanoseconds;
-    conn->turn_ns += nanoseconds;
+    if (loop->clock_ns == 0) {
+        loop->clock_ns = umbd_now_ns();
+    }
+    return loop->clock_ns;
+}
+
+void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns)
+{
+    struct umbd_loop *loop = conn->loop;
+    begin_turn(conn);
+    loop->clock_ns = umbd_now_ns();
+    loop->inline_ns += loop->clock_ns - began_ns;
+    conn->turn_ns += loop->clock_ns - began_ns;
 }
 
 /* Takes what the workers finished; then sends, once a connection: what a flush leaves for later
@@ -176,6 +196,7 @@ static void on_tick(uv_timer_t *timer)
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *conn = loop->first_conn;
     atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
+    umbd_proof_settle(loop); /* of connections that broke off */
     while (conn != NULL) {
         struct umbd_conn *next = conn->next;
         umbd_conn_tick(conn, now_ms);
@@ -251,6 +272,7 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     memset(loop, 0, sizeof *loop);
     loop->daemon = daemon;
     loop->index = index;
+    loop->proof.turn = 1;
     loop->read_buffer = malloc(UMBD_READ_BYTES);
     loop->out = malloc(UMBD_OUT_CAPACITY);
     int code = loop->read_buffer != NULL && loop->out != NULL ? uv_loop_init(&loop->uv) : UV_ENOMEM;
@@ -317,6 +339,8 @@ void umbd_loop_stop(struct umbd_loop *loop)
 void umbd_loop_finish(struct umbd_loop *loop)
 {
     collect_done(loop);
+    umbd_proof_settle(loop);
+    free(loop->spare);
     uv_walk(&loop->uv, close_handle, NULL);
     uv_run(&loop->uv, UV_RUN_DEFAULT);
     uv_loop_close(&loop->uv);

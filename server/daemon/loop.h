@@ -13,6 +13,7 @@
 #include <uv.h>
 #include "daemon/daemon.h"
 #include "daemon/h2_guard.h"
+#include "daemon/proof.h"
 
 #define UMBD_TICK_MS      100          /* resolution of all timers */
 #define UMBD_READ_BYTES   (256 * 1024) /* the loop's read buffer */
@@ -68,7 +69,10 @@ struct umbd_loop {
     size_t sealed_size;
     uint64_t inline_ns;            /* spent on small batches in this wake-up */
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
+    uint64_t clock_ns;             /* umbd_now_ns as last read in this event, 0 = not yet */
     struct umbd_conn *first_dirty; /* connections to be flushed */
+    struct umbd_proof proof;       /* of what small batches read in this event */
+    struct umbd_batch *spare;      /* of the last small one, for the next */
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 
     pthread_mutex_t done_mutex;
@@ -101,9 +105,16 @@ void umbd_loop_forget(struct umbd_conn *conn);
 /* The `done` of batches made on a loop; home is the loop. Any thread. */
 void umbd_loop_batch_done(struct umbd_batch *batch);
 
-/* 1 if small work of the connection may be done in this wake-up; _spent: says what it took. */
+/* 1 if small work of the connection may be done in this wake-up. _began: when what is done now
+ * began, which is when the last of it ended in this event, so that the clock is read once for each;
+ * _spent: it ends now. */
 int umbd_conn_has_turn(struct umbd_conn *conn);
-void umbd_conn_spent(struct umbd_conn *conn, uint64_t nanoseconds);
+uint64_t umbd_conn_began(struct umbd_conn *conn);
+void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns);
+
+/* The time of uv_hrtime when the event began, in steps of a millisecond: for budgets of frames,
+ * where a look at the clock would cost more than the frame. */
+uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop);
 
 /* 1 if a warning about a peer may be logged now. */
 int umbd_loop_may_log(struct umbd_loop *loop);

@@ -205,7 +205,7 @@ static void *worker(void *argument)
         }
         pthread_mutex_unlock(&pool->mutex);
         if (count > 0) {
-            struct umbd__slice_result result = {0};
+            struct umbd__slice_result result;
             enum umb_status status = umbd__slice_run(batch, first, count, &result);
             pthread_mutex_lock(&pool->mutex);
             slice_ended(pool, batch, first, status, &result);
@@ -324,6 +324,7 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
     } else if (batch->points.count == 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "points: an empty batch needs no worker");
     } else {
+        umbd__batch_set_slice(batch);
         batch->queued_ns = umbd_now_ns();
         batch->next_point = 0;
         batch->in_flight = 0;

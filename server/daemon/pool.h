@@ -32,6 +32,8 @@ struct umbd_part {
     uint32_t taps, level; /* asked for, or chosen by the batch's dial */
     double expected_ns;   /* a point, by the calibration of a budget; else 0 */
     struct umb_query query;
+    struct umb_query_settings asked; /* what the query was made of, */
+    uint64_t turn; /* and the turn (proof.h) in which entry was known to live; 0 = never */
 };
 
 struct umbd_batch {
@@ -50,6 +52,8 @@ struct umbd_batch {
     uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */
     size_t head_room;
     int want_stats, with_targets;
+    int is_borrowed;      /* the one part's entry is not the batch's own */
+    int peeks;            /* what it reads is proven later (proof.h) */
     uint64_t deadline_ns; /* CLOCK_MONOTONIC, 0 = none */
     uint64_t lane;        /* serial of the connection */
     int32_t stream_id;
@@ -64,7 +68,6 @@ struct umbd_batch {
 
     /* results, valid in done */
     enum umb_status status;
-    struct umb_error error;
     struct umb_query_stats stats;
     uint64_t cpu_ns;
 
@@ -78,6 +81,8 @@ struct umbd_batch {
     struct umbd_batch *ring_next, *ring_previous; /* heads of lanes */
     struct umbd_batch *follower, *last_follower;  /* later batches of the lane */
     size_t lane_count;                            /* of a head: batches of its lane, itself too */
+
+    struct umb_error error; /* a result too; valid only if status is not OK, so never cleared */
 };
 
 /*
@@ -90,9 +95,22 @@ UMB_CHECKED enum umb_status umbd_batch_create(size_t part_limit,
                                               const struct umb_points *points,
                                               struct umbd_batch **out, struct umb_error *error);
 
-/* Adds a part; takes entry over, also on failure. Fails: as umb_query_prepare. */
+/* The same for at most one part, in the memory of *spare if there is any. _recycle, in place of
+ * umbd_batch_destroy, keeps the memory there; it owns nothing, free() ends it. */
+UMB_CHECKED enum umb_status umbd_batch_reuse(struct umbd_batch **spare,
+                                             const struct umb_query_settings *settings,
+                                             const struct umb_points *points,
+                                             struct umbd_batch **out, struct umb_error *error);
+void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare);
+
+/* Adds a part; takes entry over, also on failure, unless is_borrowed is set. Fails: as
+ * umb_query_prepare. */
 UMB_CHECKED enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry,
                                            uint32_t light, struct umb_error *error);
+
+/* Adds the one part of a reused batch as umbd_batch_add did for the last in its memory, if that was
+ * the same in the same turn, and returns 1; else 0. entry: borrowed. */
+int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t turn);
 
 /* Allocates the reply: head_room bytes, then the answers. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,

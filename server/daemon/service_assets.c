@@ -179,10 +179,10 @@ void umbd_service_reflection(struct umbd_call *call)
     if (!umbd_call_take_points(call, UMBD_CALL_POINTS)) {
         return;
     }
-    uint64_t from = umbd_now_ns();
+    uint64_t from = umbd_conn_began(call->conn);
     enum umb_status status =
         umbw_reflection_answer(call->message, call->message_size, &head, &error);
-    umbd_conn_spent(call->conn, umbd_now_ns() - from);
+    umbd_conn_spent(call->conn, from);
     if (status == UMB_OK && !umbd_call_charge(call, call->charged + head.size)) {
         umbw_buffer_finish(&head);
     } else if (status == UMB_OK) {

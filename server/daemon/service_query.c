@@ -102,23 +102,28 @@ static void shed(struct umbd_call *call, const struct umb_error *error)
     umbd_call_fail_status(call, UMB_E_BUSY, error);
 }
 
-/* Answers into the reply itself. */
-static void answer_inline(struct umbd_call *call, struct umbd_batch *batch, int with_targets)
+/* Answers into the reply itself. What one version answers is proven with the next flush. */
+static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
+                          const struct umbw_query_request *request)
 {
     uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
-    struct umbw_query_reply reply = reply_of(batch, with_targets, ids);
+    struct umbw_query_reply reply = reply_of(batch, request->target_count > 0, ids);
     size_t room = umbw_query_reply_room(&reply);
     uint8_t *at = umbd_call_reserve(call, room + batch->value_bytes);
     if (at == NULL) {
         return;
     }
-    uint64_t from = umbd_now_ns();
+    uint64_t from = umbd_conn_began(call->conn);
     batch->values = at + room;
+    batch->peeks = request->target_count == 0;
     umbd_batch_run(batch, &call->conn->loop->daemon->metrics);
-    umbd_conn_spent(call->conn, umbd_now_ns() - from);
+    umbd_conn_spent(call->conn, from);
     if (batch->status != UMB_OK) {
         umbd_call_fail_status(call, batch->status, &batch->error);
         return;
+    }
+    if (batch->peeks) {
+        umbd_proof_owe(call, batch, request->asset);
     }
     reply.stats = batch->stats;
     reply.nanoseconds = batch->cpu_ns;
@@ -163,6 +168,10 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
     if (status != UMB_OK) {
         return status;
     }
+    if (batch->is_borrowed) {
+        umbs_entry_retain(batch->parts[0].entry);
+        batch->is_borrowed = 0;
+    }
     batch->with_targets = with_targets;
     batch->deadline_ns = call->deadline_ns;
     batch->lane = call->conn->serial;
@@ -186,11 +195,35 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 
+/* The same where there is one: requests of one event mostly ask the same asset. */
+static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *batch,
+                                     const struct umbw_query_request *request,
+                                     struct umb_error *error)
+{
+    struct umbd_loop *loop = call->conn->loop;
+    struct umbs_entry *entry = umbd_proof_find(loop, request->asset);
+    enum umb_status status;
+    if (entry != NULL && umbd_call_sees(call, umbs_entry_item(entry)->id)) {
+        batch->is_borrowed = 1;
+        if (umbd_batch_repeat(batch, entry, loop->proof.turn)) {
+            return UMB_OK;
+        }
+        status = umbd_batch_add(batch, entry, request->settings.light, error);
+    } else {
+        status = add_part(call, batch, request->asset, request->settings.light, error);
+    }
+    if (status == UMB_OK) {
+        batch->parts[0].turn = loop->proof.turn;
+    }
+    return status;
+}
+
 /* A batch with a part for each target. Out: NULL if the call is away to be calibrated, or failed
  * by its rate. */
 static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_request *request,
                                   struct umbd_batch **out, struct umb_error *error)
 {
+    struct umbd_loop *loop = call->conn->loop;
     size_t count = request->target_count;
     struct umbw_query_target target;
     struct umb_calibration calibration;
@@ -200,8 +233,10 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
         status = umbd_budget_calibrate(call, request, &calibration, &away, error);
     }
     if (status == UMB_OK && !away) {
-        status = umbd_batch_create(count > 0 ? count : 1, &request->settings, &request->points, out,
-                                   error);
+        status =
+            count == 0
+                ? umbd_batch_reuse(&loop->spare, &request->settings, &request->points, out, error)
+                : umbd_batch_create(count, &request->settings, &request->points, out, error);
     }
     if (status != UMB_OK || away) {
         return status;
@@ -211,7 +246,7 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     batch->dial = request->dial;
     batch->calibration = request->dial.budget_ns > 0 ? &calibration : NULL;
     if (count == 0) {
-        status = add_part(call, batch, request->asset, request->settings.light, error);
+        status = add_only_part(call, batch, request, error);
     }
     for (size_t i = 0; status == UMB_OK && i < count; i++) {
         status = umbw_query_target_next(request, &target, error);
@@ -225,10 +260,18 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
 
 void umbd_service_query(struct umbd_call *call)
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
+    struct umbd_loop *loop = call->conn->loop;
+    struct umbd_daemon *daemon = loop->daemon;
     struct umbw_query_request request;
     struct umbd_batch *batch = NULL;
-    struct umb_error error = {0};
+    struct umb_error error;
+    error.message[0] = '\0';
+    if (!umbd_proof_has_room(loop)) {
+        umbd_proof_settle(loop);
+        if (call->reply_ended) {
+            return; /* an answer before this one had to be taken back */
+        }
+    }
     enum umb_status status = umbw_decode_query_request(
         call->message, call->message_size, (size_t)daemon->options.max_points, &request, &error);
     if (status == UMB_OK) {
@@ -240,11 +283,11 @@ void umbd_service_query(struct umbd_call *call)
     int targets = request.target_count > 0;
     if (status == UMB_OK &&
         !umbd_call_take_points(call, UMBD_CALL_POINTS + request.points.count * batch->part_count)) {
-        umbd_batch_destroy(batch);
+        umbd_batch_recycle(batch, &loop->spare);
         return;
     }
     if (status == UMB_OK && !umbd_call_charge(call, call->charged + batch->value_bytes)) {
-        umbd_batch_destroy(batch);
+        umbd_batch_recycle(batch, &loop->spare);
         return;
     }
     if (status == UMB_OK && request.points.count > 0 &&
@@ -255,9 +298,9 @@ void umbd_service_query(struct umbd_call *call)
             return;
         }
     } else if (status == UMB_OK) {
-        answer_inline(call, batch, targets);
+        answer_inline(call, batch, &request);
     }
-    umbd_batch_destroy(batch);
+    umbd_batch_recycle(batch, &loop->spare);
     if (status == UMB_E_BUSY) {
         shed(call, &error);
     } else if (status != UMB_OK) {

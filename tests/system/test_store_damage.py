@@ -12,6 +12,7 @@ import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import raw_http2 as h2  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 grpc, _ = ut.need_grpc()
@@ -129,6 +130,56 @@ for how in (cut, overwrite):
         assert daemon.metric("umbrage_sigbus_total") > before
         assert "event=asset_quarantined asset=victim" in daemon.log()
         assert "asset_quarantined asset=other" not in daemon.log()
+
+
+QUERY, STREAM = "/umbrage.v1.Shadows/Query", "/umbrage.v1.Shadows/QueryStream"
+
+
+def ask_at_once(asked):
+    """Each (path, asset, how often) a call of its own, all requests in one write; their replies."""
+    wire = h2.Connection(daemon.port)
+    wire.settle()
+    pieces = []
+    wire.send, send = lambda data: pieces.append(data) or True, wire.send
+    streams = []
+    for path, asset, times in asked:
+        request = test.messages.shadows.QueryRequest(asset=asset, points=few)
+        streams.append(wire.open(path))
+        wire.data(streams[-1], h2.prefixed(request.SerializeToString()) * times, end=True)
+    wire.send = send
+    wire.send(b"".join(pieces))
+    replies = [wire.reply(stream) for stream in streams]
+    wire.close()
+    return replies
+
+
+def visibilities(reply):
+    """Of every message of a body."""
+    body, found = reply.body, []
+    while body:
+        size = int.from_bytes(body[1:5], "big")
+        found.append(test.messages.shadows.QueryReply.FromString(body[5:5 + size]).visibility)
+        body = body[5 + size:]
+    return found
+
+
+# Answers of one event share the look at the file that proves them (server/daemon/proof.h).
+with test.check("of requests in one packet those on the damaged asset fail, and no answer of it leaves"):
+    asked = [(STREAM, "victim", 5), (QUERY, "other", 1), (QUERY, "victim", 1), (STREAM, "other", 5)]
+    for _ in range(3):
+        ut.wait_until(lambda: heals(client), SOON, "the victim answers again")
+        for (_, asset, times), reply in zip(asked, ask_at_once(asked)):
+            assert reply.status == 0 and visibilities(reply) == [truth[asset, few]] * times, reply
+        # A file made anew a moment ago may have the same time: file systems count in ticks.
+        made = os.stat(cache_path("victim")).st_mtime_ns
+        ut.wait_until(lambda: time.time_ns() - made > 50_000_000, SOON, "a later time")
+        overwrite(cache_path("victim"))
+        for (_, asset, times), reply in zip(asked, ask_at_once(asked)):
+            if asset == "victim":
+                assert reply.status == Code.DATA_LOSS.value[0] and not reply.body, reply
+            else:
+                assert reply.status == 0 and visibilities(reply) == [truth[asset, few]] * times, reply
+    ut.wait_until(lambda: heals(client), SOON, "the victim answers again")
 for how in (delete, replace):
     with test.check(f"{how.__name__} under load: nobody notices"):
         load = Load(daemon)

@@ -369,6 +369,48 @@ static void batch_create_names_what_is_wrong_and_keeps_nothing(void **state)
     umbd_batch_destroy(batch);
 }
 
+static void batch_in_used_memory_repeats_only_the_same_question_of_the_same_turn(void **state)
+{
+    struct fixture *f = *state;
+    struct umbs_entry *entry;
+    struct umbd_batch *spare = NULL;
+    struct umbd_batch *batch;
+    struct umb_query_settings settings = {.taps = 3};
+    struct umb_query_settings other = {.taps = 5};
+    struct umb_query_settings wrong = {.taps = 4};
+    struct umb_points points = {.count = 0};
+    assert_int_equal(umbs_store_acquire(f->store, "slab", &entry, NULL), UMB_OK);
+    assert_int_equal(umbd_batch_reuse(&spare, &settings, &points, &batch, NULL), UMB_OK);
+    batch->is_borrowed = 1;
+    assert_false(umbd_batch_repeat(batch, entry, 7)); /* fresh memory knows nothing */
+    assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_OK);
+    batch->parts[0].turn = 7;
+    umbd_batch_recycle(batch, &spare);
+    assert_ptr_equal(spare, batch);
+    assert_int_equal(umbd_batch_reuse(&spare, &other, &points, &batch, NULL), UMB_OK);
+    assert_false(umbd_batch_repeat(batch, entry, 7));
+    umbd_batch_recycle(batch, &spare);
+    assert_int_equal(umbd_batch_reuse(&spare, &settings, &points, &batch, NULL), UMB_OK);
+    assert_null(spare);
+    assert_int_equal(batch->part_count, 0);
+    assert_false(umbd_batch_repeat(batch, entry, 8));
+    assert_false(umbd_batch_repeat(batch, NULL, 7));
+    batch->is_borrowed = 1;
+    assert_true(umbd_batch_repeat(batch, entry, 7));
+    assert_int_equal(batch->part_count, 1);
+    assert_int_equal(umb_query_taps(&batch->parts[0].query), 3);
+    umbd_batch_recycle(batch, &spare);
+    /* A question that could not be prepared leaves nothing to repeat. */
+    assert_int_equal(umbd_batch_reuse(&spare, &wrong, &points, &batch, NULL), UMB_OK);
+    batch->is_borrowed = 1;
+    assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_E_ARGUMENT);
+    umbd_batch_recycle(batch, &spare);
+    assert_int_equal(umbd_batch_reuse(&spare, &settings, &points, &batch, NULL), UMB_OK);
+    assert_false(umbd_batch_repeat(batch, entry, 7));
+    umbd_batch_destroy(batch);
+    umbs_entry_release(entry);
+}
+
 int main(void)
 {
 #define WITH_STORE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
@@ -382,6 +424,7 @@ int main(void)
         WITH_STORE(pool_cancel_of_a_running_batch_ends_it_once),
         WITH_STORE(pool_takes_turns_between_lanes),
         WITH_STORE(batch_of_parts_answers_each_as_if_alone),
+        WITH_STORE(batch_in_used_memory_repeats_only_the_same_question_of_the_same_turn),
         WITH_STORE(batch_create_names_what_is_wrong_and_keeps_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_PROOF_H
+#define UMBRAGE_SERVER_DAEMON_PROOF_H
+/*
+ * The proofs that a loop owes for answers of small batches.
+ *
+ * What was read from a mapped file may leave once the file has been looked at after the read and
+ * found unchanged (common/asset_map.h). The look is a system call that takes as long as ten
+ * look-ups, so small batches only peek: their answers go into the bodies of their calls, the loop
+ * notes which versions it read, and before a frame is made of any body each of them is looked at
+ * once. Where one has changed, the calls that read it take back what is not proven and fail.
+ *
+ *     umbd_proof_find -> peek -> umbd_proof_owe -> umbd_call_commit ... umbd_proof_settle -> send
+ *
+ * Everything is settled by the flush that ends the event, and by the tick at the latest, so a
+ * version that was replaced is not held longer than that. Threads: the loop's.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "common/store.h"
+#include "wire/messages.h"
+
+#define UMBD_OWED_MAX 4 /* versions at once; more are settled early */
+
+struct umbd_batch;
+struct umbd_call;
+struct umbd_loop;
+
+struct umbd_proof {
+    uint64_t turn;  /* of what is owed now, from 1 on; calls remember it */
+    uint64_t at_ms; /* uv_now of the first */
+    size_t count;
+    struct {
+        struct umbs_entry *entry;            /* one reference */
+        char asked[UMBW_ASSET_NAME_MAX + 1]; /* the name or id that it was found by */
+    } owed[UMBD_OWED_MAX];
+};
+
+/* The version that was found by that name in this event, or NULL. Borrowed until the next settle.
+ */
+struct umbs_entry *umbd_proof_find(const struct umbd_loop *loop, const char *asked);
+
+/* The call is about to commit what the batch's one part peeked; there must be room for a version.
+ * Takes the part's reference if it has one to give. */
+void umbd_proof_owe(struct umbd_call *call, struct umbd_batch *batch, const char *asked);
+
+/* 1 if a further version may be owed. */
+int umbd_proof_has_room(const struct umbd_loop *loop);
+
+/* Looks at every file that is owed, fails calls where one has changed. Safe in call-backs. */
+void umbd_proof_settle(struct umbd_loop *loop);
+
+#endif
