@@ -249,6 +249,19 @@ UMB_API void umb_map_destroy(struct umb_map *map);
 /* Fills info. Never fails. Cost: O(1). */
 UMB_API void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info);
 
+/* The texels of one level as they are stored: what a GPU is given. */
+struct umb_map_level {
+    const void *texels; /* rows of [width][channels], little-endian; borrowed */
+    uint32_t width, height, channels;
+    enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
+                                   1/32767; U24: three bytes a texel */
+    size_t bytes;
+};
+
+/* Fills in level 0, or a mip level. Returns 0 if there is none: beyond the last, or the map is not
+ * stored as texels (tables, DEEP). Cost: O(1). */
+UMB_API int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_level *out);
+
 /* Name of a technique: "pcf", "vsm", ...; "unknown" for any other number. */
 UMB_API const char *umb_map_technique_name(enum umb_map_technique technique);
 
