@@ -2,10 +2,12 @@
 #ifndef UMBRAGE_WIRE_REGIONS_H
 #define UMBRAGE_WIRE_REGIONS_H
 /* The messages of umbrage.v1.Regions as plain structs; rules as in messages.h. */
+#include "umbrage/derive.h"
 #include "wire/messages.h"
 
 #define UMBW_PATH_REGIONS_STREAM "/umbrage.v1.Regions/Stream"
 #define UMBW_PATH_REGIONS_FOLLOW "/umbrage.v1.Regions/Follow"
+#define UMBW_PATH_REGIONS_DERIVE "/umbrage.v1.Regions/DeriveMap"
 #define UMBW_STRETCHES_MAX       128       /* of one request */
 #define UMBW_REGION_BYTES_MAX    (1 << 20) /* of one reply */
 
@@ -25,6 +27,21 @@ struct umbw_region_reply {
     const uint8_t *data; /* decoder: into the message */
     size_t data_size;
 };
+
+struct umbw_derive_request {
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    struct umb_derive_settings
+        settings; /* camera: NULL; cascades.count > 0: `camera` is asked for */
+    struct umb_cascade_camera camera;
+};
+
+/* Enums and lengths of vectors are checked, the rest by umb_derive. Fails and trust as below. */
+UMB_CHECKED enum umb_status umbw_decode_derive_request(const uint8_t *message, size_t size,
+                                                       struct umbw_derive_request *request,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_derive_request(const struct umbw_derive_request *request,
+                                                       struct umbw_buffer *buffer,
+                                                       struct umb_error *error);
 
 /* Fails: E_ARGUMENT naming the field, E_TOO_LARGE, E_NO_MEMORY. Trust: safe on hostile bytes. */
 UMB_CHECKED enum umb_status umbw_decode_region_request(const uint8_t *message, size_t size,

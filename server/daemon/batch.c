@@ -239,7 +239,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
     memset(&result->stats, 0, sizeof result->stats);
     result->cpu_ns = 0;
     if (batch->work != NULL) {
-        return batch->work(batch->work_user, &result->error);
+        return batch->work(batch, &result->error);
     }
     uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
     struct umb_points part = sub_points(&batch->points, first, count);

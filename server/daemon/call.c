@@ -215,6 +215,7 @@ static const struct {
     [UMBD_METHOD_BAKES_DELETE] = {UMBW_PATH_BAKES_DELETE, 0, 0, umbd_service_bakes_delete, NULL},
     [UMBD_METHOD_REGIONS_STREAM] = {UMBW_PATH_REGIONS_STREAM, 0, 1, umbd_service_regions, NULL},
     [UMBD_METHOD_REGIONS_FOLLOW] = {UMBW_PATH_REGIONS_FOLLOW, 1, 1, umbd_service_regions, NULL},
+    [UMBD_METHOD_REGIONS_DERIVE] = {UMBW_PATH_REGIONS_DERIVE, 0, 1, umbd_service_derive, NULL},
     [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check, NULL},
     [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch, NULL},
     [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection, NULL},

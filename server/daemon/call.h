@@ -217,10 +217,23 @@ void umbd_stream_later(struct umbd_call *call);
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_last_call(struct umbd_call *call);
 
+/*
+ * Has work(user) run once by a worker, as a batch without points: queue, fairness, deadlines and
+ * cancelling are those of queries. work_free(user) is called in the end, on failure too.
+ *
+ * In:    bytes: that the call holds meanwhile.
+ * Fails: E_BUSY (queue full), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbd_call_send_work(struct umbd_call *call, umbd_work_fn work,
+                                                void (*work_free)(void *user), void *user,
+                                                size_t bytes, struct umb_error *error);
+
 /* Service entry points (service_*.c); the call holds its message. */
 void umbd_service_query(struct umbd_call *call);
 void umbd_service_regions(struct umbd_call *call);
 void umbd_service_regions_done(struct umbd_call *call, struct umbd_batch *batch);
+void umbd_service_derive(struct umbd_call *call);
+void umbd_service_derive_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_limits(struct umbd_call *call);
 void umbd_service_reflection(struct umbd_call *call);
 void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *batch);

@@ -30,6 +30,7 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
     {"umbrage.v1.Bakes", "Delete", "unary"},
     {"umbrage.v1.Regions", "Stream", "server_stream"},
     {"umbrage.v1.Regions", "Follow", "bidi_stream"},
+    {"umbrage.v1.Regions", "DeriveMap", "server_stream"},
     {"grpc.health.v1.Health", "Check", "unary"},
     {"grpc.health.v1.Health", "Watch", "server_stream"},
     {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},

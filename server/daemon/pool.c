@@ -346,6 +346,7 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
 void umbd_pool_cancel(struct umbd_pool *pool, struct umbd_batch *batch)
 {
     int last = 0;
+    atomic_store_explicit(&batch->given_up, 1, memory_order_relaxed);
     pthread_mutex_lock(&pool->mutex);
     if (batch->linked) {
         stop_batch(pool, batch, UMB_E_CANCELLED);

@@ -18,6 +18,7 @@
  * the pool between submit and done; the maker may only cancel it.
  */
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "common/store.h"
@@ -35,6 +36,9 @@ struct umbd_part {
     struct umb_query_settings asked; /* what the query was made of, */
     uint64_t turn; /* and the turn (proof.h) in which entry was known to live; 0 = never */
 };
+
+struct umbd_batch;
+typedef enum umb_status (*umbd_work_fn)(const struct umbd_batch *batch, struct umb_error *error);
 
 struct umbd_batch {
     /* set by the maker */
@@ -60,10 +64,12 @@ struct umbd_batch {
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */
     void *home;                             /* for done */
-    /* Instead of answering points (then there is one, and no part): run once by a worker. */
-    enum umb_status (*work)(void *user, struct umb_error *error);
+    /* Instead of answering points (then there is one, and no part): run once by a worker. Long
+     * work looks at given_up now and then. */
+    umbd_work_fn work;
     void (*work_free)(void *user); /* when the batch is destroyed */
     void *work_user;
+    atomic_int given_up;          /* it was cancelled */
     struct umbd_batch *next_done; /* for done's list */
 
     /* results, valid in done */

@@ -49,9 +49,9 @@ static enum umb_status read_stretch(int fd, const struct umbw_stretch *stretch, 
 }
 
 /* On a worker's thread. */
-static enum umb_status read_all(void *user, struct umb_error *error)
+static enum umb_status read_all(const struct umbd_batch *batch, struct umb_error *error)
 {
-    struct reading *r = user;
+    struct reading *r = batch->work_user;
     int fd = -1;
     enum umb_status status = umbs_entry_open_packed(r->entry, &fd, &r->reply.file_bytes, error);
     for (size_t i = 0; i < r->request.count && status == UMB_OK; i++) {
@@ -103,8 +103,8 @@ static enum umb_status make_reading(struct umbd_call *call, struct reading **out
                    : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes", *bytes);
 }
 
-/* Hands it to the workers; takes it over. */
-static enum umb_status send_reading(struct umbd_call *call, struct reading *reading, size_t bytes,
+enum umb_status umbd_call_send_work(struct umbd_call *call, umbd_work_fn work,
+                                    void (*work_free)(void *user), void *user, size_t bytes,
                                     struct umb_error *error)
 {
     static const struct umb_query_settings no_settings;
@@ -112,12 +112,12 @@ static enum umb_status send_reading(struct umbd_call *call, struct reading *read
     struct umbd_batch *batch;
     enum umb_status status = umbd_batch_create(0, &no_settings, &no_points, &batch, error);
     if (status != UMB_OK) {
-        free_reading(reading);
+        work_free(user);
         return status;
     }
-    batch->work = read_all;
-    batch->work_free = free_reading;
-    batch->work_user = reading;
+    batch->work = work;
+    batch->work_free = work_free;
+    batch->work_user = user;
     batch->slice_points = 1;
     batch->deadline_ns = call->deadline_ns;
     batch->lane = call->conn->serial;
@@ -150,7 +150,7 @@ void umbd_service_regions(struct umbd_call *call)
     if (status != UMB_OK) {
         free_reading(reading);
     } else {
-        status = send_reading(call, reading, bytes, &error);
+        status = umbd_call_send_work(call, read_all, free_reading, reading, bytes, &error);
     }
     if (status == UMB_E_BUSY) {
         call->pushback_ms = UMBD_PUSHBACK_MS;

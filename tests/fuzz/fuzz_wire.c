@@ -6,6 +6,7 @@
 #include "fuzz.h"
 #include "wire/grpc.h"
 #include "wire/messages.h"
+#include "wire/regions.h"
 
 static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
@@ -51,6 +52,14 @@ static void decode_all(const uint8_t *message, size_t size)
     }
     if (umbw_decode_list_reply(message, size, &list, NULL) == UMB_OK) {
         umbw_list_reply_finish(&list);
+    }
+    struct umbw_region_request region;
+    struct umbw_region_reply piece;
+    struct umbw_derive_request derive;
+    (void)!umbw_decode_region_request(message, size, &region, NULL);
+    (void)!umbw_decode_region_reply(message, size, &piece, NULL);
+    if (umbw_decode_derive_request(message, size, &derive, NULL) == UMB_OK) {
+        FUZZ_DEMAND(derive.settings.cascades.count <= UMB_CASCADES_MAX);
     }
     (void)!umbw_decode_describe_request(message, size, text, &want_curves, NULL);
     (void)!umbw_decode_health_request(message, size, text, NULL);

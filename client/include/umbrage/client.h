@@ -46,6 +46,7 @@
 #include <stdint.h>
 #include "umbrage/log.h"
 #include "umbrage/curve.h"
+#include "umbrage/derive.h"
 #include "umbrage/query.h"
 
 #ifdef __cplusplus
@@ -241,6 +242,25 @@ UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *clien
 
 /* Frees a description and all it points to. NULL is allowed. */
 UMB_API void umb_client_description_free(struct umb_client_description *description);
+
+/*
+ * Has the server derive maps of an asset and waits for the KTX 2.0 file, as umb_derived_ktx2 makes
+ * it. A texel counts as a point in the server's limits and rates.
+ *
+ * In:    asset: name or id. settings: as umb_derive takes them; cancelled is not looked at.
+ * Out:   bytes: [size], NULL on failure; asset_id: of the version that answered.
+ * Owns:  the caller frees bytes with umb_client_derived_free.
+ * Fails: as umb_client_describe; what umb_derive fails with, as the server says it; E_TOO_LARGE
+ *        (over max_reply_bytes).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
+                                                      const struct umb_derive_settings *settings,
+                                                      uint8_t **bytes, size_t *size,
+                                                      uint8_t asset_id[UMB_ID_BYTES],
+                                                      struct umb_error *error);
+
+/* Frees such a file. NULL is allowed. */
+UMB_API void umb_client_derived_free(uint8_t *bytes);
 
 /*
  * Asks the health service and waits for the answer.

@@ -75,10 +75,72 @@ static void whatever_comes_stays_within_the_limits(void **state)
     umbw_buffer_finish(&buffer);
 }
 
+static struct umbw_derive_request derive_sample(int cascades)
+{
+    struct umbw_derive_request request = {
+        .asset = "city",
+        .settings = {.light = 3,
+                     .width = 16384,
+                     .height = 1,
+                     .rect = {-1.5, 0, 1e6, 7},
+                     .map = {.technique = UMB_MAP_EVSM,
+                             .format = UMB_MAP_F16,
+                             .access = UMB_MAP_MIPS,
+                             .blur = 63,
+                             .exponent = 5.5,
+                             .negative_exponent = 0.25,
+                             .depth_plane = 1,
+                             .moment_bias = 0.5}},
+    };
+    if (cascades) {
+        request.settings.cascades =
+            (struct umb_cascade_settings){.count = 8, .weight = 0.7, .fit = UMB_CASCADE_LISPSM};
+        request.camera = (struct umb_cascade_camera){.eye = {1, 2, 3},
+                                                     .right = {1, 0, 0},
+                                                     .up = {0, 1, 0},
+                                                     .forward = {0, 0, 1},
+                                                     .tan_x = 0.5,
+                                                     .tan_y = 0.25,
+                                                     .near_m = 1,
+                                                     .far_m = 2};
+    }
+    return request;
+}
+
+static void requests_for_maps_come_back_as_they_went(void **state)
+{
+    (void)state;
+    struct umb_error error;
+    for (int cascades = 0; cascades < 2; cascades++) {
+        struct umbw_derive_request request = derive_sample(cascades), back;
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        assert_int_equal(umbw_encode_derive_request(&request, &buffer, &error), UMB_OK);
+        const uint8_t *message = buffer.bytes + UMBW_PREFIX_BYTES;
+        const size_t size = buffer.size - UMBW_PREFIX_BYTES;
+        assert_int_equal(umbw_decode_derive_request(message, size, &back, &error), UMB_OK);
+        assert_memory_equal(&request, &back, sizeof back);
+        for (size_t length = 0; length < size; length++) { /* cut, and turned */
+            uint8_t *copy = malloc(size);
+            memcpy(copy, message, size);
+            (void)!umbw_decode_derive_request(copy, length, &back, &error);
+            copy[length] ^= 0x41;
+            (void)!umbw_decode_derive_request(copy, size, &back, &error);
+            free(copy);
+        }
+        umbw_buffer_finish(&buffer);
+    }
+    struct umbw_derive_request request = derive_sample(0);
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    request.settings.map.technique = UMB_MAP_CONVOLUTION;
+    assert_int_equal(umbw_encode_derive_request(&request, &buffer, &error), UMB_E_UNSUPPORTED);
+    umbw_buffer_finish(&buffer);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(requests_and_replies_come_back_as_they_went),
+        cmocka_unit_test(requests_for_maps_come_back_as_they_went),
         cmocka_unit_test(whatever_comes_stays_within_the_limits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

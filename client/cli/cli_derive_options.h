@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_DERIVE_OPTIONS_H
+#define UMBRAGE_CLI_CLI_DERIVE_OPTIONS_H
+/* The command line of `umbrage derive`, read and checked. */
+#include <stdbool.h>
+#include "cli_common.h"
+#include "umbrage/derive.h"
+
+struct umbc_derive_options {
+    const char *target; /* a file, or a daemon's asset */
+    const char *session[UMBC_SESSION_COUNT];
+    const char *output;                  /* NULL: none was given */
+    struct umb_derive_settings settings; /* camera: NULL; cascades.count > 0: `camera` */
+    struct umb_cascade_camera camera;
+    bool json, quiet;
+};
+
+/* Returns -1 to go on, else the exit code; complaints are on stderr. */
+int umbc_derive_options_parse(struct umbc_derive_options *options, int argc, char **argv);
+
+#endif

@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Regions.DeriveMap: the pieces of a file, put together. */
+#include "rpc_client.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "wire/regions.h"
+
+struct gathered {
+    struct umb_error *error;
+    enum umb_status status; /* of the messages */
+    uint64_t most;          /* bytes that are taken */
+    uint8_t *bytes;         /* [total], once the first piece came */
+    uint64_t total, at;
+    uint8_t asset_id[UMB_ID_BYTES];
+};
+
+static enum umb_status begin(struct gathered *g, const struct umbw_region_reply *reply)
+{
+    if (reply->file_bytes == 0 || reply->file_bytes > g->most) {
+        return umb_fail(g->error, UMB_E_TOO_LARGE, "file_bytes: %llu, must be 1 to %llu",
+                        (unsigned long long)reply->file_bytes, (unsigned long long)g->most);
+    }
+    g->bytes = malloc((size_t)reply->file_bytes);
+    g->total = reply->file_bytes;
+    memcpy(g->asset_id, reply->asset_id, UMB_ID_BYTES);
+    return g->bytes != NULL ? UMB_OK
+                            : umb_fail(g->error, UMB_E_NO_MEMORY, "out of memory for %llu bytes",
+                                       (unsigned long long)g->total);
+}
+
+static bool take_piece(void *user, const uint8_t *message, size_t size)
+{
+    struct gathered *g = user;
+    struct umbw_region_reply reply;
+    g->status = umbw_decode_region_reply(message, size, &reply, g->error);
+    if (g->status == UMB_OK && g->bytes == NULL) {
+        g->status = begin(g, &reply);
+    }
+    if (g->status == UMB_OK &&
+        (reply.file_bytes != g->total || reply.data_size > g->total - g->at)) {
+        g->status =
+            umb_fail(g->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu", reply.data_size,
+                     (unsigned long long)g->at, (unsigned long long)g->total);
+    }
+    if (g->status == UMB_OK) {
+        memcpy(g->bytes + g->at, reply.data, reply.data_size);
+        g->at += reply.data_size;
+    }
+    return g->status == UMB_OK;
+}
+
+static enum umb_status nothing(void *out, const uint8_t *message, size_t size,
+                               struct umb_error *error)
+{
+    (void)out;
+    (void)message;
+    (void)size;
+    (void)error;
+    return UMB_OK;
+}
+
+static enum umb_status encode(const char *asset, const struct umb_derive_settings *settings,
+                              struct umbw_buffer *body, struct umb_error *error)
+{
+    struct umbw_derive_request request = {.settings = *settings};
+    const size_t length = strlen(asset);
+    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,
+                        UMBW_ASSET_NAME_MAX);
+    }
+    memcpy(request.asset, asset, length + 1);
+    if (settings->camera != NULL) {
+        request.camera = *settings->camera;
+    } else {
+        request.settings.cascades.count = 0;
+    }
+    return umbw_encode_derive_request(&request, body, error);
+}
+
+enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
+                                  const struct umb_derive_settings *settings, uint8_t **bytes,
+                                  size_t *size, uint8_t asset_id[UMB_ID_BYTES],
+                                  struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umb_error detail = {.status = UMB_OK};
+    struct gathered g = {.error = &detail, .most = client->options.max_reply_bytes};
+    *bytes = NULL;
+    *size = 0;
+    enum umb_status status = encode(asset, settings, &body, error);
+    if (status != UMB_OK) {
+        umbw_buffer_finish(&body);
+        return status;
+    }
+    const struct umb__call_plan plan = {
+        .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece, .flow_user = &g};
+    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    if (g.status != UMB_OK) {
+        status = umb__reply_fault(g.status, &detail, error);
+    } else if (status == UMB_OK && (g.at != g.total || g.bytes == NULL)) {
+        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
+                          (unsigned long long)g.at, (unsigned long long)g.total);
+    }
+    if (status != UMB_OK) {
+        free(g.bytes);
+        return status;
+    }
+    *bytes = g.bytes;
+    *size = (size_t)g.total;
+    memcpy(asset_id, g.asset_id, UMB_ID_BYTES);
+    return UMB_OK;
+}
+
+void umb_client_derived_free(uint8_t *bytes)
+{
+    free(bytes);
+}
