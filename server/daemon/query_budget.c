@@ -46,9 +46,9 @@ static void measure(void *user)
 }
 
 /* On a worker's thread. */
-static enum umb_status run_detour(void *user, struct umb_error *error)
+static enum umb_status run_detour(const struct umbd_batch *batch, struct umb_error *error)
 {
-    struct detour *detour = user;
+    struct detour *detour = batch->work_user;
     enum umb_status status = umb_points_check(&detour->points, error);
     if (status == UMB_OK) {
         status = umbs_entry_read(detour->entry, measure, detour, error);
@@ -86,37 +86,6 @@ static enum umb_status take_message(struct umbd_call *call, struct detour *detou
         detour->points.normals = detour->message + ((const uint8_t *)points->normals - from);
     }
     return UMB_OK;
-}
-
-/* Hands a detour to the workers; takes it over. */
-static enum umb_status send_detour(struct umbd_call *call, struct detour *detour,
-                                   struct umb_error *error)
-{
-    static const struct umb_query_settings no_settings;
-    const struct umb_points no_points = {.count = 1}; /* one slice, of no query */
-    struct umbd_batch *batch;
-    enum umb_status status = umbd_batch_create(0, &no_settings, &no_points, &batch, error);
-    if (status != UMB_OK) {
-        free_detour(detour);
-        return status;
-    }
-    batch->work = run_detour;
-    batch->work_free = free_detour;
-    batch->work_user = detour;
-    batch->slice_points = 1;
-    batch->deadline_ns = call->deadline_ns;
-    batch->lane = call->conn->serial;
-    batch->stream_id = call->stream_id;
-    batch->done = umbd_loop_batch_done;
-    batch->home = call->conn->loop;
-    call->batch_bytes = detour->message_size;
-    call->batch = batch; /* before: it may come home at once */
-    status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
-    if (status != UMB_OK) {
-        call->batch = NULL;
-        umbd_batch_destroy(batch);
-    }
-    return status;
 }
 
 /* The light that a request with a budget asks, of at most one target. */
@@ -171,7 +140,7 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
         free_detour(detour);
         return umb_fail(error, status, "out of memory for a calibration");
     }
-    return send_detour(call, detour, error);
+    return umbd_call_send_work(call, run_detour, free_detour, detour, detour->message_size, error);
 }
 
 enum umb_status umbd_budget_take(struct umbd_call *call, struct umbd_batch *batch)
