@@ -42,7 +42,7 @@ $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB
 
 $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lcrypto $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lpng -lcrypto $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

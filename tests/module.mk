@@ -23,7 +23,7 @@ TEST_SYS_cli    = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_common = -luv -lcrypto $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 -lcrypto $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS)
-TEST_SYS_bake   = -lembree3 -lassimp -lcrypto $(CORE_LIBS)
+TEST_SYS_bake   = -lembree3 -lassimp -lpng -lcrypto $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 -lcrypto $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS)
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/analysis/cut_planes.h"
 #include "bake/depth/depth_embree.h"
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth_raster.h"
@@ -123,12 +124,15 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
     struct umbb_analysis *analysis = series->job->analysis;
     const struct umb_frustum_info *frustum = &analysis->frusta[number];
     const struct umb_light_info *light = &analysis->choice.lights[frustum->light];
+    struct umbb_cuts cuts;
+    umbb_cut_planes_make(analysis, number, &cuts);
     struct umbb_casters casters = {
         .corners = (const double(*)[3][3])analysis->corners,
         .kinds = analysis->kinds,
         .count = analysis->count,
         .size = (int32_t)1 << frustum->log2_size,
         .closed_rule = frustum->closed,
+        .cuts = &cuts,
         .open_on_word = series->options->closed == UMBB_CLOSED_ON &&
                         analysis->closed_part_count < analysis->part_count,
     };
@@ -138,11 +142,12 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
     }
     struct umbb_projected projected;
     enum umb_status status = umbb_analysis_project(
-        analysis, number, series->memory->projected_max_bytes, &projected, error);
+        analysis, number, &cuts, series->memory->projected_max_bytes, &projected, error);
     if (status == UMB_OK) {
         casters.corners = (const double(*)[3][3])projected.corners;
         casters.kinds = projected.kinds;
         casters.count = projected.count;
+        cuts.of = projected.cuts;
         casters.depth_scale = projected.depth_scale;
         casters.depth_offset = projected.depth_offset;
         status = bake_one(series, &casters, number, root, error);

@@ -61,6 +61,7 @@ struct umbb_options {
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
     int front;            /* effect `front`, where the closed rule holds */
+    int opaque_cut_outs;  /* effect `cut-out` switched off */
     uint32_t effects_off; /* enum umbb_missing_effect that --effect switched off */
     unsigned threads;     /* 1.. */
     uint64_t memory_bytes;

@@ -11,6 +11,7 @@
 #include <time.h>
 
 #include "bake/analysis/analysis.h"
+#include "bake/analysis/cut_planes.h"
 #include "bake/analysis/plan.h"
 #include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
@@ -93,7 +94,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
     const struct umbb_options *o = run->options;
     return (struct umbb_memory_input){
         .memory_bytes = o->memory_bytes,
-        .scene_bytes = run->scene->map_bytes,
+        .scene_bytes = run->scene->map_bytes + umbb_cut_bytes(&run->analysis),
         .triangles = run->analysis.count,
         .log2_size = o->resolution_log2,
         .tile_log2 = o->tile_log2,
@@ -320,6 +321,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
     const struct umbb_check check = {
         .corners = (const double(*)[3][3])run->analysis.corners,
         .closed = run->analysis.closed_rule ? run->analysis.kinds : NULL,
+        .cuts = &run->analysis.cuts,
         .count = run->analysis.count,
         .open_on_word = run->options->closed == UMBB_CLOSED_ON
                             ? run->analysis.part_count - run->analysis.closed_part_count

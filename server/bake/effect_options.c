@@ -26,7 +26,7 @@ static const struct {
     {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)", 0},
     {"faces", BY_SCENE, "the lights (--point, --spot, --light)", 0},
     {"penumbra", BY_VERSION, NULL, UMBB_MISSING_PENUMBRA},
-    {"cut-out", BY_VERSION, NULL, UMBB_MISSING_CUT_OUT},
+    {"cut-out", BY_CALLER, NULL, 0},
     {"transmittance", BY_VERSION, NULL, UMBB_MISSING_TRANSMITTANCE},
     {"static", BY_VERSION, NULL, 0},
     {"mraa", BY_VERSION, NULL, 0},
@@ -38,6 +38,8 @@ static void decide(struct umbb_options *options, const char *name, int on)
 {
     if (strcmp(name, "front") == 0) {
         options->front = on;
+    } else if (strcmp(name, "cut-out") == 0) {
+        options->opaque_cut_outs = !on;
     } else {
         options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
     }
@@ -59,7 +61,7 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     }
     if (i == count) {
         return umbb_option_refuse(error, option, value,
-                                  "an effect: closed, front; off also for penumbra, cut-out, "
+                                  "an effect: closed, front, cut-out; off also for penumbra, "
                                   "transmittance, static, mraa, voaa");
     }
     if (effects[i].decider == BY_SCENE) {

@@ -15,7 +15,6 @@ struct umbb_options;
 /* Effects that this version does not have and that a scene may call for; bits of effects_off. */
 enum umbb_missing_effect {
     UMBB_MISSING_PENUMBRA = 1,
-    UMBB_MISSING_CUT_OUT = 2,
     UMBB_MISSING_TRANSMITTANCE = 4,
 };
 

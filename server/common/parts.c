@@ -451,6 +451,11 @@ void umbs_part_reason(const struct umbs_part *part, char *text, size_t size)
         (void)snprintf(text, size, "closed");
         return;
     }
+    if (kinds[0].count + kinds[1].count + kinds[2].count == 0) {
+        (void)snprintf(text, size, "%zu triangle%s with holes by alpha", part->cut_triangles,
+                       part->cut_triangles == 1 ? "" : "s");
+        return;
+    }
     size_t used = 0;
     for (int i = 0; i < 3; i++) {
         if (kinds[i].count > 0 && used < size) {

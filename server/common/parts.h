@@ -27,6 +27,7 @@ struct umbs_part {
     double volume;             /* signed, cubic metres, relative to the box's centre */
     struct umb_box box;
     double hole[3];            /* a point on the first bad edge (its midpoint), if not closed */
+    size_t cut_triangles;      /* with holes (umbs_cuts_open_parts) */
     int closed;
     int flipped;
 };

@@ -30,10 +30,9 @@ static void transform_point(const double matrix[3][4], const double point[3], do
     }
 }
 
-/* Whether a transform mirrors: such an instance's front faces are wound the other way (glTF 2.0,
- * section 3.7.4), so two corners change places to keep outward solids outward. */
-static int is_mirror(const double m[3][4])
+int umbs_instance_mirrors(const struct umbs_instance *instance)
 {
+    const double(*m)[4] = instance->mesh_to_world;
     double determinant = m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
                          m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
                          m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
@@ -45,7 +44,7 @@ void umbs_scene_flatten_part(const struct umbs_scene_view *view,
                              double (*corners)[3][3])
 {
     const struct umbs_mesh *mesh = &view->meshes[instance->mesh];
-    int mirror = is_mirror(instance->mesh_to_world);
+    int mirror = umbs_instance_mirrors(instance);
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t *triangle = view->triangles[mesh->first_triangle + first + i];
         for (int k = 0; k < 3; k++) {

@@ -71,12 +71,21 @@ struct umbs_light {
     double color[3];
 };
 
-/* A decoded alpha channel; pixels start at byte `offset` of the alpha pool. */
+enum umbs_wrap {
+    UMBS_WRAP_REPEAT = 0,
+    UMBS_WRAP_CLAMP = 1,
+    UMBS_WRAP_MIRROR = 2,
+};
+
+/* A decoded alpha channel; pixels start at byte `offset` of the alpha pool, uint8[height][width],
+ * the row at v = 0 first (images have it last). */
 struct umbs_texture {
     char name[UMB_NAME_SIZE];
     uint32_t width, height;
     uint64_t offset;
-    uint32_t wrap_s, wrap_t; /* 0 repeat, 1 clamp, 2 mirror */
+    uint32_t wrap_s, wrap_t; /* enum umbs_wrap, along u and v */
+    uint32_t nearest;        /* 1: the nearest texel counts; 0: bilinear */
+    uint32_t reserved;
 };
 
 /* Borrowed arrays of a validated buffer. */
@@ -91,7 +100,7 @@ struct umbs_scene_view {
     const struct umbs_light *lights;
     const struct umbs_texture *textures;
     const double (*positions)[3];   /* [vertex_count], mesh space */
-    const float (*uvs)[2];          /* [vertex_count] or NULL */
+    const float (*uvs)[2];          /* [vertex_count] or NULL; u right, v up over the image */
     const uint32_t (*triangles)[3]; /* [triangle_count], vertex numbers within the mesh */
     const uint8_t *alpha;           /* alpha pool */
     uint64_t alpha_bytes;

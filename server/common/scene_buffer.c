@@ -19,7 +19,7 @@ _Static_assert(sizeof(struct umbs_mesh) == 24, "mesh without padding");
 _Static_assert(sizeof(struct umbs_instance) == 104, "instance without padding");
 _Static_assert(sizeof(struct umbs_material) == 88, "material without padding");
 _Static_assert(sizeof(struct umbs_light) == 176, "light without padding");
-_Static_assert(sizeof(struct umbs_texture) == 88, "texture without padding");
+_Static_assert(sizeof(struct umbs_texture) == 96, "texture without padding");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over little-endian bytes");
 
 /* A unit vector in doubles is off by a few 1e-16; one converted from floats by 1e-7. */
@@ -362,8 +362,12 @@ static enum umb_status check_textures(const struct umbs_scene_view *view, struct
         } else if (texture->offset > view->alpha_bytes ||
                    pixels > view->alpha_bytes - texture->offset) {
             rule = "pixels beyond alpha_bytes";
-        } else if (texture->wrap_s > 2 || texture->wrap_t > 2) {
+        } else if (texture->wrap_s > UMBS_WRAP_MIRROR || texture->wrap_t > UMBS_WRAP_MIRROR) {
             rule = "wrap is unknown";
+        } else if (texture->nearest > 1) {
+            rule = "nearest is not 0 or 1";
+        } else if (texture->reserved != 0) {
+            rule = "reserved is not 0";
         }
         if (rule != NULL) {
             return bad_item(error, "texture", i, rule);

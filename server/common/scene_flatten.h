@@ -14,4 +14,8 @@ void umbs_scene_flatten_part(const struct umbs_scene_view *view,
                              const struct umbs_instance *instance, uint32_t first, uint32_t count,
                              double (*corners)[3][3]);
 
+/* Whether an instance's transform mirrors: such an instance's front faces are wound the other way
+ * (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
+int umbs_instance_mirrors(const struct umbs_instance *instance);
+
 #endif

@@ -94,8 +94,8 @@ static void hash_textures(const struct umbs_scene_view *view, uint8_t out[UMB_ID
     umbs_chain_init(&chain);
     for (uint32_t i = 0; i < view->texture_count; i++) {
         const struct umbs_texture *texture = &view->textures[i];
-        const uint64_t shape[5] = {texture->width, texture->height, texture->offset,
-                                   texture->wrap_s, texture->wrap_t};
+        const uint64_t shape[6] = {texture->width,  texture->height, texture->offset,
+                                   texture->wrap_s, texture->wrap_t, texture->nearest};
         umbs_chain_add(&chain, shape, sizeof shape);
     }
     umbs_chain_end(&chain, out);

@@ -44,6 +44,7 @@ struct umbr_rays {
     double centre[3];
     size_t count;
     enum RTCBuildQuality quality;
+    const struct umbs_cuts *cuts; /* NULL: none */
 };
 
 struct crossing {
@@ -94,6 +95,31 @@ static void find_centre(const double (*corners)[3][3], size_t count, double cent
     }
 }
 
+/* Embree's filter for scenes with holes: refuses hits on what a texture leaves out. The texture
+ * coordinates come from Embree's own barycentric ones. */
+static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
+{
+    const struct umbs_cuts *cuts = arguments->geometryUserPtr;
+    const struct RTCHit *found = (const struct RTCHit *)(const void *)arguments->hit;
+    if (arguments->N != 1 || arguments->valid[0] == 0) {
+        return;
+    }
+    const uint32_t number = cuts->of[found->primID];
+    if (number == UMBS_CUT_NONE) {
+        return;
+    }
+    if (number != UMBS_CUT_GONE) {
+        const float(*uv)[2] = cuts->cuts[number].uv;
+        const double b = (double)found->u, c = (double)found->v, a = 1 - b - c;
+        const double u = a * (double)uv[0][0] + b * (double)uv[1][0] + c * (double)uv[2][0];
+        const double v = a * (double)uv[0][1] + b * (double)uv[1][1] + c * (double)uv[2][1];
+        if (umbs_cut_keeps(cuts, number, u, v)) {
+            return;
+        }
+    }
+    arguments->valid[0] = 0;
+}
+
 /* Hands the triangles over; on failure Embree has reported why. */
 static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
 {
@@ -120,6 +146,11 @@ static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
         }
     }
     rays->vertices = (const float(*)[3])vertices;
+    if (rays->cuts != NULL) {
+        rtcSetGeometryUserData(geometry, (void *)(uintptr_t)rays->cuts);
+        rtcSetGeometryIntersectFilterFunction(geometry, refuse_holes);
+        rtcSetGeometryOccludedFilterFunction(geometry, refuse_holes);
+    }
     rtcSetGeometryBuildQuality(geometry, rays->quality);
     rtcCommitGeometry(geometry);
     (void)rtcAttachGeometry(rays->scene, geometry);
@@ -161,6 +192,7 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
     }
     rays->count = count;
     rays->quality = chosen.quick ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH;
+    rays->cuts = chosen.cuts != NULL && chosen.cuts->of != NULL ? chosen.cuts : NULL;
     find_centre(corners, count, rays->centre);
     struct build_report report = {.code = RTC_ERROR_NONE};
     (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree takes all */

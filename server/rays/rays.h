@@ -11,7 +11,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "umbrage/status.h"
+#include "common/scene_alpha.h"
 
 struct umbr_rays; /* opaque */
 
@@ -25,6 +25,9 @@ struct umbr_hit {
 struct umbr_rays_options {
     int quick;        /* 1: built several times as fast, traced about a third slower */
     unsigned threads; /* that build; 0 = all */
+    /* Triangles with holes, `of` in their order: no ray meets what their textures leave out, nor
+     * what casts nothing. Borrowed until destroyed; NULL = every triangle is whole. */
+    const struct umbs_cuts *cuts;
 };
 
 /*

@@ -67,7 +67,8 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
-enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
+static enum umb_status scene_load(struct umbt_scene *scene, const char *path, int whole,
+                                  struct umb_error *error)
 {
     const struct umbs_import_options options = {0};
     memset(scene, 0, sizeof *scene);
@@ -78,6 +79,9 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
         status = umbs_scene_flatten(&scene->scene->view, &scene->corners, &scene->materials,
                                     &scene->count, error);
     }
+    if (status == UMB_OK && !whole) {
+        status = umbs_cuts_find(&scene->scene->view, &scene->cuts, error);
+    }
     if (status == UMB_OK && scene->count == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", path);
     }
@@ -86,13 +90,15 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
                                  error);
     }
     if (status == UMB_OK) {
+        umbs_cuts_open_parts(&scene->cuts, &scene->parts, scene->count);
         umbs_parts_orient(&scene->parts, scene->corners, scene->count);
         box_measure(scene);
         status = surfaces_find(scene, error);
     }
     if (status == UMB_OK) {
-        status = umbr_rays_create((const double(*)[3][3])scene->corners, scene->count, &scene->rays,
-                                  error);
+        const struct umbr_rays_options traced = {.cuts = &scene->cuts};
+        status = umbr_rays_build((const double(*)[3][3])scene->corners, scene->count, &traced,
+                                 &scene->rays, error);
     }
     if (status != UMB_OK) {
         umbt_scene_finish(scene);
@@ -100,11 +106,23 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
     return status;
 }
 
+enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
+{
+    return scene_load(scene, path, 0, error);
+}
+
+enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
+                                        const char *plan, struct umb_error *error)
+{
+    return scene_load(scene, path, strstr(plan, "effect=cut-out state=on") == NULL, error);
+}
+
 void umbt_scene_finish(struct umbt_scene *scene)
 {
     if (scene->rays != NULL) {
         umbr_rays_destroy(scene->rays);
     }
+    umbs_cuts_finish(&scene->cuts);
     umbs_parts_finish(&scene->parts);
     free(scene->corners);
     free(scene->materials);

@@ -18,6 +18,7 @@ struct umbt_scene {
     uint32_t *materials;     /* [count] */
     size_t count;            /* at least 1 */
     struct umbs_parts parts;
+    struct umbs_cuts cuts; /* triangles with holes; rays go through those */
     struct umbr_rays *rays;
     struct umb_box box; /* of all triangles */
     double diagonal_m;  /* of the box */
@@ -26,10 +27,14 @@ struct umbt_scene {
     uint32_t main_surface; /* the material or part of the largest area */
 };
 
-/* Loads a scene. Fails: as umbs_scene_import, umbs_scene_flatten, umbs_parts_find,
- * umbr_rays_create. */
+/* Loads a scene. Fails: as umbs_scene_import, umbs_cuts_find, umbs_scene_flatten, umbs_parts_find,
+ * umbr_rays_build. */
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
+
+/* The same as an asset with this plan sees it: without holes unless its effect cut-out is on. */
+UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
+                                                    const char *plan, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */
 
 /*

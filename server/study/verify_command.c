@@ -118,7 +118,7 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    status = umbt_scene_init(&verify->scene, verify->scene_path, error);
+    status = umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error);
     if (status == UMB_OK && !verify->force) {
         status = umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
     }

@@ -12,6 +12,7 @@
 
 #include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
+#include "bake/depth/cut_out.h"
 #include "bake/depth/tile.h"
 #include "common/parts.h"
 
@@ -19,19 +20,32 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
 {
     free(analysis->corners);
     free(analysis->kinds);
-    free(analysis->degenerate);
+    free(analysis->dropped);
     free(analysis->frusta);
+    free(analysis->cut_planes);
+    umbs_cuts_finish(&analysis->cuts);
     umbb_light_choice_finish(&analysis->choice);
     memset(analysis, 0, sizeof *analysis);
 }
 
-/* Moves the triangles that are not degenerate to the front. */
+/* Moves the triangles that were not dropped to the front. */
 static void compact(struct umbb_analysis *analysis)
 {
     size_t to = 0;
     for (size_t i = 0; i < analysis->flat_count; i++) {
-        if (!analysis->degenerate[i]) {
+        if (!analysis->dropped[i]) {
             memmove(analysis->corners[to++], analysis->corners[i], sizeof analysis->corners[i]);
+        }
+    }
+}
+
+/* The same for their cuts; once, as they stay. */
+static void compact_cuts(struct umbb_analysis *analysis)
+{
+    size_t to = 0;
+    for (size_t i = 0; analysis->cuts.of != NULL && i < analysis->flat_count; i++) {
+        if (!analysis->dropped[i]) {
+            analysis->cuts.of[to++] = analysis->cuts.of[i];
         }
     }
 }
@@ -46,7 +60,7 @@ static void count_material(struct umbb_material_use *use, uint8_t *seen, uint32_
     }
 }
 
-/* Counts triangles of materials that are not opaque. */
+/* Counts triangles of translucent materials. */
 static enum umb_status count_materials(struct umbb_analysis *analysis,
                                        const struct umbs_scene_view *view,
                                        const uint32_t *materials, struct umb_error *error)
@@ -61,13 +75,11 @@ static enum umb_status count_materials(struct umbb_analysis *analysis,
     }
     for (size_t i = 0; i < analysis->flat_count; i++) {
         const uint32_t material = materials[i];
-        if (analysis->degenerate[i] || material >= view->material_count) {
+        if (analysis->dropped[i] || material >= view->material_count) {
             continue;
         }
         const uint32_t mode = view->materials[material].alpha_mode;
-        if (mode == UMBS_ALPHA_MASK) {
-            count_material(&analysis->mask, seen, material);
-        } else if (mode == UMBS_ALPHA_BLEND) {
+        if (mode == UMBS_ALPHA_BLEND) {
             count_material(&analysis->blend, seen, material);
         }
     }
@@ -83,7 +95,7 @@ static uint8_t kind_of(const struct umbs_part *part, enum umbb_closed_mode mode)
     return part->closed && part->flipped ? UMBB_CASTER_CLOSED_FLIPPED : UMBB_CASTER_CLOSED;
 }
 
-/* Takes over what the parts say. Allocates degenerate and kinds. */
+/* Takes over what the parts say. Allocates dropped and kinds. */
 static enum umb_status take_parts(struct umbb_analysis *analysis, const struct umbs_parts *parts,
                                   enum umbb_closed_mode mode, struct umb_error *error)
 {
@@ -91,17 +103,21 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
     analysis->duplicate_count = parts->duplicate_triangles;
     analysis->closed_triangles = parts->closed_triangles;
     analysis->part_count = parts->part_count;
-    analysis->degenerate = calloc(analysis->flat_count, 1);
+    analysis->dropped = calloc(analysis->flat_count, 1);
     analysis->kinds = calloc(analysis->flat_count, 1);
-    if (analysis->degenerate == NULL || analysis->kinds == NULL) {
+    if (analysis->dropped == NULL || analysis->kinds == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %zu triangles refused",
                         analysis->flat_count);
     }
     for (size_t i = 0; i < analysis->flat_count; i++) {
-        if (parts->part_of[i] == UINT32_MAX) {
-            analysis->degenerate[i] = 1;
-        } else {
-            analysis->kinds[analysis->count++] = kind_of(&parts->parts[parts->part_of[i]], mode);
+        const uint32_t cut = analysis->cuts.of != NULL ? analysis->cuts.of[i] : UMBS_CUT_NONE;
+        if (parts->part_of[i] == UINT32_MAX || cut == UMBS_CUT_GONE) {
+            analysis->gone_count += parts->part_of[i] != UINT32_MAX;
+            analysis->dropped[i] = 1;
+        } else { /* a triangle with holes bounds no solid, on nobody's word */
+            analysis->kinds[analysis->count++] =
+                cut != UMBS_CUT_NONE ? UMBB_CASTER_OPEN
+                                     : kind_of(&parts->parts[parts->part_of[i]], mode);
         }
     }
     const struct umbs_part *largest_open = NULL;
@@ -131,12 +147,36 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
     enum umb_status status = umbs_parts_find((const double(*)[3][3])analysis->corners,
                                              analysis->flat_count, &parts, error);
     if (status == UMB_OK) {
+        umbs_cuts_open_parts(&analysis->cuts, &parts, analysis->flat_count);
         status = take_parts(analysis, &parts, mode, error);
         umbs_parts_finish(&parts);
     }
     if (status == UMB_OK && analysis->count == 0) {
-        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles has an area",
-                          analysis->flat_count);
+        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles %s",
+                          analysis->flat_count,
+                          analysis->gone_count > 0 ? "casts a shadow: the alpha of all is below "
+                                                     "their materials' cut-off"
+                                                   : "has an area");
+    }
+    return status;
+}
+
+/* Finds what is cut out, unless it is to be taken as opaque. */
+static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
+                                 int opaque, struct umb_error *error)
+{
+    enum umb_status status = umbs_cuts_find(view, &analysis->cuts, error);
+    if (status == UMB_OK && opaque) { /* the figures stay, for the plan */
+        const struct umbs_cut_figures figures = analysis->cuts.figures;
+        umbs_cuts_finish(&analysis->cuts);
+        analysis->cuts.figures = figures;
+    }
+    if (status == UMB_OK && analysis->cuts.count > 0) {
+        analysis->cut_planes = calloc(analysis->cuts.count, sizeof *analysis->cut_planes);
+        if (analysis->cut_planes == NULL) {
+            status = umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %zu triangles refused",
+                              analysis->cuts.count);
+        }
     }
     return status;
 }
@@ -244,6 +284,10 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
     if (status != UMB_OK) {
         goto done;
     }
+    status = find_cuts(analysis, view, options->opaque_cut_outs, error);
+    if (status != UMB_OK) {
+        goto done;
+    }
     status = find_parts(analysis, options->closed, error);
     if (status != UMB_OK) {
         goto done;
@@ -253,6 +297,7 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
         goto done;
     }
     compact(analysis);
+    compact_cuts(analysis);
     measure(analysis);
     analysis->in_world = 1;
     analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
@@ -276,14 +321,15 @@ void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum)
 }
 
 enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis, uint32_t number,
-                                      size_t max_bytes, struct umbb_projected *projected,
-                                      struct umb_error *error)
+                                      const struct umbb_cuts *cuts, size_t max_bytes,
+                                      struct umbb_projected *projected, struct umb_error *error)
 {
     const struct umb_frustum_info *frustum = &analysis->frusta[number];
     const double *position = analysis->choice.lights[frustum->light].position;
     const struct umbb_casters world = {.corners = (const double(*)[3][3])analysis->corners,
                                        .kinds = analysis->kinds,
-                                       .count = analysis->count};
+                                       .count = analysis->count,
+                                       .cuts = cuts};
     return umbb_perspective_project(&world, frustum, analysis->origin,
                                     umbb_light_reach(&analysis->bounds, position), max_bytes,
                                     projected, error);

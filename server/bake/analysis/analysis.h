@@ -16,6 +16,9 @@
 #include <stdint.h>
 #include "bake/analysis/light_choice.h"
 #include "bake/analysis/perspective_frame.h"
+#include "common/scene_alpha.h"
+
+struct umbb_cut_plane;
 
 /* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
@@ -30,7 +33,7 @@ struct umbb_material_use {
 struct umbb_analysis {
     double (*corners)[3][3]; /* [count]; world, or voxel space after umbb_analysis_to_voxels */
     uint8_t *kinds;          /* [count] enum umbb_caster */
-    uint8_t *degenerate;     /* [flat_count] 1 where the flattened triangle was dropped */
+    uint8_t *dropped;        /* [flat_count] 1 where the flattened triangle was dropped */
     size_t count;            /* triangles that can cast */
     size_t flat_count;       /* before dropping */
     size_t degenerate_count;
@@ -44,8 +47,11 @@ struct umbb_analysis {
     int z_up;
     struct umb_box bounds; /* of the casters */
     double origin[3];      /* centre of the bounds in whole metres */
-    struct umbb_material_use mask, blend;
-    int in_world; /* what space the corners are in */
+    struct umbb_material_use blend;
+    struct umbs_cuts cuts;             /* `of` as corners; what casts nothing is dropped */
+    struct umbb_cut_plane *cut_planes; /* [cuts.count] (cut_planes.h) */
+    size_t gone_count;                 /* dropped: all of them below their cut-off */
+    int in_world;                      /* what space the corners are in */
     struct umbb_light_choice choice;
     struct umb_frustum_info *frusta; /* [frustum_count], in the order of lights */
     uint32_t frustum_count;
@@ -73,9 +79,11 @@ UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, 
 void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum);
 
 /* Projects what a spot or point light's frustum sees of the corners, which stay in world space.
+ * In: cuts: of umbb_cut_planes_make for that frustum.
  * Out, Fails: as umbb_perspective_project. */
 UMB_CHECKED enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis,
-                                                  uint32_t frustum, size_t max_bytes,
+                                                  uint32_t frustum, const struct umbb_cuts *cuts,
+                                                  size_t max_bytes,
                                                   struct umbb_projected *projected,
                                                   struct umb_error *error);
 

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "bake/analysis/eye_clip.h"
+#include "bake/depth/cut_out.h"
 
 /* An axis is at least this share of the longest one, as in light_frame.c. */
 #define EXTENT_SHARE_MIN (1.0 / 1024.0)
@@ -105,11 +106,22 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
     return seen;
 }
 
+/* Where projected triangles come from, and how many there may be. */
+struct source {
+    const struct umbb_casters *world;
+    double near;
+    size_t max_bytes;
+    int has_cuts;
+};
+
 /* Room for one more triangle. */
-static enum umb_status reserve(struct umbb_projected *projected, size_t max_bytes,
+static enum umb_status reserve(struct umbb_projected *projected, const struct source *source,
                                struct umb_error *error)
 {
-    const size_t bytes = sizeof *projected->corners + sizeof *projected->kinds;
+    const int has_cuts = source->has_cuts;
+    const size_t max_bytes = source->max_bytes;
+    const size_t bytes = sizeof *projected->corners + sizeof *projected->kinds +
+                         (has_cuts ? sizeof *projected->cuts : 0);
     if (projected->count < projected->capacity) {
         return UMB_OK;
     }
@@ -128,7 +140,11 @@ static enum umb_status reserve(struct umbb_projected *projected, size_t max_byte
     if (kinds != NULL) {
         projected->kinds = kinds;
     }
-    if (corners == NULL || kinds == NULL) {
+    uint32_t *cuts = has_cuts ? realloc(projected->cuts, capacity * sizeof *cuts) : NULL;
+    if (cuts != NULL) {
+        projected->cuts = cuts;
+    }
+    if (corners == NULL || kinds == NULL || (has_cuts && cuts == NULL)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %zu triangles refused",
                         capacity);
     }
@@ -136,20 +152,20 @@ static enum umb_status reserve(struct umbb_projected *projected, size_t max_byte
     return UMB_OK;
 }
 
-/* Adds a polygon as a fan of triangles. */
+/* Adds what is left of a triangle of the world, a polygon, as a fan of triangles. */
 static enum umb_status add_polygon(struct umbb_projected *projected,
-                                   const struct umbb_polygon *polygon, uint8_t kind, double near,
-                                   size_t max_bytes, struct umb_error *error)
+                                   const struct umbb_polygon *polygon, const struct source *source,
+                                   size_t number, struct umb_error *error)
 {
     double at[UMBB_CLIP_CORNERS_MAX][3];
     for (size_t i = 0; i < polygon->count; i++) {
         const double *p = polygon->corners[i];
         at[i][0] = p[0] / p[2];
         at[i][1] = p[1] / p[2];
-        at[i][2] = near / p[2];
+        at[i][2] = source->near / p[2];
     }
     for (size_t i = 2; i < polygon->count; i++) {
-        const enum umb_status status = reserve(projected, max_bytes, error);
+        const enum umb_status status = reserve(projected, source, error);
         if (status != UMB_OK) {
             return status;
         }
@@ -157,7 +173,10 @@ static enum umb_status add_polygon(struct umbb_projected *projected,
         memcpy(to[0], at[0], sizeof at[0]);
         memcpy(to[1], at[i - 1], sizeof at[0]);
         memcpy(to[2], at[i], sizeof at[0]);
-        projected->kinds[projected->count++] = kind;
+        if (source->has_cuts) {
+            projected->cuts[projected->count] = source->world->cuts->of[number];
+        }
+        projected->kinds[projected->count++] = source->world->kinds[number];
     }
     return UMB_OK;
 }
@@ -172,6 +191,10 @@ enum umb_status umbb_perspective_project(const struct umbb_casters *world,
     const double near = reach * UMBB_NEAR_SHARE;
     const struct umbb_pyramid pyramid = {
         .low = {-1.0, -1.0}, .high = {size + 1.0, size + 1.0}, .near = near};
+    const struct source source = {.world = world,
+                                  .near = near,
+                                  .max_bytes = max_bytes,
+                                  .has_cuts = world->cuts != NULL && world->cuts->of != NULL};
     const double rate = dot(m[2], m[3]) / dot(m[3], m[3]); /* Z = rate W + offset */
     memset(projected, 0, sizeof *projected);
     projected->depth_scale = rate * near;
@@ -189,7 +212,7 @@ enum umb_status umbb_perspective_project(const struct umbb_casters *world,
             }
         }
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
-        status = add_polygon(projected, &polygon, world->kinds[i], near, max_bytes, error);
+        status = add_polygon(projected, &polygon, &source, i, error);
     }
     return status;
 }
@@ -198,5 +221,6 @@ void umbb_projected_finish(struct umbb_projected *projected)
 {
     free(projected->corners);
     free(projected->kinds);
+    free(projected->cuts);
     memset(projected, 0, sizeof *projected);
 }

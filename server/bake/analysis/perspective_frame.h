@@ -47,6 +47,7 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
 struct umbb_projected {
     double (*corners)[3][3]; /* [count] x, y in voxels; depth as umbb_casters wants it */
     uint8_t *kinds;          /* [count] */
+    uint32_t *cuts;          /* [count] number of its cut; NULL if the world has none */
     size_t count, capacity;
     double depth_scale, depth_offset; /* see umbb_casters */
 };
@@ -54,10 +55,9 @@ struct umbb_projected {
 /*
  * Cuts triangles to a frustum and a voxel around it, and projects them.
  *
- * In:    kinds: enum umbb_caster of each. reach: as umbb_perspective_fit had it. max_bytes: for
- *        the result.
- * Out:   projected: finish it, whatever is returned.
- * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
+ * In:    world: corners, kinds, and of cuts which caster has which. reach: as umbb_perspective_fit
+ * had it. max_bytes: for the result. Out:   projected: finish it, whatever is returned. Fails:
+ * E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status
 umbb_perspective_project(const struct umbb_casters *world, const struct umb_frustum_info *frustum,

@@ -155,6 +155,39 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     }
 }
 
+/* Materials whose textures leave holes. */
+static void write_cut_out(FILE *to, const struct umbb_analysis *a,
+                          const struct umbs_scene_view *view, const struct umbb_options *options)
+{
+    const struct umbs_cut_figures *figures = &a->cuts.figures;
+    if (figures->mask_triangles == 0) {
+        return;
+    }
+    char name[UMBB_ESCAPED_NAME_SIZE];
+    umbb_escape(view->materials[figures->first].name, name, sizeof name);
+    const int on = figures->triangles > 0 && !options->opaque_cut_outs;
+    fprintf(to, "effect=cut-out state=%s reason=\"%s", on ? "on" : "off",
+            figures->triangles > 0 && !on ? "switched off: " : "");
+    if (figures->triangles == 0) {
+        fprintf(to,
+                "%zu triangles of MASK materials, the first '%s', without a texel below their "
+                "cut-off\" cost=\"none\"\n",
+                figures->mask_triangles, name);
+        return;
+    }
+    if (figures->materials == 1) {
+        fprintf(to, "material '%s': %zu triangles with alpha below %.3g", name, figures->triangles,
+                (double)view->materials[figures->first].alpha_cutoff);
+    } else {
+        fprintf(to, "%zu materials, the first '%s': %zu triangles with alpha below their cut-off",
+                figures->materials, name, figures->triangles);
+    }
+    fprintf(to, " on %.3g %% of their texels\" cost=\"%s\"\n", 100.0 * figures->share,
+            on ? "a look at the texture for each of their texels in the bake; finer shadows take "
+                 "more bytes"
+               : "none");
+}
+
 /* An effect this version does not have, for materials that call for it. */
 static void write_missing(FILE *to, const char *effect, const char *why, const char *mode,
                           const struct umbb_material_use *use, const struct umbs_scene_view *view)
@@ -199,8 +232,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     write_origin(to, analysis);
     write_penumbra(to, analysis, options);
     write_lights(to, analysis);
-    write_missing(to, "cut-out", missing_reason(options, UMBB_MISSING_CUT_OUT), "MASK",
-                  &analysis->mask, view);
+    write_cut_out(to, analysis, view, options);
     write_missing(to, "transmittance", missing_reason(options, UMBB_MISSING_TRANSMITTANCE), "BLEND",
                   &analysis->blend, view);
     return close_text(to, text, error);
@@ -220,6 +252,9 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     fprintf(to, "closed=%s\n", closed_name(options->closed));
     if (options->front && analysis->closed_rule) {
         fputs("front=on\n", to);
+    }
+    if (analysis->cuts.of != NULL) {
+        fputs("cut-out=on\n", to);
     }
     for (uint32_t i = 0; i < analysis->choice.count; i++) {
         const struct umb_light_info *light = &analysis->choice.lights[i];

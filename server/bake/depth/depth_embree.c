@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/depth/cut_out.h"
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
@@ -79,7 +80,9 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
     }
     int32_t x_first, x_last;
     const int front = umbb_coverage_row(&coverage, texel->y, &x_first, &x_last);
-    if (texel->x < x_first || texel->x > x_last) {
+    const uint32_t cut = umbb_cut_of(casters->cuts, args->primID);
+    if (texel->x < x_first || texel->x > x_last ||
+        (cut != UMBS_CUT_NONE && !umbb_cut_casts(casters->cuts, cut, texel->x, texel->y))) {
         return;
     }
     const double row_z = umbb_coverage_row_z(&coverage, texel->y);

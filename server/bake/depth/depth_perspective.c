@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/depth/cut_out.h"
 #include "bake/depth/triangle_bins.h"
 
 /* Nearest front face, back face and other face of a texel, each as `lit`. */
@@ -88,6 +89,7 @@ static void draw(const struct umbb_casters *casters, uint32_t triangle, const st
         return;
     }
     const uint8_t kind = casters->closed_rule ? casters->kinds[triangle] : UMBB_CASTER_OPEN;
+    const uint32_t cut = umbb_cut_of(casters->cuts, triangle);
     const int32_t bottom = square->y0 + square->n - 1, right = square->x0 + square->n - 1;
     const int32_t last = coverage.row_last < bottom ? coverage.row_last : bottom;
     int32_t row = coverage.row_first > square->y0 ? coverage.row_first : square->y0;
@@ -101,7 +103,10 @@ static void draw(const struct umbb_casters *casters, uint32_t triangle, const st
         for (int32_t x = x_first; x <= x_last; x++) {
             const int32_t lit = umbb_perspective_lit(casters, &coverage, row_z, x);
             int32_t *at = layer_of(&line[x - square->x0], kind, front);
-            *at = lit < *at ? lit : *at;
+            if (lit < *at &&
+                (cut == UMBS_CUT_NONE || umbb_cut_casts(casters->cuts, cut, x, row))) {
+                *at = lit;
+            }
         }
     }
 }

@@ -14,6 +14,7 @@
 
 #include "bake/build/job_pool.h"
 #include "bake/depth/coverage.h"
+#include "bake/depth/cut_out.h"
 #include "bake/depth/depth_draw.h"
 #include "bake/depth/depth_store.h"
 #include "bake/depth/front_marks.h"
@@ -140,6 +141,17 @@ static void batch_draw(const struct raster *raster, struct batch *batch)
     batch->count = 0;
 }
 
+/* Draws a triangle with holes. */
+static void draw_cut(const struct umbb_casters *casters, uint32_t triangle,
+                     const struct layers *layers, struct umbb_canvas *canvas)
+{
+    struct umbb_coverage coverage;
+    if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
+        choose_layers(casters, triangle, layers, canvas);
+        umbb_cut_draw(casters->cuts, umbb_cut_of(casters->cuts, triangle), &coverage, canvas);
+    }
+}
+
 /* Draws the triangles of a list: those of the near side or the others. */
 static void draw_list(const struct raster *raster, const uint32_t *list, size_t count, int near,
                       const struct layers *layers, struct umbb_canvas *canvas)
@@ -153,9 +165,14 @@ static void draw_list(const struct raster *raster, const uint32_t *list, size_t 
         if (is_near_side(casters, triangle) != near) {
             continue;
         }
-        if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != kind) {
+        const int has_holes = umbb_cut_of(casters->cuts, triangle) != UMBS_CUT_NONE;
+        if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != kind || has_holes) {
             batch_draw(raster, &batch);
             kind = casters->kinds[triangle];
+        }
+        if (has_holes) {
+            draw_cut(casters, triangle, layers, canvas);
+            continue;
         }
         if (batch.count == 0) {
             choose_layers(casters, triangle, layers, canvas);

@@ -34,6 +34,8 @@ enum umbb_caster {
     UMBB_CASTER_CLOSED_FLIPPED = 2, /* of a closed part, winding inward */
 };
 
+struct umbb_cuts;
+
 struct umbb_casters {
     const double (*corners)[3][3]; /* [count] triangle, corner, x y z in voxel space */
     const uint8_t *kinds;          /* [count] enum umbb_caster */
@@ -45,7 +47,8 @@ struct umbb_casters {
     /* Above 0: rays start in one point; a corner's third coordinate is then the reciprocal of its
      * distance, and z = depth_scale / it + depth_offset (depth_perspective.h). 0: it is z. */
     double depth_scale, depth_offset;
-    const uint8_t *marks; /* [count] front_marks.h; NULL: no square is proven */
+    const uint8_t *marks;         /* [count] front_marks.h; NULL: no square is proven */
+    const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
 };
 
 /* When to prove squares of texels from bounds (closed rule only); tests force it. */

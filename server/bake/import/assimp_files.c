@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assimp's view of files (assimp_files.h). URIs of glTF are percent-encoded (RFC 3986), which
- * Assimp 5.2.5 hands over as they are; the literal name is tried first, then the decoded one.
+ * Assimp's view of files (assimp_files.h). Assimp 5.2.5 hands URIs over as they are.
  */
 #include "bake/import/assimp_files.h"
 
@@ -66,33 +65,6 @@ static void flush_proc(struct aiFile *handle)
     (void)handle;
 }
 
-static int hex_digit(char c)
-{
-    return c >= '0' && c <= '9'   ? c - '0'
-           : c >= 'a' && c <= 'f' ? c - 'a' + 10
-           : c >= 'A' && c <= 'F' ? c - 'A' + 10
-                                  : -1;
-}
-
-/* Undoes percent-encoding into out[size]; returns the length, or 0 if nothing was encoded. */
-static size_t decode(const char *name, char *out, size_t size)
-{
-    size_t used = 0;
-    int changed = 0;
-    for (const char *at = name; *at != '\0' && used < size; at++) {
-        int high = *at == '%' ? hex_digit(at[1]) : -1;
-        int low = high >= 0 ? hex_digit(at[2]) : -1;
-        if (low >= 0) {
-            out[used++] = (char)(high * 16 + low);
-            at += 2;
-            changed = 1;
-        } else {
-            out[used++] = *at;
-        }
-    }
-    return changed && used < size ? used : 0;
-}
-
 static enum umb_status find_file(struct umbb_assimp_files *files, const char *name,
                                  struct open_file *open, struct umb_error *error)
 {
@@ -101,14 +73,8 @@ static enum umb_status find_file(struct umbb_assimp_files *files, const char *na
         open->file = job->file;
         return UMB_OK;
     }
-    char decoded[1024];
-    enum umb_status status = umbb_file_map_named(&job->folder, name, strlen(name),
-                                                 job->max_input_bytes, &open->file, error);
-    size_t length = decode(name, decoded, sizeof(decoded));
-    if (status != UMB_OK && length > 0) {
-        status = umbb_file_map_named(&job->folder, decoded, length, job->max_input_bytes,
-                                     &open->file, error);
-    }
+    const enum umb_status status = umbb_file_map_uri(&job->folder, name, strlen(name),
+                                                     job->max_input_bytes, &open->file, error);
     open->owned = status == UMB_OK;
     return status;
 }

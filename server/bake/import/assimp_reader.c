@@ -18,6 +18,7 @@
 
 #include "bake/import/assimp_files.h"
 #include "bake/import/assimp_nodes.h"
+#include "bake/import/assimp_textures.h"
 #include "bake/import/face_builder.h"
 #include "bake/import/gltf_guard.h"
 #include "common/scene_text.h"
@@ -117,9 +118,19 @@ static double clamp_unit(double value)
     return value > 0.0 ? (value < 1.0 ? value : 1.0) : 0.0;
 }
 
-static enum umb_status add_material(struct umbs_scene_builder *builder,
-                                    const struct aiMaterial *source, struct umb_error *error)
+/* What converting a scene needs from step to step. */
+struct conversion {
+    const struct aiScene *scene;
+    struct umbb_faces faces;
+    struct umbb_texture_table textures;
+    struct umbb_uv_mapping *mappings; /* [mNumMaterials] */
+    int has_materials;
+};
+
+static enum umb_status add_material(struct conversion *c, unsigned number, struct umb_error *error)
 {
+    struct umbs_scene_builder *builder = c->faces.scene;
+    const struct aiMaterial *source = c->scene->mMaterials[number];
     struct umbs_material material = umbs_material_opaque();
     struct aiString text = {0};
     if (aiGetMaterialString(source, AI_MATKEY_NAME, &text) == aiReturn_SUCCESS) {
@@ -146,23 +157,29 @@ static enum umb_status add_material(struct umbs_scene_builder *builder,
     if (aiGetMaterialColor(source, AI_MATKEY_BASE_COLOR, &color) == aiReturn_SUCCESS) {
         material.base_alpha = (float)clamp_unit((double)color.a);
     }
+    const enum umb_status status =
+        umbb_assimp_texture(c->scene, source, &c->textures, &material, &c->mappings[number], error);
+    if (status != UMB_OK) {
+        return status;
+    }
     return umbs_scene_add_material(builder, &material, error);
 }
 
-static enum umb_status add_vertices(struct umbs_scene_builder *builder, const struct aiMesh *mesh,
-                                    struct umb_error *error)
+static enum umb_status add_vertices(const struct conversion *c, const struct aiMesh *mesh,
+                                    uint32_t material, struct umb_error *error)
 {
-    const struct aiVector3D *uvs = mesh->mTextureCoords[0];
+    static const struct umbb_uv_mapping plain = {0};
+    const struct umbb_uv_mapping *mapping =
+        material != UMBS_NO_INDEX ? &c->mappings[material] : &plain;
+    const int has_uvs =
+        mapping->set < AI_MAX_NUMBER_OF_TEXTURECOORDS && mesh->mTextureCoords[mapping->set] != NULL;
     for (unsigned i = 0; i < mesh->mNumVertices; i++) {
         const struct aiVector3D *at = &mesh->mVertices[i];
         const double position[3] = {(double)at->x, (double)at->y, (double)at->z};
-        float uv[2] = {0.0F, 0.0F};
-        if (uvs != NULL && isfinite(uvs[i].x) && isfinite(uvs[i].y)) {
-            uv[0] = uvs[i].x;
-            uv[1] = uvs[i].y;
-        }
+        float uv[2];
+        umbb_assimp_uv(mapping, mesh, i, uv);
         enum umb_status status =
-            umbs_scene_add_vertex(builder, position, uvs != NULL ? uv : NULL, error);
+            umbs_scene_add_vertex(c->faces.scene, position, has_uvs ? uv : NULL, error);
         if (status != UMB_OK) {
             return status;
         }
@@ -194,19 +211,22 @@ static enum umb_status add_faces(struct umbb_faces *faces, const struct aiMesh *
 }
 
 /* One mesh; corner numbers become numbers within it. Out: index of the builder's mesh or none. */
-static enum umb_status add_mesh(struct umbb_faces *faces, const struct aiMesh *mesh,
-                                int has_materials, uint32_t *index, struct umb_error *error)
+static enum umb_status add_mesh(struct conversion *c, const struct aiMesh *mesh, uint32_t *index,
+                                struct umb_error *error)
 {
-    struct umbs_scene_builder *builder = faces->scene;
+    struct umbs_scene_builder *builder = c->faces.scene;
+    const uint32_t material = c->has_materials && mesh->mMaterialIndex < builder->materials.count
+                                  ? mesh->mMaterialIndex
+                                  : UMBS_NO_INDEX;
     uint32_t first_vertex = (uint32_t)builder->positions.count;
     size_t first_triangle = builder->triangles.count;
     *index = UMBS_NO_INDEX;
     if (mesh->mVertices == NULL || mesh->mFaces == NULL) {
         return UMB_OK;
     }
-    enum umb_status status = add_vertices(builder, mesh, error);
+    enum umb_status status = add_vertices(c, mesh, material, error);
     if (status == UMB_OK) {
-        status = add_faces(faces, mesh, first_vertex, error);
+        status = add_faces(&c->faces, mesh, first_vertex, error);
     }
     uint32_t count = (uint32_t)(builder->triangles.count - first_triangle);
     if (status != UMB_OK || count == 0) {
@@ -218,9 +238,6 @@ static enum umb_status add_mesh(struct umbb_faces *faces, const struct aiMesh *m
             triangles[i][k] -= first_vertex;
         }
     }
-    uint32_t material = has_materials && mesh->mMaterialIndex < builder->materials.count
-                            ? mesh->mMaterialIndex
-                            : UMBS_NO_INDEX;
     status = umbs_scene_end_mesh(builder, first_vertex, mesh->mNumVertices, count, material, error);
     if (status == UMB_OK) {
         *index = (uint32_t)builder->meshes.count - 1;
@@ -248,21 +265,21 @@ static void warn_about_losses(struct umbs_scene_builder *builder, const struct a
     }
 }
 
-static enum umb_status convert(struct umbs_scene_builder *builder, const struct aiScene *scene,
-                               int has_materials, struct umb_error *error)
+static enum umb_status convert(struct conversion *c, struct umb_error *error)
 {
-    struct umbb_faces faces;
-    umbb_faces_init(&faces, builder);
+    const struct aiScene *scene = c->scene;
+    struct umbs_scene_builder *builder = c->faces.scene;
     uint32_t *mesh_of = calloc(scene->mNumMeshes, sizeof(*mesh_of));
+    c->mappings = calloc((size_t)scene->mNumMaterials + 1, sizeof(*c->mappings));
     enum umb_status status = UMB_OK;
-    if (mesh_of == NULL) {
+    if (mesh_of == NULL || c->mappings == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
     }
-    for (unsigned i = 0; status == UMB_OK && has_materials && i < scene->mNumMaterials; i++) {
-        status = add_material(builder, scene->mMaterials[i], error);
+    for (unsigned i = 0; status == UMB_OK && c->has_materials && i < scene->mNumMaterials; i++) {
+        status = add_material(c, i, error);
     }
     for (unsigned i = 0; status == UMB_OK && i < scene->mNumMeshes; i++) {
-        status = add_mesh(&faces, scene->mMeshes[i], has_materials, &mesh_of[i], error);
+        status = add_mesh(c, scene->mMeshes[i], &mesh_of[i], error);
     }
     if (status == UMB_OK) {
         warn_about_losses(builder, scene);
@@ -275,7 +292,7 @@ static enum umb_status convert(struct umbs_scene_builder *builder, const struct 
                           scene->mNumMeshes, builder->triangles.count, builder->dropped_faces);
     }
     free(mesh_of);
-    umbb_faces_finish(&faces);
+    free(c->mappings);
     return status;
 }
 
@@ -296,7 +313,12 @@ enum umb_status umbb_assimp_read(struct umbb_import *job, enum umbb_kind kind,
         status = load(&files, name, &scene, error);
     }
     if (status == UMB_OK) {
-        status = convert(&job->scene, scene, kind != UMBB_KIND_STL, error);
+        struct conversion conversion = {.scene = scene, .has_materials = kind != UMBB_KIND_STL};
+        umbb_faces_init(&conversion.faces, &job->scene);
+        umbb_texture_table_init(&conversion.textures, job);
+        status = convert(&conversion, error);
+        umbb_faces_finish(&conversion.faces);
+        umbb_texture_table_finish(&conversion.textures);
         aiReleaseImport(scene);
     }
     return status;

@@ -94,6 +94,46 @@ enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char
     return status;
 }
 
+static int hex_digit(char c)
+{
+    return c >= '0' && c <= '9'   ? c - '0'
+           : c >= 'a' && c <= 'f' ? c - 'a' + 10
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
+}
+
+/* Undoes percent-encoding into out[size]; returns the length, or 0 if nothing was encoded. */
+static size_t decode(const char *name, size_t length, char *out, size_t size)
+{
+    size_t used = 0;
+    int changed = 0;
+    for (const char *at = name; at < name + length && used < size; at++) {
+        int high = *at == '%' && name + length - at > 2 ? hex_digit(at[1]) : -1;
+        int low = high >= 0 ? hex_digit(at[2]) : -1;
+        if (low >= 0) {
+            out[used++] = (char)(high * 16 + low);
+            at += 2;
+            changed = 1;
+        } else {
+            out[used++] = *at;
+        }
+    }
+    return changed && used < size ? used : 0;
+}
+
+enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *uri, size_t length,
+                                  uint64_t max_bytes, struct umbb_file *file,
+                                  struct umb_error *error)
+{
+    char decoded[NAME_BYTES];
+    enum umb_status status = umbb_file_map_named(folder, uri, length, max_bytes, file, error);
+    const size_t used = decode(uri, length, decoded, sizeof(decoded));
+    if (status != UMB_OK && used > 0) {
+        status = umbb_file_map_named(folder, decoded, used, max_bytes, file, error);
+    }
+    return status;
+}
+
 void umbb_file_unmap(struct umbb_file *file)
 {
     if (file->map != NULL) {

@@ -40,6 +40,12 @@ UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_folder *folder
                                                 size_t length, uint64_t max_bytes,
                                                 struct umbb_file *file, struct umb_error *error);
 
+/* The same for a name that may be percent-encoded, as URIs of glTF are (RFC 3986): the literal name
+ * is tried first, then the decoded one. */
+UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *uri,
+                                              size_t length, uint64_t max_bytes,
+                                              struct umbb_file *file, struct umb_error *error);
+
 /* Unmaps. Harmless on a zeroed struct. */
 void umbb_file_unmap(struct umbb_file *file);
 

@@ -39,6 +39,18 @@ struct current {
     double dissolve; /* from d or Tr, 0..1 */
     int has_d;       /* d beats Tr, which exporters disagree about */
     int has_map;
+    struct umbb_cursor map; /* the rest of its line */
+};
+
+/* Options of a map and how many words each takes at most; numbers end before that. */
+static const struct {
+    const char *name;
+    int words;
+    int changes; /* what the map shows, in a way that is not read */
+} map_options[] = {
+    {"-blendu", 1, 0}, {"-blendv", 1, 0}, {"-boost", 1, 0}, {"-cc", 1, 0}, {"-texres", 1, 0},
+    {"-type", 1, 0},   {"-clamp", 1, 0},  {"-bm", 1, 0},    {"-mm", 2, 1}, {"-imfchan", 1, 1},
+    {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
 };
 
 static void set_alpha(struct current *current, struct umbb_cursor *line, int is_d)
@@ -58,10 +70,67 @@ static void set_alpha(struct current *current, struct umbb_cursor *line, int is_
     current->has_d = is_d;
 }
 
-static void store(struct umbb_material_table *table, const struct current *current)
+/* Takes one option of a map off the cursor; returns 0 if there is none. */
+static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
+{
+    struct umbb_cursor at = *line;
+    const char *word;
+    const size_t length = umbb_take_token(&at, &word);
+    for (size_t i = 0; i < sizeof map_options / sizeof map_options[0]; i++) {
+        if (!is_word(word, length, map_options[i].name)) {
+            continue;
+        }
+        *changes |= map_options[i].changes;
+        for (int k = 0; k < map_options[i].words; k++) {
+            struct umbb_cursor next = at;
+            double number;
+            const char *value;
+            const int is_number = umbb_take_double(&next, &number);
+            if (k > 0 && !is_number) {
+                break;
+            }
+            next = at;
+            const size_t size = umbb_take_token(&next, &value);
+            if (strcmp(map_options[i].name, "-clamp") == 0 && is_word(value, size, "on")) {
+                *wrap = UMBS_WRAP_CLAMP;
+            }
+            at = next;
+        }
+        *line = at;
+        return 1;
+    }
+    return 0;
+}
+
+/* Gives a material the texture that its map_d names. */
+static enum umb_status read_map(struct umbb_texture_table *textures, struct umbb_cursor line,
+                                struct umbs_material *material, struct umb_error *error)
+{
+    uint32_t wrap = UMBS_WRAP_REPEAT;
+    int changes = 0;
+    while (umbb_skip_blanks(&line) && take_option(&line, &wrap, &changes)) {
+    }
+    const struct umbb_cursor name = umbb_trim(line);
+    if (changes || name.at == name.end) {
+        umbs_scene_warn(&textures->job->scene,
+                        "material '%s': map_d with options that are not "
+                        "read is left out",
+                        material->name);
+        return UMB_OK;
+    }
+    const struct umbb_image image = {.name = name.at,
+                                     .name_length = (size_t)(name.end - name.at),
+                                     .luminance = 1,
+                                     .wrap_s = wrap,
+                                     .wrap_t = wrap};
+    return umbb_texture_get(textures, &image, &material->texture, error);
+}
+
+static enum umb_status store(struct umbb_material_table *table, struct umbb_texture_table *textures,
+                             const struct current *current, struct umb_error *error)
 {
     if (current->index == UMBS_NO_INDEX) {
-        return;
+        return UMB_OK;
     }
     struct umbs_material *materials = table->scene->materials.data;
     struct umbs_material *material = &materials[current->index];
@@ -69,10 +138,13 @@ static void store(struct umbb_material_table *table, const struct current *curre
     material->alpha_mode = current->dissolve < 1.0 ? UMBS_ALPHA_BLEND
                            : current->has_map      ? UMBS_ALPHA_MASK
                                                    : UMBS_ALPHA_OPAQUE;
+    return material->alpha_mode == UMBS_ALPHA_MASK
+               ? read_map(textures, current->map, material, error)
+               : UMB_OK;
 }
 
 enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material_table *table,
-                              struct umb_error *error)
+                              struct umbb_texture_table *textures, struct umb_error *error)
 {
     struct umbb_cursor text = {file->bytes, file->bytes + file->size};
     struct umbb_cursor line;
@@ -81,12 +153,14 @@ enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material
         const char *word;
         size_t length = umbb_take_token(&line, &word);
         if (is_word(word, length, "newmtl")) {
-            store(table, &current);
+            enum umb_status status = store(table, textures, &current, error);
             struct umbb_cursor name = umbb_trim(line);
             memset(&current, 0, sizeof(current));
             current.dissolve = 1.0;
-            enum umb_status status = umbb_material_get(table, name.at, (size_t)(name.end - name.at),
-                                                       &current.index, error);
+            if (status == UMB_OK) {
+                status = umbb_material_get(table, name.at, (size_t)(name.end - name.at),
+                                           &current.index, error);
+            }
             if (status != UMB_OK) {
                 return status;
             }
@@ -96,8 +170,8 @@ enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material
             set_alpha(&current, &line, 0);
         } else if (is_word(word, length, "map_d")) {
             current.has_map = 1;
+            current.map = line;
         }
     }
-    store(table, &current);
-    return UMB_OK;
+    return store(table, textures, &current, error);
 }

@@ -4,6 +4,7 @@
 /* The part of Wavefront MTL that matters to shadows: d, Tr, map_d. */
 #include "bake/import/import_files.h"
 #include "bake/import/material_table.h"
+#include "bake/import/texture_table.h"
 #include "bake/import/text_number.h"
 
 /* Takes one line off the cursor, without its end; returns 0 at the end of the text. */
@@ -16,11 +17,14 @@ struct umbb_cursor umbb_trim(struct umbb_cursor line);
  * Reads a material library.
  *
  * d (or 1 - Tr where there is no d) below 1 makes a material BLEND with that alpha; map_d makes it
- * MASK at 0.5. Everything else is passed over.
+ * MASK at 0.5, by the alpha of the PNG it names or else by its grey. Of map_d's options -clamp is
+ * obeyed; a map that is moved, scaled or made rough (-o, -s, -t, -mm, -imfchan) is left out with a
+ * warning. Everything else is passed over.
  * Fails: E_LIMIT, E_NO_MEMORY. Trust: safe on hostile bytes.
  */
 UMB_CHECKED enum umb_status umbb_mtl_read(const struct umbb_file *file,
                                           struct umbb_material_table *table,
+                                          struct umbb_texture_table *textures,
                                           struct umb_error *error);
 
 #endif

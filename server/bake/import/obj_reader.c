@@ -50,6 +50,7 @@ struct obj {
     struct umbs_array runs;   /* struct run */
     struct umbb_faces faces;
     struct umbb_material_table materials;
+    struct umbb_texture_table textures;
     uint32_t library_count;
     uint64_t line_number;
     uint64_t face_count;
@@ -229,7 +230,7 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
         }
         return status == UMB_E_NO_MEMORY ? no_memory(error) : UMB_OK;
     }
-    status = umbb_mtl_read(&file, &obj->materials, error);
+    status = umbb_mtl_read(&file, &obj->materials, &obj->textures, error);
     umbb_file_unmap(&file);
     return status;
 }
@@ -417,6 +418,7 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     struct obj obj = {.job = job};
     umbb_faces_init(&obj.faces, &job->scene);
     umbb_material_table_init(&obj.materials, &job->scene);
+    umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
         free(obj.made.data); /* before the sort needs room */
@@ -429,5 +431,6 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     free(obj.runs.data);
     umbb_faces_finish(&obj.faces);
     umbb_material_table_finish(&obj.materials);
+    umbb_texture_table_finish(&obj.textures);
     return status;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "bake/analysis/plan.h"
+#include "bake/depth/cut_out.h"
 #include "base/bytes.h"
 #include "common/sha256_chain.h"
 
@@ -42,6 +43,27 @@ static void add_caster(struct umbs_chain *chain, const struct umbb_casters *cast
     umbs_chain_add(chain, bytes, sizeof bytes);
 }
 
+/* All that decides which texels a caster with holes keeps. */
+static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint32_t number)
+{
+    const struct umbs_cut *cut = &cuts->table->cuts[number];
+    const struct umbb_cut_plane *plane = &cuts->planes[number];
+    const struct umbs_material *material = &cuts->table->view->materials[cut->material];
+    uint8_t bytes[19 * 8];
+    store_double(bytes, plane->anchor[0]);
+    store_double(bytes + 8, plane->anchor[1]);
+    for (size_t i = 0; i < 9; i++) {
+        store_double(bytes + 8 * (2 + i), plane->edge[i / 3][i % 3]);
+    }
+    for (size_t i = 0; i < 6; i++) {
+        store_double(bytes + 8 * (11 + i), (double)cut->uv[i / 2][i % 2]);
+    }
+    store_double(bytes + 8 * 17, (double)material->alpha_cutoff);
+    store_double(bytes + 8 * 18, (double)material->base_alpha);
+    umbs_chain_add(chain, bytes, sizeof bytes);
+    umbs_chain_add(chain, cuts->table->digests[material->texture], UMB_ID_BYTES);
+}
+
 void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
                    const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES])
 {
@@ -63,7 +85,12 @@ void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
     add_double(&chain, casters->depth_scale);
     add_double(&chain, casters->depth_offset);
     for (size_t i = 0; i < count; i++) {
-        add_caster(&chain, casters, list == NULL ? i : list[i]);
+        const size_t number = list == NULL ? i : list[i];
+        const uint32_t cut = umbb_cut_of(casters->cuts, number);
+        add_caster(&chain, casters, number);
+        if (cut != UMBS_CUT_NONE) {
+            add_cut(&chain, casters->cuts, cut);
+        }
     }
     umbs_chain_end(&chain, key);
 }

@@ -7,7 +7,8 @@
  * That is: the program's version and the bake's (plan.h); size of frustum and tile, the
  * tile's place; the closed rule, and whether squares are proven; for spot and point lights how
  * depth is scaled; and of each caster that may reach the tile, in the scene's order, its corners in
- * voxel space, its kind and its marks. Corners in voxel space hold the frustum's matrix: if an edit
+ * voxel space, its kind and its marks, and if it is cut out where its texture lies and what that
+ * holds. Corners in voxel space hold the frustum's matrix: if an edit
  * of the scene moves the frustum, every key changes, and else only those of tiles that an edited
  * triangle reached or now reaches.
  *

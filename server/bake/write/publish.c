@@ -129,7 +129,8 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
                                          const struct umb_asset *asset,
                                          const struct umbb_check *check, struct umb_error *error)
 {
-    const struct umbr_rays_options quick = {.quick = 1, .threads = check->threads};
+    const struct umbr_rays_options quick = {
+        .quick = 1, .threads = check->threads, .cuts = check->cuts};
     struct umbr_rays *rays;
     enum umb_status status = umbr_rays_build(check->corners, check->count, &quick, &rays, error);
     if (status != UMB_OK) {

@@ -11,6 +11,7 @@
  * after commit
  */
 #include "common/file.h"
+#include "common/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 
@@ -27,6 +28,7 @@ struct umbb_publish {
 struct umbb_check {
     const double (*corners)[3][3]; /* world */
     const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
+    const struct umbs_cuts *cuts;  /* `of`: [count] */
     size_t count;
     size_t open_on_word; /* parts that --closed on takes for closed and that are not */
     uint64_t points;     /* of all lights together; 0 = open and validate only */

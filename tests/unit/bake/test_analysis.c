@@ -59,6 +59,9 @@ static void small_scene_init(struct small_scene *s)
     }
     memcpy(s->materials[1].name, "leaf \"x\"\n", 10);
     s->materials[1].alpha_mode = UMBS_ALPHA_MASK;
+    s->materials[1].alpha_cutoff = 0.5F;
+    s->materials[1].base_alpha = 1.0F;
+    s->materials[1].texture = UMBS_NO_INDEX;
     memcpy(s->lights[0].name, "lamp", 5);
     s->lights[0].kind = UMB_LIGHT_SPOT;
     s->lights[0].direction[2] = -2.0;
@@ -118,7 +121,7 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_true(a.bounds.min[0] == 90.0 && a.bounds.max[0] == 101.4);
     assert_true(a.bounds.min[2] == -3.0 && a.bounds.max[2] == 1.0);
     assert_true(a.origin[0] == 96.0 && a.origin[1] == 0.0 && a.origin[2] == -1.0);
-    assert_int_equal(a.mask.triangles, 1);
+    assert_int_equal(a.cuts.figures.mask_triangles, 2);
     /* All lights, directions made unit, a frustum each. */
     assert_int_equal(a.choice.count, 3);
     assert_int_equal(a.frustum_count, 3);
@@ -304,7 +307,8 @@ static void plan_and_settings_say_what_and_why(void **state)
     assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
     assert_non_null(strstr(plan, "effect=closed state=on reason=\"1 of 2 parts closed"));
     assert_non_null(strstr(plan, "effect=origin state=off reason="));
-    assert_non_null(strstr(plan, "effect=cut-out state=off reason=\"not in this version: 1 "));
+    assert_non_null(
+        strstr(plan, "effect=cut-out state=off reason=\"2 triangles of MASK materials"));
     assert_non_null(strstr(plan, "leaf \\x22x\\x22\\x0a"));
     assert_null(strstr(plan, "transmittance"));
     assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
@@ -318,6 +322,43 @@ static void plan_and_settings_say_what_and_why(void **state)
     free(plan);
     free(settings);
     umbb_analysis_finish(&a);
+}
+
+/* The open triangle and the one without an area cast nothing, by their material. */
+static void triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaque(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    small_scene_init(&s);
+    s.materials[1].base_alpha = 0.25F;
+    for (int opaque = 0; opaque < 2; opaque++) {
+        struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+        struct umbb_analysis a;
+        struct umb_error error;
+        char *plan, *settings;
+        options.opaque_cut_outs = opaque;
+        assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+        assert_int_equal(a.count, opaque ? 13 : 12);
+        assert_int_equal(a.gone_count, opaque ? 0 : 1);
+        assert_int_equal(a.degenerate_count, 1);
+        assert_true(a.bounds.min[0] == (opaque ? 90.0 : 99.4));
+        assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+        assert_non_null(strstr(plan, opaque ? "effect=cut-out state=off reason=\"switched off: "
+                                            : "effect=cut-out state=on reason=\"material "));
+        assert_non_null(strstr(plan, "2 triangles with alpha below 0.5 on 100 % of their texels"));
+        assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
+        assert_int_equal(strstr(settings, "cut-out=on\n") != NULL, !opaque);
+        free(plan);
+        free(settings);
+        umbb_analysis_finish(&a);
+    }
+    s.view.mesh_count = s.view.instance_count = 2;
+    s.meshes[0].material = 1;
+    const struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    struct umbb_analysis a;
+    struct umb_error error;
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "the alpha of all is below"));
 }
 
 static void plan_says_what_this_version_leaves_out(void **state)
@@ -435,6 +476,7 @@ int main(void)
         cmocka_unit_test(sun_paths_and_sizes_become_lights),
         cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),
         cmocka_unit_test(plan_and_settings_say_what_and_why),
+        cmocka_unit_test(triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaque),
         cmocka_unit_test(plan_says_what_this_version_leaves_out),
         cmocka_unit_test(corners_out_of_reach_are_refused_and_not_dropped),
         cmocka_unit_test(memory_is_divided_within_the_limit),

@@ -230,7 +230,10 @@ static void effects_are_overruled_by_name(void **state)
     assert_int_equal(
         parse("s.ply -o o --effect cut-out=off --effect penumbra=off --effect mraa=off", &o, &e),
         UMB_OK);
-    assert_int_equal(o.effects_off, UMBB_MISSING_CUT_OUT | UMBB_MISSING_PENUMBRA);
+    assert_int_equal(o.effects_off, UMBB_MISSING_PENUMBRA);
+    assert_int_equal(o.opaque_cut_outs, 1);
+    assert_int_equal(parse("s.ply -o o --effect cut-out=on", &o, &e), UMB_OK);
+    assert_int_equal(o.opaque_cut_outs, 0);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     static const struct {
         const char *line, *value;

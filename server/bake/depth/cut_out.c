@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Edge functions, and drawing by them (cut_out.h). */
+#include "bake/depth/cut_out.h"
+
+#include <math.h>
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plane)
+{
+    double moved[3][3];
+    for (int axis = 0; axis < 2; axis++) {
+        /* A corner as anchor keeps the functions free of cancellation far from texel 0. */
+        const double anchor = corners[0][axis] / corners[0][2];
+        plane->anchor[axis] =
+            corners[0][2] > 0.0 && fabs(anchor) <= UMBB_COORDINATE_MAX ? anchor : 0.0;
+    }
+    for (int k = 0; k < 3; k++) {
+        moved[k][0] = corners[k][0] - plane->anchor[0] * corners[k][2];
+        moved[k][1] = corners[k][1] - plane->anchor[1] * corners[k][2];
+        moved[k][2] = corners[k][2];
+    }
+    for (int k = 0; k < 3; k++) {
+        cross(moved[(k + 1) % 3], moved[(k + 2) % 3], plane->edge[k]);
+    }
+}
+
+static double unit(double value)
+{
+    return value > 0.0 ? (value < 1.0 ? value : 1.0) : 0.0; /* a NaN becomes 0 */
+}
+
+int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y)
+{
+    const struct umbb_cut_plane *plane = &cuts->planes[cut];
+    const float(*uv)[2] = cuts->table->cuts[cut].uv;
+    const double px = ((double)x + 0.5) - plane->anchor[0];
+    const double py = ((double)y + 0.5) - plane->anchor[1];
+    double weight[3], sum = 0.0;
+    for (int k = 0; k < 3; k++) {
+        weight[k] = plane->edge[k][0] * px + plane->edge[k][1] * py + plane->edge[k][2];
+        sum += weight[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        weight[k] = unit(weight[k] / sum);
+    }
+    sum = weight[0] + weight[1] + weight[2];
+    if (!(sum > 0.0)) { /* seen edge on, beyond doubles: its first corner stands for it */
+        weight[0] = sum = 1.0;
+    }
+    const double u = (weight[0] * (double)uv[0][0] + weight[1] * (double)uv[1][0] +
+                      weight[2] * (double)uv[2][0]) /
+                     sum;
+    const double v = (weight[0] * (double)uv[0][1] + weight[1] * (double)uv[1][1] +
+                      weight[2] * (double)uv[2][1]) /
+                     sum;
+    return umbs_cut_keeps(cuts->table, cut, u, v);
+}
+
+void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
+                   const struct umbb_canvas *canvas)
+{
+    const int32_t bottom = canvas->y0 + canvas->n - 1, right = canvas->x0 + canvas->n - 1;
+    const int32_t last = coverage->row_last < bottom ? coverage->row_last : bottom;
+    int32_t row = coverage->row_first > canvas->y0 ? coverage->row_first : canvas->y0;
+    for (; row <= last; row++) {
+        int32_t x_first, x_last;
+        const int front = umbb_coverage_row(coverage, row, &x_first, &x_last);
+        const double row_z = umbb_coverage_row_z(coverage, row);
+        int32_t *line = (front ? canvas->front : canvas->back) +
+                        umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
+        x_first = x_first > canvas->x0 ? x_first : canvas->x0;
+        x_last = x_last < right ? x_last : right;
+        for (int32_t x = x_first; x <= x_last; x++) {
+            const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
+            const size_t column = (size_t)(x - canvas->x0);
+            int32_t *at = line + 64 * (column >> 3) + (column & 7);
+            if (lit < *at && umbb_cut_casts(cuts, cut, x, row)) {
+                *at = lit;
+            }
+        }
+    }
+}

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_IMPORT_TEXTURE_TABLE_H
+#define UMBRAGE_SERVER_BAKE_IMPORT_TEXTURE_TABLE_H
+/*
+ * Textures of a scene by the image they show and how it goes on beyond its edges; each image is
+ * decoded once for each such way.
+ *
+ * An image that is missing, damaged or of another format than PNG and JPEG becomes a warning, and
+ * what uses it casts as if it were opaque: a scene without its pictures still casts shadows. One
+ * that is over a limit is an error.
+ */
+#include "bake/import/import_job.h"
+
+/* Names of images read for one scene, whatever becomes of them. */
+#define UMBB_IMAGES_MAX 4096U
+
+struct umbb_texture_table {
+    struct umbb_import *job; /* borrowed: its scene gets the textures */
+    struct umbs_array known; /* struct, in the order of first use */
+    uint64_t texels;         /* decoded so far */
+};
+
+/* An image as a scene refers to it. */
+struct umbb_image {
+    const char *name; /* what the scene calls it: a file's name, or any that is its own */
+    size_t name_length;
+    const void *bytes; /* the encoded image; NULL: in the file of that name */
+    size_t size;
+    int luminance;                    /* see umbb_png_alpha */
+    uint32_t wrap_s, wrap_t, nearest; /* see umbs_texture */
+};
+
+void umbb_texture_table_init(struct umbb_texture_table *table, struct umbb_import *job);
+void umbb_texture_table_finish(struct umbb_texture_table *table);
+
+/*
+ * Finds or adds a texture.
+ *
+ * Out:   index: in scene->textures, or UMBS_NO_INDEX: alpha is 1 all over.
+ * Fails: E_LIMIT (texels, UMBB_IMAGES_MAX), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_texture_get(struct umbb_texture_table *table,
+                                             const struct umbb_image *image, uint32_t *index,
+                                             struct umb_error *error);
+
+#endif

@@ -1,0 +1,415 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Which triangles are cut out (scene_alpha.h).
+ *
+ * A triangle is told by the least and greatest texel that sampling anywhere in the box of its
+ * texture coordinates could touch; blocks of 16 x 16 texels whose extremes are known make that
+ * quick. The box holds more than the triangle, so that some count as cut that are whole: that costs
+ * time and changes no answer.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/scene_alpha.h"
+#include "common/scene_flatten.h"
+#include "common/sha256.h"
+
+#define BLOCK_LOG2 4
+#define BLOCK      (1U << BLOCK_LOG2)
+
+/* Samples for the share that is cut: each triangle's sides in at most so many parts, and fewer of
+ * them where many triangles would take more than so many samples together. */
+#define SIDE_PARTS_MAX 8U
+#define SAMPLES_MAX    4000000U
+
+/* Least and greatest byte. */
+struct range {
+    uint8_t low, high;
+};
+
+/* A texture's blocks, row by row; NULL until needed. */
+struct blocks {
+    struct range *ranges;
+    uint32_t width, height; /* in blocks */
+};
+
+/* Texel numbers along an axis: up to two runs, first .. last each. */
+struct runs {
+    uint32_t count, first[2], last[2];
+};
+
+struct finder {
+    const struct umbs_scene_view *view;
+    struct umbs_cuts *cuts;
+    struct blocks *blocks; /* [texture_count] */
+    uint8_t *seen;         /* [material_count] 1: something below its cut-off was found */
+    uint32_t parts;        /* sides are cut into */
+    size_t capacity;       /* of cuts->cuts */
+    double texels, below;  /* of the triangles that are cut or gone */
+};
+
+static void range_add(struct range *range, uint8_t value)
+{
+    range->low = value < range->low ? value : range->low;
+    range->high = value > range->high ? value : range->high;
+}
+
+static struct range texels_range(const struct umbs_scene_view *view,
+                                 const struct umbs_texture *texture, const uint32_t x[2],
+                                 const uint32_t y[2])
+{
+    struct range range = {UINT8_MAX, 0};
+    for (size_t row = y[0]; row <= y[1]; row++) {
+        const uint8_t *texels = view->alpha + texture->offset + row * texture->width;
+        for (size_t column = x[0]; column <= x[1]; column++) {
+            range_add(&range, texels[column]);
+        }
+    }
+    return range;
+}
+
+static uint32_t least(uint32_t a, uint32_t b)
+{
+    return a < b ? a : b;
+}
+
+/* Finds a texture's blocks, once. */
+static enum umb_status blocks_find(const struct umbs_scene_view *view, uint32_t number,
+                                   struct blocks *blocks, struct umb_error *error)
+{
+    const struct umbs_texture *texture = &view->textures[number];
+    if (blocks->ranges != NULL) {
+        return UMB_OK;
+    }
+    blocks->width = (texture->width + BLOCK - 1) >> BLOCK_LOG2;
+    blocks->height = (texture->height + BLOCK - 1) >> BLOCK_LOG2;
+    blocks->ranges = malloc((size_t)blocks->width * blocks->height * sizeof *blocks->ranges);
+    if (blocks->ranges == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "texture %u: memory refused", number);
+    }
+    for (uint32_t by = 0; by < blocks->height; by++) {
+        for (uint32_t bx = 0; bx < blocks->width; bx++) {
+            const uint32_t x[2] = {bx * BLOCK, least((bx + 1) * BLOCK, texture->width) - 1};
+            const uint32_t y[2] = {by * BLOCK, least((by + 1) * BLOCK, texture->height) - 1};
+            blocks->ranges[(size_t)by * blocks->width + bx] = texels_range(view, texture, x, y);
+        }
+    }
+    return UMB_OK;
+}
+
+/* The texels that samples at `low` to `high` times n of an axis may touch. */
+static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
+{
+    const double count = (double)n, most = count - 1.0;
+    const double slack = 1e-9 * (1.0 + fmax(fabs(low), fabs(high)) * count);
+    double a = floor(low * count - 0.5 - slack), b = floor(high * count - 0.5 + slack) + 1.0;
+    struct runs runs = {1, {0, 0}, {n - 1, 0}};
+    if (wrap == UMBS_WRAP_CLAMP) {
+        a = fmin(fmax(a, 0.0), most);
+        b = fmin(fmax(b, 0.0), most);
+    } else {
+        const double period = wrap == UMBS_WRAP_MIRROR ? 2.0 * count : count;
+        const double length = b - a;
+        if (!(length < most)) {
+            return runs;
+        }
+        a -= period * floor(a / period);
+        if (!(a >= 0.0 && a < period)) { /* rounding, far outside the image */
+            return runs;
+        }
+        b = a + length;
+        if (wrap == UMBS_WRAP_MIRROR && a >= count && b < period) {
+            const double turned = period - 1.0 - b;
+            b = period - 1.0 - a;
+            a = turned;
+        } else if (wrap == UMBS_WRAP_MIRROR && b > most) {
+            return runs; /* across a mirror: take all */
+        } else if (b > most) {
+            runs = (struct runs){2, {(uint32_t)a, 0}, {n - 1, (uint32_t)(b - count)}};
+            return runs;
+        }
+    }
+    runs.first[0] = (uint32_t)a;
+    runs.last[0] = (uint32_t)b;
+    return runs;
+}
+
+/* Range of the texels x[0] .. x[1], y[0] .. y[1]. */
+static struct range rectangle_range(const struct finder *f, uint32_t number, const uint32_t x[2],
+                                    const uint32_t y[2])
+{
+    const struct umbs_texture *texture = &f->view->textures[number];
+    const struct blocks *blocks = &f->blocks[number];
+    struct range range = {UINT8_MAX, 0};
+    for (uint32_t by = y[0] >> BLOCK_LOG2; by <= y[1] >> BLOCK_LOG2; by++) {
+        for (uint32_t bx = x[0] >> BLOCK_LOG2; bx <= x[1] >> BLOCK_LOG2; bx++) {
+            struct range one = blocks->ranges[(size_t)by * blocks->width + bx];
+            if (one.low < range.low || one.high > range.high) {
+                const uint32_t xs[2] = {bx * BLOCK > x[0] ? bx * BLOCK : x[0],
+                                        least(bx * BLOCK + BLOCK - 1, x[1])};
+                const uint32_t ys[2] = {by * BLOCK > y[0] ? by * BLOCK : y[0],
+                                        least(by * BLOCK + BLOCK - 1, y[1])};
+                one = texels_range(f->view, texture, xs, ys);
+                range_add(&range, one.low);
+                range_add(&range, one.high);
+            }
+        }
+    }
+    return range;
+}
+
+/* Range of all texels that a sample within the triangle may touch. */
+static struct range triangle_range(const struct finder *f, uint32_t number, const float uv[3][2])
+{
+    const struct umbs_texture *texture = &f->view->textures[number];
+    double low[2], high[2];
+    for (int k = 0; k < 2; k++) {
+        const double a = (double)uv[0][k], b = (double)uv[1][k], c = (double)uv[2][k];
+        low[k] = fmin(fmin(a, b), c);
+        high[k] = fmax(fmax(a, b), c);
+    }
+    const struct runs across = axis_runs(low[0], high[0], texture->width, texture->wrap_s);
+    const struct runs up = axis_runs(low[1], high[1], texture->height, texture->wrap_t);
+    struct range range = {UINT8_MAX, 0};
+    for (uint32_t i = 0; i < across.count; i++) {
+        for (uint32_t k = 0; k < up.count; k++) {
+            const uint32_t x[2] = {across.first[i], across.last[i]};
+            const uint32_t y[2] = {up.first[k], up.last[k]};
+            const struct range one = rectangle_range(f, number, x, y);
+            range_add(&range, one.low);
+            range_add(&range, one.high);
+        }
+    }
+    return range;
+}
+
+/* Texels that a triangle spans. */
+static double texel_area(const struct umbs_texture *texture, const float uv[3][2])
+{
+    const double ux = (double)uv[1][0] - (double)uv[0][0], uy = (double)uv[1][1] - (double)uv[0][1];
+    const double wx = (double)uv[2][0] - (double)uv[0][0], wy = (double)uv[2][1] - (double)uv[0][1];
+    const double area = 0.5 * fabs(ux * wy - uy * wx) * texture->width * texture->height;
+    return area < 1e12 ? area : 1e12; /* also what a NaN becomes */
+}
+
+/* The share of the last cut triangle that is below the cut-off, by samples in equal parts of it. */
+static double cut_share(const struct finder *f)
+{
+    const uint32_t number = (uint32_t)f->cuts->count - 1, n = f->parts;
+    const struct umbs_cut *cut = &f->cuts->cuts[number];
+    uint32_t below = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t k = 0; k < 2 * (n - i) - 1; k++) { /* parts of a row turn around */
+            const double third = k % 2 == 0 ? 1.0 / 3.0 : 2.0 / 3.0;
+            const double b = (i + third) / n, c = (k / 2 + third) / n, a = 1.0 - b - c;
+            double at[2];
+            for (int axis = 0; axis < 2; axis++) {
+                at[axis] = a * (double)cut->uv[0][axis] + b * (double)cut->uv[1][axis] +
+                           c * (double)cut->uv[2][axis];
+            }
+            below += !umbs_cut_keeps(f->cuts, number, at[0], at[1]);
+        }
+    }
+    return (double)below / ((double)n * n);
+}
+
+/* Makes a cut of a triangle, the next of its table. */
+static enum umb_status add_cut(struct finder *f, const float uv[3][2], uint32_t material,
+                               struct umb_error *error)
+{
+    struct umbs_cuts *cuts = f->cuts;
+    if (cuts->count == f->capacity) {
+        const size_t capacity = f->capacity == 0 ? 256 : f->capacity * 3 / 2;
+        struct umbs_cut *grown = realloc(cuts->cuts, capacity * sizeof *grown);
+        if (grown == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %zu triangles refused",
+                            capacity);
+        }
+        cuts->cuts = grown;
+        f->capacity = capacity;
+    }
+    struct umbs_cut *cut = &cuts->cuts[cuts->count++];
+    memcpy(cut->uv, uv, sizeof cut->uv);
+    cut->material = material;
+    return UMB_OK;
+}
+
+/* Notes that triangle number `at` is `tag`, and how much of it is below the cut-off. */
+static enum umb_status note(struct finder *f, size_t at, uint32_t tag, uint32_t material,
+                            struct umb_error *error)
+{
+    struct umbs_cuts *cuts = f->cuts;
+    struct umbs_cut_figures *figures = &cuts->figures;
+    if (cuts->of == NULL) {
+        const size_t bytes = (size_t)f->view->world_triangle_count * sizeof *cuts->of;
+        cuts->of = malloc(bytes);
+        if (cuts->of == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "cut-out: %zu bytes refused", bytes);
+        }
+        memset(cuts->of, 0xff, bytes); /* UMBS_CUT_NONE */
+    }
+    cuts->of[at] = tag;
+    figures->triangles++;
+    if (!f->seen[material]) {
+        f->seen[material] = 1;
+        figures->first = figures->materials == 0 ? material : figures->first;
+        figures->materials++;
+    }
+    return UMB_OK;
+}
+
+/* Judges triangle number `at` of the flattened scene, of a MASK material. */
+static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], uint32_t number,
+                             struct umb_error *error)
+{
+    const struct umbs_material *material = &f->view->materials[number];
+    const double limit = 255.0 * (double)material->alpha_cutoff;
+    struct range range = {UINT8_MAX, UINT8_MAX};
+    double texels = 1.0;
+    if (material->texture != UMBS_NO_INDEX) {
+        range = triangle_range(f, material->texture, uv);
+        texels = texel_area(&f->view->textures[material->texture], uv);
+    }
+    if ((double)range.low * (double)material->base_alpha >= limit) {
+        return UMB_OK;
+    }
+    double share = 1.0;
+    uint32_t tag = UMBS_CUT_GONE;
+    enum umb_status status = UMB_OK;
+    if ((double)range.high * (double)material->base_alpha >= limit) {
+        tag = (uint32_t)f->cuts->count;
+        status = add_cut(f, uv, number, error);
+        share = status == UMB_OK ? cut_share(f) : 0.0;
+    }
+    f->texels += texels;
+    f->below += share * texels;
+    return status == UMB_OK ? note(f, at, tag, number, error) : status;
+}
+
+/* All triangles of an instance, from number `at` of the flattened scene on. */
+static enum umb_status judge_instance(struct finder *f, const struct umbs_instance *instance,
+                                      size_t at, struct umb_error *error)
+{
+    const struct umbs_scene_view *view = f->view;
+    const struct umbs_mesh *mesh = &view->meshes[instance->mesh];
+    const uint32_t number = mesh->material;
+    if (number == UMBS_NO_INDEX || view->materials[number].alpha_mode != UMBS_ALPHA_MASK) {
+        return UMB_OK;
+    }
+    struct umbs_cut_figures *figures = &f->cuts->figures;
+    figures->first = figures->mask_triangles == 0 ? number : figures->first;
+    figures->mask_triangles += mesh->triangle_count;
+    enum umb_status status = UMB_OK;
+    if (view->materials[number].texture != UMBS_NO_INDEX) {
+        const uint32_t texture = view->materials[number].texture;
+        status = blocks_find(view, texture, &f->blocks[texture], error);
+    }
+    const int mirror = umbs_instance_mirrors(instance);
+    for (uint32_t i = 0; i < mesh->triangle_count && status == UMB_OK; i++) {
+        float uv[3][2] = {{0.0F, 0.0F}, {0.0F, 0.0F}, {0.0F, 0.0F}};
+        const uint32_t *triangle = view->triangles[mesh->first_triangle + i];
+        for (int k = 0; k < 3 && view->uvs != NULL; k++) {
+            memcpy(uv[mirror && k > 0 ? 3 - k : k],
+                   view->uvs[(size_t)mesh->first_vertex + triangle[k]], sizeof uv[0]);
+        }
+        status = judge(f, at + i, (const float(*)[2])uv, number, error);
+    }
+    return status;
+}
+
+/* Into how many parts sides are cut for sampling. */
+static uint32_t side_parts(const struct umbs_scene_view *view)
+{
+    const double each = (double)SAMPLES_MAX / (double)view->world_triangle_count;
+    const double parts = floor(sqrt(each));
+    return parts < 1.0 ? 1U : parts < SIDE_PARTS_MAX ? (uint32_t)parts : SIDE_PARTS_MAX;
+}
+
+/* Hashes the textures that cuts refer to. */
+static enum umb_status digest_textures(const struct finder *f, struct umb_error *error)
+{
+    const struct umbs_scene_view *view = f->view;
+    struct umbs_cuts *cuts = f->cuts;
+    if (cuts->count == 0) {
+        return UMB_OK;
+    }
+    cuts->digests = calloc(view->texture_count, sizeof *cuts->digests);
+    if (cuts->digests == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %u textures refused",
+                        view->texture_count);
+    }
+    for (uint32_t i = 0; i < view->texture_count; i++) {
+        const struct umbs_texture *texture = &view->textures[i];
+        const uint32_t shape[5] = {texture->width, texture->height, texture->wrap_s,
+                                   texture->wrap_t, texture->nearest};
+        const void *const parts[] = {shape, view->alpha + texture->offset};
+        const size_t sizes[] = {sizeof shape, (size_t)texture->width * texture->height};
+        if (f->blocks[i].ranges != NULL) { /* some MASK material's */
+            umbs_sha256.digest(umbs_sha256.user, parts, sizes, 2, cuts->digests[i]);
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_cuts *cuts,
+                               struct umb_error *error)
+{
+    memset(cuts, 0, sizeof *cuts);
+    cuts->view = view;
+    if (view->material_count == 0) {
+        return UMB_OK;
+    }
+    struct finder f = {.view = view, .cuts = cuts, .parts = side_parts(view)};
+    f.blocks = calloc((size_t)view->texture_count + 1, sizeof *f.blocks);
+    f.seen = calloc(view->material_count, 1);
+    enum umb_status status = UMB_OK;
+    if (f.blocks == NULL || f.seen == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %u materials refused",
+                          view->material_count);
+    }
+    size_t at = 0;
+    for (uint32_t i = 0; i < view->instance_count && status == UMB_OK; i++) {
+        status = judge_instance(&f, &view->instances[i], at, error);
+        at += view->meshes[view->instances[i].mesh].triangle_count;
+    }
+    if (status == UMB_OK) {
+        status = digest_textures(&f, error);
+    }
+    for (uint32_t i = 0; f.blocks != NULL && i < view->texture_count; i++) {
+        free(f.blocks[i].ranges);
+    }
+    free(f.blocks);
+    free(f.seen);
+    cuts->figures.share = f.texels > 0.0 ? f.below / f.texels : 0.0;
+    if (status != UMB_OK) {
+        umbs_cuts_finish(cuts);
+    }
+    return status;
+}
+
+void umbs_cuts_finish(struct umbs_cuts *cuts)
+{
+    free(cuts->of);
+    free(cuts->cuts);
+    free(cuts->digests);
+    memset(cuts, 0, sizeof *cuts);
+}
+
+void umbs_cuts_open_parts(const struct umbs_cuts *cuts, struct umbs_parts *parts, size_t count)
+{
+    for (size_t i = 0; cuts->of != NULL && i < count; i++) {
+        if (cuts->of[i] != UMBS_CUT_NONE && parts->part_of[i] != UINT32_MAX) {
+            struct umbs_part *part = &parts->parts[parts->part_of[i]];
+            part->cut_triangles++;
+            part->closed = 0;
+            part->flipped = 0;
+        }
+    }
+    for (size_t i = 0; cuts->of != NULL && i < count; i++) {
+        if (parts->closed[i] && !parts->parts[parts->part_of[i]].closed) {
+            parts->closed[i] = 0;
+            parts->closed_triangles--;
+        }
+    }
+}

@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Alpha textures through the importer's process: glTF's in files and buffers, OBJ's map_d. */
+#include "import_try.h"
+
+#include <math.h>
+
+#include "make_png.h"
+
+enum {
+    SIDE = 4,
+};
+
+/* Three corners, two sets of texture coordinates. */
+static const float buffer[21] = {0,    0,    0,      1,     0,     0,     0,
+                                 1,    0,    0.125F, 0.25F, 0.75F, 0.25F, 0.125F,
+                                 1.0F, 0.5F, 0.5F,   0.25F, 0.5F,  0.5F,  0.0F};
+
+/* Alpha counts up along the rows from the highest. */
+static struct made_png counted_png(void)
+{
+    uint8_t alpha[SIDE * SIDE];
+    for (uint8_t i = 0; i < SIDE * SIDE; i++) {
+        alpha[i] = (uint8_t)(10 * i);
+    }
+    return make_rgba_png(SIDE, SIDE, alpha);
+}
+
+static void expect_counted(const struct umbs_scene_view *view, uint32_t texture)
+{
+    assert_in_range(texture, 0, view->texture_count - 1);
+    const struct umbs_texture *t = &view->textures[texture];
+    assert_int_equal(t->width, SIDE);
+    assert_int_equal(t->height, SIDE);
+    for (int i = 0; i < SIDE * SIDE; i++) { /* the lowest row first */
+        assert_int_equal(view->alpha[t->offset + (size_t)i],
+                         10 * (SIDE * (SIDE - 1 - i / SIDE) + i % SIDE));
+    }
+}
+
+/* A MASK material that shows texture 0; `info` is more of its textureInfo, `more` of the file. */
+static const char *gltf(const char *info, const char *more)
+{
+    static char text[4096];
+    const int length = snprintf(
+        text, sizeof(text),
+        "{\"asset\":{\"version\":\"2.0\"},%s"
+        "\"buffers\":[{\"uri\":\"tri.bin\",\"byteLength\":84}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},"
+        "{\"buffer\":0,\"byteOffset\":36,\"byteLength\":24},"
+        "{\"buffer\":0,\"byteOffset\":60,\"byteLength\":24}],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"
+        "{\"bufferView\":1,\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"},"
+        "{\"bufferView\":2,\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"}],"
+        "\"materials\":[{\"name\":\"leaf\",\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{"
+        "\"baseColorTexture\":{\"index\":0%s}}}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1,"
+        "\"TEXCOORD_1\":2},\"material\":0}]}],"
+        "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]}",
+        more, info);
+    assert_in_range(length, 1, sizeof(text) - 1);
+    return text;
+}
+
+#define IMAGE(uri) "\"images\":[{\"uri\":\"" uri "\"}],"
+#define PLAIN      IMAGE("leaf.png") "\"textures\":[{\"source\":0}],"
+
+/* Imports with leaf.png and "a leaf.png" beside the scene. */
+static struct umbs_scene *import_with_png(const char *name, const char *text)
+{
+    struct made_png made = counted_png();
+    put_file("tri.bin", buffer, sizeof buffer);
+    put_file("leaf.png", made.bytes, made.size);
+    put_file("a leaf.png", made.bytes, made.size);
+    struct umbs_scene *scene = import_text(name, text);
+    drop_file("tri.bin");
+    drop_file("leaf.png");
+    drop_file("a leaf.png");
+    free(made.bytes);
+    return scene;
+}
+
+static void expect_uvs(const struct umbs_scene_view *view, const double wanted[3][2])
+{
+    assert_non_null(view->uvs);
+    for (int i = 0; i < 6; i++) {
+        const double got = (double)view->uvs[i / 2][i % 2];
+        if (!(fabs(got - wanted[i / 2][i % 2]) <= 1e-6)) { /* Assimp's transform is in floats */
+            fail_msg("corner %d: %.9g, not %.9g", i / 2, got, wanted[i / 2][i % 2]);
+        }
+    }
+}
+
+static void a_mask_material_keeps_the_alpha_of_its_texture(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {PLAIN,
+                                        IMAGE("a%20leaf.png") "\"textures\":[{\"source\":0}],"};
+    static const double up[3][2] = {{0.125, 0.75}, {0.75, 0.75}, {0.125, 0.0}};
+    for (int i = 0; i < 2; i++) {
+        struct umbs_scene *scene = import_with_png("leaf.gltf", gltf("", texts[i]));
+        expect_counted(&scene->view, scene->view.materials[0].texture);
+        expect_uvs(&scene->view, up);
+        assert_string_equal(scene->view.warnings, "");
+        umbs_scene_destroy(scene);
+    }
+}
+
+static void samplers_and_sets_of_coordinates_are_obeyed(void **state)
+{
+    (void)state;
+    static const double up[3][2] = {{0.5, 0.5}, {0.25, 0.5}, {0.5, 1.0}};
+    struct umbs_scene *scene = import_with_png(
+        "leaf.gltf",
+        gltf(",\"texCoord\":1", IMAGE("leaf.png") "\"textures\":[{\"source\":0,\"sampler\":0}],"
+                                                  "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33648,"
+                                                  "\"magFilter\":9728}],"));
+    const struct umbs_texture *texture = &scene->view.textures[0];
+    assert_int_equal(texture->wrap_s, UMBS_WRAP_CLAMP);
+    assert_int_equal(texture->wrap_t, UMBS_WRAP_MIRROR);
+    assert_int_equal(texture->nearest, 1);
+    expect_uvs(&scene->view, up);
+    umbs_scene_destroy(scene);
+}
+
+#define MOVED                                                                                      \
+    ",\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5],\"scale\":[2,3],"           \
+    "\"rotation\":%s}}"
+
+static void texture_transforms_scale_then_turn_then_move(void **state)
+{
+    (void)state;
+    static const char *const angles[] = {"0", "1.5707963267948966", "0.3"};
+    static const double radians[] = {0.0, 1.5707963267948966, 0.3};
+    for (int i = 0; i < 3; i++) {
+        char info[256];
+        double wanted[3][2];
+        (void)snprintf(info, sizeof info, MOVED, angles[i]);
+        struct umbs_scene *scene = import_with_png(
+            "leaf.gltf", gltf(info, PLAIN "\"extensionsUsed\":[\"KHR_texture_transform\"],"));
+        for (int k = 0; k < 3; k++) { /* as the extension says it, v downward */
+            const double u = 2.0 * (double)buffer[9 + 2 * k], v = 3.0 * (double)buffer[10 + 2 * k];
+            const double c = cos(radians[i]), s = sin(radians[i]);
+            wanted[k][0] = c * u + s * v + 0.25;
+            wanted[k][1] = 1.0 - (-s * u + c * v + 0.5);
+        }
+        expect_uvs(&scene->view, (const double(*)[2])wanted);
+        umbs_scene_destroy(scene);
+    }
+}
+
+static void images_in_buffers_are_read_too(void **state)
+{
+    (void)state;
+    static const char hex[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    struct made_png made = counted_png();
+    char base64[1024], more[2048];
+    size_t used = 0;
+    for (size_t i = 0; i < made.size; i += 3) {
+        unsigned long bits = 0;
+        for (size_t k = 0; k < 3; k++) {
+            bits = bits << 8 | (i + k < made.size ? made.bytes[i + k] : 0U);
+        }
+        for (size_t k = 0; k < 4; k++) {
+            assert_true(used + 1 < sizeof base64);
+            base64[used++] = i + k > made.size ? '=' : hex[bits >> (18 - 6 * k) & 63];
+        }
+    }
+    base64[used] = '\0';
+    (void)snprintf(more, sizeof more,
+                   "\"images\":[{\"uri\":\"data:image/png;base64,%s\"}],"
+                   "\"textures\":[{\"source\":0}],",
+                   base64);
+    struct umbs_scene *scene = import_with_png("leaf.gltf", gltf("", more));
+    expect_counted(&scene->view, scene->view.materials[0].texture);
+    umbs_scene_destroy(scene);
+    free(made.bytes);
+}
+
+/* Warns, and the material has no texture. */
+static void expect_opaque(const char *text, const char *words)
+{
+    struct umbs_scene *scene = import_with_png("leaf.gltf", text);
+    assert_int_equal(scene->view.materials[0].texture, UMBS_NO_INDEX);
+    assert_int_equal(scene->view.texture_count, 0);
+    if (strstr(scene->view.warnings, words) == NULL) {
+        fail_msg("'%s' lacks '%s'", scene->view.warnings, words);
+    }
+    umbs_scene_destroy(scene);
+}
+
+static void images_that_cannot_be_read_are_warnings(void **state)
+{
+    (void)state;
+    put_file("odd.png", "GIF89a", 6);
+    put_file("cut.png", "\x89PNG\r\n\x1a\n\0\0", 10);
+    put_file("photo.png", "\xff\xd8\xff\xe0", 4);
+    expect_opaque(gltf("", IMAGE("none.png") "\"textures\":[{\"source\":0}],"), "'none.png'");
+    expect_opaque(gltf("", IMAGE("../up.png") "\"textures\":[{\"source\":0}],"), "'..'");
+    expect_opaque(gltf("", IMAGE("odd.png") "\"textures\":[{\"source\":0}],"), "neither PNG nor");
+    expect_opaque(gltf("", IMAGE("cut.png") "\"textures\":[{\"source\":0}],"), "ends too early");
+    expect_opaque(gltf("", IMAGE("photo.png") "\"textures\":[{\"source\":0}],"), "");
+    drop_file("odd.png");
+    drop_file("cut.png");
+    drop_file("photo.png");
+}
+
+static void obj_maps_cut_by_alpha_and_say_what_is_not_read(void **state)
+{
+    (void)state;
+    static const char mtl[] = "newmtl leaf\nmap_d -clamp on -bm 0.5 a leaf.png\n"
+                              "newmtl moved\nmap_d -o 0.5 0.5 leaf.png\n"
+                              "newmtl same\nmap_d -clamp on  a leaf.png\n"
+                              "newmtl glass\nd 0.5\nmap_d leaf.png\n";
+    put_file("leaf.mtl", mtl, sizeof(mtl) - 1);
+    struct umbs_scene *scene = import_with_png(
+        "leaf.obj", "mtllib leaf.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.75\nvt 1 0\nvt 0 1\n"
+                    "usemtl leaf\nf 1/1 2/2 3/3\nusemtl moved\nf 1/1 2/2 3/3\n");
+    drop_file("leaf.mtl");
+    const struct umbs_scene_view *view = &scene->view;
+    assert_int_equal(view->texture_count, 1);
+    expect_counted(view, view->materials[0].texture);
+    assert_int_equal(view->textures[0].wrap_s, UMBS_WRAP_CLAMP);
+    assert_int_equal(view->materials[1].texture, UMBS_NO_INDEX);
+    assert_int_equal(view->materials[2].texture, 0);
+    assert_int_equal(view->materials[3].alpha_mode, UMBS_ALPHA_BLEND);
+    assert_non_null(strstr(view->warnings, "material 'moved': map_d"));
+    assert_true(view->uvs[0][0] == 0.25F && view->uvs[0][1] == 0.75F);
+    umbs_scene_destroy(scene);
+}
+
+int main(int argc, char **argv)
+{
+    if (is_import_child(argc, argv)) {
+        return umbb_import_child(argc, argv);
+    }
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_mask_material_keeps_the_alpha_of_its_texture),
+        cmocka_unit_test(samplers_and_sets_of_coordinates_are_obeyed),
+        cmocka_unit_test(texture_transforms_scale_then_turn_then_move),
+        cmocka_unit_test(images_in_buffers_are_read_too),
+        cmocka_unit_test(images_that_cannot_be_read_are_warnings),
+        cmocka_unit_test(obj_maps_cut_by_alpha_and_say_what_is_not_read),
+    };
+    return cmocka_run_group_tests(tests, make_try_folder, remove_try_folder);
+}
