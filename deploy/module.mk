@@ -55,7 +55,7 @@ install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
 	install -m 0644 deploy/haproxy/haproxy.cfg deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json $(DESTDIR)$(datadir)
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
 	install -d $(DESTDIR)$(datadir)/slurm
-	install -m 0755 deploy/slurm/umbrage-bake-slurm deploy/slurm/umbrage-tile deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
+	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
 

@@ -3,7 +3,7 @@
 # A Slurm controller and two virtual nodes of one CPU each on this machine, for tests (root; packages
 # slurm-wlm and munge). Everything but munge's key and socket lies in the folder.
 #
-#     deploy/slurm/two-nodes.sh up DIR       prints the line to put into umbrage-slurm.conf
+#     deploy/slurm/two-nodes.sh up DIR       prints SLURM_CONF=FILE, for the environment of umbraged
 #     deploy/slurm/two-nodes.sh down DIR
 #
 # PORT: the controller's, the nodes take the two after it (16817).

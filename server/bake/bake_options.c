@@ -59,7 +59,8 @@ const char umbb_options_help[] =
     "there:\n"
     "                         a bake that was killed goes on where it was, and after an edit only\n"
     "                         tiles that the edit reaches are baked\n"
-    "  --cache-size SIZE      remove what was not used for longest beyond this (10GiB)\n"
+    "  --cache-size SIZE      remove what was not used for longest beyond this (10GiB;\n"
+    "                         with tile: only if given)\n"
     "  --only I | I-J         with tile: only tile I, or tiles I to J, of those that --plan "
     "counts,\n"
     "                         from 0 on (all)\n"
@@ -242,6 +243,7 @@ static enum umb_status set_cache_size(struct umbb_options *o, const char *option
                                   "a size in bytes, KiB, MiB, GiB or TiB from 1MiB to 1024TiB");
     }
     o->cache_bytes = bytes;
+    o->cache_size_given = 1;
     return UMB_OK;
 }
 

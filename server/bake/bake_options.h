@@ -51,8 +51,9 @@ struct umbb_options {
     const char *output;   /* a folder with task tile; NULL with plan */
     const char *cache;    /* folder of tile results to use and fill, or NULL */
     const char *from;     /* task merge: folder of the tile results */
-    uint64_t cache_bytes; /* that the cache may take */
-    int only_given;       /* task tile: only tiles only_first .. only_last */
+    uint64_t cache_bytes; /* that the cache may take; of tile: only if given */
+    int cache_size_given;
+    int only_given; /* task tile: only tiles only_first .. only_last */
     uint64_t only_first, only_last;
     uint32_t resolution_log2;
     double max_error_m; /* above 0: it chooses the resolution */

@@ -180,8 +180,8 @@ static enum umb_status open_keeping(struct run *run, struct umb_error *error)
     const struct umbb_options *o = run->options;
     enum umb_status status = UMB_OK;
     if (o->task == UMBB_TASK_TILE) {
-        status =
-            umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_TILE, o->output, UINT64_MAX, error);
+        status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_TILE, o->output,
+                                        o->cache_size_given ? o->cache_bytes : UINT64_MAX, error);
     } else if (o->task == UMBB_TASK_MERGE) {
         status =
             umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_MERGE, o->from, UINT64_MAX, error);

@@ -256,6 +256,12 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_
         fprintf(out, "umbrage_job_failures_total{class=\"%s\"} %llu\n",
                 umbj_failure_name((enum umbj_failure)i), get(&jobs->failures[i]));
     }
+    head(out, "umbrage_job_task_failures_total", "counter",
+         "Tasks that a farm had to be given again, or that ended a try, by class.");
+    for (int i = UMBJ_REJECTED; i < UMBJ_FAILURE_COUNT; i++) {
+        fprintf(out, "umbrage_job_task_failures_total{class=\"%s\"} %llu\n",
+                umbj_failure_name((enum umbj_failure)i), get(&jobs->task_failures[i]));
+    }
     single(out, "umbrage_jobs_submitted_total", "counter", "Jobs accepted.", get(&jobs->submitted));
     head(out, "umbrage_job_bake_seconds", "summary", "Time from the start of a bake to its asset.");
     fprintf(out, "umbrage_job_bake_seconds_sum %.3f\numbrage_job_bake_seconds_count %llu\n",

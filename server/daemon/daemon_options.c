@@ -82,6 +82,12 @@ static const struct option table[] = {
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
+    {"--executor", KIND_TEXT, AT(executor), 0, 0, "NAME",
+     "who bakes: local (this machine, the default) or slurm (tiles as array jobs)"},
+    {"--executor-interval", KIND_TIME, AT(executor_interval_ms), 100, HOUR_MS, "TIME",
+     "between questions to slurm about tasks; default 2s"},
+    {"--slurm-options", KIND_TEXT, AT(slurm_options), 0, 0, "TEXT",
+     "more options of sbatch, with blanks between, as --partition=bake"},
     {"--bake-tile", KIND_COUNT, AT(bake_tile), 64, 32768, "N",
      "texels a side of a tile, the unit of work, a power of two; default 2048"},
     {"--bake-threads", KIND_COUNT, AT(bake_threads), 1, 256, "N",
@@ -299,6 +305,8 @@ static void set_defaults(struct umbd_options *options)
         .stall_timeout_ms = 30000,
         .scrub_interval_ms = HOUR_MS,
         .bake_workers = 1,
+        .executor = "local",
+        .executor_interval_ms = 2000,
         .bake_tile = 2048,
         .bake_threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
         .bake_memory = (uint64_t)4 << 30,
@@ -331,6 +339,10 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             (unsigned long long)options->max_message,
             (unsigned long long)options->connection_buffer,
             (unsigned long long)options->max_buffer);
+    }
+    if (strcmp(options->executor, "local") != 0 && strcmp(options->executor, "slurm") != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--executor: '%.40s' is not local or slurm",
+                        options->executor);
     }
     if ((options->bake_tile & (options->bake_tile - 1)) != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--bake-tile: '%u' is no power of two",

@@ -46,6 +46,9 @@ struct umbd_options {
     const char *bake_program;           /* umbrage-bake, NULL = beside this program */
     uint32_t bake_workers;              /* bakes at once */
     uint32_t bake_threads;              /* of one */
+    const char *executor;               /* local, slurm */
+    uint64_t executor_interval_ms;      /* between questions to slurm */
+    const char *slurm_options;          /* of sbatch; may be NULL */
     uint32_t bake_tile;                 /* texels along its side: the unit of work */
     uint32_t owner_jobs;                /* unfinished ones of one owner */
     uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */

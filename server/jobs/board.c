@@ -234,6 +234,7 @@ static void take_report(struct entry *entry, const struct umbj_report *report, i
         take_progress(entry, report, now_ms);
         break;
     case UMBJ_REPORT_TILES: /* umbj_board_report */
+    case UMBJ_REPORT_TASK:
         break;
     case UMBJ_REPORT_PLAN:
         add_line(&entry->plan, report->text);

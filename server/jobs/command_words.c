@@ -53,12 +53,16 @@ static unsigned long resolution_of(const char *settings)
     return resolution;
 }
 
-void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile)
+unsigned long umbj_tile_edge(const char *settings, uint32_t tile)
 {
     const unsigned long resolution = resolution_of(settings);
+    return resolution >= 64 && resolution < tile ? resolution : tile;
+}
+
+void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile)
+{
     if (tile > 0) {
-        umbj_words_add(words, "--tile=%lu",
-                       resolution >= 64 && resolution < tile ? resolution : tile);
+        umbj_words_add(words, "--tile=%lu", umbj_tile_edge(settings, tile));
     }
     for (const char *line = settings; *line != '\0';) { /* every line has its end */
         const size_t length = strcspn(line, "\n");

@@ -27,6 +27,9 @@ void umbj_words_add(struct umbj_words *words, const char *format, ...)
  * texels, or those of the whole map if that has fewer; 0: no such word. */
 void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile);
 
+/* Texels along the side of a tile, as _add_settings has it; of --max-error: at most. */
+unsigned long umbj_tile_edge(const char *settings, uint32_t tile);
+
 void umbj_words_finish(struct umbj_words *words);
 
 /* 1 if one of the lines is exactly this. */

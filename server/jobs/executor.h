@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_EXECUTOR_H
 #define UMBRAGE_SERVER_JOBS_EXECUTOR_H
 /*
- * Where bakes are run, behind one small interface: on this machine (local_executor.h), or on a
- * farm.
+ * Where bakes are run, behind one small interface (try_executor.h): on this machine, or on a farm
+ * (farm.h).
  *
  * An executor is given a try of a job (an epoch) and reports on it until it ended, once. It decides
  * nothing: what a failure means, and whether the try still counts, is the job service's.
@@ -36,6 +36,7 @@ enum umbj_report_kind {
     UMBJ_REPORT_PHASE = 0, /* text: a word */
     UMBJ_REPORT_PROGRESS,  /* done of total, text: the unit */
     UMBJ_REPORT_TILES,     /* done of total tiles, `found` of them from earlier bakes */
+    UMBJ_REPORT_TASK,      /* of a farm, number `done` of `total`: failure, text is the cause */
     UMBJ_REPORT_PLAN,      /* text: one line */
     UMBJ_REPORT_NOTICE,    /* text: one line */
     UMBJ_REPORT_ENDED,     /* the last one */
@@ -47,8 +48,8 @@ struct umbj_report {
     int64_t epoch;
     uint64_t done, total, found;
     char text[UMBJ_CAUSE_SIZE];
+    enum umbj_failure failure; /* ended: UMBJ_NO_FAILURE: there is an asset; else text is why */
     /* ended */
-    enum umbj_failure failure; /* UMBJ_NO_FAILURE: there is an asset; else text is the cause */
     uint8_t asset[UMBJ_HASH_BYTES];
     int64_t bake_ms;
     struct umbs_file staged; /* proven and ready to be committed into the store; the receiver's.

@@ -18,7 +18,8 @@
 #include <unistd.h>
 
 #include "jobs/folder.h"
-#include "jobs/local_executor.h"
+#include "jobs/slurm_farm.h"
+#include "jobs/try_executor.h"
 #include "jobs/staging.h"
 
 #define LOOK_MS  1000    /* longest sleep: leases and pauses are looked at so often */
@@ -277,12 +278,33 @@ static enum umb_status open_table(struct umbj_service *service, struct umb_error
     return umbj_table_open(path, &service->options.limits, &service->table, error);
 }
 
+/* NULL: bakes run here. */
+static enum umb_status make_farm(struct umbj_service *service, struct umbj_farm **farm,
+                                 struct umb_error *error)
+{
+    const struct umbj_slurm_options slurm = {.words = service->options.slurm_words,
+                                             .tag_of = service->folder_path,
+                                             .search = getenv("PATH"),
+                                             .configuration = getenv("SLURM_CONF")};
+    *farm = NULL;
+    return service->options.slurm ? umbj_slurm_farm_create(&slurm, farm, error) : UMB_OK;
+}
+
 static enum umb_status make_executor(struct umbj_service *service, struct umb_error *error)
 {
     const struct umbj_service_options *options = &service->options;
-    const struct umbj_local_options local = {
+    struct umbj_farm *farm = NULL;
+    enum umb_status status = make_farm(service, &farm, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    snprintf(service->work_path, sizeof service->work_path, "%s/work", service->folder_path);
+    const struct umbj_try_options tries = {
         .program = options->program,
         .assets = service->assets_path,
+        .work = service->work_path,
+        .farm = farm,
+        .interval_ms = options->interval_ms,
         .workers = options->workers,
         .threads = options->threads,
         .tile = options->tile,
@@ -293,7 +315,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
         .report = on_report,
         .user = service,
     };
-    return umbj_local_executor_create(&local, &service->executor, error);
+    return umbj_try_executor_create(&tries, &service->executor, error);
 }
 
 static enum umb_status start_thread(struct umbj_service *service, struct umb_error *error)

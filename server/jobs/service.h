@@ -31,11 +31,14 @@
 struct umbj_service; /* opaque */
 
 struct umbj_service_options {
-    const char *folder;  /* of the jobs; made if it is not there */
-    const char *program; /* umbrage-bake; NULL = beside the running program */
-    uint32_t workers;    /* bakes at once */
-    uint32_t threads;    /* of one bake */
-    uint32_t tile;       /* texels along its side, a power of 2; 0 = as umbrage-bake has it */
+    const char *folder;      /* of the jobs; made if it is not there */
+    const char *program;     /* umbrage-bake; NULL = beside the running program */
+    int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
+    uint64_t interval_ms;    /* between questions to Slurm */
+    const char *slurm_words; /* more options of sbatch, with blanks between; NULL = none */
+    uint32_t workers;        /* bakes at once */
+    uint32_t threads;        /* of one bake */
+    uint32_t tile;           /* texels along its side, a power of 2; 0 = as umbrage-bake has it */
     uint64_t memory_bytes, timeout_ms, max_output_bytes; /* of one bake */
     uint64_t cache_bytes;      /* of one owner's tiles; 0 = none are kept */
     uint64_t max_bundle_bytes; /* of one submission */
@@ -53,6 +56,7 @@ struct umbj_service_options {
 struct umbj_counters {
     atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
     atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
+    atomic_uint_fast64_t task_failures[UMBJ_FAILURE_COUNT]; /* of a farm */
     atomic_uint_fast64_t submitted, finished;
     atomic_uint_fast64_t bake_ms;                  /* of all that finished */
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */

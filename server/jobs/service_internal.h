@@ -23,8 +23,9 @@ struct umbj_promise {
 struct umbj_service {
     struct umbj_service_options options;
     char program[4096];
-    char folder_path[4096], assets_path[4200]; /* absolute: workers run elsewhere */
-    int folder, lock;                          /* descriptors */
+    char folder_path[4096], assets_path[4200],
+        work_path[4200]; /* absolute: workers run elsewhere */
+    int folder, lock;    /* descriptors */
     struct umbj_table *table;
     struct umbj_board *board;
     struct umbj_executor *executor;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What tries do to jobs: begun, reported on, published, failed; and what a start finds. */
+#define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
 #include "jobs/service_internal.h"
 
 #include <errno.h>
@@ -287,6 +288,17 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
     }
 }
 
+/* A task of a farm that ended badly, or not at all. */
+static void log_task(const struct umbj_service *service, const struct umbj_report *report)
+{
+    char cause[UMBS_LOG_QUOTE_SIZE];
+    umbs_log_event(service->options.log, UMB_LOG_WARN, "job_task",
+                   "job=%s epoch=%lld task=%llu of=%llu failure=%s cause=%s", report->job,
+                   (long long)report->epoch, (unsigned long long)report->done,
+                   (unsigned long long)report->total, umbj_failure_name(report->failure),
+                   umbs_log_quote(report->text, cause));
+}
+
 void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
 {
     struct umbj_job job;
@@ -298,6 +310,10 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
     } else if (counts) {
         const int64_t lease = service->options.limits.lease_ms;
         const struct umbj_tiles more = umbj_board_report(service->board, report, umbj__steady_ms());
+        if (report->kind == UMBJ_REPORT_TASK) {
+            atomic_fetch_add(&service->counters.task_failures[report->failure], 1);
+            log_task(service, report);
+        }
         atomic_fetch_add(&service->counters.tiles_baked, more.done - more.found);
         atomic_fetch_add(&service->counters.tiles_found, more.found);
         if (job.lease_until_ms - umbj__unix_ms() < lease - lease / LEASE_PARTS) {
@@ -331,10 +347,16 @@ enum umb_status umbj__find_program(struct umbj_service *service, struct umb_erro
         memcpy(slash, name, sizeof name);
         service->options.program = service->program;
     }
-    if (access(service->options.program, X_OK) != 0) {
+    char *absolute = realpath(service->options.program, NULL); /* workers run in other folders */
+    const size_t length = absolute != NULL ? strlen(absolute) : 0;
+    if (length == 0 || length >= sizeof service->program || access(absolute, X_OK) != 0) {
+        free(absolute);
         return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
                               service->options.program);
     }
+    memcpy(service->program, absolute, length + 1);
+    service->options.program = service->program;
+    free(absolute);
     return UMB_OK;
 }
 

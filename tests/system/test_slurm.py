@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Bakes on a Slurm cluster of two virtual nodes: the same ids as on one machine, also when the
-controller is killed right after a submission (only with UMBRAGE_SLURM=full: what Slurm makes of it
-takes up to two minutes); a cancelled job leaves nothing in the queue. Skipped where Slurm is not
-installed (make deps-full) or without root.
+The daemon's jobs on a Slurm cluster of two virtual nodes (umbraged --executor slurm): the same ids as on one
+machine. With UMBRAGE_SLURM=full also while the controller, an agent or a node is killed (what Slurm makes of
+it takes up to a minute each), UMBRAGE_KILLS times in turn (6). Skipped where Slurm is not installed (make
+deps-full) or without root.
 """
 import json
 import os
@@ -19,26 +19,25 @@ import umbrage_test as ut  # noqa: E402
 
 if os.geteuid() != 0 or any(shutil.which(name) is None for name in ("slurmctld", "slurmd", "munged")):
     ut.skip("needs root and Slurm")
-test = ut.Test()
-SLURM = os.path.join(ut.ROOT, "deploy", "slurm")
-CLUSTER, BIN, SOCKET = test.path("cluster"), test.path("bin"), test.path("s")
+FULL = os.environ.get("UMBRAGE_SLURM") == "full"
+KILLS = int(os.environ.get("UMBRAGE_KILLS", "6"))
+test = ut.Test(limit_s=3000 if FULL else 240)
+TWO_NODES = os.path.join(ut.ROOT, "deploy", "slurm", "two-nodes.sh")
+CLUSTER, JOBS, SOCKET = test.path("cluster"), test.path("jobs"), test.path("s")
 CONF = os.path.join(CLUSTER, "slurm.conf")
-PORT = str(20000 + os.getpid() % 10000)
-os.mkdir(BIN)
-for name in ("umbrage-bake-slurm", "umbrage-tile"):
-    shutil.copy(os.path.join(SLURM, name), BIN)
-shutil.copy(ut.program("umbrage-bake"), BIN)
-env = {**os.environ, "SLURM_CONF": CONF, "PORT": PORT}
+os.environ["SLURM_CONF"] = CONF
+os.environ["PORT"] = str(20000 + os.getpid() % 10000)
 
 
 def nodes(action):
-    return subprocess.run([os.path.join(SLURM, "two-nodes.sh"), action, CLUSTER], env=env,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=False)
+    return subprocess.run([TWO_NODES, action, CLUSTER], stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, check=False)
 
 
-def queue(job):
+def queue(job, state=None):
     """Tasks of a job that Slurm knows."""
-    names = subprocess.run(["squeue", "-h", "-r", "-o", "%j"], env=env, stdout=subprocess.PIPE,
+    names = subprocess.run(["squeue", "-h", "-r", "-o", "%j"] + (["-t", state] if state else []),
+                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                            check=False).stdout.decode().splitlines()
     return [name for name in names if job in name]
 
@@ -49,22 +48,84 @@ def cli(*words):
     return json.loads(done.stdout)
 
 
+def pid_of(program):
+    with open(os.path.join(CLUSTER, program + ".pid"), encoding="ascii") as file:
+        return int(file.read())
+
+
+def processes_of(node):
+    """What runs for tasks on a virtual node."""
+    found = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/environ", "rb") as file:
+                environment = file.read().split(b"\0")
+            with open(f"/proc/{pid}/stat", encoding="ascii") as file:
+                parent = int(file.read().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+        if b"SLURMD_NODENAME=" + node.encode() in environment and \
+                b"SLURM_CONF=" + CONF.encode() in environment:
+            found += [int(pid), parent] if b"slurm_script" in command(pid) else [int(pid)]
+    return found
+
+
+def command(pid):
+    with open(f"/proc/{pid}/cmdline", "rb") as file:
+        return file.read()
+
+
+def kill(pid):
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+
+
+def start_agent(node):
+    subprocess.run(["slurmd", "-N", node, "-f", CONF], check=True)
+
+
+def kill_controller():
+    kill(pid_of("slurmctld"))
+    time.sleep(1)
+    subprocess.run(["slurmctld", "-f", CONF], check=True)
+
+
+def kill_agent():
+    """Its task runs on, and is started a second time elsewhere."""
+    kill(pid_of("slurmd-n2"))
+    time.sleep(14)  # SlurmdTimeout is 10
+    start_agent("n2")
+
+
+def kill_node():
+    kill(pid_of("slurmd-n2"))
+    for pid in processes_of("n2"):
+        kill(pid)
+    time.sleep(14)
+    start_agent("n2")
+
+
 up = nodes("up")
 if up.returncode != 0:
     nodes("down")
     ut.skip("no cluster: " + up.stderr.decode())
 try:
-    with open(os.path.join(BIN, "umbrage-slurm.conf"), "w", encoding="ascii") as file:
-        file.write(up.stdout.decode() + "UMBRAGE_ACROSS=2\n")
-    test.daemon("--jobs", test.path("jobs"), "--bake-program", BIN + "/umbrage-bake-slurm",
-                "--bake-threads", 1, "--listen", "unix:" + SOCKET)
+    test.daemon("--jobs", JOBS, "--executor", "slurm", "--executor-interval", "1s", "--bake-threads", 1,
+                "--bake-tile", 512, "--listen", "unix:" + SOCKET)
     scene = test.scene("city", 3)
-    plain = test.bake(scene, test.path("plain.umb"), "--resolution", 1024, "--verify", 1000)["asset"]
+
+    def settings(azimuth, verify=1000):
+        return ("--resolution", 1024, "--sun", f"{azimuth},50", "--verify", verify)
+
+    def plain(azimuth, verify=1000):
+        return test.bake(scene, test.path("plain.umb"), *settings(azimuth, verify))["asset"]
 
     with test.check("four tiles on two nodes and a merge give the id of one bake"):
-        done = cli("submit", scene, "--resolution", 1024, "--verify", 1000, "--wait")
-        assert done["state"] == "done" and done["asset"] == plain, done
-        assert "effect=" in done["plan"]
+        done = cli("submit", scene, *settings(10), "--wait")
+        assert done["state"] == "done" and done["asset"] == plain(10), done
+        assert "effect=" in done["plan"] and (done["tiles"], done["tiles_done"]) == (4, 4), done
 
     with test.check("a scene that cannot be used never reaches the cluster"):
         with open(test.path("bad.obj"), "w", encoding="ascii") as file:
@@ -72,27 +133,29 @@ try:
         done = cli("submit", test.path("bad.obj"), "--wait")
         assert done["failure"] == "rejected" and len(done["cause"]) > 10, done
 
-    def kill_controller():
-        expected = test.bake(scene, test.path("other.umb"), "--resolution", 1024, "--sun", "90,50",
-                             "--verify", 1000)["asset"]
-        job = cli("submit", scene, "--resolution", 1024, "--sun", "90,50", "--verify", 1000)["job"]
-        ut.wait_until(lambda: queue(job), 20, "the tasks are in the queue")
-        with open(os.path.join(CLUSTER, "slurmctld.pid"), encoding="ascii") as file:
-            os.kill(int(file.read()), signal.SIGKILL)
-        time.sleep(1)
-        subprocess.run(["slurmctld", "-f", CONF], env=env, check=True)
-        done = cli("watch", job)
-        assert done["asset"] == expected and done["epoch"] == 1, done
-
-    if os.environ.get("UMBRAGE_SLURM") == "full":
-        with test.check("a controller that is killed at once loses no job"):
-            kill_controller()
-
     with test.check("a cancelled job leaves nothing in the queue"):
         job = cli("submit", scene, "--resolution", 4096, "--verify", 1000)["job"]
-        ut.wait_until(lambda: queue(job), 20, "the tasks are in the queue")
+        ut.wait_until(lambda: queue(job), 60, "the tasks are in the queue")
         cli("cancel", job)
-        ut.wait_until(lambda: not queue(job), 30, "the queue is empty")
+        ut.wait_until(lambda: not queue(job), 60, "the queue is empty")
+
+    def survive(number, disturb):
+        azimuth = 20 + number
+        job = cli("submit", scene, *settings(azimuth))["job"]
+        ut.wait_until(lambda: queue(job), 60, "the tasks are in the queue")
+        begin = time.monotonic()
+        disturb()
+        done = cli("watch", job)
+        assert done["state"] == "done" and done["asset"] == plain(azimuth), done
+        print(f"    {disturb.__name__}: done {time.monotonic() - begin:.0f} s after, in try {done['epoch']}")
+        ut.wait_until(lambda: not queue(job), 60, "nothing is left in the queue")
+        assert not os.listdir(os.path.join(JOBS, "work"))
+
+    if FULL:
+        for number in range(KILLS):
+            disturb = (kill_controller, kill_agent, kill_node)[number % 3]
+            with test.check(f"{disturb.__name__.replace('_', ' ')}, time {number // 3 + 1}"):
+                survive(number, disturb)
 finally:
     nodes("down")
 

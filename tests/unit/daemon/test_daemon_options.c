@@ -87,6 +87,7 @@ static void options_name_each_bad_argument(void **state)
         {"--queue", "0"},
         {"--bake-tile", "1000"},
         {"--bake-tile", "32"},
+        {"--executor", "condor"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {

@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What tries share, and the bake on this machine; see bake_try.h. */
+#include "jobs/bake_try.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "common/scene_text.h"
+
+struct umbj_report umbj_try_report(const struct umbj_try *try, enum umbj_report_kind kind)
+{
+    struct umbj_report report = {.kind = kind, .epoch = try->work->epoch, .staged = {.fd = -1}};
+    memcpy(report.job, try->work->job, sizeof report.job);
+    return report;
+}
+
+void umbj_try_tell(const struct umbj_try *try, const struct umbj_report *report)
+{
+    try->options->report(try->options->user, report);
+}
+
+void umbj_try_tell_phase(const struct umbj_try *try, const char *phase)
+{
+    struct umbj_report report = umbj_try_report(try, UMBJ_REPORT_PHASE);
+    snprintf(report.text, sizeof report.text, "%s", phase);
+    umbj_try_tell(try, &report);
+}
+
+void umbj_try_text(char out[UMBJ_CAUSE_SIZE], const char *text)
+{
+    umbs_text_clean(out, UMBJ_CAUSE_SIZE, text, strlen(text));
+}
+
+enum umbj_failure umbj_try_fail(struct umbj_try *try, enum umbj_failure failure, const char *format,
+                                ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(try->cause, sizeof try->cause, format, arguments);
+    va_end(arguments);
+    return failure;
+}
+
+enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status status,
+                                       const struct umb_error *error)
+{
+    enum umbj_failure failure = UMBJ_INTERNAL;
+    switch (status) {
+    case UMB_E_NO_MEMORY:
+    case UMB_E_LIMIT:
+    case UMB_E_BUSY:
+    case UMB_E_UNAVAILABLE:
+        failure = UMBJ_TEMPORARY;
+        break;
+    case UMB_E_IO:
+    case UMB_E_CANNOT_CREATE:
+        failure = UMBJ_IO;
+        break;
+    default:
+        break;
+    }
+    return umbj_try_fail(try, failure, "%s", error->message);
+}
+
+static void on_said(void *user, const char *line)
+{
+    static const char name[] = "umbrage-bake: ", notice[] = "notice: ";
+    struct umbj_try *try = user;
+    if (strncmp(line, name, sizeof name - 1) == 0) {
+        line += sizeof name - 1;
+    }
+    if (strncmp(line, notice, sizeof notice - 1) == 0) {
+        struct umbj_report report = umbj_try_report(try, UMBJ_REPORT_NOTICE);
+        umbj_try_text(report.text, line + sizeof notice - 1);
+        umbj_try_tell(try, &report);
+    } else {
+        umbj_try_text(try->said, line);
+    }
+}
+
+static void on_progress(void *user, const char *line)
+{
+    struct umbj_try *try = user;
+    struct umbj_report report = umbj_try_report(try, UMBJ_REPORT_PHASE);
+    unsigned long long done = 0, total = 0, found = 0;
+    char unit[UMBJ_PHASE_SIZE] = "";
+    if (strncmp(line, "phase ", 6) == 0) {
+        umbj_try_text(report.text, line + 6);
+    } else if (strncmp(line, "plan ", 5) == 0) {
+        report.kind = UMBJ_REPORT_PLAN;
+        umbj_try_text(report.text, line + 5);
+    } else if (sscanf(line, "progress %llu %llu %31s", &done, &total, unit) == 3) {
+        report.kind = UMBJ_REPORT_PROGRESS;
+        umbj_try_text(report.text, unit);
+    } else if (sscanf(line, "tiles %llu %llu %llu", &done, &total, &found) == 3) {
+        report.kind = UMBJ_REPORT_TILES;
+        try->tiles = total;
+    } else {
+        return;
+    }
+    report.done = done;
+    report.total = total;
+    report.found = found;
+    umbj_try_tell(try, &report);
+}
+
+enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process_end *end)
+{
+    const enum umbj_failure failure = umbj_process_judge(end);
+    if (failure == UMBJ_TIMEOUT) {
+        return umbj_try_fail(try, failure,
+                             "the bake took longer than the server allows (--job-time)");
+    }
+    if (end->signal != 0) {
+        return umbj_try_fail(try, failure, "signal %d (%s) ended the bake", end->signal,
+                             umbj_failure_name(failure));
+    }
+    if (failure != UMBJ_NO_FAILURE && try->said[0] == '\0') {
+        return umbj_try_fail(try, failure, "the bake ended with %d", end->exit_code);
+    }
+    return umbj_try_fail(try, failure, "%s", try->said);
+}
+
+enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, const char *folder)
+{
+    const struct umbj_try_options *options = try->options;
+    struct umbj_process_end end = {.exit_code = -1};
+    struct umb_error error = {0};
+    const struct umbj_process process = {
+        .program = options->program,
+        .arguments = words->list,
+        .folder = folder,
+        .max_output_bytes = options->max_output_bytes,
+        .timeout_ms = options->timeout_ms,
+        .stop = try->stop,
+        .said = on_said,
+        .progress = on_progress,
+        .user = try,
+    };
+    try->said[0] = '\0';
+    const enum umb_status status =
+        words->failed ? umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a command line")
+                      : umbj_process_run(&process, &end, &error);
+    umbj_words_finish(words);
+    return status == UMB_OK ? umbj_try_judge(try, &end) : umbj_try_fail_status(try, status, &error);
+}
+
+enum umbj_failure umbj_bake_here(struct umbj_try *try)
+{
+    const struct umbj_try_options *options = try->options;
+    const struct umbj_work *work = try->work;
+    struct umbj_words words = {0};
+    umbj_words_add(&words, "%s", options->program);
+    umbj_words_add(&words, "--output=%s/out.umb", work->folder);
+    umbj_words_add(&words, "--memory=%llu", (unsigned long long)options->memory_bytes);
+    umbj_words_add(&words, "--threads=%u", options->threads);
+    umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    /* Embree does not tell which triangles reach a tile, so that its tiles cannot be kept. */
+    if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree")) {
+        umbj_words_add(&words, "--cache=%s", work->cache);
+        umbj_words_add(&words, "--cache-size=%llu", (unsigned long long)options->cache_bytes);
+    }
+    umbj_words_add_settings(&words, work->settings, options->tile);
+    umbj_words_add(&words, "./%s", work->scene);
+    return umbj_try_run(try, &words, work->bundle);
+}

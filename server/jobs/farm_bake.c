@@ -1,0 +1,450 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A bake on a farm: the scene is read here, in its sandbox, so that no other machine sees foreign
+ * formats; then an array of tasks bakes a tile each into the shared folder of tiles, and one more
+ * merges them. What counts is only what lies in the try's folder (farm.h): a task that the farm
+ * does not know any more and that left no end is submitted again, one that ran twice wrote the same
+ * bytes twice.
+ *
+ * The loops end: each submission of a task counts, each stage has the try's time, and a farm that
+ * does not answer is given up.
+ */
+#include "jobs/bake_try.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "jobs/folder.h"
+
+#define LOOK_MS     500    /* between looks into the stage's folder, at most */
+#define ORPHANS_MS  60000  /* between looks for tasks of nobody */
+#define PATIENCE_MS 120000 /* with a farm that does not answer: its controller may start again */
+#define LOST_LOOKS  3      /* so often unknown without an end: it will not come any more */
+#define TASK_TRIES  4      /* submissions of one task */
+#define ROUNDS      3      /* of array and merge: tiles may go for room meanwhile */
+
+/* A stage under way. */
+struct stage {
+    struct umbj_try *try;
+    struct umbj_farm_stage farm;
+    const char *kind; /* "tile", "merge" */
+    int is_array;
+    uint8_t *done, *wanted, *known, *tries, *unknown; /* [count] of one block */
+    uint32_t done_count, found_count;
+    uint64_t texels; /* of one task */
+    int64_t start_ms, ask_ms, answered_ms, orphans_ms;
+    char folder[4300], name[80];
+};
+
+static int64_t now_ms(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
+}
+
+/* Reads the beginning or the end of a small file; text ends with a 0. */
+static void read_part(int folder, const char *name, int from_end, char *text, size_t size)
+{
+    ssize_t count = -1;
+    int fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd >= 0) {
+        const off_t length = lseek(fd, 0, SEEK_END);
+        const off_t most = (off_t)size - 1;
+        count = pread(fd, text, size - 1, from_end && length > most ? length - most : 0);
+        close(fd);
+    }
+    text[count > 0 ? count : 0] = '\0';
+}
+
+/* Takes the last line of a log as what was said last. */
+static void take_last_line(struct umbj_try *try, int folder, const char *name)
+{
+    static const char program[] = "umbrage-bake: ";
+    char text[2048];
+    read_part(folder, name, 1, text, sizeof text);
+    size_t length = strlen(text);
+    while (length > 0 && text[length - 1] == '\n') {
+        text[--length] = '\0';
+    }
+    const char *line = strrchr(text, '\n');
+    line = line != NULL ? line + 1 : text;
+    line += strncmp(line, program, sizeof program - 1) == 0 ? sizeof program - 1 : 0;
+    umbj_try_text(try->said, line);
+}
+
+/* Tells of a task that ended badly or not at all. */
+static void tell_task(const struct stage *stage, uint32_t number, enum umbj_failure failure,
+                      const char *cause)
+{
+    struct umbj_report report = umbj_try_report(stage->try, UMBJ_REPORT_TASK);
+    report.failure = failure;
+    report.done = number;
+    report.total = stage->farm.count;
+    snprintf(report.text, sizeof report.text, "%s %u: %.400s", stage->kind, number, cause);
+    umbj_try_tell(stage->try, &report);
+}
+
+static void tell_count(const struct stage *stage)
+{
+    struct umbj_report report = umbj_try_report(stage->try, UMBJ_REPORT_TILES);
+    report.done = stage->done_count;
+    report.total = stage->farm.count;
+    report.found = stage->found_count;
+    if (stage->is_array) {
+        umbj_try_tell(stage->try, &report);
+        report.kind = UMBJ_REPORT_PROGRESS;
+        report.done = (stage->done_count - stage->found_count) * stage->texels;
+        report.total = (stage->farm.count - stage->found_count) * stage->texels;
+        snprintf(report.text, sizeof report.text, "texel");
+        umbj_try_tell(stage->try, &report);
+    } else {
+        umbj_try_tell_phase(stage->try, "merge"); /* a sign of life */
+    }
+}
+
+/* What a task's bad end means: tried again, or the end of the try. */
+static enum umbj_failure take_failure(struct stage *stage, int folder, const char *name,
+                                      uint32_t number, int code)
+{
+    struct umbj_try *try = stage->try;
+    const struct umbj_process_end end = {.exit_code = code <= 128 ? code : -1,
+                                         .signal = code > 128 ? code - 128 : 0};
+    take_last_line(try, folder, name);
+    (void)unlinkat(folder, name, 0);
+    const enum umbj_failure failure = umbj_try_judge(try, &end);
+    tell_task(stage, number, failure, try->cause);
+    if (stage->is_array && (failure == UMBJ_TEMPORARY || failure == UMBJ_IO) &&
+        stage->tries[number] < TASK_TRIES) {
+        stage->wanted[number] = 1;
+        return UMBJ_NO_FAILURE;
+    }
+    return failure;
+}
+
+static void take_done(struct stage *stage, int folder, const char *name, uint32_t number)
+{
+    char text[512];
+    if (!stage->done[number]) {
+        stage->done[number] = 1;
+        stage->wanted[number] = 0;
+        stage->done_count++;
+        read_part(folder, name, 0, text, sizeof text);
+        stage->found_count += strstr(text, "\"tiles_found\":1,") != NULL;
+    }
+}
+
+/* Looks what has ended. */
+static enum umbj_failure read_ends(struct stage *stage)
+{
+    enum umbj_failure failure = UMBJ_NO_FAILURE;
+    struct umbj_names names;
+    int folder = open(stage->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder < 0 || umbj_names_read(folder, &names) != 0) {
+        if (folder >= 0) {
+            close(folder);
+        }
+        return UMBJ_NO_FAILURE; /* the next look may do better */
+    }
+    for (size_t i = 0; i < names.count && failure == UMBJ_NO_FAILURE; i++) {
+        unsigned number = 0, code = 0;
+        if (sscanf(names.list[i], "done.%u", &number) == 1 && number < stage->farm.count) {
+            take_done(stage, folder, names.list[i], number);
+        } else if (sscanf(names.list[i], "fail.%u.%u.", &number, &code) == 2 &&
+                   number < stage->farm.count && code < 256) {
+            if (stage->done[number]) {
+                continue; /* a twin's */
+            }
+            failure = take_failure(stage, folder, names.list[i], number, (int)code);
+        }
+    }
+    umbj_names_finish(&names);
+    close(folder);
+    return failure;
+}
+
+/* Submits what is wanted. A farm that refuses is asked again later. */
+static enum umbj_failure submit(struct stage *stage)
+{
+    struct umbj_try *try = stage->try;
+    struct umbj_farm *farm = try->options->farm;
+    struct umb_error error = {0};
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < stage->farm.count; i++) {
+        if (stage->wanted[i] && stage->tries[i] >= TASK_TRIES) {
+            return umbj_try_fail(try, UMBJ_LOST, "%s %u was lost %d times", stage->kind, i,
+                                 TASK_TRIES);
+        }
+        count += stage->wanted[i];
+    }
+    if (count == 0) {
+        return UMBJ_NO_FAILURE;
+    }
+    const enum umb_status status =
+        stage->is_array ? farm->submit_array(farm, &stage->farm, stage->wanted, &error)
+                        : farm->submit_merge(farm, &stage->farm, &error);
+    if (status != UMB_OK) {
+        return now_ms() - stage->answered_ms > PATIENCE_MS
+                   ? umbj_try_fail_status(try, status, &error)
+                   : UMBJ_NO_FAILURE;
+    }
+    stage->answered_ms = now_ms();
+    for (uint32_t i = 0; i < stage->farm.count; i++) {
+        stage->tries[i] = (uint8_t)(stage->tries[i] + stage->wanted[i]);
+        stage->unknown[i] = 0;
+        stage->wanted[i] = 0;
+    }
+    return UMBJ_NO_FAILURE;
+}
+
+/* Asks the farm; tasks that it does not know and that left no end are wanted again. */
+static enum umbj_failure ask(struct stage *stage)
+{
+    struct umbj_farm *farm = stage->try->options->farm;
+    struct umb_error error = {0};
+    const enum umb_status status = farm->status(farm, &stage->farm, stage->known, &error);
+    if (status != UMB_OK) {
+        return now_ms() - stage->answered_ms > PATIENCE_MS
+                   ? umbj_try_fail_status(stage->try, status, &error)
+                   : UMBJ_NO_FAILURE;
+    }
+    stage->answered_ms = now_ms();
+    tell_count(stage);
+    for (uint32_t i = 0; i < stage->farm.count; i++) {
+        const int missing = !stage->done[i] && !stage->known[i] && !stage->wanted[i];
+        stage->unknown[i] = (uint8_t)(missing ? stage->unknown[i] + 1 : 0);
+        if (stage->unknown[i] >= LOST_LOOKS) {
+            tell_task(stage, i, UMBJ_LOST, "the farm does not know it any more");
+            stage->wanted[i] = 1;
+        }
+    }
+    return UMBJ_NO_FAILURE;
+}
+
+/* From time to time, and until the farm has answered once. */
+static void end_orphans(struct stage *stage)
+{
+    const struct umbj_try_options *options = stage->try->options;
+    struct umb_error ignored;
+    if (now_ms() >= stage->orphans_ms &&
+        options->farm->reconcile(options->farm, options->work, &ignored) == UMB_OK) {
+        stage->orphans_ms = now_ms() + ORPHANS_MS;
+    }
+}
+
+/* One look at everything. Returns 1 if the stage is over: with *failure or done. */
+static int step(struct stage *stage, enum umbj_failure *failure)
+{
+    struct umbj_try *try = stage->try;
+    const uint32_t before = stage->done_count;
+    *failure = read_ends(stage);
+    if (stage->done_count != before) {
+        tell_count(stage);
+    }
+    if (*failure != UMBJ_NO_FAILURE || stage->done_count == stage->farm.count) {
+        return 1;
+    }
+    if (now_ms() - stage->start_ms > (int64_t)try->options->timeout_ms) {
+        *failure = umbj_try_fail(try, UMBJ_TIMEOUT,
+                                 "the bake took longer than the server allows (--job-time)");
+        return 1;
+    }
+    if (now_ms() >= stage->ask_ms) {
+        *failure = ask(stage);
+        if (*failure == UMBJ_NO_FAILURE) {
+            *failure = submit(stage);
+        }
+        end_orphans(stage);
+        stage->ask_ms = now_ms() + (int64_t)try->options->interval_ms;
+    }
+    return *failure != UMBJ_NO_FAILURE;
+}
+
+static enum umbj_failure run_stage(struct stage *stage)
+{
+    enum umbj_failure failure = submit(stage);
+    const int64_t interval = (int64_t)stage->try->options->interval_ms;
+    const int look_ms = (int)(interval / 4 < LOOK_MS ? interval / 4 : LOOK_MS);
+    stage->ask_ms = now_ms() + interval;
+    while (failure == UMBJ_NO_FAILURE && !step(stage, &failure)) {
+        struct pollfd stop = {.fd = stage->try->stop, .events = POLLIN};
+        (void)poll(&stop, 1, look_ms);
+        if (stop.revents != 0) {
+            return umbj_try_fail(stage->try, UMBJ_CANCELLED, "stopped");
+        }
+    }
+    return failure;
+}
+
+/* Runs a command as a stage of count tasks; finishes words. */
+static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32_t count,
+                                  uint64_t texels, struct umbj_words *words)
+{
+    const struct umbj_work *work = try->work;
+    struct umb_error error = {0};
+    struct stage stage = {.try = try,
+                          .kind = kind,
+                          .is_array = texels > 0,
+                          .texels = texels,
+                          .start_ms = now_ms(),
+                          .answered_ms = now_ms()};
+    uint8_t *block = calloc(count, 5);
+    enum umbj_failure failure = UMBJ_NO_FAILURE;
+    snprintf(stage.folder, sizeof stage.folder, "%s/%s", work->folder, kind);
+    snprintf(stage.name, sizeof stage.name, "%s.%lld.%s", work->job, (long long)work->epoch, kind);
+    umbj_folder_remove(AT_FDCWD, stage.folder); /* of an earlier round */
+    if (block == NULL || words->failed) {
+        failure = umbj_try_fail(try, UMBJ_TEMPORARY, "out of memory for %u tasks", count);
+    } else if (mkdir(stage.folder, 0700) != 0) {
+        (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot make a folder for the tasks");
+        failure = umbj_try_fail_status(try, UMB_E_IO, &error);
+    } else {
+        stage.done = block;
+        stage.wanted = block + count;
+        stage.known = block + 2 * (size_t)count;
+        stage.tries = block + 3 * (size_t)count;
+        stage.unknown = block + 4 * (size_t)count;
+        memset(stage.wanted, 1, count);
+        stage.farm = (struct umbj_farm_stage){.name = stage.name,
+                                              .folder = stage.folder,
+                                              .words = words->list,
+                                              .threads = try->options->threads,
+                                              .count = count};
+        failure = run_stage(&stage);
+    }
+    umbj_words_finish(words);
+    free(block);
+    return failure;
+}
+
+/* The words that all commands of a try have behind their task. */
+static void add_common(const struct umbj_try *try, struct umbj_words *words)
+{
+    umbj_words_add(words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
+    umbj_words_add(words, "--threads=%u", try->options->threads);
+    umbj_words_add(words, "--quiet");
+    umbj_words_add_settings(words, try->work->settings, try->options->tile);
+    umbj_words_add(words, "%s/scene", try->work->folder);
+}
+
+/* Reads the scene, once for all. */
+static enum umbj_failure import(struct umbj_try *try)
+{
+    struct umbj_words words = {0};
+    umbj_words_add(&words, "%s", try->options->program);
+    umbj_words_add(&words, "import");
+    umbj_words_add(&words, "./%s", try->work->scene);
+    umbj_words_add(&words, "--output=%s/scene", try->work->folder);
+    umbj_words_add(&words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
+    umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    return umbj_try_run(try, &words, try->work->bundle);
+}
+
+/* Refuses settings before anything goes to the farm, tells the plan, and counts the tiles. */
+static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
+{
+    struct umbj_words words = {0};
+    umbj_words_add(&words, "%s", try->options->program);
+    umbj_words_add(&words, "--plan");
+    umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    add_common(try, &words);
+    try->tiles = 0;
+    const enum umbj_failure failure = umbj_try_run(try, &words, "/");
+    *tiles = try->tiles;
+    if (failure == UMBJ_NO_FAILURE && (*tiles == 0 || *tiles > UMBJ_TASKS_MAX)) {
+        return umbj_try_fail(try, UMBJ_REJECTED,
+                             "%llu tiles: a farm gets 1 to %d of them; use a smaller resolution or "
+                             "fewer lights",
+                             (unsigned long long)*tiles, UMBJ_TASKS_MAX);
+    }
+    return failure;
+}
+
+/* Where tiles go: the owner's folder, or the try's. */
+static void tiles_folder(const struct umbj_try *try, char *path, size_t size)
+{
+    if (try->work->cache != NULL) {
+        snprintf(path, size, "%s", try->work->cache);
+    } else {
+        snprintf(path, size, "%s/tiles", try->work->folder);
+    }
+}
+
+static enum umbj_failure bake_tiles(struct umbj_try *try, const char *folder, uint32_t count)
+{
+    struct umbj_words words = {0};
+    const unsigned long edge = umbj_tile_edge(try->work->settings, try->options->tile);
+    umbj_try_tell_phase(try, "bake");
+    umbj_words_add(&words, "%s", try->options->program);
+    umbj_words_add(&words, "tile");
+    umbj_words_add(&words, "--json");
+    umbj_words_add(&words, "--output=%s", folder);
+    if (try->work->cache != NULL) {
+        umbj_words_add(&words, "--cache-size=%llu", (unsigned long long)try->options->cache_bytes);
+    }
+    add_common(try, &words);
+    return do_stage(try, "tile", count, (uint64_t)edge * edge, &words);
+}
+
+/* folder: of tiles; NULL: the whole bake in one task. */
+static enum umbj_failure merge(struct umbj_try *try, const char *folder)
+{
+    struct umbj_words words = {0};
+    umbj_try_tell_phase(try, folder != NULL ? "merge" : "bake");
+    umbj_words_add(&words, "%s", try->options->program);
+    if (folder != NULL) {
+        umbj_words_add(&words, "merge");
+        umbj_words_add(&words, "--from=%s", folder);
+    }
+    umbj_words_add(&words, "--output=%s/out.umb", try->work->folder);
+    add_common(try, &words);
+    return do_stage(try, "merge", 1, 0, &words);
+}
+
+static enum umbj_failure bake(struct umbj_try *try)
+{
+    const char *settings = try->work->settings;
+    char folder[4300];
+    uint64_t tiles = 0;
+    enum umbj_failure failure = import(try);
+    if (failure == UMBJ_NO_FAILURE) {
+        failure = plan(try, &tiles);
+    }
+    if (failure != UMBJ_NO_FAILURE) {
+        return failure;
+    }
+    if (umbj_settings_have(settings, "--depth=embree") ||
+        umbj_settings_have(settings, "--effect=front=on")) {
+        return merge(try, NULL); /* tiles of these cannot be kept */
+    }
+    tiles_folder(try, folder, sizeof folder);
+    for (int round = 0; round < ROUNDS; round++) {
+        failure = bake_tiles(try, folder, (uint32_t)tiles);
+        if (failure == UMBJ_NO_FAILURE) {
+            failure = merge(try, folder);
+            if (failure != UMBJ_TEMPORARY) { /* no tile was missing */
+                return failure;
+            }
+        } else {
+            return failure;
+        }
+    }
+    return failure;
+}
+
+enum umbj_failure umbj_bake_on_farm(struct umbj_try *try)
+{
+    struct umbj_farm *farm = try->options->farm;
+    char name[80];
+    const enum umbj_failure failure = bake(try);
+    snprintf(name, sizeof name, "%s.%lld", try->work->job, (long long)try->work->epoch);
+    farm->cancel(farm, name); /* twins, and whatever a failure left */
+    return failure;
+}

@@ -1,0 +1,417 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Slurm as a farm, see slurm_farm.h. Tasks are known by their name,
+ * umbrage-TAG-JOB.EPOCH.KIND.OFFSET: numbers that Slurm gave are not kept, so that nothing is lost
+ * with them.
+ */
+#include "jobs/slurm_farm.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "common/sha256.h"
+#include "jobs/command_words.h"
+#include "jobs/worker_process.h"
+
+#define ARRAY_MOST 1000  /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
+#define CALL_MS    30000 /* a command of Slurm: several times its MessageTimeout */
+#define TAG_SIZE   24
+#define NAME_SIZE  128
+#define WORD_MOST  4096
+
+/* Slurm copies it to the nodes. The environment is Slurm's; the command is told in words. */
+static const char script[] =
+    "#!/bin/sh\n"
+    "# A task of a bake that umbraged submitted: FOLDER OFFSET ARRAY COMMAND...\n"
+    "# Its end is a file in FOLDER (server/jobs/farm.h); it ends itself when that is gone.\n"
+    "set -u\n"
+    "folder=$1 offset=$2 array=$3\n"
+    "shift 3\n"
+    "number=$((offset + ${SLURM_ARRAY_TASK_ID:-0}))\n"
+    "serial=${SLURM_JOB_ID:-0}-${SLURM_RESTART_COUNT:-0}\n"
+    "[ -d \"$folder\" ] && [ ! -e \"$folder/done.$number\" ] || exit 0\n"
+    "[ \"$array\" = 0 ] || set -- \"$@\" \"--only=$number\"\n"
+    "log=$folder/log.$number.$serial\n"
+    "\"$@\" >\"$log\" 2>&1 </dev/null &\n"
+    "child=$!\n"
+    "(\n"
+    "    while [ -d \"$folder\" ]; do sleep 1; done\n"
+    "    kill -9 \"$child\" 2>/dev/null\n"
+    ") &\n"
+    "watcher=$!\n"
+    "wait \"$child\"\n"
+    "code=$?\n"
+    "kill \"$watcher\" 2>/dev/null\n"
+    "[ -d \"$folder\" ] || exit 0\n"
+    "end=done.$number\n"
+    "[ \"$code\" -eq 0 ] || end=fail.$number.$code.$serial\n"
+    "exec mv -f \"$log\" \"$folder/$end\"\n";
+
+struct slurm {
+    struct umbj_farm interface;
+    char tag[TAG_SIZE];                   /* "umbrage-TAG-" */
+    char *words, *search, *configuration; /* may be NULL */
+};
+
+/* A command's last words, or each of its lines. */
+struct talk {
+    char last[UMBJ_CAUSE_SIZE];
+    void (*line)(void *user, const char *line); /* of standard output; may be NULL */
+    void *user;
+};
+
+static void on_said(void *user, const char *line)
+{
+    struct talk *talk = user;
+    snprintf(talk->last, sizeof talk->last, "%s", line);
+}
+
+static void on_line(void *user, const char *line)
+{
+    struct talk *talk = user;
+    if (talk->line != NULL) {
+        talk->line(talk->user, line);
+    }
+}
+
+/* The words before a command of Slurm: its standard output comes on the progress descriptor. */
+static void begin_words(const struct slurm *slurm, struct umbj_words *words)
+{
+    umbj_words_add(words, "/bin/sh");
+    umbj_words_add(words, "-c");
+    umbj_words_add(words,
+                   "PATH=$0; export PATH\n[ -z \"$1\" ] || { SLURM_CONF=$1; export SLURM_CONF; }\n"
+                   "shift\nexec \"$@\" >&%d 3>&-",
+                   UMBJ_WORKER_FD_PROGRESS);
+    umbj_words_add(words, "%s",
+                   slurm->search != NULL ? slurm->search : "/usr/local/bin:/usr/bin:/bin");
+    umbj_words_add(words, "%s", slurm->configuration != NULL ? slurm->configuration : "");
+}
+
+/* Runs a command of Slurm; finishes words. */
+static enum umb_status call(struct umbj_words *words, struct talk *talk, struct umb_error *error)
+{
+    struct umbj_process_end end = {.exit_code = -1};
+    const struct umbj_process process = {
+        .program = "/bin/sh",
+        .arguments = words->list,
+        .folder = "/",
+        .max_output_bytes = (uint64_t)1 << 62, /* sbatch hands its limits on to the tasks */
+        .timeout_ms = CALL_MS,
+        .stop = -1,
+        .said = on_said,
+        .progress = on_line,
+        .user = talk,
+    };
+    enum umb_status status = words->failed
+                                 ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a command")
+                                 : umbj_process_run(&process, &end, error);
+    if (status == UMB_OK && end.exit_code != 0) {
+        status = umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %.100s ended with %d: %.300s",
+                          words->list[5], end.exit_code, talk->last);
+    }
+    umbj_words_finish(words);
+    return status;
+}
+
+/* Writes the script into the try's folder, once; returns 0 or -1. */
+static int write_script(const char *path)
+{
+    int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0700);
+    const int written =
+        fd >= 0 && write(fd, script, sizeof script - 1) == (ssize_t)sizeof script - 1;
+    return fd >= 0 && close(fd) == 0 && written ? 0 : -1;
+}
+
+/* Adds sbatch with all that it needs but the array. */
+static void add_sbatch(const struct slurm *slurm, const struct umbj_farm_stage *stage,
+                       uint32_t offset, struct umbj_words *words)
+{
+    begin_words(slurm, words);
+    umbj_words_add(words, "sbatch");
+    umbj_words_add(words, "--parsable");
+    umbj_words_add(words, "--job-name=%s%s.%u", slurm->tag, stage->name, offset);
+    umbj_words_add(words, "--requeue");
+    umbj_words_add(words, "--output=/dev/null");
+    umbj_words_add(words, "--chdir=/");
+    umbj_words_add(words, "--export=NONE");
+    umbj_words_add(words, "--cpus-per-task=%u", stage->threads);
+    for (const char *at = slurm->words != NULL ? slurm->words : ""; *at != '\0';) {
+        const size_t length = strcspn(at, " ");
+        if (length > 0) {
+            umbj_words_add(words, "%.*s", (int)length, at);
+        }
+        at += length + (at[length] != '\0');
+    }
+}
+
+static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_stage *stage,
+                              uint32_t offset, const char *array, struct umb_error *error)
+{
+    struct umbj_words words = {0};
+    struct talk talk = {0};
+    char path[4300];
+    snprintf(path, sizeof path, "%s/task", stage->folder);
+    if (write_script(path) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot write the script of a task");
+    }
+    add_sbatch(slurm, stage, offset, &words);
+    if (array != NULL) {
+        umbj_words_add(&words, "--array=%s", array);
+    }
+    umbj_words_add(&words, "%s", path);
+    umbj_words_add(&words, "%s", stage->folder);
+    umbj_words_add(&words, "%u", offset);
+    umbj_words_add(&words, "%d", array != NULL);
+    for (size_t i = 0; stage->words[i] != NULL; i++) {
+        umbj_words_add(&words, "%s", stage->words[i]);
+    }
+    return call(&words, &talk, error);
+}
+
+/* Writes the wanted numbers of one submission as Slurm has them: "0-15,17". Returns the number that
+ * did not fit any more, or `to`. */
+static uint32_t write_array(const uint8_t *wanted, uint32_t from, uint32_t to, char *text,
+                            size_t size)
+{
+    size_t used = 0;
+    uint32_t number = from;
+    text[0] = '\0';
+    while (number < to && used + 32 < size) {
+        uint32_t last = number;
+        if (!wanted[number]) {
+            number++;
+            continue;
+        }
+        while (last + 1 < to && wanted[last + 1]) {
+            last++;
+        }
+        used += (size_t)snprintf(text + used, size - used, last > number ? "%s%u-%u" : "%s%u",
+                                 used > 0 ? "," : "", number - from, last - from);
+        number = last + 1;
+    }
+    return number;
+}
+
+static enum umb_status slurm_submit_array(struct umbj_farm *self,
+                                          const struct umbj_farm_stage *stage,
+                                          const uint8_t *wanted, struct umb_error *error)
+{
+    char array[WORD_MOST];
+    enum umb_status status = UMB_OK;
+    for (uint32_t from = 0; status == UMB_OK && from < stage->count;) {
+        const uint32_t most = stage->count - from < ARRAY_MOST ? stage->count - from : ARRAY_MOST;
+        const uint32_t next = write_array(wanted, from, from + most, array, sizeof array);
+        if (array[0] != '\0') {
+            status = submit((struct slurm *)self, stage, from, array, error);
+        }
+        from = next;
+    }
+    return status;
+}
+
+static enum umb_status slurm_submit_merge(struct umbj_farm *self,
+                                          const struct umbj_farm_stage *stage,
+                                          struct umb_error *error)
+{
+    return submit((struct slurm *)self, stage, 0, NULL, error);
+}
+
+/* A line of the queue. */
+struct task {
+    char id[64];          /* 17_3 */
+    char index[16];       /* 3, or N/A */
+    char state[16];       /* PD, R, ... */
+    char name[NAME_SIZE]; /* without the tag */
+    char reason[64];
+};
+
+/* Hears of our tasks: who looks, and what is done with them. */
+struct look {
+    const struct slurm *slurm;
+    void (*task)(struct look *look, const struct task *task);
+    const struct umbj_farm_stage *stage; /* status */
+    uint8_t *known;
+    const char *name, *work;  /* cancel; reconcile */
+    struct umbj_words ending; /* ids to be cancelled */
+    struct umbj_words held;   /* ids that wait for their time only */
+};
+
+static void on_task(void *user, const char *line)
+{
+    struct look *look = user;
+    struct task task = {.reason = ""};
+    const size_t tag = strlen(look->slurm->tag);
+    char name[NAME_SIZE];
+    if (sscanf(line, "%63s %15s %15s %127s %63[^\n]", task.id, task.index, task.state, name,
+               task.reason) >= 4 &&
+        strncmp(name, look->slurm->tag, tag) == 0) {
+        snprintf(task.name, sizeof task.name, "%s", name + tag);
+        look->task(look, &task);
+    }
+}
+
+static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
+{
+    struct umbj_words words = {0};
+    struct talk talk = {.line = on_task, .user = look};
+    begin_words(look->slurm, &words);
+    umbj_words_add(&words, "squeue");
+    umbj_words_add(&words, "--noheader");
+    umbj_words_add(&words, "--array");
+    umbj_words_add(&words, "--me");
+    umbj_words_add(&words, "--format=%%i %%K %%t %%j %%r");
+    return call(&words, &talk, error);
+}
+
+/* Runs scancel or the like on ids; what cannot be reached is left: tasks end by themselves. */
+static void run_on(const struct slurm *slurm, const char *const *command, struct umbj_words *ids)
+{
+    struct umbj_words words = {0};
+    struct talk talk = {0};
+    struct umb_error ignored;
+    begin_words(slurm, &words);
+    for (size_t i = 0; command[i] != NULL; i++) {
+        umbj_words_add(&words, "%s", command[i]);
+    }
+    for (size_t i = 0; i < ids->count; i++) {
+        umbj_words_add(&words, "%s", ids->list[i]);
+    }
+    if (ids->count == 0 || call(&words, &talk, &ignored) != UMB_OK) {
+        umbj_words_finish(&words);
+    }
+    umbj_words_finish(ids);
+}
+
+static void end_tasks(const struct slurm *slurm, struct umbj_words *ids)
+{
+    static const char *const scancel[] = {"scancel", "--quiet", NULL};
+    run_on(slurm, scancel, ids);
+}
+
+static void note_known(struct look *look, const struct task *task)
+{
+    unsigned offset = 0, index = 0;
+    const size_t length = strlen(look->stage->name);
+    if (strncmp(task->name, look->stage->name, length) != 0 ||
+        sscanf(task->name + length, ".%u", &offset) != 1) {
+        return;
+    }
+    if (sscanf(task->index, "%u", &index) != 1) {
+        index = 0; /* the merge */
+    }
+    if (offset < look->stage->count && index < look->stage->count - offset) {
+        look->known[offset + index] = 1;
+        if (strcmp(task->state, "PD") == 0 && strcmp(task->reason, "BeginTime") == 0) {
+            umbj_words_add(&look->held, "%s", task->id);
+        }
+    }
+}
+
+static enum umb_status slurm_status(struct umbj_farm *self, const struct umbj_farm_stage *stage,
+                                    uint8_t *known, struct umb_error *error)
+{
+    struct look look = {
+        .slurm = (struct slurm *)self, .task = note_known, .stage = stage, .known = known};
+    memset(known, 0, stage->count);
+    const enum umb_status status = look_at_queue(&look, error);
+    for (size_t i = 0; i < look.held.count; i++) {
+        char id[80];
+        struct umbj_words none = {0};
+        snprintf(id, sizeof id, "JobId=%s", look.held.list[i]);
+        umbj_words_add(&none, "StartTime=now");
+        const char *const start[] = {"scontrol", "update", id, NULL};
+        run_on(look.slurm, start, &none);
+    }
+    umbj_words_finish(&look.held);
+    return status;
+}
+
+static void note_try(struct look *look, const struct task *task)
+{
+    const size_t length = strlen(look->name);
+    if (strncmp(task->name, look->name, length) == 0 && task->name[length] == '.') {
+        umbj_words_add(&look->ending, "%s", task->id);
+    }
+}
+
+static void slurm_cancel(struct umbj_farm *self, const char *name)
+{
+    struct look look = {.slurm = (struct slurm *)self, .task = note_try, .name = name};
+    struct umb_error ignored;
+    (void)!look_at_queue(&look, &ignored);
+    end_tasks(look.slurm, &look.ending); /* those that were heard of */
+}
+
+static void note_orphan(struct look *look, const struct task *task)
+{
+    char path[4300], job[40];
+    unsigned long long epoch;
+    if (sscanf(task->name, "%39[0-9a-f].%llu.", job, &epoch) == 2) {
+        snprintf(path, sizeof path, "%s/%s.%llu", look->work, job, epoch);
+        if (access(path, F_OK) != 0 && errno == ENOENT) {
+            umbj_words_add(&look->ending, "%s", task->id);
+        }
+    }
+}
+
+static enum umb_status slurm_reconcile(struct umbj_farm *self, const char *work,
+                                       struct umb_error *error)
+{
+    struct look look = {.slurm = (struct slurm *)self, .task = note_orphan, .work = work};
+    const enum umb_status status = look_at_queue(&look, error);
+    end_tasks(look.slurm, &look.ending);
+    return status;
+}
+
+static void slurm_destroy(struct umbj_farm *self)
+{
+    struct slurm *slurm = (struct slurm *)self;
+    free(slurm->words);
+    free(slurm->search);
+    free(slurm->configuration);
+    free(slurm);
+}
+
+/* Copies a text that may be NULL; clears *good without memory. */
+static char *copy(const char *text, int *good)
+{
+    char *made = text != NULL ? strdup(text) : NULL;
+    *good &= text == NULL || made != NULL;
+    return made;
+}
+
+enum umb_status umbj_slurm_farm_create(const struct umbj_slurm_options *options,
+                                       struct umbj_farm **out, struct umb_error *error)
+{
+    uint8_t hash[UMBJ_HASH_BYTES];
+    int good = 1;
+    *out = NULL;
+    struct slurm *slurm = calloc(1, sizeof *slurm);
+    if (slurm == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for Slurm");
+    }
+    umbs_sha256_bytes(options->tag_of, strlen(options->tag_of), hash);
+    snprintf(slurm->tag, sizeof slurm->tag, "umbrage-%02x%02x%02x%02x-", hash[0], hash[1], hash[2],
+             hash[3]);
+    slurm->words = copy(options->words, &good);
+    slurm->search = copy(options->search, &good);
+    slurm->configuration = copy(options->configuration, &good);
+    slurm->interface = (struct umbj_farm){.submit_array = slurm_submit_array,
+                                          .submit_merge = slurm_submit_merge,
+                                          .status = slurm_status,
+                                          .cancel = slurm_cancel,
+                                          .reconcile = slurm_reconcile,
+                                          .destroy = slurm_destroy};
+    if (!good) {
+        slurm_destroy(&slurm->interface);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for Slurm");
+    }
+    *out = &slurm->interface;
+    return UMB_OK;
+}
