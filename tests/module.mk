@@ -64,6 +64,13 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_coun
 questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
 	@for t in $^; do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 
+# Every technique against long double references, 10^6 random cases or more of each.
+NUMERICS := $(addprefix $(BUILD)/tests/unit/maps/test_,aliasing cascades maps_channels maps_deep maps_frustum maps_pcf)
+numerics: $(NUMERICS) $(BUILD)/tests/unit/maps/test_maps_bounds ## techniques against long double: 10^6 random cases of each
+	@for t in $(NUMERICS); do echo "$$t"; UMBRAGE_CASES=1000000 timeout 3000 $$t || exit 1; done
+	@for r in 1 2 3 4; do UMBRAGE_ROUND=$$r $(BUILD)/tests/unit/maps/test_maps_bounds || exit 1; done
+.PHONY: numerics
+
 # False shadow and false light at full size.
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py

@@ -77,6 +77,21 @@ double random_unit(uint64_t *state)
     return (double)(next_random(state) >> 11) * 0x1p-53;
 }
 
+int case_count(int n)
+{
+    const char *text = getenv("UMBRAGE_CASES");
+    const long asked = text != NULL ? strtol(text, NULL, 10) : 0;
+    return asked > 0 && asked <= 100000000 ? (int)asked : n;
+}
+
+uint64_t round_seed(uint64_t seed)
+{
+    const char *text = getenv("UMBRAGE_ROUND");
+    seed += text != NULL ? strtoull(text, NULL, 10) * 0x9e3779b97f4a7c15U : 0;
+    (void)printf("seed %llu\n", (unsigned long long)seed);
+    return seed;
+}
+
 struct cube {
     uint32_t frustum, level, x, y, z; /* in voxels */
 };
@@ -88,8 +103,8 @@ static void build(const struct voxels *voxels, struct umb_pool *pool, struct cub
         uint64_t brick[8] = {0};
         for (uint32_t i = 0; i < 512; i++) {
             uint32_t x = i % 8, y = i / 8 % 8, z = i / 64;
-            uint64_t lit = voxels->lit(voxels->user, cube.frustum, cube.x + x, cube.y + y,
-                                       cube.z + z) != 0;
+            uint64_t lit =
+                voxels->lit(voxels->user, cube.frustum, cube.x + x, cube.y + y, cube.z + z) != 0;
             brick[z] |= lit << (x + 8 * y);
         }
         demand(umb_pool_brick(pool, brick, ref, NULL) == UMB_OK, "brick");
@@ -105,7 +120,9 @@ static void build(const struct voxels *voxels, struct umb_pool *pool, struct cub
     demand(umb_pool_node(pool, cube.level, children, ref, NULL) == UMB_OK, "node");
 }
 
-enum { HARNESS_LIGHTS = 16 };
+enum {
+    HARNESS_LIGHTS = 16
+};
 
 void make_octree(const struct voxels *voxels, struct umb_octree *octree)
 {
@@ -169,8 +186,7 @@ struct bytes make_packed(const struct voxels *voxels, double voxel_m, const doub
     make_octree(voxels, &octree);
     make_content(voxels, voxel_m, origin, &content);
     struct umb_sink sink = bytes_sink(&bytes);
-    enum umb_status status =
-        umb_pack_write(&content, &octree, &test_digest, &sink, id, &error);
+    enum umb_status status = umb_pack_write(&content, &octree, &test_digest, &sink, id, &error);
     demand(status == UMB_OK, error.message);
     umb_octree_finish(&octree);
     return bytes;

@@ -34,6 +34,12 @@ extern const struct umb_sha256 test_digest;
 uint64_t next_random(uint64_t *state);
 double random_unit(uint64_t *state); /* [0, 1) */
 
+/* How many random cases to try: UMBRAGE_CASES if it is set (long runs: make numerics), else n. */
+int case_count(int n);
+
+/* A seed that differs from round to round of a long run, UMBRAGE_ROUND; printed. */
+uint64_t round_seed(uint64_t seed);
+
 /* Builds the octree of `voxels`; finish with umb_octree_finish. Aborts the test on failure. */
 void make_octree(const struct voxels *voxels, struct umb_octree *octree);
 

@@ -20,15 +20,16 @@ double umb__channel_mean(double exponent, const double *values, const double *we
         }
         return sum;
     }
-    double most = values[0];
-    for (size_t i = 1; i < count; i++) {
-        most = values[i] > most ? values[i] : most;
-    }
-    /* Every term is at most 1 and one is its full weight: no overflow, and log of no less. */
+    double most = -INFINITY;
     for (size_t i = 0; i < count; i++) {
-        sum += weights[i] * exp(exponent * (values[i] - most));
+        most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    return sum > 0.0 ? most + log(sum) / exponent : most; /* weight 0 on the greatest, rest gone */
+    /* Every term is at most 1 and one is its full weight: no overflow, and log of no less. What has
+     * no weight has no say in `most`, or all the others might be subnormal beside it. */
+    for (size_t i = 0; i < count; i++) {
+        sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
+    }
+    return most + log(sum) / exponent;
 }
 
 static size_t value_bytes(enum umb_map_format format)

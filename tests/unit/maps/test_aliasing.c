@@ -126,7 +126,7 @@ static void patches_equal_finite_differences(void **state)
 {
     (void)state;
     uint64_t seed = 17;
-    for (int i = 0; i < 20000; i++) {
+    for (int i = 0; i < case_count(20000); i++) {
         struct umb_cascade_camera camera = camera_at(-3.0, 4.0);
         const struct umb_box box = {{-20, -10, 0}, {20, 30, 8}};
         double to_light[3] = {random_unit(&seed) - 0.5, random_unit(&seed) - 0.5, 0.4};

@@ -48,7 +48,7 @@ static void splits_mix_logarithmic_and_uniform_ones(void **state)
     assert_true(fabs(splits[1] - (0.25 * 10.0 + 0.75 * 334.0)) < 1e-12);
     assert_true(splits[0] == 1.0 && splits[3] == 1000.0);
     uint64_t seed = 2006;
-    for (int i = 0; i < 100000; i++) {
+    for (int i = 0; i < case_count(100000); i++) {
         const double near = exp((random_unit(&seed) - 0.5) * 20.0);
         const double far = near * (1.0 + exp((random_unit(&seed) - 0.5) * 20.0));
         umb_cascades_split(near, far, 8, random_unit(&seed), splits);
@@ -65,7 +65,7 @@ static void every_visible_point_of_the_scene_lies_on_its_map(void **state)
     (void)state;
     uint64_t seed = 2013;
     int seen = 0, warped = 0;
-    for (int round = 0; round < 3000; round++) {
+    for (int round = 0; round < case_count(600000) / 200; round++) {
         const struct umb_cascade_camera camera = camera_of(&seed);
         const struct umb_cascade_settings settings = settings_of((enum umb_cascade_fit)(round % 3));
         struct umb_cascade_plan plan;
@@ -118,7 +118,7 @@ static void snapped_texels_stay_where_they_are_in_the_world(void **state)
     const struct umb_cascade_settings settings = settings_of(UMB_CASCADE_SLICE);
     struct umb_cascade_plan first, next;
     assert_int_equal(umb_cascades_plan(&camera, to_light, &scene, &settings, &first, NULL), UMB_OK);
-    for (int round = 0; round < 2000; round++) {
+    for (int round = 0; round < case_count(2000); round++) {
         struct umb_cascade_camera moved = camera_of(&seed); /* turned, and somewhere else */
         moved.tan_x = camera.tan_x;
         moved.tan_y = camera.tan_y;

@@ -217,7 +217,7 @@ static void walking_ends_where_searching_does_from_any_guess(void **state)
     (void)state;
     uint64_t seed = 11;
     struct umb__deep_node nodes[30];
-    for (int round = 0; round < 2000; round++) {
+    for (int round = 0; round < case_count(2000); round++) {
         const uint32_t count = (uint32_t)(random_unit(&seed) * 31.0);
         double depth = 0.0;
         for (uint32_t i = 0; i < count; i++) {

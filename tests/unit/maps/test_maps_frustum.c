@@ -28,7 +28,7 @@ static void points_of_map_space_come_back_from_the_world(void **state)
 {
     (void)state;
     uint64_t seed = 1994;
-    for (int i = 0; i < 30000; i++) {
+    for (int i = 0; i < case_count(30000); i++) {
         const struct umb_map_frustum frustum = frustum_of_kind(i % 3, &seed);
         const double at[3] = {50 + random_unit(&seed) * 200, 50 + random_unit(&seed) * 100,
                               random_unit(&seed)};
@@ -49,7 +49,7 @@ static void gradients_equal_finite_differences(void **state)
 {
     (void)state;
     uint64_t seed = 2002;
-    for (int i = 0; i < 3000; i++) {
+    for (int i = 0; i < case_count(3000); i++) {
         struct umb_map_frustum frustum = frustum_of_kind(i % 3, &seed);
         memset(frustum.origin, 0, sizeof frustum.origin); /* so that differences are fine */
         double world[3];
