@@ -117,6 +117,12 @@ static const char *bias_name(enum umb_bias_mode mode)
     return (unsigned)mode < 4 ? names[mode] : "unknown";
 }
 
+static const char *filter_name(enum umb_filter filter)
+{
+    static const char *const names[] = {"box", "tent", "penumbra"};
+    return (unsigned)filter < 3 ? names[filter] : "unknown";
+}
+
 /* The window as rows of texels, first row first: '#' lit, '.' shadowed. */
 static void explain_window(FILE *file, const struct umb_explanation *e)
 {
@@ -189,7 +195,7 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
-    umbc_json_text(json, "filter", e->filter == UMB_FILTER_TENT ? "tent" : "box");
+    umbc_json_text(json, "filter", filter_name(e->filter));
     umbc_json_text(json, "bias", bias_name(e->bias_mode));
     umbc_json_number(json, "bias_m", e->bias_m);
     umbc_json_bool(json, "has_normal", e->has_normal != 0);

@@ -20,6 +20,7 @@ enum query_option {
     OPTION_TAPS,
     OPTION_FOOTPRINT,
     OPTION_FILTER,
+    OPTION_LIGHT_SIZE,
     OPTION_LEVEL,
     OPTION_MAX_ERROR,
     OPTION_BUDGET,
@@ -51,7 +52,12 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
     [OPTION_FOOTPRINT] = {"footprint", "M",
                           "FILE only: width of the window in metres instead of --taps", 0},
-    [OPTION_FILTER] = {"filter", "NAME", "box (default), or FILE only: tent", 0},
+    [OPTION_FILTER] = {"filter", "NAME",
+                       "box (default), tent, or penumbra: half shadows of a light with an extent; "
+                       "--taps is then their least width",
+                       0},
+    [OPTION_LIGHT_SIZE] = {"light-size", "DEG",
+                           "for penumbras: the light's angular diameter, default the asset's", 0},
     [OPTION_LEVEL] = {"level", "N", "stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
                       0},
     [OPTION_MAX_ERROR] = {"max-error", "E",
@@ -222,7 +228,7 @@ static int take_lights(const char *text, struct umbc_query_options *options)
 /* --taps, or --footprint instead, and --filter. */
 static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settings *settings)
 {
-    static const char *const filters[] = {"box", "tent"};
+    static const char *const filters[] = {"box", "tent", "penumbra"};
     const char *taps = parsed->values[OPTION_TAPS];
     const char *footprint = parsed->values[OPTION_FOOTPRINT];
     const char *filter = parsed->values[OPTION_FILTER];
@@ -239,11 +245,31 @@ static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settin
         !(umbc_parse_number(footprint, &settings->footprint_m) && settings->footprint_m > 0)) {
         return umbc_usage_error("query: --footprint '%s' is not a length above 0", footprint);
     }
-    int found = filter == NULL ? 0 : find_word(filter, filters, 2);
+    int found = filter == NULL ? 0 : find_word(filter, filters, 3);
     if (found < 0) {
-        return umbc_usage_error("query: --filter '%s' is not box or tent", filter);
+        return umbc_usage_error("query: --filter '%s' is not box, tent or penumbra", filter);
     }
     settings->filter = (enum umb_filter)found;
+    return -1;
+}
+
+/* --light-size: degrees, kept in radians. */
+static int take_light_size(const char *text, struct umb_query_settings *settings)
+{
+    const double rad_a_deg = 0.017453292519943295;
+    double degrees = 0;
+    if (text == NULL) {
+        return -1;
+    }
+    if (settings->filter != UMB_FILTER_PENUMBRA) {
+        return umbc_usage_error("query: --light-size belongs to --filter penumbra");
+    }
+    if (!umbc_parse_number(text, &degrees) ||
+        !(degrees > 0 && degrees * rad_a_deg <= UMB_EXTENT_MAX)) {
+        return umbc_usage_error("query: --light-size '%s' is not above 0 and at most %.4g degrees",
+                                text, UMB_EXTENT_MAX / rad_a_deg);
+    }
+    settings->light_extent = degrees * rad_a_deg;
     return -1;
 }
 
@@ -399,10 +425,8 @@ static int check_together(const struct umbc_query_options *options)
     if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
         return umbc_usage_error("query: --explain needs --encoding text");
     }
-    if ((options->settings.footprint_m > 0 || options->settings.filter != UMB_FILTER_BOX) &&
-        !umbc_is_file(options->target)) {
-        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
-                                options->settings.footprint_m > 0 ? "footprint" : "filter",
+    if (options->settings.footprint_m > 0 && !umbc_is_file(options->target)) {
+        return umbc_usage_error("query: --footprint works on files only, '%s' is an asset",
                                 options->target);
     }
     if (options->explain && !umbc_is_file(options->target)) {
@@ -438,6 +462,9 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     if (code < 0) {
         code = take_filter(&parsed, &options->settings);
+    }
+    if (code < 0) {
+        code = take_light_size(parsed.values[OPTION_LIGHT_SIZE], &options->settings);
     }
     if (code < 0) {
         code = take_dial(&parsed, options);

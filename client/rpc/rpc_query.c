@@ -27,10 +27,10 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
                         UMBW_ASSET_NAME_MAX);
     }
-    if (request->settings.filter != UMB_FILTER_BOX || request->settings.footprint_m != 0) {
+    if (request->settings.footprint_m != 0) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "%s: the protocol has box filters of a number of taps only",
-                        request->settings.footprint_m != 0 ? "footprint_m" : "filter");
+                        "footprint_m: %g; the protocol has filters of a number of taps only",
+                        request->settings.footprint_m);
     }
     memcpy(wire.asset, request->asset, length + 1);
     enum umb_status status = umbw_encode_query_request(&wire, body, error);

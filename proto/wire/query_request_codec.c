@@ -33,6 +33,8 @@ enum request_field {
     FIELD_MAX_ERROR,
     FIELD_MAX_VISIBILITY,
     FIELD_BUDGET,
+    FIELD_FILTER,
+    FIELD_LIGHT_EXTENT,
     FIELD_COUNT,
 };
 
@@ -53,6 +55,8 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_MAX_ERROR] = {21, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_error_m"},
     [FIELD_MAX_VISIBILITY] = {22, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "max_visibility"},
     [FIELD_BUDGET] = {23, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "budget_ns"},
+    [FIELD_FILTER] = {30, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "filter"},
+    [FIELD_LIGHT_EXTENT] = {31, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "light_extent"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -159,6 +163,21 @@ static enum umb_status check_origin(const double origin[3], struct umb_error *er
     return UMB_OK;
 }
 
+/* The filter has the same numbers on the wire. */
+static enum umb_status check_filter(int64_t filter, double light_extent, struct umb_error *error)
+{
+    if (filter < UMB_FILTER_BOX || filter > UMB_FILTER_PENUMBRA) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "filter: %lld is not one of 0 (BOX), 1 (TENT), 2 (PENUMBRA)",
+                        (long long)filter);
+    }
+    if (!(light_extent >= 0 && light_extent <= UMB_EXTENT_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %.9g is not within 0..%.9g",
+                        light_extent, UMB_EXTENT_MAX);
+    }
+    return UMB_OK;
+}
+
 static double double_of(uint64_t bits)
 {
     double value;
@@ -233,6 +252,12 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     if (status == UMB_OK) {
         status =
             format_from_wire((int)(uint32_t)found[FIELD_FORMAT].number, &settings->format, error);
+    }
+    const int64_t filter = (int64_t)found[FIELD_FILTER].number;
+    settings->light_extent = double_of(found[FIELD_LIGHT_EXTENT].number);
+    if (status == UMB_OK) {
+        status = check_filter(filter, settings->light_extent, error);
+        settings->filter = status == UMB_OK ? (enum umb_filter)filter : UMB_FILTER_BOX;
     }
     if (status == UMB_OK && found[FIELD_ORIGIN].count > 0) {
         status = take_origin(message, size, request->points.origin, error);
@@ -367,6 +392,8 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     message->max_visibility = request->dial.max_visibility;
     message->budget_ns = request->dial.budget_ns;
     message->bias = settings->bias;
+    message->filter = (Umbrage__V1__Filter)settings->filter;
+    message->light_extent = settings->light_extent;
     message->want_stats = request->want_stats != 0;
     enum umb_status status = check_dial(&request->dial, settings->taps, settings->level, error);
     if (status == UMB_OK && message->taps != 0) {
@@ -374,6 +401,9 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     }
     if (status == UMB_OK) {
         status = check_bias(settings->bias, error);
+    }
+    if (status == UMB_OK) {
+        status = check_filter((int64_t)settings->filter, settings->light_extent, error);
     }
     if (status == UMB_OK) {
         status = check_origin(request->points.origin, error);

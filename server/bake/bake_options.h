@@ -9,6 +9,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
+#include "bake/effect_options.h"
 #include "bake/light_options.h"
 
 enum umbb_closed_mode {
@@ -63,6 +64,7 @@ struct umbb_options {
     enum umbb_closed_mode closed;
     int front;            /* effect `front`, where the closed rule holds */
     int opaque_cut_outs;  /* effect `cut-out` switched off */
+    enum umbb_penumbra_mode penumbra;
     uint32_t effects_off; /* enum umbb_missing_effect that --effect switched off */
     unsigned threads;     /* 1.. */
     uint64_t memory_bytes;

@@ -25,7 +25,7 @@ static const struct {
     {"origin", BY_SCENE, "the coordinates and the size of a voxel (--resolution)", 0},
     {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)", 0},
     {"faces", BY_SCENE, "the lights (--point, --spot, --light)", 0},
-    {"penumbra", BY_VERSION, NULL, UMBB_MISSING_PENUMBRA},
+    {"penumbra", BY_CALLER, NULL, 0},
     {"cut-out", BY_CALLER, NULL, 0},
     {"transmittance", BY_VERSION, NULL, UMBB_MISSING_TRANSMITTANCE},
     {"static", BY_VERSION, NULL, 0},
@@ -40,6 +40,9 @@ static void decide(struct umbb_options *options, const char *name, int on)
         options->front = on;
     } else if (strcmp(name, "cut-out") == 0) {
         options->opaque_cut_outs = !on;
+    } else if (strcmp(name, "penumbra") == 0) {
+        options->penumbra = on ? UMBB_PENUMBRA_ON : UMBB_PENUMBRA_OFF;
+        options->front |= on;
     } else {
         options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
     }
@@ -61,7 +64,7 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     }
     if (i == count) {
         return umbb_option_refuse(error, option, value,
-                                  "an effect: closed, front, cut-out; off also for penumbra, "
+                                  "an effect: closed, front, penumbra, cut-out; off also for "
                                   "transmittance, static, mraa, voaa");
     }
     if (effects[i].decider == BY_SCENE) {

@@ -12,9 +12,15 @@
 
 struct umbb_options;
 
+/* What was said about half shadows. */
+enum umbb_penumbra_mode {
+    UMBB_PENUMBRA_AUTO = 0, /* on where a light's extent calls for it and occluders are known */
+    UMBB_PENUMBRA_ON,       /* keeps first occluders for it (`front`) */
+    UMBB_PENUMBRA_OFF,      /* the asset's lights get no extent: queries have no penumbras */
+};
+
 /* Effects that this version does not have and that a scene may call for; bits of effects_off. */
 enum umbb_missing_effect {
-    UMBB_MISSING_PENUMBRA = 1,
     UMBB_MISSING_TRANSMITTANCE = 4,
 };
 

@@ -17,11 +17,14 @@
  * win. */
 #define INLINE_WORK 2048
 
+#define PENUMBRA_WORK 32 /* look-ups of one tap that a penumbra takes as long as, about */
+
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
 static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
 {
     uint64_t taps = settings->taps > 0 ? settings->taps : 1;
-    return (uint64_t)count * ((taps * taps + 7) / 8);
+    uint64_t each = settings->filter == UMB_FILTER_PENUMBRA ? PENUMBRA_WORK : 0;
+    return (uint64_t)count * (each + (taps * taps + 7) / 8);
 }
 
 /* Mean edge of the voxels that a part looks up. */
@@ -58,7 +61,8 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     reply->bound_m = umb_query_bound_m(asset, &settings);
     const size_t count = umb_curve_get(asset, part->light, rows);
     for (size_t i = 0; i < count; i++) {
-        if (rows[i].level == part->level && rows[i].taps == part->taps) {
+        if (rows[i].level == part->level && rows[i].taps == part->taps &&
+            settings.filter == UMB_FILTER_BOX) { /* what the curve was measured with */
             reply->visibility_error = rows[i].visibility_error;
             reply->lines = rows[i].lines;
         }

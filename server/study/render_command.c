@@ -29,7 +29,7 @@ struct render {
 
 static const char *truth_name(enum umbt_truth_kind kind)
 {
-    static const char *const names[] = {"texels", "area", "surface"};
+    static const char *const names[] = {"texels", "area", "surface", "disc"};
     return names[kind];
 }
 
@@ -61,6 +61,20 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return status;
 }
 
+/* The light's disc is traced for parallel light only. */
+static enum umb_status truth_check(const struct render *render, struct umb_error *error)
+{
+    const struct umbt_render_options *options = &render->options;
+    const struct umbt_truth *truth = &render->truth;
+    if ((options->traced || options->compare) && truth->kind == UMBT_TRUTH_DISC &&
+        (truth->lamp != NULL || !(truth->extent > 0))) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is %s",
+                        options->settings.light,
+                        truth->lamp != NULL ? "not directional" : "a point; give --light-size");
+    }
+    return UMB_OK;
+}
+
 static enum umb_status view_make(struct render *render, struct umb_error *error)
 {
     struct umbt_render_options *options = &render->options;
@@ -73,6 +87,8 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         .kind = options->truth,
         .settings = options->settings,
         .samples = options->samples,
+        .extent = options->settings.light_extent > 0 ? options->settings.light_extent
+                                                     : render->source.light.extent,
         .diagonal_m = render->scene.diagonal_m,
         .frustum = render->source.frustum,
         .closed = render->source.frustum.closed ? render->scene.parts.closed : NULL,
@@ -95,6 +111,10 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         .z_up = options->z_up,
     };
     memcpy(subject.to_light, truth->to_light, sizeof subject.to_light);
+    enum umb_status status = truth_check(render, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     return umbt_camera_make(&options->camera, &subject, options->width, options->height,
                             &render->camera, error);
 }

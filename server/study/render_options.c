@@ -7,7 +7,8 @@
 #include "study/shadow_source.h"
 #include "study/study_args.h"
 
-#define FOG_MAX 100.0 /* 1/m: nothing is seen beyond some centimetres */
+#define FOG_MAX   100.0 /* 1/m: nothing is seen beyond some centimetres */
+#define RAD_A_DEG 0.017453292519943295
 
 const char umbt_render_help[] =
     "usage: umbrage render SCENE --asset FILE|ASSET -o OUT.png [options]\n"
@@ -27,7 +28,10 @@ const char umbt_render_help[] =
     "  --size WxH           pixels (default 1280x720)\n"
     "  --aa N               N x N samples a pixel, 1 to 3 (default 2; 1 with traced windows)\n"
     "  --light N            the asset's light (default 0)\n"
-    "  --taps N             filter width in texels, odd, 1 to 17 (default 9)\n"
+    "  --taps N             filter width in texels, odd, 1 to 17 (default 9; of penumbras 1)\n"
+    "  --filter NAME        box (default), tent, or penumbra: half shadows of a light with an\n"
+    "                       extent\n"
+    "  --light-size DEG     for penumbras: the light's angular diameter (default: the asset's)\n"
     "  --bias B             auto, none, 1.5vox or 0.02m (default auto)\n"
     "  --fog D              sunlit fog of extinction D per metre: light shafts, by segment "
     "queries\n"
@@ -41,8 +45,10 @@ const char umbt_render_help[] =
     "                       window, at the moved point's depth (default for more than one tap);\n"
     "                       area: --samples N squared rays over the window's area around the "
     "moved\n"
-    "                       point; surface: one ray from the surface (default for one tap)\n"
-    "  --samples N          rays a side for --truth area, 1 to 64 (default 16; implies area)\n"
+    "                       point; surface: one ray from the surface (default for one tap);\n"
+    "                       disc: as many rays over the light's disc (default for penumbras)\n"
+    "  --samples N          rays a side for --truth area and disc, 1 to 64 (default 16; implies\n"
+    "                       area, of penumbras disc)\n"
     "\n"
     "  --threads N          default: all processors\n"
     "  --force              even if the asset was baked from another scene\n"
@@ -56,31 +62,78 @@ const char umbt_render_help[] =
 
 /* What the table cannot hold directly. */
 struct raw {
-    const char *camera, *size, *bias, *truth, *up, *fog;
+    const char *camera, *size, *bias, *truth, *up, *fog, *filter, *light_size;
     uint64_t taps, light, aa, threads, samples;
 };
+
+/* What is traced if nothing is said. */
+static enum umbt_truth_kind truth_default(const struct raw *raw,
+                                          const struct umbt_render_options *options)
+{
+    if (options->settings.filter == UMB_FILTER_PENUMBRA) {
+        return UMBT_TRUTH_DISC;
+    }
+    return raw->samples > 0             ? UMBT_TRUTH_AREA
+           : options->settings.taps > 1 ? UMBT_TRUTH_TEXELS
+                                        : UMBT_TRUTH_SURFACE;
+}
 
 static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_options *options,
                                    struct umb_error *error)
 {
-    if (raw->truth == NULL) {
-        options->truth = raw->samples > 0 ? UMBT_TRUTH_AREA
-                         : raw->taps > 1  ? UMBT_TRUTH_TEXELS
-                                          : UMBT_TRUTH_SURFACE;
-    } else if (strcmp(raw->truth, "texels") == 0) {
-        options->truth = UMBT_TRUTH_TEXELS;
-    } else if (strcmp(raw->truth, "area") == 0) {
-        options->truth = UMBT_TRUTH_AREA;
-    } else if (strcmp(raw->truth, "surface") == 0) {
-        options->truth = UMBT_TRUTH_SURFACE;
-    } else {
-        return umb_fail(error, UMB_E_ARGUMENT, "--truth: '%.60s' is none of texels, area, surface",
-                        raw->truth);
+    static const char *const names[] = {"texels", "area", "surface", "disc"};
+    size_t found = 0;
+    options->truth = truth_default(raw, options);
+    if (raw->truth != NULL) {
+        while (found < sizeof names / sizeof names[0] && strcmp(raw->truth, names[found]) != 0) {
+            found++;
+        }
+        if (found == sizeof names / sizeof names[0]) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--truth: '%.60s' is none of texels, area, surface, disc", raw->truth);
+        }
+        options->truth = (enum umbt_truth_kind)found;
     }
-    if (raw->samples > 0 && options->truth != UMBT_TRUTH_AREA) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--samples: only --truth area takes it");
+    if (raw->samples > 0 && options->truth != UMBT_TRUTH_AREA &&
+        options->truth != UMBT_TRUTH_DISC) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--samples: only --truth area and disc take it");
     }
     options->samples = raw->samples > 0 ? (uint32_t)raw->samples : 16;
+    return UMB_OK;
+}
+
+/* The filter, its least width, and the light's extent. */
+static enum umb_status filter_parse(const struct raw *raw, struct umb_query_settings *settings,
+                                    struct umb_error *error)
+{
+    static const char *const names[] = {"box", "tent", "penumbra"};
+    size_t found = 0;
+    while (raw->filter != NULL && found < sizeof names / sizeof names[0] &&
+           strcmp(raw->filter, names[found]) != 0) {
+        found++;
+    }
+    if (found == sizeof names / sizeof names[0]) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--filter: '%.60s' is none of box, tent, penumbra",
+                        raw->filter);
+    }
+    settings->filter = (enum umb_filter)found;
+    settings->taps = raw->taps > 0                             ? (uint32_t)raw->taps
+                     : settings->filter == UMB_FILTER_PENUMBRA ? 1
+                                                               : 9;
+    if (settings->taps % 2 == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %u is not odd", settings->taps);
+    }
+    if (raw->light_size != NULL) {
+        const char *end = raw->light_size;
+        double degrees;
+        if (!umbt_number_read(&end, &degrees) || *end != '\0' ||
+            !(degrees > 0.0 && degrees * RAD_A_DEG <= UMB_EXTENT_MAX)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "--light-size: '%.60s' is not above 0 and at most %g degrees",
+                            raw->light_size, UMB_EXTENT_MAX / RAD_A_DEG);
+        }
+        settings->light_extent = degrees * RAD_A_DEG;
+    }
     return UMB_OK;
 }
 
@@ -97,17 +150,13 @@ static enum umb_status fog_parse(const char *text, double *fog, struct umb_error
 static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_options *options,
                                    struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    if (raw->taps % 2 == 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %u is not odd", (unsigned)raw->taps);
-    }
-    options->settings.taps = (uint32_t)raw->taps;
+    enum umb_status status = filter_parse(raw, &options->settings, error);
     options->settings.light = (uint32_t)raw->light;
     options->settings.format = UMB_ANSWER_F32;
     options->width = 1280;
     options->height = 720;
     options->threads = raw->threads > 0 ? (unsigned)raw->threads : umbt_processor_count();
-    if (raw->camera != NULL) {
+    if (status == UMB_OK && raw->camera != NULL) {
         status = umbt_camera_parse(raw->camera, &options->camera, error);
     }
     if (status == UMB_OK && raw->size != NULL) {
@@ -158,7 +207,7 @@ static enum umb_status options_check(const struct umbt_render_options *options,
         return umb_fail(error, UMB_E_ARGUMENT, "--difference and --reference need --compare");
     }
     if ((options->traced || options->compare) && options->truth != UMBT_TRUTH_SURFACE &&
-        !umbt_source_is_file(options->asset)) {
+        options->truth != UMBT_TRUTH_DISC && !umbt_source_is_file(options->asset)) {
         return umb_fail(
             error, UMB_E_ARGUMENT,
             "--truth: a window's rays need the asset as a file, %.80s is a daemon's; give "
@@ -173,7 +222,7 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
                                           struct umb_error *error)
 {
     memset(options, 0, sizeof *options);
-    struct raw raw = {.taps = 9};
+    struct raw raw = {0};
     const struct umbt_option table[] = {
         {"--asset", UMBT_TEXT, &options->asset, 0, 0},
         {"--address", UMBT_TEXT, &options->daemon.address, 0, 0},
@@ -190,6 +239,8 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
         {"--aa", UMBT_COUNT, &raw.aa, 1, 3},
         {"--light", UMBT_COUNT, &raw.light, 0, UMB_LIGHTS_MAX - 1},
         {"--taps", UMBT_COUNT, &raw.taps, 1, UMB_TAPS_MAX},
+        {"--filter", UMBT_TEXT, &raw.filter, 0, 0},
+        {"--light-size", UMBT_TEXT, &raw.light_size, 0, 0},
         {"--bias", UMBT_TEXT, &raw.bias, 0, 0},
         {"--fog", UMBT_TEXT, &raw.fog, 0, 0},
         {"--traced", UMBT_FLAG, &options->traced, 0, 0},

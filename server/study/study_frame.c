@@ -90,7 +90,9 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
  * The other kinds are exact about what they ask. */
 static double truth_error(const struct umbt_truth *truth)
 {
-    return truth->kind == UMBT_TRUTH_AREA ? 1.0 / (double)truth->samples : 0.0;
+    return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
+               ? 1.0 / (double)truth->samples
+               : 0.0;
 }
 
 /* Judges a receiver whose window is defined. */

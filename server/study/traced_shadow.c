@@ -165,6 +165,53 @@ int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3
     return 0;
 }
 
+/* Two unit vectors across a third. */
+static void across(const double w[3], double u[3], double v[3])
+{
+    const double axis[3] = {fabs(w[0]) < 0.6, !(fabs(w[0]) < 0.6), 0};
+    umbt_cross(axis, w, u);
+    const double length = umbt_length(u);
+    for (int k = 0; k < 3; k++) {
+        u[k] /= length;
+    }
+    umbt_cross(w, u, v);
+}
+
+/* A place in the square -1..1 on both axes to one in the unit disc, areas in proportion. */
+static void square_to_disc(double a, double b, double *x, double *y)
+{
+    const double quarter = 0.7853981633974483;
+    const int wide = fabs(a) > fabs(b);
+    const double radius = wide ? a : b;
+    const double turn = radius == 0.0 ? 0.0 : quarter * (wide ? b : a) / radius;
+    *x = radius * (wide ? cos(turn) : sin(turn));
+    *y = radius * (wide ? sin(turn) : cos(turn));
+}
+
+/* Share of the rays over the light's disc that reach it. */
+static float disc_visibility(const struct umbt_truth *truth, const double from[3],
+                             const double normal[3])
+{
+    const double radius = tan(truth->extent / 2), side = (double)truth->samples;
+    double u[3], v[3], x, y;
+    uint32_t lit = 0;
+    across(truth->to_light, u, v);
+    for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
+        double direction[3];
+        square_to_disc(2 * (i % truth->samples + 0.5) / side - 1,
+                       2 * (i / truth->samples + 0.5) / side - 1, &x, &y);
+        umbt_along(truth->to_light, radius * x, u, direction);
+        umbt_along(direction, radius * y, v, direction);
+        const double length = umbt_length(direction);
+        for (int k = 0; k < 3; k++) {
+            direction[k] /= length;
+        }
+        lit += umbt_dot(direction, normal) > 0.0 &&
+               !umbr_occluded(truth->rays, from, direction, 0.0, FAR_FACTOR * truth->diagonal_m);
+    }
+    return (float)lit / (float)(truth->samples * truth->samples);
+}
+
 float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
                             const double normal[3])
 {
@@ -174,8 +221,11 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     if (!(umbt_dot(normal, towards) > 0.0)) {
         return 0.0F;
     }
-    if (truth->kind == UMBT_TRUTH_SURFACE) {
+    if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {
         umbt_along(point, SURFACE_OFFSET * truth->diagonal_m, normal, window.moved);
+        if (truth->kind == UMBT_TRUTH_DISC) {
+            return disc_visibility(truth, window.moved, normal);
+        }
         return ray_reaches(truth, window.moved) ? 1.0F : 0.0F;
     }
     texel_window(truth, point, normal, &window);

@@ -4,7 +4,7 @@
 /*
  * Shadows by rays: what an asset's pictures are compared with.
  *
- * Three references, each towards the light from points outside the surface, 0 where the normal
+ * Four references, each towards the light from points outside the surface, 0 where the normal
  * faces away:
  *
  * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1: the point is moved as the query
@@ -17,7 +17,11 @@
  * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. What remains is
  *   everything: resolution, bias and filter.
  *
- * Precision: starts are moved 2e-6 of the scene's diagonal off the surface for UMBT_TRUTH_SURFACE,
+ * - UMBT_TRUTH_DISC, the default for penumbras: samples x samples rays from the surface, spread
+ *   evenly over the light's disc (the concentric map of Shirley and Chiu 1997). What remains is
+ *   everything. Parallel light only.
+ *
+ * Precision: starts are moved 2e-6 of the scene's diagonal off the surface for those two,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
  */
 #include "rays/rays.h"
@@ -27,13 +31,15 @@ enum umbt_truth_kind {
     UMBT_TRUTH_TEXELS = 0,
     UMBT_TRUTH_AREA = 1,
     UMBT_TRUTH_SURFACE = 2,
+    UMBT_TRUTH_DISC = 3,
 };
 
 struct umbt_truth {
     const struct umbr_rays *rays; /* borrowed */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
-    uint32_t samples;                  /* for AREA: rays a side, 1..64 */
+    uint32_t samples;                  /* for AREA and DISC: rays a side, 1..64 */
+    double extent;                     /* for DISC: the light's angular diameter, radians */
     double to_light[3];                /* unit; parallel light */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
     const struct umb_frustum_info *frusta; /* of the lamp, borrowed; TEXELS and AREA */

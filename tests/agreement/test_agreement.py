@@ -102,6 +102,23 @@ with test.check("`umbrage query` gives the daemon's answers with the file's bits
         got = test.query_file("city", mixed, "--taps", TAPS, "--normals", "--address", daemon.tcp,
                               *words)
         assert got == expected, words
+with test.check("the daemon agrees on tents and penumbras"):
+    near = client.describe(M.DescribeRequest(asset="arch"), timeout=30)
+    some = ut.random_points(near.bounds_min, near.bounds_max, 4000, SEED)
+    single = ut.floats(some)
+    for words, fields in ((("--filter", "tent"), {"filter": M.FILTER_TENT}),
+                          (("--filter", "penumbra"), {"filter": M.FILTER_PENUMBRA}),
+                          (("--filter", "penumbra", "--light-size", 11.25),
+                           {"filter": M.FILTER_PENUMBRA,
+                            "light_extent": 11.25 * 0.017453292519943295})):
+        from_file = test.query_file(store + "/arch.umb", single, "--taps", 3, *words)
+        assert len(set(ut.from_floats(from_file))) > 5, words
+        for count in (16, 4000):
+            request = M.QueryRequest(asset="arch", points=single[:12 * count], taps=3,
+                                     format=M.ANSWER_F32, **fields)
+            assert client.query(request, timeout=60).visibility == from_file[:4 * count], words
+        assert test.query_file("arch", single, "--taps", 3, "--address", daemon.tcp,
+                               *words) == from_file, words
 with test.check("text points and answers lose nothing that floats hold"):
     lines = "".join(" ".join(f"{v:.9g}" for v in ut.from_floats(data[12 * i:12 * i + 12])) + " "
                     + " ".join(f"{v:.9g}" for v in ut.from_floats(ndata[12 * i:12 * i + 12])) + "\n"

@@ -106,7 +106,8 @@ double umb_query_bound_m(const struct umb_asset *asset, const struct umb_query_s
 {
     const struct umb_content *content = &asset->canonical.content;
     struct umb_query query;
-    if (umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {
+    if (settings->filter == UMB_FILTER_PENUMBRA ||
+        umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {
         return 0;
     }
     const struct umb_light_info *light = &content->lights[settings->light];

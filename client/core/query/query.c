@@ -54,7 +54,7 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
                         UMB_BIAS_MAX);
     }
-    if ((unsigned)settings->filter > UMB_FILTER_TENT) {
+    if ((unsigned)settings->filter > UMB_FILTER_PENUMBRA) {
         return umb_fail(error, UMB_E_ARGUMENT, "filter: %d, unknown", (int)settings->filter);
     }
     if (settings->footprint_m != 0 && settings->taps != 0) {
@@ -66,6 +66,48 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "%s: light %u is not directional; it takes the box filter and taps",
                         settings->filter != UMB_FILTER_BOX ? "filter" : "footprint_m",
+                        settings->light);
+    }
+    return UMB_OK;
+}
+
+/* Angular diameter that penumbras are made for, in radians. */
+static double extent_of(const struct umb_asset *asset, const struct umb_query_settings *settings)
+{
+    return settings->light_extent > 0 ? settings->light_extent
+                                      : asset->canonical.content.lights[settings->light].extent;
+}
+
+/* Penumbras: of a light with an extent, where first occluders are known. */
+static enum umb_status check_penumbra(const struct umb_asset *asset,
+                                      const struct umb_query_settings *settings,
+                                      struct umb_error *error)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    const struct umb_light_info *light = &content->lights[settings->light];
+    if (!(settings->light_extent >= 0 && settings->light_extent <= UMB_EXTENT_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %g rad, must be 0 to %g",
+                        settings->light_extent, UMB_EXTENT_MAX);
+    }
+    if (settings->filter != UMB_FILTER_PENUMBRA) {
+        return settings->light_extent == 0
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT,
+                              "light_extent: %g rad belongs to the penumbra filter",
+                              settings->light_extent);
+    }
+    const double extent = extent_of(asset, settings);
+    if (!(extent > 0 && extent <= UMB_EXTENT_MAX)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "filter: penumbra: light %u is %g rad across, must be above 0 and at most "
+                        "%g; give its extent",
+                        settings->light, extent, UMB_EXTENT_MAX);
+    }
+    if (content->frusta[light->first_frustum].closed && content->front == NULL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "filter: penumbra: light %u was baked under the closed rule, which leaves "
+                        "out the depth of first occluders; bake with --effect front=on, or "
+                        "--closed off",
                         settings->light);
     }
     return UMB_OK;
@@ -120,6 +162,33 @@ static enum umb_status choose_taps(const struct umb_query_settings *settings,
     int32_t half = (int32_t)floor(settings->footprint_m / texel_m / 2);
     *taps = half < UMB_TAPS_MAX / 2 ? 2 * half + 1 : UMB_TAPS_MAX;
     return UMB_OK;
+}
+
+/* Tangent of 0..1/2 as a continued fraction (Lambert 1761): the same bits on all machines, which
+ * libm does not promise. */
+static double tangent(double x)
+{
+    double rest = 17;
+    for (int odd = 15; odd > 0; odd -= 2) {
+        rest = odd - x * x / rest;
+    }
+    return x / rest;
+}
+
+/* What penumbras need to know of the light and of its front. */
+static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
+                         const struct umb_query_settings *settings)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    const double slope = tangent(extent_of(asset, settings) / 2);
+    const double depth_m = length3(q->voxel_step[2]);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        q->reach[axis] = slope * depth_m / length3(q->voxel_step[axis]);
+    }
+    if (content->frusta[q->frustum].closed) {
+        q->front = content->front;
+        q->front_root = content->front[q->frustum];
+    }
 }
 
 /* Spot and point lights: everything else depends on the point. */
@@ -191,6 +260,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     if (status == UMB_OK) {
         status = check_level(asset, settings, error);
     }
+    if (status == UMB_OK) {
+        status = check_penumbra(asset, settings, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
@@ -204,9 +276,10 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         return status;
     }
     struct umb__query q = {
-        .kernel = settings->filter == UMB_FILTER_TENT ? umb__kernel_tent
-                  : settings->level > 0               ? choose_coarse_kernel()
-                                                      : choose_kernel(),
+        .kernel = settings->filter == UMB_FILTER_TENT       ? umb__kernel_tent
+                  : settings->filter == UMB_FILTER_PENUMBRA ? umb__kernel_penumbra
+                  : settings->level > 0                     ? choose_coarse_kernel()
+                                                            : choose_kernel(),
         .grid = asset->view.grid + top->first_cell,
         .nodes = asset->view.nodes,
         .bricks = asset->view.bricks,
@@ -224,6 +297,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     memcpy(q.origin, content->origin, sizeof q.origin);
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         set_bias(&q, settings);
+        if (settings->filter == UMB_FILTER_PENUMBRA) {
+            set_penumbra(&q, asset, settings);
+        }
     } else {
         set_faces(&q, asset, settings);
     }

@@ -37,6 +37,11 @@ struct umb__query {
     double voxel_step[3][3];
     double direction[3];         /* the light's */
     double origin[3];            /* the asset's */
+    /* Penumbras (penumbra.h). */
+    double reach[2];             /* texels on x and y that half of the light's cone gains over one
+                                    voxel of depth */
+    const uint32_t *front;       /* format/front.h; NULL: open, columns stay shadowed */
+    uint32_t front_root;         /* of the frustum */
     /* Spot and point lights (perspective.h); the fields about one frustum are not set then. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
@@ -53,6 +58,12 @@ _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque qu
  * voxels a side, where they should be given as doubles anyway.
  */
 #define UMB__BIAS_SLACK (65.0 / 64.0)
+
+/* Texels from a receiver that are searched: a power of two. */
+#define UMB__PENUMBRA_REACH_MAX ((UMB_PENUMBRA_TAPS_MAX + 1) / 2)
+
+/* Width of the box that stands for a disc of radius 1: as much area, sqrt(pi). */
+#define UMB__PENUMBRA_BOX 1.7724538509055161
 
 #define UMB__LENGTH2_MAX 1e300 /* a squared normal above is not finite */
 
@@ -207,6 +218,10 @@ void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *p
 /* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */
 void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
+
+/* The kernel of lights that are no points (penumbra.h). */
+void umb__kernel_penumbra(const struct umb__query *query, const struct umb_points *points,
+                          size_t first, size_t count, struct umb_answers *answers);
 
 /* The kernel of look-ups that stop at a level (kernel_coarse_body.h). */
 void umb__kernel_coarse(const struct umb__query *query, const struct umb_points *points,

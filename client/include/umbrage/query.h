@@ -63,7 +63,16 @@ enum umb_filter {
      * `umb_answer_format`, count is then the sum of the lit texels' weights, and m^4 stands for
      * taps * taps. Directional lights only. */
     UMB_FILTER_TENT = 1,
+    /* Half shadows of a light that is no point: what blocks the light is searched in the cone of
+     * its rays to the point, its distance gives the width of the penumbra, and a box of that width
+     * the answer (percentage closer soft shadows); continuous in that width. `taps` is the least
+     * width. Directional lights that have an extent; under the closed rule assets with the effect
+     * `front`. The widest penumbra is UMB_PENUMBRA_TAPS_MAX texels. */
+    UMB_FILTER_PENUMBRA = 2,
 };
+
+#define UMB_PENUMBRA_TAPS_MAX 2047 /* texels: a light wider makes penumbras as wide as this */
+#define UMB_EXTENT_MAX        1.0  /* radians: widest light, 57.3 degrees */
 
 enum umb_answer_format {
     UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
@@ -92,6 +101,9 @@ struct umb_query_settings {
      * may be off by the size of a cell (umb_query_bound_m). Odd, 3 to umb_level_max of the frustum;
      * one tap, no footprint. The automatic bias is that of two cells. Directional lights only. */
     uint32_t level;
+    /* For UMB_FILTER_PENUMBRA: the light's angular diameter in radians, up to UMB_EXTENT_MAX;
+     * 0: the asset's. */
+    double light_extent;
 };
 
 /*

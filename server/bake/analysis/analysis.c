@@ -302,6 +302,10 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
     analysis->in_world = 1;
     analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
     status = umbb_lights_choose(view, options, analysis->z_up, &analysis->choice, error);
+    for (uint32_t i = 0; options->penumbra == UMBB_PENUMBRA_OFF && i < analysis->choice.count;
+         i++) {
+        analysis->choice.lights[i].extent = 0.0;
+    }
     if (status == UMB_OK) {
         status = fit_frusta(analysis, options->resolution_log2, error);
     }

@@ -80,6 +80,15 @@ static void write_origin(FILE *to, const struct umbb_analysis *a)
             on ? "on" : "off", most, off, off / voxel, voxel);
 }
 
+static int has_extent(const struct umbb_analysis *a)
+{
+    int any = 0;
+    for (uint32_t i = 0; i < a->choice.count; i++) {
+        any |= a->choice.lights[i].extent > 0.0;
+    }
+    return any;
+}
+
 /* Why an effect that this version lacks is off. */
 static const char *missing_reason(const struct umbb_options *options, uint32_t effect)
 {
@@ -101,25 +110,51 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
     return width;
 }
 
-/* A light that is no point: what its half shadows would be, of the light that has the widest. */
+/* Why penumbras of a light are off; NULL if they are on. */
+static const char *penumbra_refusal(const struct umbb_analysis *a,
+                                    const struct umbb_options *options,
+                                    const struct umb_light_info *light)
+{
+    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
+        return "queries have none of spot and point lights: ";
+    }
+    return a->closed_rule && !options->front
+               ? "the closed rule leaves out the first occluders that it needs (--effect "
+                 "penumbra=on keeps them): "
+               : NULL;
+}
+
+/* Lights that are no points: half shadows of the light that has the widest. */
 static void write_penumbra(FILE *to, const struct umbb_analysis *a,
                            const struct umbb_options *options)
 {
     const struct umb_light_info *worst = &a->choice.lights[0];
     double most = 0.0, voxels;
-    for (uint32_t i = 0; i < a->choice.count; i++) {
-        (void)penumbra_width(a, &a->choice.lights[i], &voxels);
-        if (voxels > most) {
-            most = voxels;
-            worst = &a->choice.lights[i];
+    if (options->penumbra != UMBB_PENUMBRA_AUTO && !has_extent(a)) {
+        fprintf(to, "effect=penumbra state=off reason=\"%s\" cost=\"none\"\n",
+                options->penumbra == UMBB_PENUMBRA_OFF
+                    ? "switched off: lights are kept without an extent"
+                    : "switched on, but no light has an extent (--light-size)");
+        return;
+    }
+    /* Lamps only where no sun calls for it. */
+    for (int lamps = 0; lamps < 2 && !(most > 1.0); lamps++) {
+        for (uint32_t i = 0; i < a->choice.count; i++) {
+            const struct umb_light_info *light = &a->choice.lights[i];
+            (void)penumbra_width(a, light, &voxels);
+            if ((light->kind != UMB_LIGHT_DIRECTIONAL) == lamps && voxels > most) {
+                most = voxels;
+                worst = light;
+            }
         }
     }
     if (!(most > 1.0)) {
         return;
     }
     const double width = penumbra_width(a, worst, &voxels);
-    fprintf(to, "effect=penumbra state=off reason=\"%s: ",
-            missing_reason(options, UMBB_MISSING_PENUMBRA));
+    const char *refusal = penumbra_refusal(a, options, worst);
+    fprintf(to, "effect=penumbra state=%s reason=\"%s", refusal ? "off" : "on",
+            refusal ? refusal : "");
     if (worst->kind == UMB_LIGHT_DIRECTIONAL) {
         fprintf(to, "a light %.3g degrees across over %.6g m makes half shadows up to %.3g m",
                 worst->extent * 57.29577951308232, width / worst->extent, width);
@@ -129,7 +164,9 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
                 "the receiver",
                 worst->extent, width);
     }
-    fprintf(to, " or %.3g voxels wide; edges are baked sharp\" cost=\"none\"\n", voxels);
+    fprintf(to, " or %.3g voxels wide%s\" cost=\"%s\"\n", voxels,
+            refusal ? "; edges stay sharp" : "",
+            refusal ? "none" : "none in the bake; a blocker search in queries that ask for it");
 }
 
 /* Several directional lights, and the frusta of spot and point lights. */

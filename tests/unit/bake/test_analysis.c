@@ -383,8 +383,10 @@ static void plan_says_what_this_version_leaves_out(void **state)
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
     assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
     assert_null(strstr(plan, "effect=suns")); /* --sun replaces the file's lights */
-    assert_non_null(strstr(plan, "effect=penumbra state=off reason=\"not in this version: a light "
-                                 "0.53 degrees across"));
+    assert_non_null(strstr(plan,
+                           "effect=penumbra state=off reason=\"the closed rule leaves out the "
+                           "first occluders that it needs (--effect penumbra=on keeps them): "
+                           "a light 0.53 degrees across"));
     char *json;
     size_t size;
     FILE *to = open_memstream(&json, &size);
@@ -396,6 +398,41 @@ static void plan_says_what_this_version_leaves_out(void **state)
     free(json);
     free(plan);
     umbb_analysis_finish(&a);
+}
+
+static void the_penumbra_effect_is_on_where_first_occluders_are_kept(void **state)
+{
+    static const struct {
+        enum umbb_closed_mode closed;
+        int front;
+        enum umbb_penumbra_mode mode;
+        const char *line;
+    } cases[] = {
+        {UMBB_CLOSED_OFF, 0, UMBB_PENUMBRA_AUTO,
+         "effect=penumbra state=on reason=\"a light 0.53 degrees across over "},
+        {UMBB_CLOSED_AUTO, 1, UMBB_PENUMBRA_ON, "effect=penumbra state=on reason=\"a light 0.53 "},
+        {UMBB_CLOSED_OFF, 0, UMBB_PENUMBRA_OFF,
+         "effect=penumbra state=off reason=\"switched off: lights are kept without an extent\""},
+    };
+    struct small_scene s;
+    (void)state;
+    small_scene_init(&s);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbb_options options = options_of(cases[i].closed);
+        struct umbb_analysis a;
+        struct umb_error error;
+        char *plan;
+        options.front = cases[i].front;
+        options.penumbra = cases[i].mode;
+        options.lights.count = 1;
+        options.lights.items[0].elevation_deg = 45.0;
+        assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+        assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+        assert_non_null(strstr(plan, cases[i].line));
+        assert_true((a.choice.lights[0].extent > 0) == (cases[i].mode != UMBB_PENUMBRA_OFF));
+        free(plan);
+        umbb_analysis_finish(&a);
+    }
 }
 
 static void corners_out_of_reach_are_refused_and_not_dropped(void **state)
@@ -478,6 +515,7 @@ int main(void)
         cmocka_unit_test(plan_and_settings_say_what_and_why),
         cmocka_unit_test(triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaque),
         cmocka_unit_test(plan_says_what_this_version_leaves_out),
+        cmocka_unit_test(the_penumbra_effect_is_on_where_first_occluders_are_kept),
         cmocka_unit_test(corners_out_of_reach_are_refused_and_not_dropped),
         cmocka_unit_test(memory_is_divided_within_the_limit),
         cmocka_unit_test(foreign_text_is_escaped),

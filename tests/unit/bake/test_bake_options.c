@@ -230,10 +230,16 @@ static void effects_are_overruled_by_name(void **state)
     assert_int_equal(
         parse("s.ply -o o --effect cut-out=off --effect penumbra=off --effect mraa=off", &o, &e),
         UMB_OK);
-    assert_int_equal(o.effects_off, UMBB_MISSING_PENUMBRA);
+    assert_int_equal(o.effects_off, 0);
     assert_int_equal(o.opaque_cut_outs, 1);
+    assert_int_equal(o.penumbra, UMBB_PENUMBRA_OFF);
+    assert_int_equal(o.front, 0);
     assert_int_equal(parse("s.ply -o o --effect cut-out=on", &o, &e), UMB_OK);
     assert_int_equal(o.opaque_cut_outs, 0);
+    assert_int_equal(parse("s.ply -o o --effect penumbra=on", &o, &e), UMB_OK);
+    assert_true(o.penumbra == UMBB_PENUMBRA_ON && o.front);
+    assert_int_equal(parse("s.ply -o o", &o, &e), UMB_OK);
+    assert_true(o.penumbra == UMBB_PENUMBRA_AUTO && !o.front);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     static const struct {
         const char *line, *value;
@@ -243,7 +249,7 @@ static void effects_are_overruled_by_name(void **state)
         {"s -o o --effect =on", "'=on' is not an effect"},
         {"s -o o --effect close=on", "'close=on' is not an effect"},
         {"s -o o --effect suns=off", "'suns=off': the effect follows from the lights"},
-        {"s -o o --effect penumbra=on", "this version does not have the effect"},
+        {"s -o o --effect mraa=on", "this version does not have the effect"},
         {"s -o o --effect voaa=on", "this version does not have the effect"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {

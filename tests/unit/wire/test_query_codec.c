@@ -132,6 +132,46 @@ static void dials_and_levels_keep_their_numbers_and_exclude_taps(void **state)
     }
 }
 
+static void filters_keep_their_numbers_and_unknown_ones_are_refused(void **state)
+{
+    static const struct {
+        int filter;
+        double light_extent;
+        const char *message; /* NULL: taken */
+    } cases[] = {
+        {UMB_FILTER_TENT, 0, NULL},
+        {UMB_FILTER_PENUMBRA, 0.25, NULL},
+        {3, 0, "filter: 3 is not one of"},
+        {UMB_FILTER_PENUMBRA, 1.5, "light_extent: 1.5 is not within 0..1"},
+        {UMB_FILTER_PENUMBRA, (double)NAN, "light_extent: nan"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbw_query_request in = sample_request(positions, normals, POINTS), out;
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        struct umb_error error;
+        in.settings.filter = (enum umb_filter)cases[i].filter;
+        in.settings.light_extent = cases[i].light_extent;
+        enum umb_status status = umbw_encode_query_request(&in, &buffer, &error);
+        umbw_buffer_finish(&buffer);
+        assert_int_equal(status, cases[i].message ? UMB_E_ARGUMENT : UMB_OK);
+        /* What a foreign client sends: field 30 as a number, field 31 as a double. */
+        uint8_t message[13] = {0xf0, 0x01, (uint8_t)cases[i].filter, 0xf9, 0x01};
+        memcpy(message + 5, &cases[i].light_extent, sizeof(double));
+        uint8_t named[16] = {0x0a, 1, 'a'};
+        memcpy(named + 3, message, sizeof message);
+        status = umbw_decode_query_request(named, sizeof named, POINTS, &out, &error);
+        if (cases[i].message) {
+            assert_int_equal(status, UMB_E_ARGUMENT);
+            assert_non_null(strstr(error.message, cases[i].message));
+        } else {
+            assert_int_equal(status, UMB_OK);
+            assert_int_equal(out.settings.filter, cases[i].filter);
+            assert_true(out.settings.light_extent == cases[i].light_extent);
+        }
+    }
+}
+
 static void request_reads_in_protobuf_c_as_the_proto_file_says(void **state)
 {
     struct umbw_query_request in = sample_request(positions, normals, POINTS);
@@ -606,6 +646,7 @@ int main(void)
         cmocka_unit_test(repeated_small_fields_meet_a_limit),
         cmocka_unit_test(encoder_refuses_what_the_decoder_would),
         cmocka_unit_test(request_decoder_survives_prefixes_and_flips),
+        cmocka_unit_test(filters_keep_their_numbers_and_unknown_ones_are_refused),
         cmocka_unit_test(dials_and_levels_keep_their_numbers_and_exclude_taps),
         cmocka_unit_test(reply_round_trip_keeps_every_field),
         cmocka_unit_test(reply_without_a_whole_id_is_refused),

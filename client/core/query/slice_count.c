@@ -1,0 +1,257 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See slice_count.h. Descents end: levels fall by two down to bricks. */
+#include "query/slice_count.h"
+
+/* A cube of the slice: its first texel and its level. */
+struct square {
+    int32_t x, y;
+    uint32_t level;
+};
+
+/* The two columns and the two rows of windows whose four products are counted: 0 is the outer. */
+struct ranges {
+    int32_t x0[2], x1[2], y0[2], y1[2];
+};
+
+struct count {
+    const struct umb__slice *slice;
+    uint32_t z;
+    struct ranges in; /* inside the frustum */
+    uint64_t lit[4];  /* window k: column k % 2, row k / 2 */
+};
+
+static int32_t least(int32_t a, int32_t b)
+{
+    return a < b ? a : b;
+}
+
+static int32_t most(int32_t a, int32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* Texels of a square's side that lie in low..high. */
+static uint64_t overlap(int32_t at, uint32_t level, int32_t low, int32_t high)
+{
+    const int32_t last = at + (int32_t)(((uint32_t)1 << level) - 1);
+    const int32_t count = least(high, last) - most(low, at) + 1;
+    return count > 0 ? (uint64_t)count : 0;
+}
+
+/* Bits of a byte inside low..high, counted from `at`. */
+static uint64_t byte_mask(int32_t at, int32_t low, int32_t high)
+{
+    const int32_t first = most(low - at, 0), last = least(high - at, 7);
+    return first <= last ? (0xffU >> (7 - last)) & (0xffU << first) : 0;
+}
+
+/* The same of the rows of an 8x8 slice. */
+static uint64_t row_mask(int32_t at, int32_t low, int32_t high)
+{
+    const int32_t first = most(low - at, 0), last = least(high - at, 7);
+    return first <= last ? (UINT64_MAX << (8 * first)) & (UINT64_MAX >> (8 * (7 - last))) : 0;
+}
+
+static void add_uniform(struct count *c, const struct square *s)
+{
+    uint64_t columns[2], rows[2];
+    for (unsigned i = 0; i < 2; i++) {
+        columns[i] = overlap(s->x, s->level, c->in.x0[i], c->in.x1[i]);
+        rows[i] = overlap(s->y, s->level, c->in.y0[i], c->in.y1[i]);
+    }
+    for (unsigned k = 0; k < 4; k++) {
+        c->lit[k] += columns[k % 2] * rows[k / 2];
+    }
+}
+
+static void add_brick(struct count *c, const struct square *s, uint32_t number)
+{
+    const uint64_t bits = c->slice->tree->bricks[number][c->z & 7];
+    c->slice->stats->bricks++;
+    for (unsigned k = 0; k < 4; k++) {
+        const uint64_t columns = byte_mask(s->x, c->in.x0[k % 2], c->in.x1[k % 2]);
+        const uint64_t rows = row_mask(s->y, c->in.y0[k / 2], c->in.y1[k / 2]);
+        c->lit[k] +=
+            (uint64_t)__builtin_popcountll(bits & (columns * UINT64_C(0x0101010101010101)) & rows);
+    }
+}
+
+static void add_link(struct count *c, const struct square *s, struct umb__link link)
+{
+    if (!link.mixed) {
+        if (link.lit) {
+            add_uniform(c, s);
+        }
+        return;
+    }
+    if (s->level == UMB_LEVEL_BRICK) {
+        add_brick(c, s, link.number);
+        return;
+    }
+    const uint32_t level = s->level - 2;
+    const int32_t side = (int32_t)1 << level, end = 4 * side - 1;
+    c->slice->stats->nodes++;
+    for (int32_t y = most(c->in.y0[0], s->y) & -side; y <= least(c->in.y1[0], s->y + end);
+         y += side) {
+        for (int32_t x = most(c->in.x0[0], s->x) & -side; x <= least(c->in.x1[0], s->x + end);
+             x += side) {
+            const struct square child = {x, y, level};
+            const unsigned bit = umb__child_at(level, (uint32_t)x, (uint32_t)y, c->z);
+            add_link(c, &child, umb__tree_child(c->slice->tree, link.number, bit));
+        }
+    }
+}
+
+/* Calls for each grid cell of the outer window. */
+static void count_windows(struct count *c)
+{
+    const struct umb__tree *tree = c->slice->tree;
+    const uint32_t level = umb__tree_cell_level(tree);
+    for (int32_t y = c->in.y0[0] >> level; y <= c->in.y1[0] >> level; y++) {
+        for (int32_t x = c->in.x0[0] >> level; x <= c->in.x1[0] >> level; x++) {
+            const struct square cell = {(int32_t)((uint32_t)x << level),
+                                        (int32_t)((uint32_t)y << level), level};
+            c->slice->stats->nodes++;
+            add_link(c, &cell, umb__tree_cell(tree, (uint32_t)x, (uint32_t)y, c->z >> level));
+        }
+    }
+}
+
+/* Whether a state is met in a square; see umb__slice_has. */
+static bool link_has(const struct count *c, const struct square *s, struct umb__link link, bool lit)
+{
+    if (!link.mixed) {
+        return link.lit == lit;
+    }
+    if (s->level == UMB_LEVEL_BRICK) {
+        const uint64_t bits = c->slice->tree->bricks[link.number][c->z & 7];
+        c->slice->stats->bricks++;
+        return ((lit ? bits : ~bits) &
+                (byte_mask(s->x, c->in.x0[0], c->in.x1[0]) * UINT64_C(0x0101010101010101)) &
+                row_mask(s->y, c->in.y0[0], c->in.y1[0])) != 0;
+    }
+    const uint32_t level = s->level - 2;
+    const int32_t side = (int32_t)1 << level, end = 4 * side - 1;
+    c->slice->stats->nodes++;
+    for (int32_t y = most(c->in.y0[0], s->y) & -side; y <= least(c->in.y1[0], s->y + end);
+         y += side) {
+        for (int32_t x = most(c->in.x0[0], s->x) & -side; x <= least(c->in.x1[0], s->x + end);
+             x += side) {
+            const struct square child = {x, y, level};
+            const unsigned bit = umb__child_at(level, (uint32_t)x, (uint32_t)y, c->z);
+            if (link_has(c, &child, umb__tree_child(c->slice->tree, link.number, bit), lit)) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/* Clips low..high to the frustum; empty ranges stay empty. */
+static void clip(int64_t low, int64_t high, int32_t size, int32_t *first, int32_t *last)
+{
+    *first = low < 0 ? 0 : low >= size ? size : (int32_t)low;
+    *last = high < 0 ? -1 : high >= size ? size - 1 : (int32_t)high;
+}
+
+static uint32_t clamp_depth(const struct umb__slice *slice, int32_t size)
+{
+    return slice->z >= size ? (uint32_t)size - 1 : (uint32_t)slice->z;
+}
+
+bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, bool lit)
+{
+    const int32_t size = (int32_t)1 << slice->tree->log2_size;
+    if (slice->z < 0) {
+        return lit;
+    }
+    struct count c = {.slice = slice, .z = clamp_depth(slice, size)};
+    clip(texels.x0, texels.x1, size, &c.in.x0[0], &c.in.x1[0]);
+    clip(texels.y0, texels.y1, size, &c.in.y0[0], &c.in.y1[0]);
+    const bool cut = c.in.x0[0] != texels.x0 || c.in.x1[0] != texels.x1 ||
+                     c.in.y0[0] != texels.y0 || c.in.y1[0] != texels.y1;
+    if (cut && lit) {
+        return true;
+    }
+    const uint32_t level = umb__tree_cell_level(slice->tree);
+    for (int32_t y = c.in.y0[0] >> level; y <= c.in.y1[0] >> level && c.in.y0[0] <= c.in.y1[0];
+         y++) {
+        for (int32_t x = c.in.x0[0] >> level; x <= c.in.x1[0] >> level && c.in.x0[0] <= c.in.x1[0];
+             x++) {
+            const struct square cell = {(int32_t)((uint32_t)x << level),
+                                        (int32_t)((uint32_t)y << level), level};
+            slice->stats->nodes++;
+            if (link_has(&c, &cell,
+                         umb__tree_cell(slice->tree, (uint32_t)x, (uint32_t)y, c.z >> level),
+                         lit)) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/* One axis of a box: texels wholly covered, those covered at all, and the part of the latter. */
+struct span {
+    int64_t low[2], high[2]; /* 0: covered at all; 1: wholly */
+    double weight[2];        /* of the two windows; their sum is 1 */
+};
+
+static struct span span_of(int64_t middle, double width)
+{
+    const int64_t half = (int64_t)((width - 1.0) / 2.0);
+    const double part = (width - (double)(2 * half + 1)) / 2.0;
+    const int64_t more = part > 0 ? 1 : 0;
+    return (struct span){{middle - half - more, middle - half},
+                         {middle + half + more, middle + half},
+                         {part, 1.0 - part}};
+}
+
+static int64_t length(int64_t low, int64_t high)
+{
+    return high >= low ? high - low + 1 : 0;
+}
+
+double umb__slice_share(const struct umb__slice *slice, const struct umb__real_box *box)
+{
+    const int32_t size = (int32_t)1 << slice->tree->log2_size;
+    if (slice->z < 0) {
+        return 1;
+    }
+    const struct span x = span_of(box->x, box->width), y = span_of(box->y, box->height);
+    struct count c = {.slice = slice, .z = clamp_depth(slice, size)};
+    for (unsigned i = 0; i < 2; i++) {
+        clip(x.low[i], x.high[i], size, &c.in.x0[i], &c.in.x1[i]);
+        clip(y.low[i], y.high[i], size, &c.in.y0[i], &c.in.y1[i]);
+    }
+    int64_t all[4];
+    for (unsigned k = 0; k < 4; k++) {
+        const unsigned i = k % 2, j = k / 2;
+        all[k] = length(x.low[i], x.high[i]) * length(y.low[j], y.high[j]);
+        /* What is cut off is lit. */
+        c.lit[k] =
+            (uint64_t)(all[k] - length(c.in.x0[i], c.in.x1[i]) * length(c.in.y0[j], c.in.y1[j]));
+    }
+    if (c.in.x0[0] <= c.in.x1[0] && c.in.y0[0] <= c.in.y1[0]) {
+        count_windows(&c);
+    }
+    double lit = 0, total = 0;
+    for (unsigned k = 0; k < 4; k++) {
+        const double weight = x.weight[k % 2] * y.weight[k / 2];
+        lit += weight * (double)c.lit[k];
+        total += weight * (double)all[k];
+    }
+    return lit / total;
+}
+
+void umb__store_share(void *values, enum umb_answer_format format, size_t i, double share)
+{
+    if (format == UMB_ANSWER_F32) {
+        const float value = (float)share;
+        memcpy((uint8_t *)values + i * sizeof value, &value, sizeof value);
+    } else if (format == UMB_ANSWER_U8) {
+        ((uint8_t *)values)[i] = (uint8_t)(255.0 * share + 0.5);
+    } else {
+        umb__store_answer(values, format, i, share >= 0.5, 1);
+    }
+}
