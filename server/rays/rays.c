@@ -60,8 +60,8 @@ struct crossing_list {
     const uint8_t *closed;
     struct crossing hits[HITS_MAX]; /* sorted by distance, then triangle */
     size_t count;
-    int more;        /* hits were left out */
-    int has_last;    /* only hits beyond `last` are wanted */
+    int more;     /* hits were left out */
+    int has_last; /* only hits beyond `last` are wanted */
     struct crossing last;
 };
 
@@ -127,12 +127,10 @@ static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
     if (geometry == NULL) {
         return 0;
     }
-    float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
-                                              RTC_FORMAT_FLOAT3, 3 * sizeof(float),
-                                              3 * rays->count);
-    uint32_t *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0,
-                                                RTC_FORMAT_UINT3, 3 * sizeof(uint32_t),
-                                                rays->count);
+    float *vertices = rtcSetNewGeometryBuffer(
+        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), 3 * rays->count);
+    uint32_t *indices = rtcSetNewGeometryBuffer(
+        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(uint32_t), rays->count);
     if (vertices == NULL || indices == NULL) {
         rtcReleaseGeometry(geometry);
         return 0;
@@ -164,8 +162,7 @@ static int build_scene(struct umbr_rays *rays, const double (*corners)[3][3])
     if (rays->scene == NULL) {
         return 0;
     }
-    rtcSetSceneFlags(rays->scene,
-                     RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
+    rtcSetSceneFlags(rays->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
     rtcSetSceneBuildQuality(rays->scene, rays->quality);
     if (rays->count > 0 && !add_geometry(rays, corners)) {
         return 0;
@@ -265,6 +262,35 @@ int umbr_occluded(const struct umbr_rays *rays, const double from[3], const doub
     rtcInitIntersectContext(&context);
     rtcOccluded1(rays->scene, &context, &ray);
     return isinf(ray.tfar) && ray.tfar < 0; /* how Embree marks a hit */
+}
+
+void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
+                    const double direction[3], double near_m, double far_m, uint8_t occluded[8])
+{
+    struct RTCIntersectContext context;
+    struct RTCRay8 packet;
+    _Alignas(32) int valid[8];
+    for (int i = 0; i < 8; i++) {
+        const struct RTCRay ray = ray_of(rays, from[i], direction, near_m, far_m);
+        valid[i] = ray.tfar >= ray.tnear ? -1 : 0;
+        packet.org_x[i] = ray.org_x;
+        packet.org_y[i] = ray.org_y;
+        packet.org_z[i] = ray.org_z;
+        packet.tnear[i] = ray.tnear;
+        packet.dir_x[i] = ray.dir_x;
+        packet.dir_y[i] = ray.dir_y;
+        packet.dir_z[i] = ray.dir_z;
+        packet.time[i] = ray.time;
+        packet.tfar[i] = ray.tfar;
+        packet.mask[i] = ray.mask;
+        packet.id[i] = ray.id;
+        packet.flags[i] = ray.flags;
+    }
+    rtcInitIntersectContext(&context);
+    rtcOccluded8(valid, rays->scene, &context, &packet);
+    for (int i = 0; i < 8; i++) {
+        occluded[i] = valid[i] && isinf(packet.tfar[i]) && packet.tfar[i] < 0;
+    }
 }
 
 /* Twice the area vector of a triangle, by its winding, in doubles. */

@@ -16,8 +16,8 @@
 struct umbr_rays; /* opaque */
 
 struct umbr_hit {
-    double distance;     /* along the unit direction, metres; negative if nothing was hit */
-    double normal[3];    /* unit, geometric, by the triangle's winding */
+    double distance;  /* along the unit direction, metres; negative if nothing was hit */
+    double normal[3]; /* unit, geometric, by the triangle's winding */
     uint32_t triangle;
 };
 
@@ -54,6 +54,10 @@ void umbr_rays_destroy(struct umbr_rays *rays);
  */
 int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m);
+
+/* The same for eight rays of one direction at once, a packet. Out: occluded: 0 or 1 each. */
+void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
+                    const double direction[3], double near_m, double far_m, uint8_t occluded[8]);
 
 /* Nearest hit, with the same arguments. */
 void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],

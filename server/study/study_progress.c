@@ -6,6 +6,13 @@
 #include <time.h>
 #include <unistd.h>
 
+double umbt_cpu_s(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
 double umbt_now_s(void)
 {
     struct timespec now = {0};

@@ -5,10 +5,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include "maps/map_poisson.h"
 #include "study/parallel_for.h"
 #include "study/shading.h"
+#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
 
@@ -155,15 +155,8 @@ void umbt_technique_view_finish(struct umbt_technique_view *view)
     umbt_gbuffer_finish(&view->buffer);
 }
 
-static double cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
-static void compare(const struct umbt_technique_view *view, const float *truth, const float *values,
-                    struct umbt_technique_result *result)
+void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
+                            const float *values, struct umbt_technique_result *result)
 {
     size_t facing = 0, over = 0;
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
@@ -221,23 +214,23 @@ enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
     const struct umb_map_filter filter = filter_of(view, row);
     struct umb_map *map;
     struct umb_map_query query;
-    const double start = cpu_s();
+    const double start = umbt_cpu_s();
     enum umb_status status = umb_map_build(&view->frustum, &layer, &settings, NULL, &map, error);
     if (status != UMB_OK) {
         return status;
     }
-    result->build_s = cpu_s() - start;
+    result->build_s = umbt_cpu_s() - start;
     status = umb_map_prepare(map, &filter, &query, error);
     if (status == UMB_OK) {
         const struct umb_points points = {.positions = view->buffer.positions,
                                           .format = UMB_POINT_F64,
                                           .normals = view->buffer.normals,
                                           .count = view->buffer.receiver_count};
-        const double asked = cpu_s();
+        const double asked = umbt_cpu_s();
         umb_map_run(&query, &points, 0, points.count, values);
-        result->query_ns = 1e9 * (cpu_s() - asked) / (double)points.count;
+        result->query_ns = 1e9 * (umbt_cpu_s() - asked) / (double)points.count;
         umb_map_get_info(map, &result->info);
-        compare(view, view->truth[row->truth], values, result);
+        umbt_technique_compare(view, view->truth[row->truth], values, result);
     }
     umb_map_destroy(map);
     return status;

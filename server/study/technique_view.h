@@ -46,6 +46,11 @@ struct umbt_technique_result {
     double over_half;             /* share of points off by more than 0.5 */
 };
 
+/* Adds the differences of answers from a truth, over points that face the light, to a zeroed
+ * result. truth, values: float[receivers]. */
+void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
+                            const float *values, struct umbt_technique_result *result);
+
 /* Builds, asks and compares one row. values: float[receivers], out. */
 UMB_CHECKED enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
                                                const struct umbt_technique_row *row, float *values,

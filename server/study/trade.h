@@ -21,11 +21,12 @@
 #include "study/study_scene.h"
 #include "umbrage/query.h"
 
-#define UMBT_TRADE_BAKES_MAX    24
-#define UMBT_TRADE_SETTINGS_MAX 256
-#define UMBT_TRADE_RUNS         7 /* timed, interleaved; the median counts */
-#define UMBT_TRADE_SPREAD_MAX   0.15
-#define UMBT_TRADE_NAME         32
+#define UMBT_TRADE_BAKES_MAX      24
+#define UMBT_TRADE_SETTINGS_MAX   256
+#define UMBT_TRADE_RUNS           7 /* timed, interleaved; the median counts */
+#define UMBT_TRADE_SPREAD_MAX     0.15
+#define UMBT_TRADE_NAME           32
+#define UMBT_TRADE_TECHNIQUES_MAX 64
 
 struct umbt_trade_options {
     const char *scene, *folder, *light, *sun, *up;
@@ -74,8 +75,8 @@ struct umbt_trade_points {
 
 /* How one setting did on all sets together, and in time. */
 struct umbt_trade_result {
-    uint32_t bake; /* index */
-    uint32_t taps;
+    uint32_t bake;              /* index */
+    uint32_t taps, level;       /* as in struct umb_query_settings */
     uint64_t judged, undefined; /* samples; left out because their window reaches into a solid */
     double rms, worst;          /* against the area truth */
     double over_001, over_01, over_05;
@@ -85,16 +86,29 @@ struct umbt_trade_result {
     double truth_error;      /* of the area truth itself, estimated, RMS */
     double ns_view, ns_free; /* a point, one thread, CPU time, median */
     double ns_view_all;      /* a point, all threads, wall time, median */
-    double spread;           /* (largest - least) / median of ns_view's runs */
-    double nodes, bricks;    /* read a point, view */
+    /* (largest - least) / median of each one's runs, without the outermost of each side. Above
+     * UMBT_TRADE_SPREAD_MAX a time is not told. */
+    double spread, spread_free, spread_all;
+    double nodes, bricks; /* read a point, view */
 };
 
 /* Rays, asked about the same points. */
 struct umbt_trade_rays {
     double ns_view, ns_free; /* one ray a point */
+    double ns_view8;         /* the same, eight points a call */
     double ns_area;          /* 81 rays a point, view */
-    double spread;
-    int64_t stopped; /* by something, in all runs */
+    double spread;           /* of ns_view */
+    int64_t stopped;         /* by something, in all runs */
+};
+
+/* A shadow map of the literature, or an asset's DAG, on one view (trade_techniques.c). */
+struct umbt_trade_technique {
+    char name[UMBT_TRADE_NAME];
+    const char *truth; /* what its filter is compared with: box, point, disc */
+    int is_dag;
+    uint64_t bytes;                          /* in memory */
+    double build_s, ns, spread;              /* CPU time; a point, on one thread */
+    double mean, lighter, darker, over_half; /* as in struct umbt_technique_result */
 };
 
 struct umbt_trade {
@@ -106,6 +120,9 @@ struct umbt_trade {
     struct umbt_trade_result results[UMBT_TRADE_SETTINGS_MAX];
     uint32_t result_count;
     struct umbt_trade_rays rays;
+    struct umbt_trade_technique techniques[UMBT_TRADE_TECHNIQUES_MAX];
+    uint32_t technique_count, technique_resolution;
+    size_t technique_points;
     double started_s, seconds; /* of the whole study, known when it reports */
 };
 

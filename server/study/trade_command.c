@@ -10,11 +10,13 @@
 #include "study/trade.h"
 #include "study/trade_pictures.h"
 #include "study/trade_report.h"
+#include "study/trade_techniques.h"
 
 #define RESOLUTION_QUICK 4096
 #define RESOLUTION_FULL  16384
 #define POINTS_QUICK     12000
 #define POINTS_FULL      60000
+#define PATH_BYTES       4096
 
 static const char help[] =
     "usage: umbrage-study SCENE -o DIR [options]\n"
@@ -22,8 +24,9 @@ static const char help[] =
     "\n"
     "Shows what accuracy costs: bakes the scene at many resolutions, open and closed, asks each "
     "at\n"
-    "several filter widths about the same points, and compares errors, time and bytes with traced\n"
-    "rays. Writes DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/\n"
+    "several filter widths and coarse levels about the same points, and compares errors, time and\n"
+    "bytes with traced rays; and every shadow map of the literature on one view. Writes "
+    "DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/\n"
     "and assets/. Stopped and started again, it goes on with the assets that are there.\n"
     "\n"
     "  -o, --output DIR     made if it is not there\n"
@@ -94,6 +97,36 @@ static enum umb_status options_parse(int argc, char **argv, struct umbt_trade_op
     return status != UMB_OK || options->help ? status : options_check(options, &positionals, error);
 }
 
+/* The aliasing heat map of the same view, by the command that makes one. */
+static enum umb_status heat_draw(const struct umbt_trade *trade, struct umb_error *error)
+{
+    char path[PATH_BYTES], threads[16];
+    char *arguments[16];
+    int count = 0;
+    if (snprintf(path, sizeof path, "%s/pictures/aliasing.png", trade->options.folder) >=
+        (int)sizeof path) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
+    }
+    (void)snprintf(threads, sizeof threads, "%u", (unsigned)trade->options.threads);
+    const char *const words[][2] = {{"-o", path},
+                                    {"--size", "480x270"},
+                                    {"--threads", threads},
+                                    {"--resolution", "4096"},
+                                    {"--sun", trade->options.sun},
+                                    {"--up", trade->options.up}};
+    arguments[count++] = (char *)(uintptr_t)trade->options.scene;
+    arguments[count++] = (char *)(uintptr_t) "--quiet";
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        if (words[i][1] != NULL) {
+            arguments[count++] = (char *)(uintptr_t)words[i][0];
+            arguments[count++] = (char *)(uintptr_t)words[i][1];
+        }
+    }
+    return umbt_aliasing_command(count, arguments) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
+}
+
 static enum umb_status study_run(struct umbt_trade *trade, struct umb_error *error)
 {
     enum umb_status status = umbt_scene_init(&trade->scene, trade->options.scene, error);
@@ -104,6 +137,12 @@ static enum umb_status study_run(struct umbt_trade *trade, struct umb_error *err
     }
     if (status == UMB_OK) {
         status = umbt_trade_pictures(trade, error);
+    }
+    if (status == UMB_OK) {
+        status = umbt_trade_techniques(trade, error);
+    }
+    if (status == UMB_OK) {
+        status = heat_draw(trade, error);
     }
     trade->seconds = umbt_now_s() - trade->started_s;
     return status == UMB_OK ? umbt_trade_report(trade, error) : status;

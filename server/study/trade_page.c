@@ -57,6 +57,9 @@ static void pictures(FILE *to, const struct umbt_trade *trade)
 {
     char name[128], label[160];
     image(to, trade, "pictures/traced.png", "traced: one ray a sample");
+    image(to, trade, "pictures/aliasing.png",
+          "aliasing of one map of 4096 texels a side: blue 1/16 pixel a texel and less, white 1, "
+          "red 16; grey faces away");
     for (uint32_t i = 0; i < trade->result_count; i++) {
         const struct umbt_trade_result *result = &trade->results[i];
         for (int difference = 0; umbt_trade_has_picture(result) && difference < 2; difference++) {

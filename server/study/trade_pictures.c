@@ -13,7 +13,7 @@
 
 int umbt_trade_has_picture(const struct umbt_trade_result *result)
 {
-    return result->taps == 1 || result->taps == 9;
+    return result->level == 0 && (result->taps == 1 || result->taps == 9);
 }
 
 void umbt_trade_picture_name(const struct umbt_trade *trade, const struct umbt_trade_result *result,
@@ -34,9 +34,8 @@ static enum umb_status picture_save(const struct umbt_trade *trade,
     return umbt_picture_write(picture, path, error);
 }
 
-/* The view that `umbrage render` would choose. */
-static enum umb_status camera_make(const struct umbt_trade *trade, struct umbt_camera *camera,
-                                   int *z_up, struct umb_error *error)
+enum umb_status umbt_trade_camera(const struct umbt_trade *trade, uint32_t width, uint32_t height,
+                                  struct umbt_camera *camera, int *z_up, struct umb_error *error)
 {
     const struct umbt_camera_request fitted = {0};
     *z_up = trade->options.up != NULL ? trade->options.up[0] == 'z' : trade->scene.scene->view.z_up;
@@ -47,8 +46,7 @@ static enum umb_status camera_make(const struct umbt_trade *trade, struct umbt_c
         .z_up = *z_up,
     };
     memcpy(subject.to_light, trade->points.to_light, sizeof subject.to_light);
-    return umbt_camera_make(&fitted, &subject, UMBT_TRADE_PICTURE_WIDTH, UMBT_TRADE_PICTURE_HEIGHT,
-                            camera, error);
+    return umbt_camera_make(&fitted, &subject, width, height, camera, error);
 }
 
 /* A rung's asset as the frame renderer takes it. */
@@ -120,7 +118,8 @@ static enum umb_status pictures_draw(const struct umbt_trade *trade, struct pict
 {
     struct umbt_camera camera;
     int z_up;
-    enum umb_status status = camera_make(trade, &camera, &z_up, error);
+    enum umb_status status = umbt_trade_camera(trade, UMBT_TRADE_PICTURE_WIDTH,
+                                               UMBT_TRADE_PICTURE_HEIGHT, &camera, &z_up, error);
     struct umbt_picture *all[3] = {&pictures->asset, &pictures->traced, &pictures->difference};
     for (int i = 0; status == UMB_OK && i < 3; i++) {
         status =

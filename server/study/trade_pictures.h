@@ -19,4 +19,10 @@ void umbt_trade_picture_name(const struct umbt_trade *trade, const struct umbt_t
 UMB_CHECKED enum umb_status umbt_trade_pictures(const struct umbt_trade *trade,
                                                 struct umb_error *error);
 
+/* The view that `umbrage render` would choose for a picture of that size. Fails: as
+ * umbt_camera_make. */
+UMB_CHECKED enum umb_status umbt_trade_camera(const struct umbt_trade *trade, uint32_t width,
+                                              uint32_t height, struct umbt_camera *camera,
+                                              int *z_up, struct umb_error *error);
+
 #endif

@@ -10,6 +10,7 @@
 
 #include "common/json_text.h"
 #include "study/output_guard.h"
+#include "study/trade_techniques.h"
 
 #define PATH_BYTES 4096
 
@@ -53,7 +54,13 @@ struct column {
     double value;
 };
 
-#define COLUMNS 19
+#define COLUMNS 21
+
+/* A time whose runs differ too much is not told. */
+static double told(double ns, double spread)
+{
+    return spread <= UMBT_TRADE_SPREAD_MAX ? ns : (double)NAN;
+}
 
 static void columns_of(const struct umbt_trade_result *r, struct column columns[COLUMNS])
 {
@@ -70,10 +77,12 @@ static void columns_of(const struct umbt_trade_result *r, struct column columns[
         {"off_max_m", r->off_max_m},
         {"off_unknown", r->off_unknown},
         {"truth_error", r->truth_error},
-        {"ns_view", r->ns_view},
-        {"ns_free", r->ns_free},
-        {"ns_view_all", r->ns_view_all},
+        {"ns_view", told(r->ns_view, r->spread)},
+        {"ns_free", told(r->ns_free, r->spread_free)},
+        {"ns_view_all", told(r->ns_view_all, r->spread_all)},
         {"spread", r->spread},
+        {"spread_free", r->spread_free},
+        {"spread_all", r->spread_all},
         {"nodes", r->nodes},
         {"bricks", r->bricks},
         {"undefined", (double)r->undefined},
@@ -85,8 +94,8 @@ static void json_result(FILE *to, const struct umbt_trade_result *result)
 {
     struct column columns[COLUMNS];
     columns_of(result, columns);
-    fprintf(to, "{\"bake\":%u,\"taps\":%u,\"judged\":%" PRIu64, result->bake, result->taps,
-            result->judged);
+    fprintf(to, "{\"bake\":%u,\"taps\":%u,\"level\":%u,\"judged\":%" PRIu64, result->bake,
+            result->taps, result->level, result->judged);
     for (int i = 0; i < COLUMNS; i++) {
         number(to, columns[i].name, columns[i].value);
     }
@@ -121,11 +130,14 @@ void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
     fputs(",\"plan\":", to);
     umbs_json_text(to, trade->bakes[0].info.plan);
     fputs(",\"rays\":{\"rays\":1", to);
-    number(to, "ns_view", trade->rays.ns_view);
-    number(to, "ns_free", trade->rays.ns_free);
-    number(to, "ns_area81", trade->rays.ns_area);
+    number(to, "ns_view", told(trade->rays.ns_view, trade->rays.spread));
+    number(to, "ns_view8", told(trade->rays.ns_view8, trade->rays.spread));
+    number(to, "ns_free", told(trade->rays.ns_free, trade->rays.spread));
+    number(to, "ns_area81", told(trade->rays.ns_area, trade->rays.spread));
     number(to, "spread", trade->rays.spread);
-    fputs("},\"bakes\":[", to);
+    fputs("},\"techniques\":", to);
+    umbt_trade_techniques_json(to, trade);
+    fputs(",\"bakes\":[", to);
     for (uint32_t i = 0; i < trade->bake_count; i++) {
         fputs(i > 0 ? "," : "", to);
         json_bake(to, &trade->bakes[i]);
@@ -145,7 +157,7 @@ static void csv(FILE *to, const struct umbt_trade *trade)
 {
     struct column columns[COLUMNS];
     columns_of(&trade->results[0], columns);
-    fputs("bake,resolution,closed,taps,voxel_m,packed_bytes,memory_bytes,bake_s", to);
+    fputs("bake,resolution,closed,taps,level,voxel_m,packed_bytes,memory_bytes,bake_s", to);
     for (int i = 0; i < COLUMNS; i++) {
         fprintf(to, ",%s", columns[i].name);
     }
@@ -154,11 +166,11 @@ static void csv(FILE *to, const struct umbt_trade *trade)
         const struct umbt_trade_result *result = &trade->results[r];
         const struct umbt_trade_bake *bake = &trade->bakes[result->bake];
         columns_of(result, columns);
-        fprintf(to, "%s,%u,%d,%u,%.6g,%" PRIu64 ",%" PRIu64 ",%.6g", bake->name, bake->resolution,
-                bake->frustum.closed, result->taps, bake->voxel_m, bake->packed_bytes,
-                bake->info.memory_bytes, bake->wall_s);
+        fprintf(to, "%s,%u,%d,%u,%u,%.6g,%" PRIu64 ",%" PRIu64 ",%.6g", bake->name,
+                bake->resolution, bake->frustum.closed, result->taps, result->level, bake->voxel_m,
+                bake->packed_bytes, bake->info.memory_bytes, bake->wall_s);
         for (int i = 0; i < COLUMNS; i++) {
-            fprintf(to, ",%.6g", columns[i].value);
+            fprintf(to, isfinite(columns[i].value) ? ",%.6g" : ",", columns[i].value);
         }
         fputs("\n", to);
     }

@@ -39,6 +39,15 @@ static int stays_below(const struct umbt_trade_result *result, double error_m)
     return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
 }
 
+/* Whether a's time is known and less than b's; of unknown ones the one that reads less. */
+static int is_faster(const struct umbt_trade_result *a, const struct umbt_trade_result *b)
+{
+    const int a_known = a->spread <= UMBT_TRADE_SPREAD_MAX;
+    const int b_known = b->spread <= UMBT_TRADE_SPREAD_MAX;
+    return a_known && b_known ? a->ns_view < b->ns_view
+                              : a_known > b_known || (a_known == b_known && a->nodes < b->nodes);
+}
+
 /* The fastest setting of a filter that stays below an error, or NULL. */
 static const struct umbt_trade_result *fastest(const struct umbt_trade *trade, double error_m,
                                                uint32_t least_taps)
@@ -47,7 +56,7 @@ static const struct umbt_trade_result *fastest(const struct umbt_trade *trade, d
     for (uint32_t i = 0; i < trade->result_count; i++) {
         const struct umbt_trade_result *result = &trade->results[i];
         if (result->taps >= least_taps && stays_below(result, error_m) &&
-            (best == NULL || result->ns_view < best->ns_view)) {
+            (best == NULL || is_faster(result, best))) {
             best = result;
         }
     }
@@ -58,12 +67,20 @@ static void say_setting(struct writer *writer, const struct umbt_trade *trade,
                         const struct umbt_trade_result *result)
 {
     const struct umbt_trade_bake *bake = &trade->bakes[result->bake];
-    say(writer,
-        "%u^3 voxels %s, %u x %u taps: %.3g ns a point, %.2f MB on disk, %.2f MB in memory, "
-        "%.2g s to bake",
-        bake->resolution, bake->frustum.closed ? "closed" : "open", result->taps, result->taps,
-        result->ns_view, 1e-6 * (double)bake->packed_bytes, 1e-6 * (double)bake->info.memory_bytes,
-        bake->wall_s);
+    say(writer, "%u^3 voxels %s, ", bake->resolution, bake->frustum.closed ? "closed" : "open");
+    if (result->level > 0) {
+        say(writer, "level %u: ", result->level);
+    } else {
+        say(writer, "%u x %u taps: ", result->taps, result->taps);
+    }
+    if (result->spread <= UMBT_TRADE_SPREAD_MAX) {
+        say(writer, "%.3g ns a point (runs within %.0f %%)", result->ns_view,
+            100.0 * result->spread);
+    } else {
+        say(writer, "time too unsteady to tell");
+    }
+    say(writer, ", %.2f MB on disk, %.2f MB in memory, %.2g s to bake",
+        1e-6 * (double)bake->packed_bytes, 1e-6 * (double)bake->info.memory_bytes, bake->wall_s);
 }
 
 /* The pair of settings that a sentence names. */
@@ -102,17 +119,39 @@ static const struct umbt_trade_result *sharpest(const struct umbt_trade *trade)
     return best;
 }
 
+static void say_rays(struct writer *writer, const struct umbt_trade *trade,
+                     const struct umbt_trade_result *best)
+{
+    const struct umbt_trade_rays *rays = &trade->rays;
+    const struct umbt_trade_result *one = fastest(trade, INFINITY, 1);
+    if (rays->spread > UMBT_TRADE_SPREAD_MAX) {
+        say(writer, "Shadow rays by Embree: time too unsteady to tell.\n");
+        return;
+    }
+    say(writer,
+        "A shadow ray by Embree, exact: %.3g ns a point on the same view, %.3g ns eight at a time",
+        rays->ns_view, rays->ns_view8);
+    const double least = fmin(rays->ns_view, rays->ns_view8);
+    if (one != NULL && one->spread <= UMBT_TRADE_SPREAD_MAX &&
+        best->spread <= UMBT_TRADE_SPREAD_MAX) {
+        say(writer, ", %.2g times the fastest look-up here and %.2g times the sharpest",
+            least / one->ns_view, least / best->ns_view);
+    }
+    say(writer, "; 81 rays a point: %.3g ns.\n", rays->ns_area);
+}
+
 static void say_caveats(struct writer *writer, const struct umbt_trade *trade)
 {
-    double widest = trade->rays.spread;
+    uint32_t unsteady = 0;
     for (uint32_t i = 0; i < trade->result_count; i++) {
-        widest = fmax(widest, trade->results[i].spread);
+        const struct umbt_trade_result *r = &trade->results[i];
+        unsteady += fmax(r->spread, fmax(r->spread_free, r->spread_all)) > UMBT_TRADE_SPREAD_MAX;
     }
-    if (widest > UMBT_TRADE_SPREAD_MAX) {
+    if (unsteady > 0) {
         say(writer,
-            "Times are uncertain: the runs of one setting spread by up to %.0f %%; run "
-            "again on a quieter machine.\n",
-            100.0 * widest);
+            "%u of %u settings have a time that is not told, since its runs differ by more than "
+            "%.0f %% after all attempts; run again on a quieter machine.\n",
+            unsteady, trade->result_count, 100.0 * UMBT_TRADE_SPREAD_MAX);
     }
     for (uint32_t i = 0; i < trade->bake_count; i++) {
         if (trade->bakes[i].asset == NULL) {
@@ -143,13 +182,6 @@ void umbt_trade_verdict(const struct umbt_trade *trade, char *text, size_t size)
             }
         }
     }
-    const struct umbt_trade_result *one = fastest(trade, INFINITY, 1);
-    say(&writer, "A shadow ray by Embree, exact: %.3g ns a point on the same view",
-        trade->rays.ns_view);
-    if (one != NULL && one->ns_view > 0.0) {
-        say(&writer, ", %.2g times the fastest look-up here and %.2g times the sharpest",
-            trade->rays.ns_view / one->ns_view, trade->rays.ns_view / best->ns_view);
-    }
-    say(&writer, "; 81 rays a point: %.3g ns.\n", trade->rays.ns_area);
+    say_rays(&writer, trade, best);
     say_caveats(&writer, trade);
 }

@@ -15,7 +15,7 @@ BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 SCENES = os.environ.get("UMBRAGE_SCENES", os.path.join(ROOT, "..", "shared", "scenes"))
 PAGE = os.path.join(ROOT, "docs", "accuracy.md")
 BEGIN, END = "<!-- accuracy tables: make accuracy -->\n", "<!-- end of accuracy tables -->\n"
-RESOLUTION, POINTS, SUN = 4096, 50000, "135,40"
+RESOLUTION, POINTS, SUN = 4096, 1000000, "135,40"
 GENERATED = (("generated city", "city", 12), ("generated terrain", "terrain", 128))
 REAL = (("Delft", "city_delft/delft_all.obj"), ("Den Haag", "city_denhaag/denhaag_9solids.obj"),
         ("Sterngarten, Vienna", "garden_sterngarten/Sterngarten_Wien_innerArea-optimized.obj"),

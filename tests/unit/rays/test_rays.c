@@ -159,6 +159,31 @@ static void random_soups_match_a_double_tracer(void **state)
     }
 }
 
+static void packets_of_eight_answer_each_ray_as_one_alone_does(void **state)
+{
+    (void)state;
+    static const triangle one[1] = {{{0, 0, 5}, {1, 0, 5}, {0, 1, 5}}};
+    static const double up[3] = {0, 0, 1};
+    struct umbr_rays *rays = create(one, 1);
+    double from[8][3];
+    uint8_t occluded[8];
+    for (int i = 0; i < 8; i++) { /* along a row that leaves the triangle between 4 and 5 */
+        from[i][0] = 0.05 + 0.15 * i;
+        from[i][1] = 0.3;
+        from[i][2] = i == 2 ? 6 : 0; /* one begins behind it */
+    }
+    umbr_occluded8(rays, (const double(*)[3])from, up, 0, INFINITY, occluded);
+    for (int i = 0; i < 8; i++) {
+        assert_int_equal(occluded[i], i <= 4 && i != 2);
+        assert_int_equal(occluded[i], umbr_occluded(rays, from[i], up, 0, INFINITY));
+    }
+    umbr_occluded8(rays, (const double(*)[3])from, up, 0, 4, occluded);
+    assert_memory_equal(occluded, "\0\0\0\0\0\0\0\0", 8);
+    umbr_occluded8(rays, (const double(*)[3])from, up, 6, 5, occluded); /* an empty range */
+    assert_memory_equal(occluded, "\0\0\0\0\0\0\0\0", 8);
+    umbr_rays_destroy(rays);
+}
+
 static void nearest_hit_has_the_winding_normal(void **state)
 {
     (void)state;
@@ -431,6 +456,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_soups_match_a_double_tracer),
+        cmocka_unit_test(packets_of_eight_answer_each_ray_as_one_alone_does),
         cmocka_unit_test(nearest_hit_has_the_winding_normal),
         cmocka_unit_test(no_triangles_hit_nothing),
         cmocka_unit_test(crossings_count_nested_boxes),

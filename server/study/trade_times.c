@@ -1,0 +1,234 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Times of every setting and of rays (trade_probe.h): runs interleaved over the settings, so that a
+ * machine's mood falls on all of them alike, and again for those whose runs differ too much; CPU
+ * time of the one thread where one thread is meant, wall time where all are.
+ */
+#include "study/trade_probe.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "study/parallel_for.h"
+#include "study/study_progress.h"
+
+#define AREA_RAYS   9 /* a side: 81 rays a point */
+#define AREA_POINTS 2000
+#define ALL_BLOCK   4096
+/* What all threads do: so much that starting them hardly counts, but at most the whole view so
+ * often. */
+#define ALL_POINTS 400000U
+#define ALL_PASSES 16U
+#define ATTEMPTS   4 /* at times that do not spread too far */
+
+/* Times of one setting, a run each. */
+struct times {
+    double view[UMBT_TRADE_RUNS], free[UMBT_TRADE_RUNS], all[UMBT_TRADE_RUNS];
+};
+
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double values[UMBT_TRADE_RUNS])
+{
+    qsort(values, UMBT_TRADE_RUNS, sizeof *values, compare_doubles);
+    return values[UMBT_TRADE_RUNS / 2];
+}
+
+/* After median: the values are in order. */
+static double spread(const double values[UMBT_TRADE_RUNS])
+{
+    const double middle = values[UMBT_TRADE_RUNS / 2];
+    /* The two outermost runs of each side are the machine's, not the setting's. */
+    return middle > 0.0 ? (values[UMBT_TRADE_RUNS - 2] - values[1]) / middle : 0.0;
+}
+
+static enum umb_status all_block(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    const struct umbt_probe *probe = user;
+    const size_t view = probe->trade->points.first[UMBT_TRADE_BORDER];
+    float values[ALL_BLOCK];
+    const struct umb_points points = umbt_trade_points_all(probe->trade);
+    (void)error;
+    while (count > 0) { /* the view over and over */
+        const size_t at = first % view;
+        const size_t room = view - at < count ? view - at : count;
+        struct umb_answers answers = {.values = values};
+        struct umb_points part = points;
+        part.positions = probe->trade->points.positions + at;
+        part.normals = probe->trade->points.normals + at;
+        part.count = room;
+        umb_query_run(&probe->query, &part, 0, room, &answers);
+        first += room;
+        count -= room;
+    }
+    return UMB_OK;
+}
+
+static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
+                                 struct umb_error *error)
+{
+    const struct umbt_trade_points *points = &probe->trade->points;
+    const size_t view = points->first[UMBT_TRADE_BORDER];
+    const size_t first_free = points->first[UMBT_TRADE_FREE];
+    double start = umbt_cpu_s();
+    umbt_trade_ask(probe, 0, view, NULL);
+    times->view[run] = 1e9 * (umbt_cpu_s() - start) / (double)view;
+    start = umbt_cpu_s();
+    umbt_trade_ask(probe, first_free, points->count - first_free, NULL);
+    times->free[run] = 1e9 * (umbt_cpu_s() - start) / (double)(points->count - first_free);
+    const size_t passes = ALL_POINTS / view < ALL_PASSES ? ALL_POINTS / view + 1 : ALL_PASSES;
+    start = umbt_now_s();
+    const enum umb_status status = umbt_parallel_for(
+        (unsigned)probe->trade->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
+    times->all[run] = 1e9 * (umbt_now_s() - start) / (double)(passes * view);
+    return status;
+}
+
+/* Times of the rays, a run each. */
+struct ray_times {
+    double view[UMBT_TRADE_RUNS], eight[UMBT_TRADE_RUNS], free[UMBT_TRADE_RUNS];
+    double area[UMBT_TRADE_RUNS];
+};
+
+/* Eight samples a call; the last few are left out. Out: how many were stopped. */
+static int rays_by_eight(const struct umbt_trade *trade, size_t count, double reach)
+{
+    const struct umbt_trade_points *points = &trade->points;
+    int sum = 0;
+    for (size_t i = 0; i + 8 <= count; i += 8) {
+        uint8_t stopped[8];
+        umbr_occluded8(trade->scene.rays, (const double(*)[3])points->positions + i,
+                       points->to_light, 1e-5 * reach, reach, stopped);
+        for (int k = 0; k < 8; k++) {
+            sum += stopped[k];
+        }
+    }
+    return sum;
+}
+
+/* Rays on the same samples: one a point, and a window of them. Out: how many were stopped, so that
+ * the compiler cannot leave them out. */
+static int rays_once(const struct umbt_trade *trade, struct ray_times *times, int run,
+                     const struct umbt_truth *truth)
+{
+    const struct umbt_trade_points *points = &trade->points;
+    const size_t counts[2] = {points->first[UMBT_TRADE_BORDER],
+                              points->count - points->first[UMBT_TRADE_FREE]};
+    const size_t firsts[2] = {0, points->first[UMBT_TRADE_FREE]};
+    const double reach = 2.0 * trade->scene.diagonal_m;
+    int sum = 0;
+    for (int set = 0; set < 2; set++) {
+        double start = umbt_cpu_s();
+        for (size_t i = firsts[set]; i < firsts[set] + counts[set]; i++) {
+            sum += umbr_occluded(trade->scene.rays, points->positions[i], points->to_light,
+                                 1e-5 * reach, reach);
+        }
+        (set == 0 ? times->view : times->free)[run] =
+            1e9 * (umbt_cpu_s() - start) / (double)counts[set];
+    }
+    double start = umbt_cpu_s();
+    sum += rays_by_eight(trade, counts[0], reach);
+    times->eight[run] = 1e9 * (umbt_cpu_s() - start) / (double)counts[0];
+    const size_t some = counts[0] < AREA_POINTS ? counts[0] : AREA_POINTS;
+    start = umbt_cpu_s();
+    for (size_t i = 0; i < some; i++) {
+        double normal[3];
+        umbt_trade_normal(points, i, normal);
+        sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
+    }
+    times->area[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
+    return sum;
+}
+
+/* Keeps a time if its runs are steadier than those of the one before. */
+static void keep_steadier(double runs[UMBT_TRADE_RUNS], double *ns, double *spread_kept)
+{
+    const double middle = median(runs), apart = spread(runs);
+    if (apart < *spread_kept) {
+        *ns = middle;
+        *spread_kept = apart;
+    }
+}
+
+static void setting_conclude(struct umbt_trade_result *result, struct times *times)
+{
+    keep_steadier(times->view, &result->ns_view, &result->spread);
+    keep_steadier(times->free, &result->ns_free, &result->spread_free);
+    keep_steadier(times->all, &result->ns_view_all, &result->spread_all);
+}
+
+static void rays_conclude(struct umbt_trade_rays *rays, struct ray_times *times)
+{
+    const double ns_view = median(times->view), view = spread(times->view);
+    if (view < rays->spread) {
+        rays->ns_view = ns_view;
+        rays->ns_view8 = median(times->eight);
+        rays->ns_free = median(times->free);
+        rays->ns_area = median(times->area);
+        rays->spread = view;
+    }
+}
+
+static int is_noisy(const struct umbt_trade_result *result)
+{
+    return fmax(result->spread, fmax(result->spread_free, result->spread_all)) >
+           UMBT_TRADE_SPREAD_MAX;
+}
+
+/* One attempt: the runs of all settings whose times are not steady yet, interleaved. */
+static enum umb_status times_attempt(struct umbt_trade *trade, struct umbt_probe *probes,
+                                     struct times *times, const struct umbt_truth *window,
+                                     struct umb_error *error)
+{
+    struct ray_times rays;
+    const int rays_too = trade->rays.spread > UMBT_TRADE_SPREAD_MAX;
+    for (int run = 0; run < UMBT_TRADE_RUNS; run++) {
+        for (uint32_t i = 0; i < trade->result_count; i++) {
+            const enum umb_status status = is_noisy(&trade->results[i])
+                                               ? time_once(&probes[i], &times[i], run, error)
+                                               : UMB_OK;
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+        if (rays_too) {
+            trade->rays.stopped += rays_once(trade, &rays, run, window);
+        }
+    }
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        if (is_noisy(&trade->results[i])) {
+            setting_conclude(&trade->results[i], &times[i]);
+        }
+    }
+    if (rays_too) {
+        rays_conclude(&trade->rays, &rays);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbt_trade_times(struct umbt_trade *trade, struct umbt_probe *probes,
+                                 struct umb_error *error)
+{
+    struct times *times = calloc(trade->result_count, sizeof *times);
+    if (times == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "times of %u settings do not fit in memory",
+                        trade->result_count);
+    }
+    struct umbt_truth window = probes[0].truth;
+    enum umb_status status = UMB_OK;
+    window.samples = AREA_RAYS;
+    trade->rays.spread = INFINITY;
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        struct umbt_trade_result *result = &trade->results[i];
+        result->spread = result->spread_free = result->spread_all = INFINITY;
+    }
+    for (int attempt = 0; attempt < ATTEMPTS && status == UMB_OK; attempt++) {
+        status = times_attempt(trade, probes, times, &window, error);
+    }
+    free(times);
+    return status;
+}
