@@ -101,6 +101,7 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     call->key = umb__asset_key(asset);
     memcpy(call->asset, asset, asset_size);
     call->safe = plan->safe;
+    call->tag = plan->tag;
     call->done = done;
     call->user = user;
     call->feed = plan->feed;
@@ -162,8 +163,10 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 {
     struct umb_error error;
     enum umb_status status =
-        umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", where(client, call),
-                 was_sent ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
+        call->cancelled
+            ? umb_fail(&error, UMB_E_CANCELLED, "%.180s: cancelled", where(client, call))
+            : umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", where(client, call),
+                       was_sent ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
     umb__call_complete(client, call, status, &error);
 }
 

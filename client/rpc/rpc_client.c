@@ -5,6 +5,7 @@
  * All signals are blocked in the loop thread: the host's handlers never run there, and a write to
  * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
+#include "rpc_cancel.h"
 #include "rpc_connection.h"
 #include "rpc_endpoint.h"
 #include "rpc_stream.h"
@@ -66,13 +67,10 @@ static bool expire_list(struct umb_client *client, struct umb__call_list *list, 
     return any;
 }
 
-static void arm_deadline(struct umb_client *client);
-
-static void on_deadline(uv_timer_t *timer)
+/* Ends all calls whose time is over. */
+static void expire_all(struct umb_client *client)
 {
-    struct umb_client *client = timer->data;
     uint64_t now = uv_hrtime();
-    client->deadline_armed_ns = 0;
     for (size_t i = 0; i < client->endpoint_count; i++) {
         (void)expire_list(client, &client->endpoints[i].waiting, now);
     }
@@ -92,6 +90,15 @@ static void on_deadline(uv_timer_t *timer)
         }
         umb__connection_flush(at);
     }
+}
+
+static void arm_deadline(struct umb_client *client);
+
+static void on_deadline(uv_timer_t *timer)
+{
+    struct umb_client *client = timer->data;
+    client->deadline_armed_ns = 0;
+    expire_all(client);
     arm_deadline(client);
 }
 
@@ -151,10 +158,13 @@ static void stop_everything(struct umb_client *client)
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
-/* What other threads have left: streams to know, streams to end (unlinked into *ended), calls. */
+/* What other threads have left: streams to know, streams to end (unlinked into *ended), calls, and
+ * what of them and of earlier ones is to be cancelled. */
 static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
-                       struct umb_client_stream **ended)
+                       struct umb_client_stream **ended, struct umb__cancel **cancels)
 {
+    *cancels = client->cancels;
+    client->cancels = NULL;
     while (client->new_streams != NULL) {
         struct umb_client_stream *stream = client->new_streams;
         client->new_streams = stream->next;
@@ -209,14 +219,18 @@ static void on_wake(uv_async_t *wake)
     struct umb_client *client = wake->data;
     struct umb__call_list calls = {NULL, NULL};
     struct umb_client_stream *ended = NULL;
+    struct umb__cancel *cancels = NULL;
     struct umb_error closed;
     pthread_mutex_lock(&client->lock);
     bool closing = client->closing;
-    take_inbox(client, &calls, &ended);
+    take_inbox(client, &calls, &ended, &cancels);
     pthread_mutex_unlock(&client->lock);
     uint64_t deadline_ns = route(client, &calls);
     (void)umb_fail(&closed, UMB_E_CANCELLED, "the stream was closed");
     end_streams(ended, &closed);
+    if (umb__cancels_apply(client, cancels)) {
+        expire_all(client);
+    }
     if (client->stopped) {
         return;
     }

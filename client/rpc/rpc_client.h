@@ -14,9 +14,9 @@
  * A connection that ends before it took any call counts as such a try too, with a pause before the
  * next: a server that greets and hangs up is not asked without end.
  *
- * Threads: `lock` guards inbox, pending and closing; everything else is the loop thread's alone
- * once umb_client_open has returned. No lock is held while a caller's function runs.
- * A connection that got GOAWAY finishes its calls beside the next one.
+ * Threads: `lock` guards inbox, pending, cancels and closing; everything else is the loop thread's
+ * alone once umb_client_open has returned. No lock is held while a caller's function runs. A
+ * connection that got GOAWAY finishes its calls beside the next one.
  */
 #include <netdb.h>
 #include <pthread.h>
@@ -54,6 +54,7 @@ typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 /* What a call asks and how. */
 struct umb__call_plan {
     const char *asset;   /* that it is about: decides which replica is asked; NULL = any */
+    const void *tag;     /* by which it can be cancelled, see rpc_cancel.h; NULL = cannot be */
     bool safe;           /* changes nothing: may be sent again once the server may have begun it */
     const char *path;    /* static */
     uint32_t timeout_ms; /* 0 = the client's */
@@ -81,6 +82,8 @@ struct umb__call {
     uint64_t ready_ns;   /* while it rests */
     uint64_t tried;      /* bits of the replicas that were no good */
     bool safe;
+    const void *tag;                /* see rpc_cancel.h */
+    bool cancelled;                 /* and its deadline is over */
     struct umb__endpoint *endpoint; /* it waits for or was sent to; NULL = not yet routed */
     umb__done_fn done;
     void *user;
@@ -130,6 +133,7 @@ struct umb_client {
     struct umb__call_list resting;
     uint32_t tokens;                       /* budget of tries */
     uint64_t noise;                        /* state of random pauses */
+    struct umb__cancel *cancels;           /* under the lock: not looked at yet */
     struct umb_client_stream *new_streams; /* under the lock: opened, not yet in streams */
     struct umb_client_stream *streams;
     struct umb__connection *connections; /* all that are not lost */
@@ -161,7 +165,7 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
                       size_t size);
 
-/* Ends a call because its time is over. was_sent: the server has had it. */
+/* Ends a call because its time is over, or it was cancelled. was_sent: the server has had it. */
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
 /* Completes all calls of a list with one error. */

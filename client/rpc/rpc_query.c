@@ -117,7 +117,8 @@ enum umb_status umb_client_query_start(struct umb_client *client,
     call->done = done;
     call->user = user;
     call->value_bytes = umb_answer_bytes(request->settings.format, request->points.count);
-    const struct umb__call_plan plan = plan_of(request);
+    struct umb__call_plan plan = plan_of(request);
+    plan.tag = user;
     status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
         free(call);

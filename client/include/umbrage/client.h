@@ -56,6 +56,8 @@ extern "C" {
 struct umb_client;        /* opaque */
 struct umb_client_stream; /* opaque */
 
+/* As max_retries: a call is sent once and not again, unless the server said that it did not begin
+ * it. For whoever measures, or tries again by himself. */
 #define UMB_CLIENT_NEVER UINT32_MAX
 
 struct umb_client_options {
@@ -183,6 +185,18 @@ UMB_API void umb_client_close(struct umb_client *client);
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query_start(struct umb_client *client, const struct umb_client_query_request *request,
                        umb_client_query_fn done, void *user, struct umb_error *error);
+
+/*
+ * Cancels every query that was started with this `user`: its call-back gets E_CANCELLED, soon,
+ * unless it has ended by then, and comes once in any case. The server is told, and gives up what it
+ * has not begun. Of a stream, what else was sent and is not answered yet is asked again.
+ *
+ * In:    user: as given to umb_client_query_start; not looked into; NULL cancels none. Other
+ * queries are not touched, nor are those that are started with it later. Fails: E_NO_MEMORY:
+ * nothing was cancelled. Threads: any, call-backs too.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_client_query_cancel(struct umb_client *client, const void *user, struct umb_error *error);
 
 /*
  * Asks and waits.

@@ -220,6 +220,35 @@ static void closing_a_stream_cancels_its_requests_and_no_others(void **state)
     assert_int_equal(answers.of[7].status, UMB_E_CANCELLED);
 }
 
+static void a_cancelled_request_ends_alone_on_a_stream_and_on_its_own(void **state)
+{
+    struct peer peer;
+    struct umb_client_stream *own[] = {NULL, NULL};
+    (void)state;
+    for (int over_stream = 0; over_stream < 2; over_stream++) {
+        meet(&peer);
+        own[1] = peer.stream;
+        start(peer.client, own[over_stream], 0, "ok", 0);
+        wait_for(1);
+        start(peer.client, own[over_stream], 1, "silent", 0);
+        start(peer.client, own[over_stream], 2, "ok", 0);
+        assert_int_equal(umb_client_query_cancel(peer.client, NULL, NULL), UMB_OK);
+        assert_int_equal(umb_client_query_cancel(peer.client, &answers, NULL), UMB_OK);
+        assert_int_equal(umb_client_query_cancel(peer.client, &answers.of[0], NULL), UMB_OK);
+        assert_int_equal(umb_client_query_cancel(peer.client, &answers.of[1], NULL), UMB_OK);
+        wait_for(3);
+        assert_int_equal(answers.of[0].status, UMB_OK);
+        assert_int_equal(answers.of[1].status, UMB_E_CANCELLED);
+        assert_int_equal(answers.of[2].status, UMB_OK);
+        assert_true(answers.of[2].first == 2000);
+        /* What is started later with the same user is another query. */
+        start(peer.client, own[over_stream], 1, "ok", 0);
+        wait_for(4);
+        assert_int_equal(answers.of[1].status, UMB_OK);
+        part(&peer);
+    }
+}
+
 static void a_stream_of_another_client_is_refused(void **state)
 {
     struct peer peer;
@@ -243,6 +272,7 @@ int main(void)
         cmocka_unit_test(silence_ends_the_request_and_the_next_ones_go_on),
         cmocka_unit_test(what_a_lost_stream_owed_is_asked_again_a_few_times),
         cmocka_unit_test(closing_a_stream_cancels_its_requests_and_no_others),
+        cmocka_unit_test(a_cancelled_request_ends_alone_on_a_stream_and_on_its_own),
         cmocka_unit_test(a_stream_of_another_client_is_refused),
     };
     return cmocka_run_group_tests(tests, fill, NULL);
