@@ -46,9 +46,12 @@ static int run_help(int argc, char **argv);
 
 static int run_version(int argc, char **argv)
 {
-    (void)argc;
-    (void)argv;
-    (void)puts("umbrage " UMB_VERSION);
+    const bool as_json = argc == 2 && strcmp(argv[1], "--json") == 0;
+    if (argc > 1 && !as_json) {
+        return umbc_usage_error("version: takes --json and nothing else, not '%s'", argv[1]);
+    }
+    (void)puts(as_json ? "{\"program\":\"umbrage\",\"version\":\"" UMB_VERSION "\"}"
+                       : "umbrage " UMB_VERSION);
     return umbc_finish_stdout(0);
 }
 
@@ -80,7 +83,7 @@ static const struct command COMMANDS[] = {
     {"points", run_points, "sample points of a scene, for load tests (starts umbrage-study)"},
     {"aliasing", run_aliasing, "texels of shadow maps against pixels (starts umbrage-study)"},
     {"help", run_help, "this text, or the help of a command"},
-    {"version", run_version, "print the version"},
+    {"version", run_version, "print the version (--json: as an object)"},
 };
 #define COMMAND_COUNT (sizeof COMMANDS / sizeof COMMANDS[0])
 

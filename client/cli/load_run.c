@@ -25,7 +25,8 @@ struct run {
     pthread_t pacer;
     bool paced;
     atomic_bool stop_pacing;
-    double cpu_s; /* of this process, when the window began */
+    double cpu_s;    /* of this process, when the window began */
+    bool has_server; /* the daemon told its figures when the window began */
     struct umbc_server_figures server;
     uint64_t server_ns; /* when these were asked for */
     struct umbc_server_figures last_scrape;
@@ -76,7 +77,7 @@ static void look_at_server(struct run *run, double now_s, struct umbc_load_momen
 {
     struct umbc_server_figures figures;
     const char *admin = run->plan.settings->admin;
-    if (admin != NULL && now_s - run->last_scrape_s >= SCRAPE_S &&
+    if (admin != NULL && run->has_server && now_s - run->last_scrape_s >= SCRAPE_S &&
         umbc_server_figures_get(admin, &figures, NULL) == UMB_OK) {
         run->last_server_cores =
             (figures.cpu_s - run->last_scrape.cpu_s) / (now_s - run->last_scrape_s);
@@ -123,14 +124,16 @@ static enum umb_status begin_window(struct run *run, struct umb_error *error)
 {
     run->cpu_s = own_cpu_s();
     run->last_scrape_s = 0;
+    run->has_server = false;
     run->server_ns = umbc_load_clock_ns();
     if (run->plan.settings->admin == NULL) {
         return UMB_OK;
     }
     enum umb_status status =
         umbc_server_figures_get(run->plan.settings->admin, &run->server, error);
+    run->has_server = status == UMB_OK;
     run->last_scrape = run->server;
-    return status;
+    return run->plan.settings->admin_may_fail ? UMB_OK : status;
 }
 
 /* The window is over. Called before the daemon is asked, which may take its time. */
@@ -148,9 +151,8 @@ static void look_at_costs(const struct run *run, struct umbc_load_result *result
 {
     struct umbc_server_figures figures;
     result->server_s = seconds_between(run->server_ns, umbc_load_clock_ns());
-    result->has_server =
-        run->plan.settings->admin != NULL &&
-        umbc_server_figures_get(run->plan.settings->admin, &figures, NULL) == UMB_OK;
+    result->has_server = run->has_server && umbc_server_figures_get(run->plan.settings->admin,
+                                                                    &figures, NULL) == UMB_OK;
     if (!result->has_server) {
         return;
     }

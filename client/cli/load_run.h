@@ -38,7 +38,8 @@ struct umbc_load_settings {
     double warm_up_s, duration_s;
     uint32_t timeout_ms;
     bool stream;
-    const char *admin; /* or NULL */
+    const char *admin;   /* or NULL */
+    bool admin_may_fail; /* a run whose daemon tells no figures is measured without them */
 };
 
 /* The run in pieces of time, for plots and the live line. */

@@ -29,6 +29,7 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
     if (status != UMB_OK) {
         return status;
     }
+    search->settings.admin_may_fail = true; /* it was there: one request lost ends no sweep */
     struct umbc_load_step *step = &sweep->steps[sweep->step_count++];
     *step = (struct umbc_load_step){
         .rate = rate,

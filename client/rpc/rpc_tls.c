@@ -177,8 +177,13 @@ static enum umb_status explain(struct umb__tls *tls, struct umb_error *error)
     unsigned long code = ERR_peek_error();
     bool is_alert = ERR_GET_LIB(code) == ERR_LIB_SSL && ERR_GET_REASON(code) >= 1000;
     take_reason(reason);
-    return is_alert ? umb_fail(error, UMB_E_UNAUTHENTICATED, "the server ends TLS: %s", reason)
-                    : umb_fail(error, UMB_E_PROTOCOL, "no TLS with HTTP/2: %s", reason);
+    if (is_alert) {
+        return umb_fail(error, UMB_E_UNAUTHENTICATED, "the server ends TLS: %s", reason);
+    }
+    /* Before the handshake is over there is nobody who speaks TLS, as on a port of plain gRPC: the
+     * service is not to be had at this address. */
+    return tls->ready ? umb_fail(error, UMB_E_PROTOCOL, "TLS is broken: %s", reason)
+                      : umb_fail(error, UMB_E_UNAVAILABLE, "no TLS is spoken there: %s", reason);
 }
 
 /* Goes on with the handshake; ready once it is over. */

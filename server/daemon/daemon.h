@@ -45,6 +45,13 @@ struct umbd_daemon {
     uint64_t watchdog_at_ms; /* the next one; the first loop's */
 };
 
+/*
+ * --check: opens what the options name as a start does, and lets it go. Fails: as
+ * umbd_daemon_init, for store folders, tokens, certificates and the bake program.
+ */
+UMB_CHECKED enum umb_status umbd_daemon_check(const struct umbd_options *options,
+                                              struct umb_error *error);
+
 /* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then as
  * after umbd_daemon_finish. */
 UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,

@@ -179,6 +179,9 @@ int main(int argc, char **argv)
         printf("umbraged %s\n", UMB_VERSION);
     } else if (options.print_config) {
         umbd_options_print(&options, stdout);
+    } else if (options.check_files) {
+        status = umbd_daemon_check(&options, &error);
+        code = status == UMB_OK ? 0 : complain(status, &error);
     } else if (!options.check) {
         signal(SIGPIPE, SIG_IGN);
         keep_pages();

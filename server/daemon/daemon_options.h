@@ -59,11 +59,11 @@ struct umbd_options {
     uint64_t job_keep_ms;               /* of jobs that are over */
     enum umb_log_level log_level;
     enum umbs_log_format log_format;
-    const char *config;                     /* file or NULL */
-    int config_bad;                         /* the failure was a line of the file */
-    int check, print_config, help, version; /* asked for instead of serving */
-    struct umbd_option_text *texts;         /* of the file; owned */
-    int argc;                               /* the command line, to be read again on SIGHUP */
+    const char *config;                                  /* file or NULL */
+    int config_bad;                                      /* the failure was a line of the file */
+    int check, check_files, print_config, help, version; /* asked for instead of serving */
+    struct umbd_option_text *texts;                      /* of the file; owned */
+    int argc; /* the command line, to be read again on SIGHUP */
     char **argv;
 };
 

@@ -256,7 +256,7 @@ with test.check("umbrage refuses a server that it has no reason to trust, and sa
         assert reason in ours("list", "--address", ours_tls, *extra, code=code).stderr, reason
     assert b"city" in ours("list", "--address", ours_tls, *ca, "--tls-name", "localhost").stdout
     # TLS and plain text do not understand each other; neither waits for the other.
-    ours("list", "--address", "tls:" + tcp[4:], *ca, code=70)
+    assert b"no TLS" in ours("list", "--address", "tls:" + tcp[4:], *ca, code=69).stderr
     ours("list", "--address", "tcp:" + address, code=69)
     assert b"tls:" in ours("list", "--address", tcp, *ca, code=2).stderr
 with test.check("umbrage shows its certificate where one is asked for"):

@@ -338,8 +338,16 @@ try 0 "$@"
 unset UMBRAGE_TOKEN
 kill -TERM $daemon
 wait $daemon
+try 0 umbrage version --json
+same "  the version as an object" "{\"program\":\"umbrage\",\"version\":\"$version\"}" "$(cat out)"
+try 2 umbrage version 2
 try 0 umbraged --store store --check-config
 try 2 umbraged --store store --listen nonsense --check-config
+try 0 umbraged --store missing --check-config
+try 0 umbraged --store store --check
+try 66 umbraged --store missing --check
+one_sentence missing
+try 66 umbraged --store store --token-file missing --check
 try 2 umbraged --store store --workers 0 --check-config
 try 66 umbraged --store missing --listen "unix:$folder/e.sock"
 try 69 umbraged --store store --listen "unix:$folder/no/such/e.sock"

@@ -110,6 +110,21 @@ with test.check("a sweep ends at the highest rate that kept the bound, or says t
                   "--duration", 0.1, "--bound", 0.000001, code=1)
     assert b"no knee" in done.stdout, done
 
+with test.check("a sweep goes on without the daemon's figures where it does not tell them"):
+    def tell_once():
+        peer, _ = fickle.accept()
+        page = daemon.admin("/metrics")[1].encode()
+        peer.recv(4096)
+        peer.sendall(b"HTTP/1.0 200 OK\r\n\r\n" + page)
+        peer.close()
+        fickle.close()
+    fickle = socket.create_server(("127.0.0.1", 0))
+    threading.Thread(target=tell_once, daemon=True).start()
+    done = ut.run("umbrage", "load", "city", *UNIX, "--sweep", "--rate", 1000, "--warm-up", 0,
+                  "--duration", 0.1, "--bound", 0.000001, "--admin",
+                  "127.0.0.1:%d" % fickle.getsockname()[1], code=1)
+    assert b"no knee" in done.stdout, done
+
 with test.check("failures in the middle of a run are counted by their names"):
     victim = test.daemon()
 
