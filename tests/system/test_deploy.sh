@@ -59,6 +59,15 @@ if command -v systemd-analyze >/dev/null; then
     exposure=$(systemd-analyze security --offline=true "$installed/lib/systemd/system/umbraged.service" 2>/dev/null |
         sed -n 's/.*exposure level.*: \([0-9.]*\) .*/\1/p')
     echo "exposure $exposure"
+    # The drop-in for --jobs, where an operator puts it, and the units of systemd itself out of sight.
+    mkdir -p "$folder/jobs/etc/systemd/system/umbraged.service.d"
+    cp "$installed/lib/systemd/system/umbraged.service" "$folder/jobs/etc/systemd/system/"
+    cp "$installed/share/umbrage/umbraged-jobs.conf" "$folder/jobs/etc/systemd/system/umbraged.service.d/jobs.conf"
+    with_jobs=$(systemd-analyze security --offline=true --root="$folder/jobs" umbraged.service 2>"$folder/err" |
+        tee "$folder/jobs.txt" | sed -n 's/.*exposure level.*: \([0-9.]*\) .*/\1/p')
+    same "the drop-in for jobs has no errors" "" "$(grep -i 'unknown\|failed to parse\|ignoring' "$folder/err")"
+    echo "exposure with jobs $with_jobs"
+    same "with jobs it is 2.0 at most too" yes "$(awk "BEGIN { print (\"$with_jobs\" != \"\" && $with_jobs <= 2.0 && $with_jobs > $exposure) ? \"yes\" : \"no\" }")"
     same "the unit's exposure is 2.0 at most" yes "$(awk "BEGIN { print (\"$exposure\" != \"\" && $exposure <= 2.0) ? \"yes\" : \"no\" }")"
 else
     echo "skipped: systemd-analyze is not installed"
