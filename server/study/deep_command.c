@@ -280,32 +280,47 @@ static double worst_difference(const struct deep *d, const float *values)
     return worst;
 }
 
+/* What a way costs beside searching every list. */
+static void way_print(const char *name, const struct result *way, const struct result *searched,
+                      int same)
+{
+    printf("%-18s %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n", name,
+           way->info.bytes, way->query_ns, searched->query_ns / way->query_ns,
+           same ? "the same" : "OTHER");
+}
+
 static enum umb_status deep_run(struct deep *d, struct umb_error *error)
 {
     const size_t texels = (size_t)d->resolution * d->resolution;
-    struct result exact, searched, linked;
+    struct result exact, searched, linked, streamed;
     enum umb_status status = scene_open(d, error);
     if (status == UMB_OK) {
-        status = map_ask(d, &(struct umb_map_deep_settings){.links = 1}, d->values, &exact, error);
+        status = map_ask(d, &(struct umb_map_deep_settings){0}, d->values, &exact, error);
     }
     if (status != UMB_OK) {
         return status;
     }
     const double exact_error = worst_difference(d, d->values);
-    const struct umb_map_deep_settings plain = {.epsilon = d->epsilon};
-    const struct umb_map_deep_settings links = {.epsilon = d->epsilon, .links = 1};
-    status = map_ask(d, &plain, d->other, &searched, error);
+    struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
+    const size_t bytes = d->buffer.receiver_count * sizeof *d->values;
+    status = map_ask(d, &settings, d->other, &searched, error);
     if (status == UMB_OK) {
-        status = map_ask(d, &links, d->values, &linked, error);
+        settings.way = UMB_MAP_DEEP_LINKS;
+        status = map_ask(d, &settings, d->values, &linked, error);
+    }
+    int same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
+    if (status == UMB_OK) {
+        settings.way = UMB_MAP_DEEP_STREAM;
+        status = map_ask(d, &settings, d->values, &streamed, error);
     }
     if (status != UMB_OK) {
         return status;
     }
+    same = same && memcmp(d->values, d->other, bytes) == 0;
     size_t occupied = 0;
     for (size_t i = 0; i < texels; i++) {
         occupied += d->first[i + 1] > d->first[i];
     }
-    const size_t bytes = d->buffer.receiver_count * sizeof *d->values;
     printf("%s: %" PRIu64 " texels a side, %" PRIu64 " fragments in %zu lists, %zu points, %" PRIu64
            " x %" PRIu64 " texels\n",
            d->scene_path, d->resolution, d->first[texels], occupied, d->buffer.receiver_count,
@@ -316,9 +331,8 @@ static enum umb_status deep_run(struct deep *d, struct umb_error *error)
            linked.info.fragments, worst_difference(d, d->values));
     printf("searched:          %" PRIu64 " bytes, %.0f ns a point\n", searched.info.bytes,
            searched.query_ns);
-    printf("linked:            %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n",
-           linked.info.bytes, linked.query_ns, searched.query_ns / linked.query_ns,
-           memcmp(d->values, d->other, bytes) == 0 ? "the same" : "OTHER");
+    way_print("linked:", &linked, &searched, same);
+    way_print("streamed:", &streamed, &searched, same);
     return UMB_OK;
 }
 

@@ -37,9 +37,9 @@ static int fragment_compare(const void *a, const void *b)
 }
 
 /*
- * Writes the list of one texel and returns its length. Products are doubles, rounded once a node:
- * n factors are off by n 2^-53. Fragments that take nothing are left out; the first node that
- * leaves less than epsilon, or nothing, is the last.
+ * Writes the list of one texel and returns its length. Products are doubles, rounded to 2^-30 once
+ * a node: n factors are off by n 2^-53. Fragments that take nothing are left out; the first node
+ * that leaves less than epsilon, or nothing, is the last.
  */
 static uint32_t list_write(struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
@@ -56,11 +56,11 @@ static uint32_t list_write(struct umb_map_fragment *sorted, size_t count,
         left *= 1.0 - (double)sorted[i].alpha;
         if (last == NULL || last->depth != sorted[i].depth) {
             last = (struct umb__deep_node *)(void *)(nodes + length++ * deep->stride);
-            last->depth = sorted[i].depth;
+            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0: streams compare bits */
         }
-        last->left = (float)left;
+        last->left = (uint32_t)(left * (double)UMB__DEEP_ONE + 0.5);
         const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
-        if (!more_here && (left < epsilon || left == 0.0)) {
+        if (!more_here && (left < epsilon || last->left == 0)) {
             break;
         }
     }
@@ -148,6 +148,60 @@ static void links_make(struct umb__deep *deep)
     }
 }
 
+/* Lists of up to so many nodes on average, of those that have any, are quicker streamed than walked
+ * along links (measured at 7 x 7, docs/techniques.md). */
+#define STREAM_MEAN 16U
+
+static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
+{
+    const size_t texels = (size_t)deep->width * deep->height;
+    uint64_t lists = 0;
+    if (deep->settings.way != UMB_MAP_DEEP_AUTO) {
+        return deep->settings.way;
+    }
+    for (size_t i = 0; i < texels; i++) {
+        lists += deep->first[i + 1] > deep->first[i];
+    }
+    return deep->settings.exponent == 0.0 && deep->first[texels] <= STREAM_MEAN * lists
+               ? UMB_MAP_DEEP_STREAM
+               : UMB_MAP_DEEP_LINKS;
+}
+
+/* What is left becomes what is lost, from each list's end on. */
+static void stream_make(struct umb__deep *deep)
+{
+    struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;
+    const size_t texels = (size_t)deep->width * deep->height;
+    for (size_t i = 0; i < texels; i++) {
+        for (uint64_t k = deep->first[i + 1]; k > deep->first[i]; k--) {
+            const uint32_t before = k - 1 > deep->first[i] ? nodes[k - 2].left : UMB__DEEP_ONE;
+            nodes[k - 1].left = before - nodes[k - 1].left;
+        }
+    }
+}
+
+/* Makes room for links behind each node, in place from the end on. */
+static enum umb_status links_open(struct umb__deep *deep, const struct umb_alloc *alloc,
+                                  struct umb_error *error)
+{
+    const uint64_t used = deep->first[(size_t)deep->width * deep->height];
+    const size_t stride = sizeof(struct umb__deep_linked);
+    uint8_t *more = umb__resize(alloc, deep->nodes, (size_t)(used > 0 ? used : 1) * stride);
+    if (more == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "links of %llu fragments do not fit in memory",
+                        (unsigned long long)used);
+    }
+    for (uint64_t i = used; i > 0; i--) {
+        struct umb__deep_node node;
+        memcpy(&node, more + (i - 1) * sizeof node, sizeof node);
+        memcpy(more + (i - 1) * stride, &node, sizeof node);
+    }
+    deep->nodes = more;
+    deep->stride = stride;
+    deep->bytes += used * (stride - sizeof(struct umb__deep_node));
+    return UMB_OK;
+}
+
 enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
                                  const struct umb_map_fragments *fragments,
                                  const struct umb_map_deep_settings *settings,
@@ -167,8 +221,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
         deep->width = frustum->width;
         deep->height = frustum->height;
         deep->first = umb__alloc_zeroed(alloc, texels + 1, sizeof *deep->first);
-        deep->stride =
-            settings->links ? sizeof(struct umb__deep_linked) : sizeof(struct umb__deep_node);
+        deep->stride = sizeof(struct umb__deep_node);
         deep->nodes = umb__alloc(alloc, total, deep->stride);
     }
     if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
@@ -177,12 +230,18 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
                         (unsigned long long)total);
     }
     status = lists_make(deep, fragments, alloc, error);
+    deep->way = status == UMB_OK ? choose_way(deep) : settings->way;
+    if (status == UMB_OK && deep->way == UMB_MAP_DEEP_LINKS) {
+        status = links_open(deep, alloc, error);
+    }
     if (status != UMB_OK) {
         umb__deep_destroy(deep, alloc);
         return status;
     }
-    if (settings->links) {
+    if (deep->way == UMB_MAP_DEEP_LINKS) {
         links_make(deep);
+    } else if (deep->way == UMB_MAP_DEEP_STREAM) {
+        stream_make(deep);
     }
     *out = deep;
     return UMB_OK;

@@ -8,16 +8,26 @@
  * transmittance left behind it. A receiver at depth t gets what is left behind the last node
  * nearer than t; nodes at t itself do not count, as for shadow maps.
  *
+ * What is left is a whole number of 2^-30, so that sums over a window are exact in any order: the
+ * three ways of umb_map_deep_way give the same bits.
+ *
  * Links (Bavoil et al., seed 003): each node knows the node nearest in depth in the list of the
  * texel to the right and above. A wide filter searches its first list only, follows the link of
  * the node it found to the next texel, and walks a step or two there. The place it ends at is the
- * one a search finds, so both ways give the same bits.
+ * one a search finds.
+ *
+ * Streams: what a texel gets is 1 less the drops (what is left before a node less what is left
+ * behind it) of all its nodes nearer than t. The lists of a row of a window lie one after another:
+ * its sum is one pass over them that knows nothing of where lists begin, without a branch. Cheaper
+ * than any search as long as lists are short.
  */
 #include "maps/map_parts.h"
 
+#define UMB__DEEP_ONE ((uint32_t)1 << 30) /* transmittance 1 */
+
 struct umb__deep_node {
     float depth;
-    float left; /* transmittance behind it */
+    uint32_t left; /* transmittance behind it; in a stream the drop at it */
 };
 
 /* With links a node is followed by them, in the same cache line. */
@@ -29,9 +39,10 @@ struct umb__deep_linked {
 struct umb__deep {
     struct umb_map_deep_settings settings;
     uint32_t width, height;
-    uint64_t *first; /* [width * height + 1] */
-    uint8_t *nodes;  /* first[width * height] of umb__deep_node, or _linked */
-    size_t stride;   /* bytes of one of them */
+    uint64_t *first;           /* [width * height + 1] */
+    uint8_t *nodes;            /* first[width * height] of umb__deep_node, or _linked */
+    size_t stride;             /* bytes of one of them */
+    enum umb_map_deep_way way; /* that was chosen */
     uint64_t bytes;
 };
 

@@ -141,6 +141,13 @@ enum umb_status umb_map_build_deep(const struct umb_map_frustum *frustum,
         status = umb_fail(error, UMB_E_ARGUMENT, "settings.exponent is %g; it must be 0..1e6",
                           settings->exponent);
     }
+    if (status == UMB_OK && ((unsigned)settings->way > UMB_MAP_DEEP_STREAM ||
+                             (settings->way == UMB_MAP_DEEP_STREAM && settings->exponent > 0.0))) {
+        status =
+            umb_fail(error, UMB_E_ARGUMENT,
+                     "settings.way is %d; it must be 0..3, and not 3 (STREAM) with an exponent",
+                     (int)settings->way);
+    }
     if (status == UMB_OK) {
         status = map_create(frustum, alloc, &map, error);
     }

@@ -174,12 +174,21 @@ struct umb_map_fragments {
     const struct umb_map_fragment *fragments; /* [first[width * height]], any order in a texel */
 };
 
+/* How a filter finds its way in the lists under its window. Every way gives the same bits. */
+enum umb_map_deep_way {
+    UMB_MAP_DEEP_AUTO = 0,   /* STREAM where lists are short on average, else LINKS */
+    UMB_MAP_DEEP_SEARCH = 1, /* halves each list: 8 bytes a node */
+    UMB_MAP_DEEP_LINKS = 2,  /* halves the first and follows links to the others: 16 bytes */
+    UMB_MAP_DEEP_STREAM = 3, /* adds up all nodes of a window's row, which lie one after another,
+                                without a branch: 8 bytes; not with an exponent */
+};
+
 struct umb_map_deep_settings {
     double epsilon;  /* a list ends when less transmittance is left, 0..1; 0 keeps all; 0.001 cannot
                         be seen */
     double exponent; /* 0: steps; to 1e6: the last step fades in by exp(-c d), d of depth behind it
                       */
-    int links;       /* 1: store links to the right and upper texel's list, for wide filters */
+    enum umb_map_deep_way way;
 };
 
 /* A checked query: caller's storage, no pointer into itself, may be copied. */
@@ -237,7 +246,8 @@ UMB_API UMB_CHECKED enum umb_status umb_map_build(const struct umb_map_frustum *
                                                   struct umb_map **out, struct umb_error *error);
 
 /* Builds a deep shadow map; same rules. Fails also: E_ARGUMENT (`first`
- * not rising, depth, alpha or a setting out of range). Source: Lokovic, Veach 2000; seed 003. */
+ * not rising, depth, alpha or a setting out of range, STREAM with an exponent). Source: Lokovic,
+ * Veach 2000; seed 003. */
 UMB_API UMB_CHECKED enum umb_status
 umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_fragments *fragments,
                    const struct umb_map_deep_settings *settings, const struct umb_alloc *alloc,

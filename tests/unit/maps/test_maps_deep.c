@@ -92,28 +92,66 @@ static long double brute(const double p[3], int taps)
     return sum / (taps * taps);
 }
 
-static void transmittance_equals_the_product_and_links_change_no_bit(void **state)
+/* All ways, and what they store; off by at most half of 2^-30 a node, and the answer is a float. */
+static void transmittance_equals_the_product_whatever_the_way(void **state)
 {
     (void)state;
+    static const int node_bytes[] = {0, 8, 16, 8};
     const struct umb_map_fragments in = strands(2000, MOST, 0);
-    struct umb_map *plain = deep_of(&in, &(struct umb_map_deep_settings){0});
-    struct umb_map *linked = deep_of(&in, &(struct umb_map_deep_settings){.links = 1});
-    for (int taps = 1; taps <= 7; taps += 2) {
-        ask_deep(plain, taps, values);
-        ask_deep(linked, taps, others);
-        assert_memory_equal(values, others, sizeof values);
-        for (int i = 0; i < POINTS; i++) {
-            const long double error = fabsl((long double)values[i] - brute(at[i], taps));
-            /* A node is a float, 2^-25; the answer another; products of 40 factors 40 * 2^-53. */
-            assert_true(error < 1.3e-7L);
+    uint64_t searched_bytes = 0;
+    for (int way = UMB_MAP_DEEP_SEARCH; way <= UMB_MAP_DEEP_STREAM; way++) {
+        struct umb_map *map =
+            deep_of(&in, &(struct umb_map_deep_settings){.way = (enum umb_map_deep_way)way});
+        struct umb_map_info info;
+        umb_map_get_info(map, &info);
+        searched_bytes = way == UMB_MAP_DEEP_SEARCH ? info.bytes : searched_bytes;
+        assert_true(info.bytes ==
+                    searched_bytes + (uint64_t)(node_bytes[way] - 8) * info.fragments);
+        for (int taps = 1; taps <= 7; taps += 2) {
+            static float first_way[4][POINTS];
+            ask_deep(map, taps, values);
+            if (way == UMB_MAP_DEEP_SEARCH) {
+                memcpy(first_way[taps / 2], values, sizeof values);
+            }
+            assert_memory_equal(values, first_way[taps / 2], sizeof values);
+            for (int i = 0; i < POINTS && way == UMB_MAP_DEEP_STREAM; i++) {
+                const long double error = fabsl((long double)values[i] - brute(at[i], taps));
+                assert_true(error < 0x1p-31L + 0x1p-25L + 1e-12L);
+            }
         }
+        umb_map_destroy(map);
     }
-    struct umb_map_info a, b;
-    umb_map_get_info(plain, &a);
-    umb_map_get_info(linked, &b);
-    assert_true(a.fragments == b.fragments && b.bytes == a.bytes + 8 * a.fragments);
-    umb_map_destroy(plain);
-    umb_map_destroy(linked);
+}
+
+static void the_way_follows_the_length_of_lists(void **state)
+{
+    (void)state;
+    static const struct {
+        int most;
+        double exponent;
+        uint64_t node_bytes;
+    } cases[] = {{6, 0.0, 8}, {MOST, 0.0, 16}, {6, 5.0, 16}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const struct umb_map_fragments in = strands(77, cases[i].most, 0);
+        struct umb_map *map =
+            deep_of(&in, &(struct umb_map_deep_settings){.exponent = cases[i].exponent});
+        struct umb_map_info info;
+        umb_map_get_info(map, &info);
+        assert_true(info.bytes ==
+                    (W * H + 1) * sizeof(uint64_t) + cases[i].node_bytes * info.fragments);
+        umb_map_destroy(map);
+    }
+    const struct umb_map_fragments in = strands(77, 6, 0);
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    static const struct umb_map_deep_settings bad[] = {
+        {.way = UMB_MAP_DEEP_STREAM, .exponent = 1.0}, {.way = (enum umb_map_deep_way)4}};
+    for (size_t i = 0; i < 2; i++) {
+        struct umb_map *map;
+        struct umb_error error;
+        assert_int_equal(umb_map_build_deep(&frustum, &in, &bad[i], NULL, &map, &error),
+                         UMB_E_ARGUMENT);
+        assert_non_null(strstr(error.message, "settings.way"));
+    }
 }
 
 static void opaque_fragments_give_exactly_the_binary_answer(void **state)
@@ -132,29 +170,32 @@ static void opaque_fragments_give_exactly_the_binary_answer(void **state)
     }
     const struct umb_map_frustum frustum = plain_frustum(W, H);
     struct umb_map *binary = map_of(&frustum, nearest, &(struct umb_map_settings){0});
-    struct umb_map *deep =
-        deep_of(&in, &(struct umb_map_deep_settings){.links = 1, .epsilon = 0.001});
-    for (int taps = 1; taps <= 9; taps += 4) {
-        ask_deep(binary, taps, values);
-        ask_deep(deep, taps, others);
-        assert_memory_equal(values, others, sizeof values);
+    for (int way = UMB_MAP_DEEP_SEARCH; way <= UMB_MAP_DEEP_STREAM; way++) {
+        const struct umb_map_deep_settings settings = {.way = (enum umb_map_deep_way)way,
+                                                       .epsilon = 0.001};
+        struct umb_map *deep = deep_of(&in, &settings);
+        for (int taps = 1; taps <= 9; taps += 4) {
+            ask_deep(binary, taps, values);
+            ask_deep(deep, taps, others);
+            assert_memory_equal(values, others, sizeof values);
+        }
+        umb_map_destroy(deep);
     }
     umb_map_destroy(binary);
-    umb_map_destroy(deep);
 }
 
 static void truncation_costs_less_than_epsilon_and_saves_nodes(void **state)
 {
     (void)state;
     const struct umb_map_fragments in = strands(2014, MOST, 0);
-    struct umb_map *full = deep_of(&in, &(struct umb_map_deep_settings){.links = 1});
+    struct umb_map *full = deep_of(&in, &(struct umb_map_deep_settings){.way = UMB_MAP_DEEP_LINKS});
     ask_deep(full, 5, values);
     struct umb_map_info info;
     umb_map_get_info(full, &info);
     uint64_t before = info.fragments;
     for (double epsilon = 1e-4; epsilon < 0.2; epsilon *= 10.0) {
-        struct umb_map *map =
-            deep_of(&in, &(struct umb_map_deep_settings){.links = 1, .epsilon = epsilon});
+        struct umb_map *map = deep_of(
+            &in, &(struct umb_map_deep_settings){.way = UMB_MAP_DEEP_LINKS, .epsilon = epsilon});
         ask_deep(map, 5, others);
         umb_map_get_info(map, &info);
         for (int i = 0; i < POINTS; i++) {
@@ -180,7 +221,7 @@ static void products_underflow_to_darkness_and_equal_depths_are_one_step(void **
     const struct umb_map_fragments in = {ends, many};
     const struct umb_map_frustum frustum = plain_frustum(1, 1);
     struct umb_map *map;
-    const struct umb_map_deep_settings settings = {.links = 1};
+    const struct umb_map_deep_settings settings = {.way = UMB_MAP_DEEP_LINKS};
     assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, NULL), UMB_OK);
     struct umb_map_info info;
     umb_map_get_info(map, &info);
@@ -198,7 +239,7 @@ static void an_exponent_fades_the_last_step_in(void **state)
     const uint64_t ends[2] = {0, 2};
     const struct umb_map_fragments in = {ends, two};
     const struct umb_map_frustum frustum = plain_frustum(1, 1);
-    const struct umb_map_deep_settings settings = {.links = 1, .exponent = 40};
+    const struct umb_map_deep_settings settings = {.way = UMB_MAP_DEEP_LINKS, .exponent = 40};
     struct umb_map *map;
     assert_int_equal(umb_map_build_deep(&frustum, &in, &settings, NULL, &map, NULL), UMB_OK);
     const struct umb_map_query query = query_of(map, &(struct umb_map_filter){.width = 1});
@@ -245,7 +286,7 @@ static void fragments_from_strangers_are_refused_by_name(void **state)
     struct umb_map_fragment list[3] = {{0.1F, 0.5F}, {0.2F, 0.5F}, {0.3F, 0.5F}};
     uint64_t ends[3] = {0, 2, 3};
     const struct umb_map_fragments in = {ends, list};
-    struct umb_map_deep_settings settings = {.links = 1};
+    struct umb_map_deep_settings settings = {.way = UMB_MAP_DEEP_LINKS};
     struct umb_map *map;
     struct umb_error error;
     static const float bad[] = {NAN, INFINITY, -0.1F, 1.1F};
@@ -291,7 +332,7 @@ static void short_memory_is_a_status_and_leaks_nothing(void **state)
     (void)state;
     const struct umb_map_fragments in = strands(5, 8, 0);
     const struct umb_map_frustum frustum = plain_frustum(W, H);
-    const struct umb_map_deep_settings settings = {.links = 1};
+    const struct umb_map_deep_settings settings = {.way = UMB_MAP_DEEP_LINKS};
     int ok = 0;
     for (int n = 0; n < 9; n++) {
         struct failing failing = {.fail_at = n};
@@ -310,7 +351,8 @@ static void short_memory_is_a_status_and_leaks_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(transmittance_equals_the_product_and_links_change_no_bit),
+        cmocka_unit_test(transmittance_equals_the_product_whatever_the_way),
+        cmocka_unit_test(the_way_follows_the_length_of_lists),
         cmocka_unit_test(opaque_fragments_give_exactly_the_binary_answer),
         cmocka_unit_test(truncation_costs_less_than_epsilon_and_saves_nodes),
         cmocka_unit_test(products_underflow_to_darkness_and_equal_depths_are_one_step),
