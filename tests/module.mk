@@ -76,6 +76,9 @@ accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false sha
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
+verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
+
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/larger_than_memory.py
 
@@ -85,7 +88,7 @@ soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged fil
 
 attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attackers, 60 s each, beside a victim: an hour
 	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
-.PHONY: larger-than-memory soak attack
+.PHONY: verify-scenes larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:

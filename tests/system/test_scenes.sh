@@ -48,31 +48,7 @@ while read -r scene rules light; do
         # shellcheck disable=SC2086
         bakes "$scene" --closed "$rule" $choice
     done
-done <<'LIST'
-arena_zdm2/zdm2.glb auto,off sun
-broken_trimesh/busted.STL auto,off sun
-broken_trimesh/nancolor.obj auto,off sun
-broken_trimesh/plate_holes.STL auto,off sun
-broken_trimesh/singlevn.obj auto sun
-broken_trimesh/soup.stl auto sun
-city_delft/delft_all.obj auto,off sun
-city_delft/delft_solids.obj auto sun
-city_denhaag/denhaag_9solids.obj auto,on,off sun
-garden_sterngarten/Sterngarten_Wien_innerArea-optimized.obj auto sun
-garden_sterngarten/sterngarten_mask.glb auto sun
-geo_delft_rd/delft_epsg7415.obj auto,off sun
-hair_long01/long01.obj auto sun
-hair_long01/long01_blend.glb auto sun
-helmet_flight/FlightHelmet.gltf auto,off sun
-lights_atteneder/LightsDirectional.gltf auto,off file
-lights_atteneder/LightsPoint.gltf auto sun
-lights_atteneder/LightsSpot.gltf auto sun
-lights_fog/VolumetricFogExample.glb auto,on,off file
-scan_lionstatue/lionstatue.obj auto sun
-scan_ycb_banana/textured_simple_reoriented.obj auto,on,off sun
-terrain_jacksboro/jacksboro.ply auto sun
-tiny_cornell/CornellBox.glb auto,off sun
-LIST
+done <"$root/tests/scenes/real_scenes.txt"
 
 # The planted mistake: another scene's asset must not agree.
 banana=$scenes/scan_ycb_banana/textured_simple_reoriented.obj

@@ -1,5 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See pack_order.h. Depth-first traversal with an explicit stack: depth never exceeds the bands. */
+/*
+ * See pack_order.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
+ * What a visit reads of a node lies anywhere in memory, so it is asked for when the node goes onto
+ * the stack, together with its siblings.
+ */
 #include "format/pack_order.h"
 
 #include <stdbool.h>
@@ -25,9 +29,9 @@ struct traversal {
     const struct umb_octree *octree;
     struct umb__pack_order *order;
     struct umb_error *error;
-    size_t page_bytes;                    /* estimate for the open page */
+    size_t page_bytes; /* estimate for the open page */
     uint32_t page_level_counts[UMB_LEVEL_MAX + 1];
-    struct node_list waiting;             /* roots of the next band */
+    struct node_list waiting; /* roots of the next band */
     uint32_t band_low;
 };
 
@@ -48,12 +52,12 @@ static enum umb_status allocate(const struct umb_octree *octree, struct umb__pac
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         size_t count = umb__octree_level_count(octree, level);
         total += count;
-        order->page_of[level] = umb__alloc(order->alloc, count, sizeof(uint32_t));
-        order->position_of[level] = umb__alloc(order->alloc, count, sizeof(uint32_t));
-        if (!order->page_of[level] || !order->position_of[level]) {
+        struct umb__node_place *places = umb__alloc_large(order->alloc, count, sizeof *places);
+        order->places[level] = places;
+        if (!places) {
             return no_memory(error);
         }
-        memset(order->page_of[level], 0xff, count * sizeof(uint32_t));
+        memset(places, 0xff, count * sizeof *places);
     }
     order->sequence = umb__alloc(order->alloc, total, sizeof *order->sequence);
     return order->sequence ? UMB_OK : no_memory(error);
@@ -97,7 +101,7 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
     size_t bytes = 2 + (size_t)children;
     for (uint32_t i = 0; i < children; i++) {
         uint32_t child = level->children[level->first[node.index] + i];
-        uint32_t page = t->order->page_of[node.level - 1][child];
+        uint32_t page = t->order->places[node.level - 1][child].page;
         bytes += page != UINT32_MAX && page != t->order->page_count ? 8 : 0;
     }
     return bytes;
@@ -108,8 +112,10 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
 {
     struct umb__pack_order *order = t->order;
     size_t bytes = estimate(t, node);
-    order->page_of[node.level][node.index] = order->page_count;
-    order->position_of[node.level][node.index] = t->page_level_counts[node.level]++;
+    order->places[node.level][node.index] = (struct umb__node_place){
+        .page = order->page_count,
+        .position = t->page_level_counts[node.level]++,
+    };
     order->sequence[order->node_count++] = node;
     order->counts[node.level]++;
     t->page_bytes += bytes;
@@ -152,7 +158,7 @@ static enum umb_status check_node(const struct traversal *t, struct umb__node_re
 /* Marks a node of a lower band as waiting, once. The mark is a page number no page can have. */
 static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref node)
 {
-    uint32_t *page = &t->order->page_of[node.level][node.index];
+    uint32_t *page = &t->order->places[node.level][node.index].page;
     if (*page != UINT32_MAX) {
         return UMB_OK;
     }
@@ -167,7 +173,18 @@ static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_
 
 static bool is_placed(const struct traversal *t, struct umb__node_ref node)
 {
-    return t->order->page_of[node.level][node.index] < UINT32_MAX - 1;
+    return t->order->places[node.level][node.index].page < UINT32_MAX - 1;
+}
+
+/* Asks for what visiting a node, which exists, will read of it first. */
+static void ask_ahead(const struct traversal *t, struct umb__node_ref node)
+{
+    if (node.level == UMB_LEVEL_BRICK) {
+        __builtin_prefetch(t->octree->bricks[node.index]);
+    } else {
+        __builtin_prefetch(t->octree->level[node.level].first + node.index);
+        __builtin_prefetch(t->octree->level[node.level].masks + node.index);
+    }
 }
 
 /* Visits a subtree down to the band's lowest level. */
@@ -201,6 +218,7 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
                 status = wait_for_next_band(t, child);
             } else {
                 stack[depth++] = child;
+                ask_ahead(t, child);
             }
         }
         if (status != UMB_OK) {
@@ -254,8 +272,7 @@ enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pac
 void umb__pack_order_finish(struct umb__pack_order *order)
 {
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(order->alloc, order->page_of[level]);
-        umb__free(order->alloc, order->position_of[level]);
+        umb__free(order->alloc, order->places[level]);
     }
     umb__free(order->alloc, order->sequence);
     umb__free(order->alloc, order->page_first);

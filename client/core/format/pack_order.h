@@ -18,15 +18,20 @@ struct umb__node_ref {
     uint32_t index; /* in the octree's numbering */
 };
 
+/* Where a node stands. */
+struct umb__node_place {
+    uint32_t page;     /* UINT32_MAX: not reached */
+    uint32_t position; /* among the page's nodes of the level */
+};
+
 struct umb__pack_order {
     size_t node_count;
-    struct umb__node_ref *sequence;           /* [node_count], in the order of the file */
+    struct umb__node_ref *sequence; /* [node_count], in the order of the file */
     uint32_t page_count;
-    size_t *page_first;                       /* [page_count + 1], in sequence */
+    size_t *page_first; /* [page_count + 1], in sequence */
     size_t page_capacity;
-    uint32_t *page_of[UMB_LEVEL_MAX + 1];     /* [count of the level]; UINT32_MAX: not reached */
-    uint32_t *position_of[UMB_LEVEL_MAX + 1]; /* among the page's nodes of the level */
-    uint64_t counts[UMB_LEVEL_MAX + 1];       /* reached nodes of each level */
+    struct umb__node_place *places[UMB_LEVEL_MAX + 1]; /* [count of the level] */
+    uint64_t counts[UMB_LEVEL_MAX + 1];                /* reached nodes of each level */
     const struct umb_alloc *alloc;
 };
 
@@ -35,8 +40,7 @@ uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level
 
 /* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages). */
 UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,
-                                            struct umb__pack_order *order,
-                                            struct umb_error *error);
+                                            struct umb__pack_order *order, struct umb_error *error);
 void umb__pack_order_finish(struct umb__pack_order *order);
 
 #endif

@@ -176,8 +176,9 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
         const struct umb_octree_root *root = &w->octree->roots[i];
         canonical.roots[i].state = (uint32_t)root->state;
         if (root->state == UMB_NODE_MIXED) {
-            canonical.roots[i].page = w->order.page_of[root->level][root->index];
-            canonical.roots[i].position = w->order.position_of[root->level][root->index];
+            const struct umb__node_place place = w->order.places[root->level][root->index];
+            canonical.roots[i].page = place.page;
+            canonical.roots[i].position = place.position;
         }
     }
     enum umb_status status = umb__canonical_encode(&canonical, w->alloc, bytes, length, w->error);

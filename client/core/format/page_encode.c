@@ -45,6 +45,18 @@ static unsigned brick_runs(const uint64_t *brick)
     return bits;
 }
 
+/* How many nodes or children ahead of the one at work memory is asked for. */
+#define AHEAD 16U
+
+static void ask_ahead(const struct umb_octree *octree, struct umb__node_ref node)
+{
+    if (node.level == UMB_LEVEL_BRICK) {
+        __builtin_prefetch(octree->bricks[node.index]);
+    } else {
+        __builtin_prefetch(octree->level[node.level].first + node.index);
+    }
+}
+
 /* Sorts the page's nodes by level, in the order of the page, and counts. False: out of memory. */
 static bool collect(struct writer *w)
 {
@@ -69,6 +81,9 @@ static bool collect(struct writer *w)
     }
     for (size_t s = first; s < end; s++) {
         const struct umb__node_ref node = sequence[s];
+        if (s + AHEAD < end) {
+            ask_ahead(w->octree, sequence[s + AHEAD]);
+        }
         w->e->nodes[place[node.level]++] = node.index;
         if (node.level == UMB_LEVEL_BRICK) {
             w->reference_count[UMB_LEVEL_BRICK] +=
@@ -133,19 +148,24 @@ static bool sort_table(struct writer *w)
 static void list_children(struct writer *w, uint32_t node_level)
 {
     const struct umb_octree_level *level = &w->octree->level[node_level];
-    const uint32_t *page_of = w->order->page_of[node_level - 1];
-    const uint32_t *position_of = w->order->position_of[node_level - 1];
+    const struct umb__node_place *places = w->order->places[node_level - 1];
     const uint32_t *nodes = w->e->nodes + w->node_first[node_level];
-    uint32_t *reference = w->e->references;
+    const size_t count = w->reference_count[node_level];
+    uint32_t *references = w->e->references;
+    size_t n = 0;
     for (uint32_t i = 0; i < w->node_count[node_level]; i++) {
         for (uint32_t c = level->first[nodes[i]]; c < level->first[nodes[i] + 1]; c++) {
-            const uint32_t child = level->children[c], page = page_of[child];
-            const uint32_t position = position_of[child];
-            *reference++ =
-                page == w->page
-                    ? position
-                    : IN_TABLE | umb__value_set_add(&w->e->table, (uint64_t)page << 32 | position);
+            references[n++] = level->children[c];
         }
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (i + AHEAD < count) {
+            __builtin_prefetch(places + references[i + AHEAD]);
+        }
+        const struct umb__node_place place = places[references[i]];
+        const uint64_t far = (uint64_t)place.page << 32 | place.position;
+        references[i] = place.page == w->page ? place.position
+                                              : IN_TABLE | umb__value_set_add(&w->e->table, far);
     }
 }
 
