@@ -3,7 +3,7 @@
  * What tests/system/test_kernel_counts.sh lets valgrind count: one kernel over one small batch.
  *
  *     kernel_count write FILE             makes the asset, in its mapped form
- *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base or avx2
+ *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base, avx2 or penumbra
  *
  * The ground repeats every 32 texels, so that the asset is small, its grid coarse and every stage
  * of a kernel has work; the points run over it line by line, a few voxels above and below.
@@ -65,6 +65,12 @@ static int run(const char *path, const char *kernel, uint32_t taps)
     static float points[SIDE * SIDE][3], values[SIDE * SIDE];
     struct umb_open_options options = {.trust = UMB_TRUST_VALIDATED};
     struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
+    umb__kernel_fn fn = strcmp(kernel, "avx2") == 0 ? umb__kernel_avx2 : umb__kernel_base;
+    if (strcmp(kernel, "penumbra") == 0) {
+        settings.filter = UMB_FILTER_PENUMBRA;
+        settings.light_extent = 0.1;
+        fn = umb__kernel_penumbra;
+    }
     struct umb_asset *asset;
     struct umb_query query;
     struct umb_error error;
@@ -77,7 +83,6 @@ static int run(const char *path, const char *kernel, uint32_t taps)
     struct umb_points batch = {.positions = points, .count = SIDE * SIDE};
     struct umb_answers answers = {.values = values};
     const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-    umb__kernel_fn fn = strcmp(kernel, "avx2") == 0 ? umb__kernel_avx2 : umb__kernel_base;
     fn(q, &batch, 0, batch.count, &answers);
     printf("points=%llu bricks=%llu\n", (unsigned long long)answers.stats.points,
            (unsigned long long)answers.stats.bricks);
@@ -93,6 +98,6 @@ int main(int argc, char **argv)
     if (argc == 5 && strcmp(argv[1], "run") == 0) {
         return run(argv[2], argv[3], (uint32_t)strtoul(argv[4], NULL, 10));
     }
-    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE base|avx2 TAPS\n");
+    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE base|avx2|penumbra TAPS\n");
     return 2;
 }

@@ -26,6 +26,7 @@ static void query_everywhere(const struct umb_asset *asset)
 {
     struct umb_query_settings settings = {.taps = 17, .format = UMB_ANSWER_U8};
     struct umb_query_settings tent = {.taps = 9, .filter = UMB_FILTER_TENT};
+    struct umb_query_settings soft = {.filter = UMB_FILTER_PENUMBRA, .light_extent = 0.05};
     struct umb_query query;
     double points[64][3];
     uint8_t values[64];
@@ -47,6 +48,9 @@ static void query_everywhere(const struct umb_asset *asset)
     float wide[64];
     answers.values = wide;
     if (umb_query_prepare(asset, &tent, &query, NULL) == UMB_OK) {
+        umb_query_run(&query, &batch, 0, 64, &answers);
+    }
+    if (umb_query_prepare(asset, &soft, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 64, &answers);
     }
 }

@@ -118,6 +118,12 @@ enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_
     if (!p->built) {
         return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
     }
+    if (settings->filter == UMB_FILTER_PENUMBRA) {
+        return umb_fail(
+            error, UMB_E_UNSUPPORTED,
+            "filter: penumbra: more light may widen one, so that a partial asset cannot "
+            "tell what it knows; ask the whole");
+    }
     enum umb_status status = umb_query_prepare(&p->lower, &floats, &b.lower, error);
     if (status == UMB_OK) {
         status = umb_query_prepare(&p->upper, &floats, &b.upper, error);

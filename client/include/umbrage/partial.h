@@ -205,7 +205,8 @@ struct umb_partial_answers {
  * In:    settings: format is ignored; answers are floats. want: 1 gives the pages that inexact
  *        points miss a benefit of 1 a point (umb_partial_missing then lists them); needs that no
  *        other thread queries.
- * Fails: as umb_query_prepare and umb_points_check; E_STATE (nothing built yet), E_NO_MEMORY.
+ * Fails: as umb_query_prepare and umb_points_check; E_STATE (nothing built yet), E_NO_MEMORY,
+ *        E_UNSUPPORTED (penumbras: their answers at the bounds do not enclose the truth).
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_query(struct umb_partial *partial,
                                                       const struct umb_query_settings *settings,

@@ -26,6 +26,22 @@ static void all_pages_answer_bit_for_bit_like_the_file(void **state)
     partial_fixture_close(&f);
 }
 
+static void penumbras_of_a_part_are_refused(void **state)
+{
+    struct partial_fixture f;
+    struct umb_error error;
+    struct umb_partial_answers answers = {0};
+    const struct umb_points none = {.format = UMB_POINT_F32};
+    const struct umb_query_settings settings = {.filter = UMB_FILTER_PENUMBRA, .light_extent = 0.1};
+    (void)state;
+    partial_fixture_open(&f, 0);
+    partial_build(&f);
+    assert_int_equal(umb_partial_query(f.partial, &settings, &none, 0, &answers, &error),
+                     UMB_E_UNSUPPORTED);
+    assert_memory_equal(error.message, "filter: penumbra", 16);
+    partial_fixture_close(&f);
+}
+
 static void the_truth_lies_within_the_bounds_while_pages_arrive(void **state)
 {
     (void)state;
@@ -300,6 +316,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(all_pages_answer_bit_for_bit_like_the_file),
+        cmocka_unit_test(penumbras_of_a_part_are_refused),
         cmocka_unit_test(the_truth_lies_within_the_bounds_while_pages_arrive),
         cmocka_unit_test(a_box_holds_all_that_its_points_need_and_not_the_rest),
         cmocka_unit_test(a_camera_holds_all_that_its_picture_needs),
