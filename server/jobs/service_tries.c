@@ -310,6 +310,12 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
     } else if (counts) {
         const int64_t lease = service->options.limits.lease_ms;
         const struct umbj_tiles more = umbj_board_report(service->board, report, umbj__steady_ms());
+        if (report->kind == UMBJ_REPORT_TILES && more.done > 0) {
+            umbs_log_event(service->options.log, UMB_LOG_DEBUG, "job_tiles",
+                           "job=%s epoch=%lld done=%llu found=%llu of=%llu", report->job,
+                           (long long)report->epoch, (unsigned long long)report->done,
+                           (unsigned long long)report->found, (unsigned long long)report->total);
+        }
         if (report->kind == UMBJ_REPORT_TASK) {
             atomic_fetch_add(&service->counters.task_failures[report->failure], 1);
             log_task(service, report);
