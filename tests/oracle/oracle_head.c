@@ -20,7 +20,7 @@ enum {
     PAGE_ENTRY = 64,
     BLOCK_PAGES = 64,
     MAPPED_ENTRY = 32,
-    MAPPED_SECTIONS = 5,
+    MAPPED_SECTIONS = 7,
     LIGHT_SIZE = 136,
     FRUSTUM_SIZE = 144,
     ROOT_SIZE = 16,
@@ -42,7 +42,8 @@ static int check_magic(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     } else {
         return oracle_refuse(error, "magic: neither packed nor mapped");
     }
-    uint64_t major = oracle_number(oracle->bytes + 8, 2), known = 2;
+    uint64_t major = oracle_number(oracle->bytes + 8, 2),
+             known = oracle->form == ORACLE_PACKED ? 2 : 3;
     if (major != known) {
         return oracle_refuse(error, "major version: %" PRIu64 ", not %" PRIu64, major, known);
     }
@@ -140,7 +141,7 @@ int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
                              oracle->head_size, before_info + oracle->info_size);
     }
     if (oracle->form == ORACLE_MAPPED && oracle->directory_count != MAPPED_SECTIONS) {
-        return oracle_refuse(error, "directory: %" PRIu32 " sections, not 5",
+        return oracle_refuse(error, "directory: %" PRIu32 " sections, not 7",
                              oracle->directory_count);
     }
     if (!check_head_hash(oracle, error) || !read_pages_field(oracle, error)) {

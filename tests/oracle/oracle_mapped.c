@@ -15,9 +15,10 @@
 enum {
     HEAD_FIXED = 128,
     ENTRY_SIZE = 32,
-    SECTION_COUNT = 5,
+    SECTION_COUNT = 7,
     SECTION_ALIGN = 4096,
-    TOP_SIZE = 16,
+    TOP_SIZE = 32,
+    COLUMN_SIZE = 8,
     BRICK_SIZE = 64,
     GRID_LOG2_MAX = 7,
     LEVEL_STARTS = 9, /* levels 5, 7, ... 19, and the end */
@@ -35,9 +36,11 @@ static uint32_t child_at(const struct oracle *oracle, uint64_t word, uint32_t ra
 
 static int read_sections(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
-    static const char names[SECTION_COUNT][5] = {"TOPS", "LVLS", "GRID", "NODE", "BRIK"};
+    static const char names[SECTION_COUNT][5] = {"TOPS", "LVLS", "GRID", "NODE",
+                                                 "BRIK", "COLS", "PIEC"};
     struct oracle_section *sections[SECTION_COUNT] = {&oracle->tops, &oracle->lvls, &oracle->grid,
-                                                      &oracle->node, &oracle->brik};
+                                                      &oracle->node, &oracle->brik, &oracle->cols,
+                                                      &oracle->piec};
     uint64_t at = oracle->head_size;
     for (uint32_t i = 0; i < SECTION_COUNT; i++) {
         const uint8_t *entry =
@@ -65,7 +68,8 @@ static int read_sections(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     }
     if (oracle->tops.size != (uint64_t)oracle->frustum_count * TOP_SIZE ||
         oracle->lvls.size != 8 * LEVEL_STARTS || oracle->grid.size % 4 != 0 ||
-        oracle->node.size % 8 != 0 || oracle->brik.size % BRICK_SIZE != 0) {
+        oracle->node.size % 8 != 0 || oracle->brik.size % BRICK_SIZE != 0 ||
+        oracle->cols.size % COLUMN_SIZE != 0 || oracle->piec.size % 4 != 0) {
         return oracle_refuse(error, "directory: a section has a length its content cannot have");
     }
     return 1;
@@ -79,7 +83,7 @@ static int read_tops(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         frustum->grid_log2 = (uint32_t)oracle_number(top, 4);
         frustum->grid_first = oracle_number(top + 8, 8);
         if (frustum->grid_log2 > GRID_LOG2_MAX || frustum->grid_log2 + 3 > frustum->n ||
-            (frustum->n - frustum->grid_log2) % 2 != 1 || !oracle_all_zero(top + 4, 4)) {
+            (frustum->n - frustum->grid_log2) % 2 != 1) {
             return oracle_refuse(error, "TOPS: frustum %" PRIu32 ": g %" PRIu32 " for n %" PRIu32,
                                  i, frustum->grid_log2, frustum->n);
         }
@@ -89,6 +93,20 @@ static int read_tops(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
             return oracle_refuse(
                 error, "TOPS: frustum %" PRIu32 ": %" PRIu64 " cells from %" PRIu64 " of %" PRIu64,
                 i, cells, frustum->grid_first, all);
+        }
+        uint32_t c = frustum->column_level = (uint32_t)oracle_number(top + 4, 4);
+        frustum->column_first = oracle_number(top + 16, 8);
+        frustum->piece_first = oracle_number(top + 24, 8);
+        if (c % 2 == 0 || c < 3 || c > frustum->n - frustum->grid_log2 ||
+            (c == 3 && frustum->n - frustum->grid_log2 > 3)) {
+            return oracle_refuse(error, "TOPS: frustum %" PRIu32 ": columns of level %" PRIu32, i,
+                                 c);
+        }
+        uint64_t columns = (uint64_t)1 << (2 * (frustum->n - c));
+        if (frustum->column_first > oracle->cols.size / COLUMN_SIZE ||
+            columns > oracle->cols.size / COLUMN_SIZE - frustum->column_first ||
+            frustum->piece_first + 2 > oracle->piec.size / 4) {
+            return oracle_refuse(error, "TOPS: frustum %" PRIu32 ": columns out of range", i);
         }
     }
     return 1;
@@ -147,6 +165,68 @@ static int read_levels(const struct oracle *oracle, uint8_t *starts, char error[
     for (uint32_t i = 0; i + 1 < LEVEL_STARTS; i++) {
         if (!find_starts(oracle, 5 + 2 * i, &begin[i], starts, error)) {
             return 0;
+        }
+    }
+    return 1;
+}
+
+/* What stands for the cube of a column's level around a voxel: read from its list. */
+static uint64_t piece_at(const struct oracle *oracle, const struct oracle_frustum *f,
+                         const uint32_t cube[3])
+{
+    uint64_t column = cube[0] + ((uint64_t)cube[1] << (f->n - f->column_level));
+    const uint8_t *at = oracle->cols.data + COLUMN_SIZE * (f->column_first + column);
+    uint64_t first = oracle_number(at, 4), low = oracle_number(at + 4, 2);
+    uint64_t high = oracle_number(at + 6, 2), z = cube[2];
+    z = z < low ? low : z > high ? high : z;
+    uint64_t piece = f->piece_first + first + z - low;
+    return low <= high && piece < oracle->piec.size / 4
+               ? oracle_number(oracle->piec.data + 4 * piece, 4)
+               : UINT64_MAX;
+}
+
+/* What stands for the same cube by way of the grid: 0, 1 or 2 + number. */
+static uint64_t value_at(const struct oracle *oracle, const struct oracle_frustum *f,
+                         const uint32_t cube[3])
+{
+    uint32_t g = f->grid_log2, level = f->n - g, up = level - f->column_level;
+    uint64_t cell = (uint64_t)(cube[0] >> up) + ((uint64_t)(cube[1] >> up) << g) +
+                    ((uint64_t)(cube[2] >> up) << (2 * g));
+    uint64_t value = oracle_number(oracle->grid.data + 4 * (f->grid_first + cell), 4);
+    while (up > 0 && value >= 2) {
+        up -= 2;
+        uint32_t bit =
+            ((cube[0] >> up) & 3) + 4 * ((cube[1] >> up) & 3) + 16 * ((cube[2] >> up) & 3);
+        uint64_t mixed = word_at(oracle, value - 2), lit = word_at(oracle, value - 1);
+        uint64_t before = mixed & (((uint64_t)1 << bit) - 1);
+        value = (mixed >> bit) & 1 ? 2 + (uint64_t)child_at(oracle, value - 2,
+                                                            (uint32_t)__builtin_popcountll(before))
+                                   : (lit >> bit) & 1;
+    }
+    return value;
+}
+
+/* Columns say of every cube what grid and nodes say. */
+static int check_columns(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
+{
+    for (uint32_t i = 0; i < oracle->frustum_count; i++) {
+        const struct oracle_frustum *f = &oracle->frusta[i];
+        uint32_t side = (uint32_t)1 << (f->n - f->column_level), cube[3];
+        if (oracle_number(oracle->piec.data + 4 * f->piece_first, 4) != 0 ||
+            oracle_number(oracle->piec.data + 4 * f->piece_first + 4, 4) != 1) {
+            return oracle_refuse(error, "PIEC: frustum %" PRIu32 " does not begin with 0, 1", i);
+        }
+        for (cube[2] = 0; cube[2] < side; cube[2]++) {
+            for (cube[1] = 0; cube[1] < side; cube[1]++) {
+                for (cube[0] = 0; cube[0] < side; cube[0]++) {
+                    if (piece_at(oracle, f, cube) != value_at(oracle, f, cube)) {
+                        return oracle_refuse(error,
+                                             "COLS: frustum %" PRIu32 ": cube %" PRIu32 " %" PRIu32
+                                             " %" PRIu32 " is not as in the grid",
+                                             i, cube[0], cube[1], cube[2]);
+                    }
+                }
+            }
         }
     }
     return 1;
@@ -277,7 +357,8 @@ int oracle_read_mapped(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         (void)oracle_refuse(error, "out of memory");
     }
     good = good && read_levels(oracle, starts, error) && check_grid(oracle, &reach, error) &&
-           check_nodes(oracle, &reach, error) && check_bricks(oracle, error);
+           check_nodes(oracle, &reach, error) && check_bricks(oracle, error) &&
+           check_columns(oracle, error);
     free(starts);
     free(nodes);
     free(bricks);

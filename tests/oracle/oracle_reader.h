@@ -45,9 +45,11 @@ struct oracle_frustum {
     uint32_t root_state; /* 0 shadowed, 1 lit, 2 mixed */
     uint32_t root_page;  /* if mixed */
     uint32_t root_position;
-    uint32_t root;       /* packed: number among all nodes of level n */
-    uint32_t grid_log2;  /* mapped */
-    uint64_t grid_first; /* mapped */
+    uint32_t root;         /* packed: number among all nodes of level n */
+    uint32_t grid_log2;    /* mapped */
+    uint64_t grid_first;   /* mapped */
+    uint32_t column_level; /* these three: mapped */
+    uint64_t column_first, piece_first;
 };
 
 /* A node of level 4 and up of a packed file; child[c] is a number among all of the level below. */
@@ -86,7 +88,7 @@ struct oracle {
     struct oracle_brick *bricks;              /* packed */
     uint64_t counts[ORACLE_LEVELS];           /* packed: nodes found */
 
-    struct oracle_section tops, lvls, grid, node, brik; /* mapped */
+    struct oracle_section tops, lvls, grid, node, brik, cols, piec; /* mapped */
 };
 
 /*

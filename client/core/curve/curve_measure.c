@@ -162,11 +162,14 @@ enum umb_status umb_curve_measure(const struct umb_content *content,
     struct umb_frustum_info *frusta = umb__alloc(alloc, content->frustum_count, sizeof *frusta);
     struct setting *settings = umb__alloc_zeroed(alloc, UMB_CURVE_ROWS_MAX, sizeof *settings);
     static const uint32_t no_grid[1];
+    static const struct umb__column no_columns[1];
     uint32_t rows = 0;
     enum umb_status status = UMB_OK;
     *count = 0;
     bare.view.tops = tops;
     bare.view.grid = no_grid;
+    bare.view.columns = no_columns;
+    bare.view.pieces = no_grid;
     bare.canonical.content.frusta = frusta;
     if (!tops || !settings || !frusta) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "accuracy curve: out of memory");

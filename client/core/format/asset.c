@@ -165,7 +165,9 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
     memcpy(info->id, asset->id, UMB_ID_BYTES);
     info->encoding = asset->encoding;
     info->file_bytes = asset->file_bytes;
-    info->grid_bytes = asset->view.grid_count * 4;
+    info->grid_bytes = asset->view.grid_count * 4 +
+                       asset->view.column_count * sizeof *asset->view.columns +
+                       asset->view.piece_count * 4;
     info->node_bytes = asset->view.node_words * 8;
     info->brick_bytes = asset->view.brick_count * 64;
     info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes;

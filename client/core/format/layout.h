@@ -32,7 +32,7 @@
 #define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
 #define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
 #define UMB__VERSION_PACKED  2U /* major versions; the minor one is 0. 1: one list of pages */
-#define UMB__VERSION_MAPPED  2U /* 1: nodes of any length, one behind the other */
+#define UMB__VERSION_MAPPED  3U /* 1: nodes of any length, one behind the other; 2: no columns */
 #define UMB__VERSION_MINOR   0U
 #define UMB__VERSION_PARTIAL 2U
 
@@ -102,13 +102,14 @@ enum {
 #define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
 
 /* Sections of a mapped file. */
-#define UMB__TAG_TOPS                                                                              \
-    UMB__TAG('T', 'O', 'P', 'S') /* per frustum: u32 grid log2, u32 0, u64 first cell */
+#define UMB__TAG_TOPS UMB__TAG('T', 'O', 'P', 'S') /* per frustum: struct umb__top of view.h */
 #define UMB__TAG_LEVELS                                                                            \
     UMB__TAG('L', 'V', 'L', 'S') /* u64 begin of each wide level's nodes, in words */
-#define UMB__TAG_GRID   UMB__TAG('G', 'R', 'I', 'D')
-#define UMB__TAG_NODES  UMB__TAG('N', 'O', 'D', 'E')
-#define UMB__TAG_BRICKS UMB__TAG('B', 'R', 'I', 'K')
+#define UMB__TAG_GRID    UMB__TAG('G', 'R', 'I', 'D')
+#define UMB__TAG_NODES   UMB__TAG('N', 'O', 'D', 'E')
+#define UMB__TAG_BRICKS  UMB__TAG('B', 'R', 'I', 'K')
+#define UMB__TAG_COLUMNS UMB__TAG('C', 'O', 'L', 'S')
+#define UMB__TAG_PIECES  UMB__TAG('P', 'I', 'E', 'C')
 
 #define UMB__ENTRY_HEAD      16U
 #define UMB__SCENE_SIZE      104U
@@ -117,8 +118,9 @@ enum {
 #define UMB__COUNTS_SIZE     152U /* levels 3..20, then the 2014 bytes */
 #define UMB__ROOT_SIZE       16U
 #define UMB__CURVE_SIZE      40U
-#define UMB__CURVE_READS_MAX 1024U /* nodes or lines of one window: more than 17 texels can touch */
-#define UMB__TOP_SIZE        16U
+#define UMB__CURVE_READS_MAX 1024U /* nodes or lines of one window: more than 17 texels can touch  \
+                                    */
+#define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
 #define UMB__PAGE_ENCODING   1U

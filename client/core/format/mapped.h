@@ -6,12 +6,20 @@
 #include "format/head.h"
 #include "format/view.h"
 
+/* Bytes of grids, nodes and bricks: what columns are sized by. */
+static inline uint64_t umb__layout_bytes(uint64_t cells, uint64_t node_words, uint64_t bricks)
+{
+    return cells * 4 + node_words * 8 + bricks * 64;
+}
+
 /* The mapped layout in memory of its own. */
 struct umb__mapped {
     struct umb__top *tops;
     uint32_t *grid;
     uint64_t *nodes;
     uint64_t (*bricks)[8];
+    struct umb__column *columns;
+    uint32_t *pieces;
     struct umb__view view;
     const struct umb_alloc *alloc;
 };
@@ -19,7 +27,7 @@ struct umb__mapped {
 /*
  * Lays an octree out for queries. Takes the bricks out of the octree (they are the same bytes).
  *
- * Grid sizes: the largest g with n - g odd, at most 2^7 cells a side, whose bytes stay within
+ * Grid sizes: the largest g with n - g odd, at most 2^6 cells a side, whose bytes stay within
  * an eighth of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
  * least the smallest grid). Wide nodes of levels above every grid's cells are then left out.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
@@ -28,9 +36,21 @@ struct umb__mapped {
  */
 UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
                                               const struct umb_content *content,
-                                              uint64_t max_memory_bytes,
-                                              struct umb__mapped *mapped, struct umb_error *error);
+                                              uint64_t max_memory_bytes, struct umb__mapped *mapped,
+                                              struct umb_error *error);
 void umb__mapped_finish(struct umb__mapped *mapped);
+
+/*
+ * Makes the columns of a layout whose grids and nodes are there (a step of umb__mapped_build).
+ *
+ * Columns of a frustum are as narrow as their bytes may be: a thirty-second of grids, nodes and
+ * bricks, divided by the number of frusta. Those as wide as the grid's cells are always allowed.
+ * Out:   mapped: columns, pieces and what tops and view say of them.
+ * Fails: E_NO_MEMORY, E_TOO_LARGE (2^32 pieces).
+ * Cost:  linear in the bytes allowed.
+ */
+UMB_CHECKED enum umb_status umb__columns_build(const struct umb_content *content,
+                                               struct umb__mapped *mapped, struct umb_error *error);
 
 /*
  * Finds the sections of a mapped file and checks them.

@@ -10,7 +10,8 @@
 
 #include "base/memory.h"
 
-#define LINE_WORDS 8U /* of a cache */
+#define LINE_WORDS    8U /* of a cache */
+#define GRID_LOG2_TOP 6U /* finer grids gain nothing beside columns */
 
 struct builder {
     const struct umb_octree *octree;
@@ -169,7 +170,7 @@ static void write_nodes(const struct builder *b)
 static uint32_t choose_grid(uint32_t n, uint64_t budget)
 {
     uint32_t smallest = n % 2 == 1 ? 0 : 1, grid = smallest;
-    for (uint32_t g = smallest; g <= UMB__GRID_LOG2_MAX && g + UMB_LEVEL_BRICK <= n; g += 2) {
+    for (uint32_t g = smallest; g <= GRID_LOG2_TOP && g + UMB_LEVEL_BRICK <= n; g += 2) {
         if ((uint64_t)4 << (3 * g) <= budget) {
             grid = g;
         }
@@ -291,6 +292,11 @@ enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_co
     if (status == UMB_OK) {
         write_nodes(&b);
         fill_grids(&b);
+        mapped->view.tops = mapped->tops;
+        mapped->view.grid = mapped->grid;
+        mapped->view.nodes = mapped->nodes;
+        mapped->view.brick_count = octree->brick_count;
+        status = umb__columns_build(content, mapped, error);
     }
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(mapped->alloc, b.word_of[level]);
@@ -300,12 +306,8 @@ enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_co
         return status;
     }
     mapped->bricks = octree->bricks;
-    mapped->view.brick_count = octree->brick_count;
     octree->bricks = NULL;
     octree->brick_count = 0;
-    mapped->view.tops = mapped->tops;
-    mapped->view.grid = mapped->grid;
-    mapped->view.nodes = mapped->nodes;
     mapped->view.bricks = (const uint64_t(*)[8])mapped->bricks;
     return UMB_OK;
 }
@@ -316,5 +318,7 @@ void umb__mapped_finish(struct umb__mapped *mapped)
     umb__free(mapped->alloc, mapped->grid);
     umb__free(mapped->alloc, mapped->nodes);
     umb__free(mapped->alloc, mapped->bricks);
+    umb__free(mapped->alloc, mapped->columns);
+    umb__free(mapped->alloc, mapped->pieces);
     memset(mapped, 0, sizeof *mapped);
 }

@@ -23,11 +23,14 @@ enum section {
     SECTION_GRID,
     SECTION_NODES,
     SECTION_BRICKS,
+    SECTION_COLUMNS,
+    SECTION_PIECES,
     SECTION_COUNT,
 };
 
 static const uint32_t section_tags[SECTION_COUNT] = {
-    UMB__TAG_TOPS, UMB__TAG_LEVELS, UMB__TAG_GRID, UMB__TAG_NODES, UMB__TAG_BRICKS,
+    UMB__TAG_TOPS,   UMB__TAG_LEVELS,  UMB__TAG_GRID,   UMB__TAG_NODES,
+    UMB__TAG_BRICKS, UMB__TAG_COLUMNS, UMB__TAG_PIECES,
 };
 
 struct sections {
@@ -89,6 +92,51 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
     return UMB_OK;
 }
 
+/* Pieces of frustum i's columns: up to the next frustum's. */
+static uint64_t pieces_of(const struct umb__view *view, const struct umb_content *content,
+                          uint32_t i)
+{
+    uint64_t end =
+        i + 1 < content->frustum_count ? view->tops[i + 1].first_piece : view->piece_count;
+    return end - view->tops[i].first_piece;
+}
+
+/* Grids and columns follow one another, and each has the size that its frustum asks for. */
+static enum umb_status check_tops(const struct umb_content *content, const struct umb__view *view,
+                                  struct umb_error *error)
+{
+    uint64_t cells = 0, columns = 0, pieces = 0;
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const struct umb__top *top = &view->tops[i];
+        uint32_t n = content->frusta[i].log2_size, g = top->grid_log2, c = top->column_level;
+        if (g > UMB__GRID_LOG2_MAX || g + UMB_LEVEL_BRICK > n || (n - g) % 2 == 0 ||
+            top->first_cell != cells) {
+            return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: grid of 2^%u cells does not fit", i,
+                            g);
+        }
+        if (c % 2 == 0 || c > n - g || c < (n - g < UMB__WIDE_FIRST ? n - g : UMB__WIDE_FIRST) ||
+            top->first_column != columns) {
+            return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: columns of level %u do not fit", i, c);
+        }
+        cells += (uint64_t)1 << (3 * g);
+        columns += (uint64_t)1 << (2 * (n - c));
+        if ((i == 0 && top->first_piece != 0) || top->first_piece < pieces ||
+            view->piece_count < 2 || top->first_piece > view->piece_count - 2) {
+            return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: no pieces at %llu", i,
+                            (unsigned long long)top->first_piece);
+        }
+        pieces = top->first_piece + 2; /* at least 0 and 1 */
+    }
+    if (cells != view->grid_count || columns != view->column_count) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "sections: %llu cells and %llu columns, the frusta need %llu and %llu",
+                        (unsigned long long)view->grid_count,
+                        (unsigned long long)view->column_count, (unsigned long long)cells,
+                        (unsigned long long)columns);
+    }
+    return UMB_OK;
+}
+
 static enum umb_status check_shapes(const struct sections *s, const struct umb_content *content,
                                     struct umb__top *tops, struct umb__view *view,
                                     struct umb_error *error)
@@ -96,7 +144,9 @@ static enum umb_status check_shapes(const struct sections *s, const struct umb_c
     if (s->lengths[SECTION_TOPS] != (uint64_t)content->frustum_count * UMB__TOP_SIZE ||
         s->lengths[SECTION_LEVELS] != sizeof view->level_begin ||
         s->lengths[SECTION_GRID] % 4 != 0 || s->lengths[SECTION_NODES] % 8 != 0 ||
-        s->lengths[SECTION_BRICKS] % 64 != 0) {
+        s->lengths[SECTION_BRICKS] % 64 != 0 ||
+        s->lengths[SECTION_COLUMNS] % sizeof *view->columns != 0 ||
+        s->lengths[SECTION_PIECES] % 4 != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "sections: a length does not fit its content");
     }
     memcpy(tops, s->bytes[SECTION_TOPS], (size_t)s->lengths[SECTION_TOPS]);
@@ -104,9 +154,13 @@ static enum umb_status check_shapes(const struct sections *s, const struct umb_c
     view->grid = (const uint32_t *)(const void *)s->bytes[SECTION_GRID];
     view->nodes = (const uint64_t *)(const void *)s->bytes[SECTION_NODES];
     view->bricks = (const uint64_t(*)[8])(const void *)s->bytes[SECTION_BRICKS];
+    view->columns = (const struct umb__column *)(const void *)s->bytes[SECTION_COLUMNS];
+    view->pieces = (const uint32_t *)(const void *)s->bytes[SECTION_PIECES];
     view->grid_count = s->lengths[SECTION_GRID] / 4;
     view->node_words = s->lengths[SECTION_NODES] / 8;
     view->brick_count = s->lengths[SECTION_BRICKS] / 64;
+    view->column_count = s->lengths[SECTION_COLUMNS] / sizeof *view->columns;
+    view->piece_count = s->lengths[SECTION_PIECES] / 4;
     memcpy(view->level_begin, s->bytes[SECTION_LEVELS], sizeof view->level_begin);
     if (view->level_begin[0] != 0 || view->level_begin[UMB__WIDE_COUNT] != view->node_words) {
         return umb_fail(error, UMB_E_CORRUPT, "levels: do not span the nodes");
@@ -116,22 +170,7 @@ static enum umb_status check_shapes(const struct sections *s, const struct umb_c
             return umb_fail(error, UMB_E_CORRUPT, "levels: not in order");
         }
     }
-    uint64_t cells = 0;
-    for (uint32_t i = 0; i < content->frustum_count; i++) {
-        const struct umb__top *top = &view->tops[i];
-        uint32_t n = content->frusta[i].log2_size;
-        if (top->grid_log2 > UMB__GRID_LOG2_MAX || top->grid_log2 + UMB_LEVEL_BRICK > n ||
-            (n - top->grid_log2) % 2 == 0 || top->reserved != 0 || top->first_cell != cells) {
-            return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: grid of 2^%u cells does not fit", i,
-                            top->grid_log2);
-        }
-        cells += (uint64_t)1 << (3 * top->grid_log2);
-    }
-    if (cells != view->grid_count) {
-        return umb_fail(error, UMB_E_CORRUPT, "grid: %llu cells, the frusta need %llu",
-                        (unsigned long long)view->grid_count, (unsigned long long)cells);
-    }
-    return UMB_OK;
+    return check_tops(content, view, error);
 }
 
 static bool is_start(const uint64_t *starts, uint64_t word)
@@ -188,6 +227,31 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     return true;
 }
 
+/* Every list lies within the frustum's pieces, and every piece leads somewhere. */
+static bool check_columns(const struct umb__view *view, const uint64_t *starts,
+                          const struct umb_content *content, uint32_t frustum)
+{
+    const struct umb__top *top = &view->tops[frustum];
+    const struct umb__column *columns = view->columns + top->first_column;
+    const uint32_t *pieces = view->pieces + top->first_piece;
+    uint32_t up = content->frusta[frustum].log2_size - top->column_level; /* 2^up pieces deep */
+    uint64_t count = pieces_of(view, content, frustum);
+    for (uint64_t i = 0; i < (uint64_t)1 << (2 * up); i++) {
+        const struct umb__column *c = &columns[i];
+        if (c->low > c->high || c->high >> up != 0 ||
+            (uint64_t)c->first + c->high - c->low >= count) {
+            return false;
+        }
+    }
+    for (uint64_t i = 0; i < count; i++) {
+        if (pieces[i] >= UMB__CELL_FIRST &&
+            !number_is_valid(view, starts, top->column_level, pieces[i] - UMB__CELL_FIRST)) {
+            return false;
+        }
+    }
+    return pieces[0] == UMB__CELL_SHADOWED && pieces[1] == UMB__CELL_LIT;
+}
+
 static enum umb_status check_structure(const struct umb__view *view,
                                        const struct umb_content *content,
                                        const struct umb_alloc *alloc, struct umb_error *error)
@@ -214,6 +278,9 @@ static enum umb_status check_structure(const struct umb__view *view,
                 status = umb_fail(error, UMB_E_CORRUPT, "grid %u: cell %llu leads nowhere", i,
                                   (unsigned long long)c);
             }
+        }
+        if (status == UMB_OK && !check_columns(view, starts, content, i)) {
+            status = umb_fail(error, UMB_E_CORRUPT, "columns %u: malformed", i);
         }
     }
     umb__free(alloc, starts);

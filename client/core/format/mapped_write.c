@@ -8,7 +8,9 @@
 #include "format/asset_parts.h"
 #include "format/head.h"
 
-enum { SECTION_COUNT = 5 };
+enum {
+    SECTION_COUNT = 7
+};
 
 struct section {
     uint32_t tag;
@@ -60,6 +62,8 @@ enum umb_status umb_mapped_write(const struct umb_asset *asset, const struct umb
         {UMB__TAG_GRID, view->grid, view->grid_count * 4, 0},
         {UMB__TAG_NODES, view->nodes, view->node_words * 8, 0},
         {UMB__TAG_BRICKS, view->bricks, view->brick_count * 64, 0},
+        {UMB__TAG_COLUMNS, view->columns, view->column_count * sizeof *view->columns, 0},
+        {UMB__TAG_PIECES, view->pieces, view->piece_count * 4, 0},
     };
     uint8_t directory[SECTION_COUNT * UMB__SECTION_ENTRY] = {0};
     struct umb__head head = {

@@ -14,6 +14,13 @@
  *   masks; lit is 0 where mixed is 1. A number counts words from the start of the node section, or
  *   bricks.
  *
+ * Beside its grid each frustum has columns, the short way down for points: one for each square of
+ * 2^c texels a side (c odd, at most the level of the grid's cells), which lists the cubes of level
+ * c above that square as values like a cell's, called pieces. A list has the pieces `low` to
+ * `high`; what is nearer to the light than `low` is as piece `low`, what is farther than `high` as
+ * piece `high`. Surfaces are thin, so lists are short. The first two pieces of a frustum are 0 and
+ * 1: the lists of columns that are all shadowed or all lit.
+ *
  * A node that would begin in one line of 64 bytes and end in more than it needs begins in the next;
  * what it leaves is zero. Two zero words are a node that is all shadowed, which written trees have
  * not.
@@ -31,9 +38,16 @@
 #define UMB__CELL_FIRST    2U /* a cell of value v >= 2 is node or brick v - 2 */
 
 struct umb__top {
-    uint32_t grid_log2;
-    uint32_t reserved;   /* 0 */
-    uint64_t first_cell; /* in the grid section */
+    uint32_t grid_log2;    /* g */
+    uint32_t column_level; /* c */
+    uint64_t first_cell;   /* in the grid section */
+    uint64_t first_column; /* in the columns' section; column x + (y << (n - c)) */
+    uint64_t first_piece;  /* in the pieces' section */
+};
+
+struct umb__column {
+    uint32_t first; /* piece `low`, counted from the frustum's first */
+    uint16_t low, high;
 };
 
 /* Borrowed arrays of the mapped layout. All little-endian, as the host must be. */
@@ -42,9 +56,18 @@ struct umb__view {
     const uint32_t *grid;        /* [grid_count], cell x + (y << g) + (z << 2g) */
     const uint64_t *nodes;       /* [node_words] */
     const uint64_t (*bricks)[8]; /* [brick_count][z] */
-    uint64_t grid_count, node_words, brick_count;
+    const struct umb__column *columns;
+    const uint32_t *pieces;
+    uint64_t grid_count, node_words, brick_count, column_count, piece_count;
     uint64_t level_begin[UMB__WIDE_COUNT + 1]; /* first word of level 5 + 2i; the last is the end */
 };
+
+/* Where the piece at depth z (in cubes of the column's level) is, counted from the first. */
+static inline uint32_t umb__column_piece(struct umb__column column, uint32_t z)
+{
+    uint32_t at = z < column.high ? z : column.high;
+    return column.first + (at > column.low ? at - column.low : 0);
+}
 
 /* Words of a wide node with so many mixed children. */
 static inline uint64_t umb__wide_words(uint64_t mixed_count)

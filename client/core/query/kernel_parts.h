@@ -40,6 +40,15 @@ static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t l
     return ((size_t)x >> level) + (((size_t)y >> level) << g) + (((size_t)z >> level) << (2 * g));
 }
 
+/* umb__column_piece of a column's eight bytes, without branches. */
+static inline uint32_t umb__piece_of(uint64_t column, uint32_t z)
+{
+    uint32_t first = (uint32_t)column, low = (uint32_t)(column >> 32) & 0xffff;
+    uint32_t high = (uint32_t)(column >> 48);
+    uint32_t at = z < high ? z : high;
+    return first + (at > low ? at : low) - low;
+}
+
 static inline uint32_t umb__first_bit(uint64_t bits)
 {
     return (uint32_t)__builtin_ctzll(bits);

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
 /*
- * One tap: the points of a block go down from the grid to their bricks, level by level.
+ * One tap: the points of a block go down from their columns to their bricks, level by level.
  *
  * Who is still on the way stands in a list, and a stage writes the next stage's list over its own:
  * it puts every point at the end and moves the end if the point goes on, so nothing branches on
@@ -24,42 +24,47 @@ static inline uint32_t umb__padded(const struct umb__block *block)
     return (block->size + 7) & ~7U;
 }
 
-static inline void umb__start_descent(const struct umb__block *block, struct umb__descent *points)
+/* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
+ * thrown away. From columns to pieces, and to the nodes or bricks that these are. */
+static inline void umb__enter_columns(const struct umb__query *q, struct umb__block *block,
+                                      struct umb__descent *points)
 {
-    uint32_t count = 0;
+    const uint32_t c = q->column_level, row = q->log2_size - c, padded = umb__padded(block);
+    uint32_t index[UMB__BLOCK], value[UMB__BLOCK], left = 0;
+    uint64_t column[UMB__BLOCK];
+    for (uint32_t i = 0; i < padded; i++) {
+        index[i] = ((uint32_t)block->x[i] >> c) + ((uint32_t)block->y[i] >> c << row);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        memcpy(&column[i], q->columns + index[i], sizeof column[i]);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        index[i] = umb__piece_of(column[i], (uint32_t)block->z[i] >> c);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        value[i] = q->pieces[index[i]];
+    }
     if (umb__count_bits(block->todo) == UMB__BLOCK) {
-        for (; count < UMB__BLOCK; count++) {
-            points->slot[count] = (uint8_t)count;
+        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+            block->lit[i] = value[i] & 1;
+        }
+        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+            points->slot[left] = (uint8_t)i;
+            points->number[left] = value[i] - UMB__CELL_FIRST;
+            left += value[i] >= UMB__CELL_FIRST;
+        }
+    } else {
+        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+            uint32_t i = umb__first_bit(rest);
+            block->lit[i] = value[i] & 1;
+            points->slot[left] = (uint8_t)i;
+            points->number[left] = value[i] - UMB__CELL_FIRST;
+            left += value[i] >= UMB__CELL_FIRST;
         }
     }
-    for (uint64_t rest = count ? 0 : block->todo; rest; rest &= rest - 1) {
-        points->slot[count++] = (uint8_t)umb__first_bit(rest);
-    }
-    points->count = count;
-}
-
-/* From the grid's cells, `level` high, to nodes or bricks. */
-static inline void umb__enter_cells(const struct umb__query *q, struct umb__block *block,
-                                    uint32_t level, struct umb__descent *points)
-{
-    uint32_t index[UMB__BLOCK], g = q->grid_log2, left = 0;
-    for (uint32_t i = 0; i < umb__padded(block); i++) {
-        index[i] = ((uint32_t)block->x[i] >> level) + ((uint32_t)block->y[i] >> level << g) +
-                   ((uint32_t)block->z[i] >> level << (2 * g));
-    }
-    for (uint32_t k = 0; k < points->count; k++) {
-        UMB__PREFETCH(q->grid + index[points->slot[k]]);
-    }
-    for (uint32_t k = 0; k < points->count; k++) {
-        uint32_t i = points->slot[k], value = q->grid[index[i]];
-        block->lit[i] = value & 1;
-        points->slot[left] = (uint8_t)i;
-        points->number[left] = value - UMB__CELL_FIRST;
-        left += value >= UMB__CELL_FIRST;
-    }
     for (uint32_t k = 0; k < left; k++) {
-        UMB__PREFETCH(level > UMB_LEVEL_BRICK ? q->nodes + points->number[k]
-                                              : q->bricks[points->number[k]]);
+        UMB__PREFETCH(c > UMB_LEVEL_BRICK ? q->nodes + points->number[k]
+                                          : q->bricks[points->number[k]]);
     }
     points->count = left;
 }
@@ -113,10 +118,9 @@ static inline void umb__count_points(const struct umb__query *q, struct umb__blo
                                      struct umb_query_stats *stats)
 {
     struct umb__descent points;
-    uint32_t level = q->log2_size - q->grid_log2;
-    umb__start_descent(block, &points);
-    stats->nodes += points.count;
-    umb__enter_cells(q, block, level, &points);
+    uint32_t level = q->column_level;
+    stats->nodes += umb__count_bits(block->todo);
+    umb__enter_columns(q, block, &points);
     while (level > UMB_LEVEL_BRICK && points.count > 0) {
         level -= 2;
         stats->nodes += points.count;

@@ -188,8 +188,11 @@ void umb__perspective_face(const struct umb__query *q, uint32_t face, struct umb
 {
     *face_query = *q;
     face_query->grid = q->grid + q->tops[face].first_cell;
+    face_query->columns = q->columns + q->tops[face].first_column;
+    face_query->pieces = q->pieces + q->tops[face].first_piece;
     face_query->log2_size = q->faces[face].log2_size;
     face_query->grid_log2 = q->tops[face].grid_log2;
+    face_query->column_level = q->tops[face].column_level;
     face_query->frustum = q->first_face + face;
     face_query->format = UMB_ANSWER_F32;
     face_query->bias_mode = UMB_BIAS_NONE;

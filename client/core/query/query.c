@@ -198,6 +198,8 @@ static void set_faces(struct umb__query *q, const struct umb_asset *asset,
     const struct umb_content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[settings->light];
     q->grid = asset->view.grid;
+    q->columns = asset->view.columns;
+    q->pieces = asset->view.pieces;
     q->faces = &content->frusta[light->first_frustum];
     q->tops = &asset->view.tops[light->first_frustum];
     q->face_count = light->frustum_count;
@@ -281,10 +283,13 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
                   : settings->level > 0                     ? choose_coarse_kernel()
                                                             : choose_kernel(),
         .grid = asset->view.grid + top->first_cell,
+        .columns = asset->view.columns + top->first_column,
+        .pieces = asset->view.pieces + top->first_piece,
         .nodes = asset->view.nodes,
         .bricks = asset->view.bricks,
         .log2_size = frustum->log2_size,
         .grid_log2 = top->grid_log2,
+        .column_level = top->column_level,
         .frustum = light->first_frustum,
         .taps = taps,
         .level = settings->level,

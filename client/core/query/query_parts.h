@@ -21,10 +21,13 @@ typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_
 struct umb__query {
     umb__kernel_fn kernel;
     const uint32_t *grid;        /* of the light's frustum */
+    const struct umb__column *columns; /* likewise */
+    const uint32_t *pieces;      /* likewise */
     const uint64_t *nodes;
     const uint64_t (*bricks)[8];
     uint32_t log2_size;          /* n: voxels a side = 1 << n */
     uint32_t grid_log2;          /* g */
+    uint32_t column_level;       /* c */
     uint32_t frustum;
     int32_t taps;                /* window width */
     uint32_t level;              /* 0: down to the voxel; else where look-ups stop */

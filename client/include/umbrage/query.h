@@ -127,7 +127,7 @@ struct umb_query_stats {
     uint64_t before;      /* before the first voxel in z: lit */
     uint64_t behind;      /* behind the last voxel in z: clamped */
     uint64_t facing_away; /* shadowed by their normal */
-    uint64_t nodes;       /* grid cells and nodes read; 1 for a window that the grid settles */
+    uint64_t nodes;       /* cells, columns and nodes read; 1 for a window that the grid settles */
     uint64_t bricks;      /* bricks read */
 };
 

@@ -402,7 +402,7 @@ static void what_a_validated_mapped_file_is_still_checked_for(void **state)
     size_t tops = (size_t)umb__load64(entry + UMB__SECTION_OFFSET);
     size_t levels = (size_t)umb__load64(entry + UMB__SECTION_ENTRY + UMB__SECTION_OFFSET);
     size_t grid = (size_t)umb__load64(entry + 2 * (size_t)UMB__SECTION_ENTRY + UMB__SECTION_OFFSET);
-    const size_t shapes[] = {tops, tops + 4, tops + 8, levels, levels + 64};
+    const size_t shapes[] = {tops, tops + 4, tops + 8, tops + 16, tops + 24, levels, levels + 64};
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++) {
         mapped.data[shapes[i]] ^= 2;
         assert_int_not_equal(

@@ -155,7 +155,7 @@ static void a_mapped_file_of_another_version_is_refused_even_if_trusted(void **s
     struct umb_asset *asset;
     (void)state;
     assert_int_equal(umb__load16(mapped.data + UMB__HEAD_VERSION), UMB__VERSION_MAPPED);
-    for (unsigned version = 0; version < 4; version++) {
+    for (unsigned version = 0; version < 5; version++) {
         const enum umb_status wanted = version == UMB__VERSION_MAPPED ? UMB_OK : UMB_E_VERSION;
         umb__store16(mapped.data + UMB__HEAD_VERSION, (uint16_t)version);
         seal(&mapped);

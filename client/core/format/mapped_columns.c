@@ -1,0 +1,238 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Columns of the mapped layout (format/view.h), from its grids and nodes.
+ *
+ * A walk over the grid and below it meets the cubes of every column in order of depth, since z is
+ * the highest part of a cell's and of a child's index. It goes twice: first each column learns
+ * where its list begins and ends, then the lists are filled. How narrow columns may be is tried
+ * from wide to narrow; a walk that costs more than its columns could be worth is given up.
+ */
+#include <stdbool.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "format/mapped.h"
+
+/* Of the layout's bytes that columns may take. Narrower ones need fewer instructions and more
+ * lines: of surfaces that fill their frustum as well as of cities, the latter weighs more. */
+#define BUDGET_SHARE     32U
+#define UPDATES_PER_BYTE 2U /* of columns, before a walk is given up */
+
+struct walk {
+    const struct umb__view *view;
+    const struct umb__top *top;
+    uint32_t n, level;           /* of the frustum, of the columns' pieces */
+    struct umb__column *columns; /* of the frustum */
+    uint32_t *pieces;            /* of the frustum; NULL: lists are measured */
+    uint64_t updates_left;
+};
+
+/* Pieces z0 .. z1 - 1 of one column have one value (below 2, or z1 = z0 + 1). While lists are
+ * measured, `first` is the value of the pieces before and high < low says that all are alike. */
+static void take_run(const struct walk *w, struct umb__column *column, uint32_t z0, uint32_t z1,
+                     uint32_t value)
+{
+    if (w->pieces) {
+        uint32_t end = z1 <= column->high ? z1 : column->high + 1U;
+        for (uint32_t z = z0 > column->low ? z0 : column->low; z < end; z++) {
+            w->pieces[column->first + z - column->low] = value;
+        }
+        return;
+    }
+    bool uniform = value < UMB__CELL_FIRST, same = uniform && value == column->first;
+    if (z0 == 0) {
+        column->low = (uint16_t)(uniform ? z1 : 0); /* one more than the piece, to be above high */
+        column->high = 0;
+    } else if (!same) {
+        column->low = (uint16_t)(column->high < column->low ? column->low - 1 : column->low);
+        column->high = (uint16_t)z0;
+    } else if (column->high < column->low) {
+        column->low = (uint16_t)z1;
+    }
+    column->first = value;
+}
+
+/* All columns over a cube of `level` at (x, y, z), in cubes of that level, which has one value. */
+static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
+{
+    uint32_t shift = level - w->level, row = w->n - w->level, side = 1U << shift;
+    uint64_t updates = (uint64_t)side * side;
+    if (updates > w->updates_left) {
+        return false;
+    }
+    w->updates_left -= updates;
+    for (uint32_t y = at[1] << shift; y < (at[1] + 1) << shift; y++) {
+        for (uint32_t x = at[0] << shift; x < (at[0] + 1) << shift; x++) {
+            take_run(w, &w->columns[x + ((size_t)y << row)], at[2] << shift, (at[2] + 1) << shift,
+                     value);
+        }
+    }
+    return true;
+}
+
+/* A cell or child with its value; false if the walk is given up. Ends: levels descend. */
+static bool walk_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
+{
+    if (value < UMB__CELL_FIRST || level == w->level) {
+        return take_cube(w, level, at, value);
+    }
+    const uint64_t *node = w->view->nodes + (value - UMB__CELL_FIRST);
+    for (unsigned c = 0; c < 64; c++) {
+        bool mixed = node[0] >> c & 1;
+        const uint32_t child[3] = {4 * at[0] + (c & 3), 4 * at[1] + (c >> 2 & 3),
+                                   4 * at[2] + (c >> 4)};
+        uint32_t inner =
+            mixed ? umb__wide_child(node, c) + UMB__CELL_FIRST : (uint32_t)(node[1] >> c & 1);
+        if (!walk_cube(w, level - 2, child, inner)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool walk_frustum(struct walk *w)
+{
+    uint32_t g = w->top->grid_log2, side = 1U << g;
+    const uint32_t *cell = w->view->grid + w->top->first_cell;
+    for (uint32_t z = 0; z < side; z++) {
+        for (uint32_t y = 0; y < side; y++) {
+            for (uint32_t x = 0; x < side; x++) {
+                const uint32_t at[3] = {x, y, z};
+                if (!walk_cube(w, w->n - g, at, *cell++)) {
+                    return false;
+                }
+            }
+        }
+    }
+    return true;
+}
+
+/* Measured lists get their places. Returns the number of pieces. */
+static uint64_t place_lists(struct umb__column *columns, uint64_t count)
+{
+    uint64_t pieces = 2;
+    for (uint64_t i = 0; i < count; i++) {
+        struct umb__column *column = &columns[i];
+        if (column->high < column->low) {
+            column->low = 0; /* all alike: piece 0 or 1 */
+            continue;
+        }
+        column->first = (uint32_t)pieces;
+        pieces += (uint64_t)column->high - column->low + 1;
+    }
+    return pieces;
+}
+
+/* Columns of one frustum, measured. */
+struct measured {
+    struct umb__column *columns;
+    uint64_t count, pieces;
+    uint32_t level;
+};
+
+/* Measures lists at w->level; without columns if they take more than `bytes`. */
+static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
+                               struct measured *m)
+{
+    const uint64_t count = (uint64_t)1 << (2 * (w->n - w->level));
+    const uint64_t all = count * sizeof *w->columns;
+    *m = (struct measured){.count = count, .level = w->level};
+    if (all > bytes) {
+        return UMB_OK;
+    }
+    w->columns = umb__alloc(alloc, (size_t)count, sizeof *w->columns);
+    if (!w->columns) {
+        return UMB_E_NO_MEMORY;
+    }
+    w->updates_left = bytes < UINT64_MAX / UPDATES_PER_BYTE ? bytes * UPDATES_PER_BYTE : UINT64_MAX;
+    if (walk_frustum(w)) {
+        m->pieces = place_lists(w->columns, count);
+        if (all + m->pieces * sizeof *w->pieces <= bytes) {
+            m->columns = w->columns;
+            return UMB_OK;
+        }
+    }
+    umb__free(alloc, w->columns);
+    return UMB_OK;
+}
+
+/* The narrowest columns of a frustum within `bytes`, or those as wide as the grid's cells. */
+static enum umb_status choose_level(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
+                                    struct measured *best)
+{
+    struct measured next;
+    w->level = w->n - w->top->grid_log2;
+    enum umb_status status = measure(w, alloc, UINT64_MAX, best);
+    while (status == UMB_OK && w->level > UMB__WIDE_FIRST) {
+        w->level -= 2;
+        status = measure(w, alloc, bytes, &next);
+        if (!next.columns) {
+            break;
+        }
+        umb__free(alloc, best->columns);
+        *best = next;
+    }
+    return status;
+}
+
+/* Puts the measured columns of all frusta together, and fills their lists. */
+static enum umb_status join(const struct umb_content *content, const struct measured *measured,
+                            struct umb__mapped *mapped)
+{
+    struct umb__view *view = &mapped->view;
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        mapped->tops[i].column_level = measured[i].level;
+        mapped->tops[i].first_column = view->column_count;
+        mapped->tops[i].first_piece = view->piece_count;
+        view->column_count += measured[i].count;
+        view->piece_count += measured[i].pieces;
+    }
+    mapped->columns =
+        umb__alloc_large(mapped->alloc, (size_t)view->column_count, sizeof *mapped->columns);
+    mapped->pieces =
+        umb__alloc_large(mapped->alloc, (size_t)view->piece_count, sizeof *mapped->pieces);
+    if (!mapped->columns || !mapped->pieces) {
+        return UMB_E_NO_MEMORY;
+    }
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const struct umb__top *top = &mapped->tops[i];
+        struct walk w = {.view = view,
+                         .top = top,
+                         .n = content->frusta[i].log2_size,
+                         .level = top->column_level,
+                         .columns = mapped->columns + top->first_column,
+                         .pieces = mapped->pieces + top->first_piece,
+                         .updates_left = UINT64_MAX};
+        memcpy(w.columns, measured[i].columns, (size_t)measured[i].count * sizeof *w.columns);
+        w.pieces[0] = UMB__CELL_SHADOWED;
+        w.pieces[1] = UMB__CELL_LIT;
+        (void)walk_frustum(&w); /* nothing limits it */
+    }
+    view->columns = mapped->columns;
+    view->pieces = mapped->pieces;
+    return UMB_OK;
+}
+
+enum umb_status umb__columns_build(const struct umb_content *content, struct umb__mapped *mapped,
+                                   struct umb_error *error)
+{
+    const struct umb__view *view = &mapped->view;
+    const uint32_t count = content->frustum_count;
+    const uint64_t bytes =
+        umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
+        count;
+    struct measured *measured = umb__alloc_zeroed(mapped->alloc, count, sizeof *measured);
+    enum umb_status status = measured ? UMB_OK : UMB_E_NO_MEMORY;
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        struct walk w = {.view = view, .top = &mapped->tops[i], .n = content->frusta[i].log2_size};
+        status = choose_level(&w, mapped->alloc, bytes, &measured[i]);
+    }
+    if (status == UMB_OK) {
+        status = join(content, measured, mapped);
+    }
+    for (uint32_t i = 0; i < count && measured; i++) {
+        umb__free(mapped->alloc, measured[i].columns);
+    }
+    umb__free(mapped->alloc, measured);
+    return status == UMB_OK ? UMB_OK : umb_fail(error, status, "expanding: out of memory");
+}
