@@ -52,12 +52,15 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
     uint32_t level = q->column_level, row = q->log2_size - level, left = 0;
     stats->nodes += count;
     for (uint32_t k = 0; k < count; k++) {
-        uint32_t slot = cells->slot[k];
-        struct umb__voxel v = umb__cell_corner(block, slot);
+        struct umb__voxel v = umb__cell_corner(block, cells->slot[k]);
         uint64_t column;
         memcpy(&column, q->columns + ((uint32_t)v.x >> level) + ((uint32_t)v.y >> level << row),
                sizeof column);
-        uint32_t value = q->pieces[umb__piece_of(column, (uint32_t)v.z >> level)];
+        child[k] = q->pieces + umb__piece_of(column, (uint32_t)v.z >> level);
+        UMB__PREFETCH(child[k]);
+    }
+    for (uint32_t k = 0; k < count; k++) {
+        uint32_t slot = cells->slot[k], value = *child[k];
         uint32_t mixed = value >= UMB__CELL_FIRST;
         cells->node[slot] = nodes[mixed] + umb__select(mixed, value - UMB__CELL_FIRST, 2 * value);
         UMB__PREFETCH(cells->node[slot]);
