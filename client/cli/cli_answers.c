@@ -38,6 +38,12 @@ static float float_at(const void *values, size_t i)
     return ((const float *)values)[i];
 }
 
+/* All lights are a list in JSON, even of an asset that has one. */
+static bool is_list(const struct umbc_query_options *options, size_t light_count)
+{
+    return light_count > 1 || options->all_lights;
+}
+
 static void put_text(FILE *file, const void *const *values, size_t light_count, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -61,17 +67,18 @@ static void put_json_value(struct umbc_json *json, float value)
     json->needs_comma = true;
 }
 
+/* as_list: an array of answers for each point, also of one light. */
 static void put_json(struct umbc_json *json, const void *const *values, size_t light_count,
-                     size_t count)
+                     size_t count, bool as_list)
 {
     for (size_t i = 0; i < count; i++) {
-        if (light_count > 1) {
+        if (as_list) {
             umbc_json_begin(json, NULL, '[');
         }
         for (size_t k = 0; k < light_count; k++) {
             put_json_value(json, float_at(values[k], i));
         }
-        if (light_count > 1) {
+        if (as_list) {
             umbc_json_end(json, ']');
         }
     }
@@ -99,7 +106,8 @@ bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, s
     if (is_raw(answers)) {
         put_raw(file, answers->options->settings.format, values, light_count, count);
     } else if (answers->options->json) {
-        put_json(&answers->json, values, light_count, count);
+        put_json(&answers->json, values, light_count, count,
+                 is_list(answers->options, light_count));
     } else {
         put_text(file, values, light_count, count);
     }
@@ -249,7 +257,7 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(total->asset_id, id);
     umbc_json_text(json, "asset", id);
-    if (total->light_count == 1) {
+    if (!is_list(answers->options, total->light_count)) {
         umbc_json_integer(json, "light", total->lights[0]);
     } else {
         umbc_json_begin(json, "lights", '[');

@@ -62,8 +62,10 @@ int main(int argc, char **argv)
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
         strcmp(argv[1], "help") == 0) {
+        char *study_help = (char *)(uintptr_t) "--help";
         fputs(help, stdout);
-        return output_finish(0);
+        putchar('\n');
+        return output_finish(umbt_trade_command(1, &study_help));
     }
     if (strcmp(argv[1], "--version") == 0) {
         puts("umbrage-study " UMB_VERSION);

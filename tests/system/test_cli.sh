@@ -244,7 +244,8 @@ try 66 umbrage query city.umb --boxes pairs --light 1
 try 0 umbrage query city.umb --points points --light 0,0 --quiet
 same "two lights, two answers a line" 6 "$(wc -w <out | tr -d ' ')"
 try 0 umbrage query city.umb --points points --light all --json --quiet
-same "all lights of one" 0 "$(json out "['light']")"
+same "all lights of one are a list, too" "[0] 1" \
+    "$(json out "['lights']") $(json out "['answers'][0].__len__()")"
 
 # --- a daemon that is not there ---
 for address in tcp:127.0.0.1:1 "unix:$folder/none.sock"; do
