@@ -8,6 +8,7 @@
 
 #include <curl/curl.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +16,8 @@
 enum {
     AT_ONCE = 16, /* requests under way: hides the round trip of ranges that are apart */
     CONNECT_TIMEOUT_S = 15,
-    STALL_S = 30, /* slower than a byte a second for as long: given up */
+    STALL_S = 30,           /* slower than a byte a second for as long: given up */
+    SLOWEST_BYTES_S = 1024, /* of a range, once those are over */
 };
 
 /* One request under way. */
@@ -73,7 +75,10 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
     fetch->whole_file = false;
     (void)snprintf(text, sizeof text, "%" PRIu64 "-%" PRIu64, range->offset,
                    range->offset + range->length - 1);
+    const uint64_t timeout_s = STALL_S + range->length / SLOWEST_BYTES_S;
     if (curl_easy_setopt(fetch->easy, CURLOPT_RANGE, text) != CURLE_OK ||
+        curl_easy_setopt(fetch->easy, CURLOPT_TIMEOUT,
+                         timeout_s < LONG_MAX ? (long)timeout_s : LONG_MAX) != CURLE_OK ||
         curl_multi_add_handle(http->multi, fetch->easy) != CURLM_OK) {
         return umb_fail(error, UMB_E_NO_MEMORY, "http: out of memory");
     }

@@ -75,6 +75,7 @@ static const struct command COMMANDS[] = {
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene"},
     {"stream", umbc_stream, "fetch the part of an asset that is needed, coarse first"},
     {"derive", umbc_derive, "shadow maps for a GPU, from an asset alone"},
+    {"frames", umbc_frames, "ask a daemon for one frame's shadows after the other"},
     {"pack", umbc_pack, "turn a file into the packed form (.umb)"},
     {"unpack", umbc_unpack, "turn a file into the mapped form (.umbm)"},
     {"bake", run_bake, "bake a scene (starts umbrage-bake)"},

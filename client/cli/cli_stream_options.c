@@ -97,7 +97,7 @@ static bool parse_bytes(const char *text, uint64_t *bytes)
     return true;
 }
 
-static bool parse_size(const char *text, size_t size[2])
+bool umbc_parse_size(const char *text, size_t size[2])
 {
     unsigned width, height;
     int end = 0;
@@ -119,7 +119,7 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_stream_opt
     o->size[0] = 1280;
     o->size[1] = 720;
     o->up = 'y';
-    if (v[OPTION_SIZE] && !parse_size(v[OPTION_SIZE], o->size)) {
+    if (v[OPTION_SIZE] && !umbc_parse_size(v[OPTION_SIZE], o->size)) {
         return umbc_usage_error("stream: --size '%s', must be WxH", v[OPTION_SIZE]);
     }
     if (v[OPTION_UP]) {

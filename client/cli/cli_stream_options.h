@@ -23,6 +23,9 @@ struct umbc_stream_options {
     struct umbc_stream_points points;
 };
 
+/* "WIDTHxHEIGHT", 1 to 16384 pixels each. Returns false if it is anything else. */
+bool umbc_parse_size(const char *text, size_t size[2]);
+
 /* Returns -1 to go on, else the exit code; complaints are on stderr. Finish it either way. */
 int umbc_stream_options_parse(struct umbc_stream_options *options, int argc, char **argv);
 void umbc_stream_options_finish(struct umbc_stream_options *options);

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "format/layout.h"
 #include "rpc_sha256.h"
 
 enum {
@@ -22,6 +23,7 @@ enum {
 struct umb_region {
     struct umb_region_source source;
     struct umb_partial *partial;
+    bool resumed; /* and the source has not shown yet that it has the same asset */
     uint64_t received_bytes, requests, rounds, pages_received;
     uint32_t items[ROUND_ITEMS_MAX]; /* numbers of blocks, then of pages */
     struct umb_range ranges[ROUND_ITEMS_MAX];
@@ -172,6 +174,7 @@ enum umb_status umb_region_resume(const void *bytes, size_t size,
         umb_region_close(region);
         return status;
     }
+    region->resumed = true;
     *out = region;
     return UMB_OK;
 }
@@ -360,10 +363,34 @@ static uint64_t round_bytes(const struct umb_region *region,
     return bytes;
 }
 
+/* A saved part goes on from the asset it is of, or not at all. */
+static enum umb_status check_source(struct umb_region *region, struct umb_error *error)
+{
+    struct front front = {0};
+    enum umb_status status = read_front(region, &front, UMB__HEAD_SIZE, error);
+    region->received_bytes += front.received;
+    if (status == UMB_OK &&
+        (front.size < UMB__HEAD_SIZE ||
+         memcmp(front.bytes + UMB__HEAD_ID, umb_partial_head(region->partial) + UMB__HEAD_ID,
+                UMB_ID_BYTES) != 0)) {
+        status = umb_fail(error, UMB_E_CORRUPT,
+                          "region: the source has another asset than what was saved");
+    }
+    region->resumed = status != UMB_OK;
+    free(front.bytes);
+    return status;
+}
+
 enum umb_status umb_region_update(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
     const uint64_t start = region->received_bytes;
+    if (region->resumed) {
+        enum umb_status status = check_source(region, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
     for (;;) { /* ends: each round adds a page or a block, or is the last */
         struct round round = {.region = region, .error = error};
         const uint64_t bytes = round_bytes(region, request, start);

@@ -2,6 +2,7 @@
 /* Shadows.Query, asynchronous and blocking. */
 #include "rpc_client.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,7 +11,21 @@ struct query_call {
     umb_client_query_fn done;
     void *user;
     size_t value_bytes; /* that the answers must have */
+    int pack;           /* they may come packed */
+    uint8_t *base;      /* [value_bytes] owned; NULL: none */
 };
+
+/* Points of a request, or pixels. */
+static size_t point_count(const struct umb_client_query_request *request)
+{
+    return request->picture ? (size_t)request->picture->width * request->picture->height
+                            : request->points.count;
+}
+
+static size_t value_bytes_of(const struct umb_client_query_request *request)
+{
+    return umb_answer_bytes(request->settings.format, point_count(request));
+}
 
 /* Encodes a request after checking it. */
 static enum umb_status encode(const struct umb_client_query_request *request,
@@ -21,7 +36,16 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         .points = request->points,
         .want_stats = request->want_stats,
         .dial = request->dial,
+        .pack = request->pack,
     };
+    if (request->picture) {
+        wire.has_picture = 1;
+        wire.picture = *request->picture;
+        wire.points.count = point_count(request);
+    }
+    if (request->pack && request->base) {
+        wire.base_mark = umb_frame_mark(request->base, value_bytes_of(request));
+    }
     size_t length = request->asset == NULL ? 0 : strlen(request->asset);
     if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
@@ -40,22 +64,54 @@ static enum umb_status encode(const struct umb_client_query_request *request,
     return status;
 }
 
+/* Where a reply's answers go. */
+struct answer_place {
+    size_t value_bytes;  /* that they must have */
+    const uint8_t *base; /* [value_bytes] that they may be packed against; NULL: none */
+    void *values;        /* [value_bytes] for packed ones; NULL: they were not asked for */
+};
+
+/* Unpacks answers into their place. */
+static enum umb_status unpack(const struct umbw_query_reply *wire, const struct answer_place *place,
+                              struct umb_client_query_reply *reply, struct umb_error *error)
+{
+    const bool changes = wire->packing == UMBW_PACKING_CHANGES;
+    if (!place->values || (changes && !place->base)) {
+        return umb_fail(error, UMB_E_PROTOCOL, "packing: %s",
+                        changes ? "changes of answers that are not here" : "was not asked for");
+    }
+    enum umb_status status =
+        umb_frame_unpack(wire->visibility, wire->visibility_bytes, changes ? place->base : NULL,
+                         place->values, place->value_bytes, error);
+    if (status == UMB_E_CORRUPT) {
+        return umb_fail(error, UMB_E_PROTOCOL, "visibility: %zu packed bytes are not %zu answers'",
+                        wire->visibility_bytes, place->value_bytes);
+    }
+    reply->values = place->values;
+    reply->packed_bytes = wire->visibility_bytes;
+    reply->changes_only = changes;
+    return status;
+}
+
 /* Reads a reply and checks that it answers as many points as were asked. */
-static enum umb_status decode(const uint8_t *message, size_t size, size_t value_bytes,
+static enum umb_status decode(const uint8_t *message, size_t size, const struct answer_place *place,
                               struct umb_client_query_reply *reply, struct umb_error *error)
 {
     struct umbw_query_reply wire;
     enum umb_status status = umbw_decode_query_reply(message, size, &wire, error);
     memset(reply, 0, sizeof *reply);
-    if (status == UMB_OK && wire.visibility_bytes != value_bytes) {
+    if (status == UMB_OK && wire.packing != UMBW_PACKING_PLAIN) {
+        status = unpack(&wire, place, reply, error);
+    } else if (status == UMB_OK && wire.visibility_bytes != place->value_bytes) {
         status = umb_fail(error, UMB_E_PROTOCOL, "visibility: length is %zu bytes, must be %zu",
-                          wire.visibility_bytes, value_bytes);
+                          wire.visibility_bytes, place->value_bytes);
+    } else {
+        reply->values = wire.visibility;
     }
     if (status != UMB_OK) {
         return status;
     }
-    reply->values = wire.visibility;
-    reply->value_bytes = wire.visibility_bytes;
+    reply->value_bytes = place->value_bytes;
     memcpy(reply->asset_id, wire.asset_id, sizeof reply->asset_id);
     reply->stats = wire.stats;
     reply->nanoseconds = wire.nanoseconds;
@@ -87,8 +143,13 @@ static void on_query_done(void *user, enum umb_status status, const uint8_t *mes
     struct umb_client_query_reply reply;
     struct umb_error detail = {.status = UMB_OK};
     struct umb_error fault;
+    uint8_t *values = NULL;
     if (status == UMB_OK) {
-        status = decode(message, size, call->value_bytes, &reply, &detail);
+        values = call->pack ? malloc(call->value_bytes + 1) : NULL;
+        const struct answer_place place = {call->value_bytes, call->base, values};
+        status = call->pack && !values
+                     ? umb_fail(&detail, UMB_E_NO_MEMORY, "out of memory for the answers")
+                     : decode(message, size, &place, &reply, &detail);
         if (status != UMB_OK) {
             status = umb__reply_fault(status, &detail, &fault);
             error = &fault;
@@ -96,7 +157,32 @@ static void on_query_done(void *user, enum umb_status status, const uint8_t *mes
     }
     call->done(call->user, status, status == UMB_OK ? &reply : NULL,
                status == UMB_OK ? NULL : error);
+    free(values);
+    free(call->base);
     free(call);
+}
+
+/* What is remembered until the reply comes. NULL: out of memory. */
+static struct query_call *make_call(const struct umb_client_query_request *request,
+                                    umb_client_query_fn done, void *user)
+{
+    struct query_call *call = calloc(1, sizeof *call);
+    if (call == NULL) {
+        return NULL;
+    }
+    call->done = done;
+    call->user = user;
+    call->pack = request->pack;
+    call->value_bytes = value_bytes_of(request);
+    if (request->pack && request->base) {
+        call->base = malloc(call->value_bytes + 1);
+        if (call->base == NULL) {
+            free(call);
+            return NULL;
+        }
+        memcpy(call->base, request->base, call->value_bytes);
+    }
+    return call;
 }
 
 enum umb_status umb_client_query_start(struct umb_client *client,
@@ -109,18 +195,16 @@ enum umb_status umb_client_query_start(struct umb_client *client,
     if (status != UMB_OK) {
         return status;
     }
-    struct query_call *call = malloc(sizeof *call);
+    struct query_call *call = make_call(request, done, user);
     if (call == NULL) {
         umbw_buffer_finish(&body);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    call->done = done;
-    call->user = user;
-    call->value_bytes = umb_answer_bytes(request->settings.format, request->points.count);
     struct umb__call_plan plan = plan_of(request);
     plan.tag = user;
     status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
+        free(call->base);
         free(call);
     }
     return status;
@@ -129,7 +213,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
 /* Where a blocking query wants its reply. */
 struct query_target {
     void *values;
-    size_t value_bytes;
+    struct answer_place place;
     struct umb_client_query_reply *reply; /* may be NULL */
 };
 
@@ -138,11 +222,11 @@ static enum umb_status decode_to_target(void *out, const uint8_t *message, size_
 {
     struct query_target *target = out;
     struct umb_client_query_reply reply;
-    enum umb_status status = decode(message, size, target->value_bytes, &reply, error);
+    enum umb_status status = decode(message, size, &target->place, &reply, error);
     if (status != UMB_OK) {
         return status;
     }
-    if (reply.value_bytes > 0) {
+    if (reply.value_bytes > 0 && reply.values != target->values) {
         memcpy(target->values, reply.values, reply.value_bytes);
     }
     if (target->reply != NULL) {
@@ -160,13 +244,17 @@ enum umb_status umb_client_query(struct umb_client *client,
     if (reply != NULL) {
         memset(reply, 0, sizeof *reply);
     }
+    if (values != NULL && values == request->base) {
+        return umb_fail(error, UMB_E_ARGUMENT, "base: is where the answers go");
+    }
     enum umb_status status = encode(request, &body, error);
     if (status != UMB_OK) {
         return status;
     }
     struct query_target target = {
         .values = values,
-        .value_bytes = umb_answer_bytes(request->settings.format, request->points.count),
+        .place = {value_bytes_of(request), request->pack ? request->base : NULL,
+                  request->pack ? values : NULL},
         .reply = reply,
     };
     const struct umb__call_plan plan = plan_of(request);

@@ -17,6 +17,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/curve.h"
+#include "umbrage/frame.h"
 #include "umbrage/query.h"
 
 #define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
@@ -41,6 +42,11 @@ struct umbw_query_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
+    int has_picture; /* then the points are its pixels: positions is NULL when encoding, and its
+                        depth when decoded */
+    struct umb_picture picture;
+    int pack;
+    uint64_t base_mark; /* of answers the client has; 0 = none */
     int want_stats;
     struct umb_dial dial; /* if it wants anything, taps and level are 0 */
     /* Decoded only: targets that stand for asset and light, then empty and 0. */
@@ -52,6 +58,13 @@ struct umbw_query_request {
 struct umbw_query_target {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     uint32_t light;
+};
+
+/* As in the .proto file. */
+enum umbw_packing {
+    UMBW_PACKING_PLAIN = 0,
+    UMBW_PACKING_ZSTD = 1,
+    UMBW_PACKING_CHANGES = 2,
 };
 
 struct umbw_query_reply {
@@ -67,6 +80,7 @@ struct umbw_query_reply {
     uint32_t level, taps;
     double bound_m, visibility_error, lines, expected_ns;
     int has_stats;
+    enum umbw_packing packing; /* of visibility */
 };
 
 /* What a server takes. */

@@ -16,6 +16,7 @@ enum reply_field {
     FIELD_ASSET_ID,
     FIELD_STATS,
     FIELD_ASSET_IDS,
+    FIELD_PACKING,
     FIELD_COUNT,
 };
 
@@ -24,6 +25,7 @@ static const struct umbw_field REPLY_FIELDS[FIELD_COUNT] = {
     [FIELD_ASSET_ID] = {2, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset_id"},
     [FIELD_STATS] = {3, UMBW_FIELD_MESSAGE, UMBW_WIRE_BYTES, "stats"},
     [FIELD_ASSET_IDS] = {4, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset_ids"},
+    [FIELD_PACKING] = {5, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "packing"},
 };
 
 static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_reply *reply)
@@ -70,9 +72,14 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
     if (status == UMB_OK) {
         status = take_ids(found, reply, error);
     }
+    if (status == UMB_OK && found[FIELD_PACKING].number > UMBW_PACKING_CHANGES) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED, "packing: %llu is not known here",
+                          (unsigned long long)found[FIELD_PACKING].number);
+    }
     if (status != UMB_OK) {
         return status;
     }
+    reply->packing = (enum umbw_packing)found[FIELD_PACKING].number;
     ProtobufCMessage *rest;
     status = umbw_message_unpack(&umbrage__v1__query_reply__descriptor, scratch.bytes, scratch.size,
                                  &rest, error);
@@ -94,6 +101,7 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define TAG_ASSET_ID         0x12 /* field 2, bytes */
 #define TAG_STATS            0x1a /* field 3, bytes */
 #define TAG_ASSET_IDS        0x22 /* field 4, bytes */
+#define TAG_PACKING          0x28 /* field 5, varint */
 #define TAG_VOXEL_M          0x49 /* stats, field 9, fixed64 */
 #define TAG_LEVEL            0x50 /* stats, field 10, varint */
 #define TAG_TAPS             0x58 /* stats, field 11, varint */
@@ -168,6 +176,7 @@ static size_t head_size(const struct umbw_query_reply *reply, size_t stats_size)
     if (reply->has_stats) {
         size += 1 + varint_size(stats_size) + stats_size;
     }
+    size += reply->packing != UMBW_PACKING_PLAIN ? 2 : 0;
     if (reply->visibility_bytes > 0) {
         size += 1 + varint_size(reply->visibility_bytes);
     }
@@ -209,6 +218,7 @@ size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t
     for (size_t i = 0; i < reply->asset_id_count; i++) {
         at = write_id(at, TAG_ASSET_IDS, reply->asset_ids + i * UMB_ID_BYTES);
     }
+    at += write_number(TAG_PACKING, (uint32_t)reply->packing, at);
     if (reply->visibility_bytes > 0) {
         *at++ = TAG_VISIBILITY;
         at += umbw_varint_write(reply->visibility_bytes, at);

@@ -9,12 +9,13 @@
  */
 #include "wire/messages.h"
 
-#include <math.h>
 #include <stdbool.h>
 #include <string.h>
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
+#include "wire/picture_codec.h"
 #include "wire/proto_scan.h"
+#include "wire/query_check.h"
 
 enum request_field {
     FIELD_ASSET,
@@ -35,6 +36,10 @@ enum request_field {
     FIELD_BUDGET,
     FIELD_FILTER,
     FIELD_LIGHT_EXTENT,
+    FIELD_DEPTH,
+    FIELD_PICTURE,
+    FIELD_PACK,
+    FIELD_BASE,
     FIELD_COUNT,
 };
 
@@ -57,6 +62,10 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_BUDGET] = {23, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "budget_ns"},
     [FIELD_FILTER] = {30, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "filter"},
     [FIELD_LIGHT_EXTENT] = {31, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "light_extent"},
+    [FIELD_DEPTH] = {14, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "depth"},
+    [FIELD_PICTURE] = {24, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "picture"},
+    [FIELD_PACK] = {25, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "pack"},
+    [FIELD_BASE] = {26, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "base_mark"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -107,75 +116,6 @@ static enum umb_status bias_mode_from_wire(int wire, enum umb_bias_mode *mode,
     }
     return umb_fail(error, UMB_E_ARGUMENT,
                     "bias_mode: %d is not one of 0 (AUTO), 1 (VOXELS), 2 (METRES), 3 (NONE)", wire);
-}
-
-static enum umb_status check_taps(uint32_t taps, struct umb_error *error)
-{
-    if (taps % 2 == 0 || taps > UMB_TAPS_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "taps: %lu is not odd and within 1..%d",
-                        (unsigned long)taps, UMB_TAPS_MAX);
-    }
-    return UMB_OK;
-}
-
-/* The dial: finite amounts, and nothing beside it that it chooses. */
-static enum umb_status check_dial(const struct umb_dial *dial, uint32_t taps, uint32_t level,
-                                  struct umb_error *error)
-{
-    const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
-    static const char *const names[3] = {"max_error_m", "max_visibility", "budget_ns"};
-    for (int i = 0; i < 3; i++) {
-        if (!isfinite(wanted[i]) || wanted[i] < 0) {
-            return umb_fail(error, UMB_E_ARGUMENT, "%s: %.9g, must be finite and not below 0",
-                            names[i], wanted[i]);
-        }
-        if (wanted[i] > 0 && (taps != 0 || level != 0)) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "%s: %.9g beside taps %lu and level %lu, which it chooses", names[i],
-                            wanted[i], (unsigned long)taps, (unsigned long)level);
-        }
-    }
-    return UMB_OK;
-}
-
-static int is_dialled(const struct umb_dial *dial)
-{
-    return dial->max_error_m > 0 || dial->max_visibility > 0 || dial->budget_ns > 0;
-}
-
-static enum umb_status check_bias(double bias, struct umb_error *error)
-{
-    if (!isfinite(bias) || bias < 0 || bias > UMB_BIAS_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "bias: %.9g is not within 0..%.9g", bias,
-                        UMB_BIAS_MAX);
-    }
-    return UMB_OK;
-}
-
-static enum umb_status check_origin(const double origin[3], struct umb_error *error)
-{
-    for (int axis = 0; axis < 3; axis++) {
-        if (!isfinite(origin[axis])) {
-            return umb_fail(error, UMB_E_ARGUMENT, "origin: number %d is %g, must be finite", axis,
-                            origin[axis]);
-        }
-    }
-    return UMB_OK;
-}
-
-/* The filter has the same numbers on the wire. */
-static enum umb_status check_filter(int64_t filter, double light_extent, struct umb_error *error)
-{
-    if (filter < UMB_FILTER_BOX || filter > UMB_FILTER_PENUMBRA) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "filter: %lld is not one of 0 (BOX), 1 (TENT), 2 (PENUMBRA)",
-                        (long long)filter);
-    }
-    if (!(light_extent >= 0 && light_extent <= UMB_EXTENT_MAX)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %.9g is not within 0..%.9g",
-                        light_extent, UMB_EXTENT_MAX);
-    }
-    return UMB_OK;
 }
 
 static double double_of(uint64_t bits)
@@ -237,17 +177,17 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     request->dial.max_visibility = double_of(found[FIELD_MAX_VISIBILITY].number);
     request->dial.budget_ns = double_of(found[FIELD_BUDGET].number);
     request->want_stats = found[FIELD_WANT_STATS].number != 0;
-    enum umb_status status = check_dial(&request->dial, taps, settings->level, error);
-    settings->taps = taps == 0 && !is_dialled(&request->dial) ? 1 : taps;
+    enum umb_status status = umbw_query_check_dial(&request->dial, taps, settings->level, error);
+    settings->taps = taps == 0 && !umbw_query_is_dialled(&request->dial) ? 1 : taps;
     if (status == UMB_OK && settings->taps != 0) {
-        status = check_taps(settings->taps, error);
+        status = umbw_query_check_taps(settings->taps, error);
     }
     if (status == UMB_OK) {
         status = bias_mode_from_wire((int)(uint32_t)found[FIELD_BIAS_MODE].number,
                                      &settings->bias_mode, error);
     }
     if (status == UMB_OK) {
-        status = check_bias(settings->bias, error);
+        status = umbw_query_check_bias(settings->bias, error);
     }
     if (status == UMB_OK) {
         status =
@@ -256,13 +196,13 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     const int64_t filter = (int64_t)found[FIELD_FILTER].number;
     settings->light_extent = double_of(found[FIELD_LIGHT_EXTENT].number);
     if (status == UMB_OK) {
-        status = check_filter(filter, settings->light_extent, error);
+        status = umbw_query_check_filter(filter, settings->light_extent, error);
         settings->filter = status == UMB_OK ? (enum umb_filter)filter : UMB_FILTER_BOX;
     }
     if (status == UMB_OK && found[FIELD_ORIGIN].count > 0) {
         status = take_origin(message, size, request->points.origin, error);
     }
-    return status == UMB_OK ? check_origin(request->points.origin, error) : status;
+    return status == UMB_OK ? umbw_query_check_origin(request->points.origin, error) : status;
 }
 
 /* Asset and light, or targets. */
@@ -328,9 +268,13 @@ static enum umb_status take_points(const struct umbw_field_found found[FIELD_COU
                         single->size, twice->size);
     }
     bool wide = twice->size > 0;
-    const struct umbw_field_found *field = wide ? twice : single;
-    const char *name = wide ? "points_f64" : "points";
-    size_t point_bytes = 3 * (wide ? sizeof(double) : sizeof(float));
+    const bool picture = found[FIELD_PICTURE].count > 0;
+    const struct umbw_field_found *field = picture ? &found[FIELD_DEPTH] : wide ? twice : single;
+    const char *name = picture ? "depth" : wide ? "points_f64" : "points";
+    size_t point_bytes = picture ? sizeof(float) : 3 * (wide ? sizeof(double) : sizeof(float));
+    if (picture && single->size + twice->size > 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "picture: beside points; give only one of them");
+    }
     if (field->size % point_bytes != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be a multiple of %zu",
                         name, field->size, point_bytes);
@@ -377,7 +321,14 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
                         "budget_ns: %.9g beside %zu targets; it is of one light at a time",
                         request->dial.budget_ns, request->target_count);
     }
-    return status == UMB_OK ? take_points(found, max_points, &request->points, error) : status;
+    if (status == UMB_OK) {
+        status = take_points(found, max_points, &request->points, error);
+    }
+    request->pack = found[FIELD_PACK].number != 0;
+    request->base_mark = found[FIELD_BASE].number;
+    return status == UMB_OK
+               ? umbw_take_picture(&found[FIELD_PICTURE], &found[FIELD_DEPTH], request, error)
+               : status;
 }
 
 /* Settings as the wire has them; the checks are the decoder's. */
@@ -386,7 +337,8 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
 {
     const struct umb_query_settings *settings = &request->settings;
     message->light = settings->light;
-    message->taps = settings->taps == 0 && !is_dialled(&request->dial) ? 1 : settings->taps;
+    message->taps =
+        settings->taps == 0 && !umbw_query_is_dialled(&request->dial) ? 1 : settings->taps;
     message->level = settings->level;
     message->max_error_m = request->dial.max_error_m;
     message->max_visibility = request->dial.max_visibility;
@@ -395,18 +347,19 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     message->filter = (Umbrage__V1__Filter)settings->filter;
     message->light_extent = settings->light_extent;
     message->want_stats = request->want_stats != 0;
-    enum umb_status status = check_dial(&request->dial, settings->taps, settings->level, error);
+    enum umb_status status =
+        umbw_query_check_dial(&request->dial, settings->taps, settings->level, error);
     if (status == UMB_OK && message->taps != 0) {
-        status = check_taps(message->taps, error);
+        status = umbw_query_check_taps(message->taps, error);
     }
     if (status == UMB_OK) {
-        status = check_bias(settings->bias, error);
+        status = umbw_query_check_bias(settings->bias, error);
     }
     if (status == UMB_OK) {
-        status = check_filter((int64_t)settings->filter, settings->light_extent, error);
+        status = umbw_query_check_filter((int64_t)settings->filter, settings->light_extent, error);
     }
     if (status == UMB_OK) {
-        status = check_origin(request->points.origin, error);
+        status = umbw_query_check_origin(request->points.origin, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -449,9 +402,15 @@ static enum umb_status put_points(const struct umb_points *points,
     }
     bool wide = points->format == UMB_POINT_F64;
     size_t point_bytes = 3 * (wide ? sizeof(double) : sizeof(float));
-    if (points->count > UINT32_MAX / point_bytes) {
+    if (points->count > UINT32_MAX / 24) { /* the most a point takes, in bytes */
         return umb_fail(error, UMB_E_TOO_LARGE, "points: %zu is over the limit of %zu points",
-                        points->count, (size_t)(UINT32_MAX / point_bytes));
+                        points->count, (size_t)(UINT32_MAX / 24));
+    }
+    if (points->normals != NULL) {
+        message->normals = bytes_view(points->normals, points->count * 3 * sizeof(float));
+    }
+    if (message->picture != NULL) {
+        return UMB_OK;
     }
     if (points->count > 0 && points->positions == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "points: no positions for %zu points",
@@ -462,9 +421,6 @@ static enum umb_status put_points(const struct umb_points *points,
         message->points_f64 = view;
     } else {
         message->points = view;
-    }
-    if (points->normals != NULL) {
-        message->normals = bytes_view(points->normals, points->count * 3 * sizeof(float));
     }
     return UMB_OK;
 }
@@ -481,6 +437,12 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
     if (status == UMB_OK) {
         status = put_settings(request, &message, error);
     }
+    struct umbw_picture_message picture;
+    if (status == UMB_OK && request->has_picture) {
+        status = umbw_put_picture(request, &picture, error);
+        message.picture = &picture.message;
+        message.depth = bytes_view(request->picture.depth, request->points.count * sizeof(float));
+    }
     if (status == UMB_OK) {
         status = put_points(&request->points, &message, error);
     }
@@ -488,6 +450,8 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
         return status;
     }
     message.asset = asset;
+    message.pack = request->pack != 0;
+    message.base_mark = request->base_mark;
     memcpy(origin, request->points.origin, sizeof origin);
     if (origin[0] != 0 || origin[1] != 0 || origin[2] != 0) {
         message.origin = origin;

@@ -159,6 +159,7 @@ static void finish_batch(struct umbd_batch *batch)
     if (batch->work_free != NULL) {
         batch->work_free(batch->work_user);
     }
+    umbd_frame_finish(&batch->frame);
     free(batch->message);
     free(batch->reply);
 }
@@ -218,6 +219,21 @@ void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *f
     to->bricks += from->bricks;
 }
 
+static enum umb_status check_points(const struct umbd_batch *batch, size_t first, size_t count,
+                                    struct umb_error *error)
+{
+    if (batch->frame.has_picture) {
+        return UMB_OK; /* any depth will do */
+    }
+    struct umb_points part = sub_points(&batch->points, first, count);
+    if (umb_points_check(&part, error) == UMB_OK) {
+        return UMB_OK;
+    }
+    /* Say it again with indices of the whole batch: everything before `first` is or was good. */
+    part = sub_points(&batch->points, 0, first + count);
+    return umb_points_check(&part, error);
+}
+
 struct slice {
     const struct umbd_batch *batch;
     const struct umbd_part *part;
@@ -229,6 +245,11 @@ struct slice {
 static void run_slice(void *user)
 {
     const struct slice *slice = user;
+    if (slice->batch->frame.has_picture) {
+        umbd_frame_run(slice->batch, &slice->part->query, slice->first, slice->count,
+                       slice->answers);
+        return;
+    }
     umb_query_run(&slice->part->query, &slice->batch->points, slice->first, slice->count,
                   slice->answers);
 }
@@ -242,14 +263,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
         return batch->work(batch, &result->error);
     }
     uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
-    struct umb_points part = sub_points(&batch->points, first, count);
-    enum umb_status status = umb_points_check(&part, &result->error);
-    if (status != UMB_OK) {
-        /* Say it again with indices of the whole batch: everything before `first` is or was good.
-         */
-        part = sub_points(&batch->points, 0, first + count);
-        return umb_points_check(&part, &result->error);
-    }
+    enum umb_status status = check_points(batch, first, count, &result->error);
     for (size_t i = 0; status == UMB_OK && i < batch->part_count; i++) {
         struct umb_answers answers = {.values = batch->values + i * batch->part_bytes};
         struct slice slice = {batch, &batch->parts[i], first, count, &answers};

@@ -93,6 +93,7 @@ void umbd_call_destroy(struct umbd_call *call)
     umbw_buffer_finish(&call->out);
     umbd_stream_drop(call);
     umbd_call_drop_message(call);
+    umbd_kept_frame_drop(&call->kept_frame);
     free(call->watch_service);
     free(call);
 }

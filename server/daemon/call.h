@@ -89,6 +89,7 @@ struct umbd_call {
     struct umbd_batch *batch;   /* with the pool */
     struct umbd_errand *errand; /* to the job service, errand.h */
     size_t batch_bytes;         /* its message and answers */
+    struct umbd_kept_frame kept_frame; /* answers of a stream's last packed reply */
     char *watch_service;        /* Watch: what is watched, owned */
     int watch_last;             /* last serving status sent, -1 = none */
     uint64_t watch_ms;          /* uv_now of the last look */

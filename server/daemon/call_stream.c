@@ -31,7 +31,7 @@ void umbd_stream_charge(struct umbd_call *call)
     }
     size_t batch = umbd_call_is_busy(call) ? call->batch_bytes : 0;
     size_t held = call->reader.received + call->queue_bytes + call->queue_count * QUEUED_OVERHEAD +
-                  batch + umbd_call_unsent(call);
+                  batch + umbd_call_unsent(call) + call->kept_frame.bytes;
     if (held < call->charged) {
         (void)umbd_call_charge(call, held); /* less than before: cannot fail */
     }

@@ -183,6 +183,9 @@ static void give_back(struct umbd_pool *pool, struct umbd_batch *batch)
     if (batch->status == UMB_OK) {
         umbd_count(&pool->metrics->points, batch->points.count * batch->part_count);
     }
+    if (batch->status == UMB_OK && batch->frame.pack) {
+        umbd_frame_pack(batch);
+    }
     batch->done(batch);
 }
 

@@ -23,6 +23,7 @@
 #include <stdint.h>
 #include "common/store.h"
 #include "daemon/daemon_metrics.h"
+#include "daemon/frame.h"
 #include "umbrage/curve.h"
 #include "umbrage/query.h"
 
@@ -56,10 +57,11 @@ struct umbd_batch {
     uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */
     size_t head_room;
     int want_stats, with_targets;
-    int is_borrowed;      /* the one part's entry is not the batch's own */
-    int peeks;            /* what it reads is proven later (proof.h) */
-    uint64_t deadline_ns; /* CLOCK_MONOTONIC, 0 = none */
-    uint64_t lane;        /* serial of the connection */
+    int is_borrowed;         /* the one part's entry is not the batch's own */
+    int peeks;               /* what it reads is proven later (proof.h) */
+    struct umbd_frame frame; /* a picture instead of points, and how answers are packed */
+    uint64_t deadline_ns;    /* CLOCK_MONOTONIC, 0 = none */
+    uint64_t lane;           /* serial of the connection */
     int32_t stream_id;
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */

@@ -156,14 +156,22 @@ static enum umb_status keep_message(struct umbd_call *call, struct umbd_batch *b
     return UMB_OK;
 }
 
+/* What a batch's answers take: packing holds them, the ones before, and the packed ones. */
+static size_t answer_bytes(const struct umbd_batch *batch)
+{
+    return (batch->frame.pack ? 5 : 1) * batch->value_bytes;
+}
+
 /* Hands the batch to the workers; it is the caller's again if that fails. */
 static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch *batch,
                                       int with_targets, struct umb_error *error)
 {
     struct umbw_query_reply reply = {
-        .visibility_bytes = batch->value_bytes,
+        .visibility_bytes =
+            batch->frame.pack ? umb_frame_room(batch->value_bytes) : batch->value_bytes,
         .asset_id_count = with_targets ? batch->part_count : 0,
         .has_stats = batch->want_stats,
+        .packing = batch->frame.pack ? UMBW_PACKING_CHANGES : UMBW_PACKING_PLAIN,
     };
     enum umb_status status = umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error);
     if (status == UMB_OK) {
@@ -182,7 +190,7 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
     batch->stream_id = call->stream_id;
     batch->done = umbd_loop_batch_done;
     batch->home = call->conn->loop;
-    call->batch_bytes = call->message_size + batch->value_bytes;
+    call->batch_bytes = call->message_size + answer_bytes(batch);
     call->batch = batch; /* before: it may come home at once */
     status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
     if (status != UMB_OK) {
@@ -247,6 +255,9 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     }
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
+    batch->frame.has_picture = request->has_picture;
+    batch->frame.picture = request->picture;
+    batch->frame.pack = request->pack;
     batch->dial = request->dial;
     batch->calibration = request->dial.budget_ns > 0 ? &calibration : NULL;
     if (count == 0) {
@@ -260,6 +271,17 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     }
     batch->calibration = NULL;
     return status;
+}
+
+/* What the stream keeps goes along if the client has it, too; else nobody needs it any more. */
+static void take_base(struct umbd_call *call, struct umbd_batch *batch, uint64_t mark)
+{
+    if (mark != 0 && mark == call->kept_frame.mark &&
+        call->kept_frame.bytes == batch->value_bytes) {
+        batch->frame.kept = call->kept_frame;
+        call->kept_frame = (struct umbd_kept_frame){0};
+    }
+    umbd_kept_frame_drop(&call->kept_frame);
 }
 
 void umbd_service_query(struct umbd_call *call)
@@ -290,12 +312,15 @@ void umbd_service_query(struct umbd_call *call)
         umbd_batch_recycle(batch, &loop->spare);
         return;
     }
-    if (status == UMB_OK && !umbd_call_charge(call, call->charged + batch->value_bytes)) {
+    if (status == UMB_OK && !umbd_call_charge(call, call->charged + answer_bytes(batch))) {
         umbd_batch_recycle(batch, &loop->spare);
         return;
     }
+    if (status == UMB_OK && request.pack) {
+        take_base(call, batch, request.base_mark);
+    }
     if (status == UMB_OK && request.points.count > 0 &&
-        !(is_small(&batch->settings, request.points.count, batch->part_count) &&
+        !(!request.pack && is_small(&batch->settings, request.points.count, batch->part_count) &&
           umbd_conn_has_turn(call->conn))) {
         status = answer_by_pool(call, batch, targets, &error);
         if (status == UMB_OK) {
@@ -337,13 +362,23 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
         return;
     }
     struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
+    uint8_t **answers = batch->frame.pack ? &batch->frame.block : &batch->reply;
+    if (batch->frame.pack) {
+        reply.visibility_bytes = batch->frame.packed_bytes;
+        reply.packing = batch->frame.changes ? UMBW_PACKING_CHANGES : UMBW_PACKING_ZSTD;
+    }
     size_t size = umbw_write_query_reply_head(&reply, head);
     size_t first = batch->head_room - size;
-    uint8_t *block = batch->reply;
+    uint8_t *block = *answers;
     memcpy(block + first, head, size);
-    batch->reply = NULL;
+    *answers = NULL;
     if (!umbd_method_takes_many(call->method)) {
         (void)umbd_call_charge(call, batch->value_bytes); /* less than before: cannot fail */
     }
-    umbd_call_reply_block(call, block, first, batch->head_room + batch->value_bytes);
+    if (batch->frame.pack && umbd_method_takes_many(call->method)) {
+        umbd_kept_frame_drop(&call->kept_frame);
+        call->kept_frame = batch->frame.kept;
+        batch->frame.kept = (struct umbd_kept_frame){0};
+    }
+    umbd_call_reply_block(call, block, first, batch->head_room + reply.visibility_bytes);
 }

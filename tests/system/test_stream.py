@@ -100,6 +100,17 @@ with test.check("a slow link carries the first answers in two round trips"):
     assert told["steps"][0]["seconds"] > 0.2, told["steps"][0]  # handshake, request: the link is real
     assert told["steps"][0]["bytes"] <= 65536 and told["steps"][0]["rounds"] == 1
 
+with test.check("a part goes on from its own asset only"):
+    box, other = os.path.join(folder, "box.glb"), os.path.join(folder, "other.umb")
+    subprocess.run([ut.program("scenegen"), "box", "-o", box], check=True, stderr=subprocess.DEVNULL)
+    ut.run("umbrage-bake", box, "-o", other, "--resolution", "256", "--sun", "135,45", "--quiet")
+    for source in ((other,), ("--from-url", url.replace("city", "other"))):
+        said = stream(*source, "--resume", part_a, "-o", part_b, code=65)
+        assert "another asset than what was saved" in said, said
+    del server.ranges[:]
+    stream("--from-url", url, "--resume", part_a, "--camera", CAMERA)
+    assert server.ranges == [(0, 127)], server.ranges  # the source was looked at, no more
+
 with test.check("the wrong asset, damaged pages, no ranges, no file, nobody there: said clearly"):
     assert "another asset" in stream("--from-url", url, "--id", "0" * 64, code=65)
     with open(asset, "rb") as file:

@@ -47,6 +47,7 @@
 #include "umbrage/log.h"
 #include "umbrage/curve.h"
 #include "umbrage/derive.h"
+#include "umbrage/frame.h"
 #include "umbrage/query.h"
 
 #ifdef __cplusplus
@@ -87,6 +88,13 @@ struct umb_client_query_request {
      * is of one of the server's cores, calibrated there on points like these. */
     struct umb_dial dial;
     struct umb_points points;         /* that they are finite is checked by the server alone */
+    /* Instead of points, whose count and positions are then not looked at: a point for each pixel
+     * (umbrage/frame.h). NULL: points. */
+    const struct umb_picture *picture;
+    int pack; /* 1: answers travel packed; they are unpacked here */
+    /* With pack: answers to an earlier packed query of the same stream, as many bytes as this one's
+     * have: a server that has them too sends only what changed. Copied. NULL: none. */
+    const void *base;
     int want_stats;                   /* 0 or 1 */
     uint32_t timeout_ms;              /* 0 = the client's */
     struct umb_client_stream *stream; /* of the same client; NULL: a call of its own */
@@ -103,6 +111,8 @@ struct umb_client_query_reply {
     uint32_t level, taps;
     double bound_m, visibility_error, lines;
     double expected_ns; /* with a budget and stats: nanoseconds a point; else 0 */
+    uint64_t packed_bytes; /* that the answers took on the wire, if they were packed, else 0 */
+    int changes_only;      /* 1: they were packed against `base` */
 };
 
 struct umb_client_asset {
@@ -201,8 +211,9 @@ umb_client_query_cancel(struct umb_client *client, const void *user, struct umb_
 /*
  * Asks and waits.
  *
- * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes; written on
- *        success only. reply: may be NULL; zeroed on failure; reply->values then points to values.
+ * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes, not where
+ *        request->base is; written on success only, or with pack without meaning on failure.
+ *        reply: may be NULL; zeroed on failure; reply->values then points to values.
  * Fails: as umb_client_query_start, at once or later; E_STATE in a callback.
  */
 UMB_API UMB_CHECKED enum umb_status

@@ -101,8 +101,9 @@ UMB_API UMB_CHECKED enum umb_status umb_region_open(const struct umb_region_sour
                                                     struct umb_error *error);
 
 /*
- * Opens a partial file that umb_region_save wrote, to go on from; nothing is read from the source
- * until umb_region_update. bytes: uint8[size], copied.
+ * Opens a partial file that umb_partial_save wrote, to go on from; nothing is read from the source
+ * until umb_region_update, whose first read (128 bytes) finds out whether it is the same asset's:
+ * else E_CORRUPT. bytes: uint8[size], copied.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_resume(const void *bytes, size_t size,
                                                       const struct umb_region_source *source,

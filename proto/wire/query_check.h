@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_QUERY_CHECK_H
+#define UMBRAGE_WIRE_QUERY_CHECK_H
+/* What both directions of the QueryRequest codec check, in the same words. All fail with
+ * E_ARGUMENT, naming the field. */
+#include "wire/messages.h"
+
+UMB_CHECKED enum umb_status umbw_query_check_taps(uint32_t taps, struct umb_error *error);
+
+/* The dial: finite amounts, and nothing beside it that it chooses. */
+UMB_CHECKED enum umb_status umbw_query_check_dial(const struct umb_dial *dial, uint32_t taps,
+                                                  uint32_t level, struct umb_error *error);
+
+/* 1 if the dial wants anything. */
+int umbw_query_is_dialled(const struct umb_dial *dial);
+
+UMB_CHECKED enum umb_status umbw_query_check_bias(double bias, struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_query_check_origin(const double origin[3],
+                                                    struct umb_error *error);
+
+/* The filter has the same numbers on the wire. */
+UMB_CHECKED enum umb_status umbw_query_check_filter(int64_t filter, double light_extent,
+                                                    struct umb_error *error);
+
+#endif
