@@ -41,6 +41,12 @@ static uint32_t slope(uint32_t x, uint32_t y)
     return x;
 }
 
+/* The slope under a roof that ends at a straight edge along it. */
+static uint32_t roofed_slope(uint32_t x, uint32_t y)
+{
+    return y < SIZE / 2 ? 4 : x;
+}
+
 struct columns {
     uint32_t (*depth)(uint32_t x, uint32_t y);
     uint32_t undefined; /* voxels behind the first occluder that the file holds as lit */
@@ -334,6 +340,28 @@ static void a_slope_does_not_shadow_itself_however_wide_the_light_is(void **stat
     scene_close(&s);
 }
 
+/* The penumbra of an edge over a slope is that over a flat ground: the box is lifted off the slope.
+ */
+static void a_slope_in_a_penumbra_does_not_shadow_itself(void **state)
+{
+    static const float normal[3] = {1, 0, -1};
+    struct scene s;
+    double worst = 0;
+    (void)state;
+    scene_open(&s, roofed_slope, 0, 0, 0);
+    const struct umb_query query = prepared(&s, (struct umb_query_settings){.light_extent = 0.3});
+    for (double x = 60.25; x < 100; x += 7) {
+        for (double y = SIZE / 2 - 15.5; y < SIZE / 2 + 16; y += 1) {
+            double v[3] = {x, y, x};
+            const double radius = tan(0.15) * (x - 0.5 - 4.5);
+            const double want = disc_share((y - SIZE / 2) / radius);
+            worst = fmax(worst, fabs((double)ask(&s, &query, v, normal) - want));
+        }
+    }
+    assert_true(worst <= 0.08); /* a box for a disc: 0.054; its place and depth in whole voxels */
+    scene_close(&s);
+}
+
 static void all_formats_and_splits_tell_the_same(void **state)
 {
     static double positions[POINTS][3];
@@ -414,6 +442,7 @@ int main(void)
         cmocka_unit_test(the_front_of_a_closed_asset_gives_the_penumbras_of_the_open_one),
         cmocka_unit_test(a_straight_edge_makes_the_penumbra_of_a_disc_without_steps),
         cmocka_unit_test(a_slope_does_not_shadow_itself_however_wide_the_light_is),
+        cmocka_unit_test(a_slope_in_a_penumbra_does_not_shadow_itself),
         cmocka_unit_test(all_formats_and_splits_tell_the_same),
         cmocka_unit_test(what_has_no_penumbra_is_refused_with_the_reason),
     };
