@@ -14,10 +14,10 @@
 
 #define PIECE_BYTES ((size_t)256 << 10) /* of the file, a message */
 
-/* A block of the ledger; what it is for lies behind it. */
+/* A block of the ledger; what it is for lies behind it, aligned for anything. */
 struct block {
-    struct block *next, *previous;
-    max_align_t bytes[];
+    _Alignas(max_align_t) struct block *next;
+    struct block *previous;
 };
 
 struct deriving {
@@ -54,13 +54,13 @@ static void *ledger_resize(void *user, void *memory, size_t bytes)
         noted->next->previous = noted;
         d->ledger.next = noted;
     }
-    return block != NULL ? block->bytes : NULL;
+    return block != NULL ? block + 1 : NULL;
 }
 
 static void ledger_free(struct deriving *d)
 {
     while (d->ledger.next != &d->ledger) {
-        (void)ledger_resize(d, d->ledger.next->bytes, 0);
+        (void)ledger_resize(d, d->ledger.next + 1, 0);
     }
 }
 
