@@ -12,7 +12,8 @@ release | debug | asan | tsan) set -- "config=$config" ;;
 *) set -- ;;
 esac
 [ -z "${MAKEFLAGS:-}" ] || set --
-set -- make --no-print-directory "$@" BUILD="$BUILD" install DESTDIR="$folder/root" PREFIX=/usr
+# By its relative name: what is compiled on the way depends on headers under the name of the target.
+set -- make --no-print-directory "$@" BUILD="${BUILD#"$root"/}" install DESTDIR="$folder/root" PREFIX=/usr
 if "$@" >"$folder/make" 2>&1; then
     ok "make install"
 else
