@@ -119,7 +119,9 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
     order->sequence[order->node_count++] = node;
     order->counts[node.level]++;
     t->page_bytes += bytes;
-    return t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
+    const size_t target =
+        t->band_low == UMB_LEVEL_BRICK ? UMB__PAGE_LOW_TARGET : UMB__PAGE_RAW_TARGET;
+    return t->page_bytes >= target ? close_page(t) : UMB_OK;
 }
 
 /* Proves that a node exists, has a possible mask, and leads to nodes that exist: whatever order

@@ -56,6 +56,16 @@ static inline struct umb_partial *partial_open(const struct bytes *file, uint64_
     if (umb_partial_open(file->data, file->size, &options, &partial, &error) != UMB_OK) {
         fail_msg("open: %s", error.message);
     }
+    struct umb_partial_stats stats;
+    umb_partial_get_stats(partial, &stats);
+    for (uint32_t block = stats.blocks_held; block < stats.block_count; block++) {
+        uint64_t offset;
+        uint32_t length;
+        umb_partial_locate_block(partial, block, &offset, &length);
+        if (umb_partial_add_block(partial, block, file->data + offset, length, &error) != UMB_OK) {
+            fail_msg("open: %s", error.message);
+        }
+    }
     return partial;
 }
 

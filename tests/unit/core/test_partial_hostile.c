@@ -89,6 +89,13 @@ static void a_head_that_is_not_its_id_is_refused(void **state)
     partial_fixture_close(&f);
 }
 
+/* Where a page's entry stands in the file. */
+static size_t entry_offset(const struct umb__head *head, uint32_t page)
+{
+    return (size_t)umb__block_offset(head, page / UMB__BLOCK_PAGES) +
+           (size_t)(page % UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
+}
+
 /* Rewrites the page that has links to others so that one of them is wrong, with all checks right.
  * Returns its number. */
 static uint32_t spoil_link(struct bytes *file, uint32_t *target)
@@ -97,11 +104,9 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
     struct umb_error error = {0};
     assert_int_equal(umb__head_parse(file->data, file->size, &head, &error), UMB_OK);
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
-    assert_true(head.page_count <= UMB__BLOCK_PAGES);
     for (uint32_t number = head.page_count; number-- > 0;) {
         const struct umb__page_entry entry = umb__directory_load(&head, number);
-        uint8_t *raw = malloc(entry.raw_length),
-                *entry_at = file->data + head.head_length + (size_t)number * UMB__PAGE_ENTRY;
+        uint8_t *raw = malloc(entry.raw_length);
         struct umb__page page;
         assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, &error),
                          UMB_OK);
@@ -124,14 +129,18 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         memcpy(made.data + entry.offset, stored, length);
         memcpy(made.data + entry.offset + length, file->data + tail, file->size - tail);
         made.size = made.capacity = file->size - entry.stored_length + length;
-        entry_at = made.data + (entry_at - file->data);
+        if (number < UMB__BLOCK_PAGES && head.blocks_offset > 0) {
+            head.blocks_offset += length - entry.stored_length;
+            umb__store64(made.data + UMB__HEAD_BLOCKS, head.blocks_offset);
+        }
+        uint8_t *entry_at = made.data + entry_offset(&head, number);
         umb__store32(entry_at + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
         umb__store64(entry_at + UMB__PAGE_CHECK, XXH3_64bits(stored, length));
         const void *part = raw;
         const size_t raw_length = entry.raw_length;
         test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
         for (uint32_t later = number + 1; later < head.page_count; later++) {
-            uint8_t *at_later = entry_at + (size_t)(later - number) * UMB__PAGE_ENTRY;
+            uint8_t *at_later = made.data + entry_offset(&head, later);
             umb__store64(at_later, umb__load64(at_later) - entry.stored_length + length);
         }
         umb__store64(made.data + UMB__HEAD_FILE_LENGTH, made.size);
