@@ -41,7 +41,7 @@ static float float_at(const void *values, size_t i)
 /* All lights are a list in JSON, even of an asset that has one. */
 static bool is_list(const struct umbc_query_options *options, size_t light_count)
 {
-    return light_count > 1 || options->all_lights;
+    return light_count != 1 || options->all_lights;
 }
 
 static void put_text(FILE *file, const void *const *values, size_t light_count, size_t count)
