@@ -153,6 +153,15 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
     }
 }
 
+/* Puts what the last eight lanes of a block lack at voxel 0, 0, 0: stages take eight at a time. */
+static inline void umb__pad_block(struct umb__block *block)
+{
+    for (uint32_t i = block->size; i % 8 != 0; i++) {
+        block->x[i] = block->y[i] = block->z[i] = 0;
+        block->lit[i] = 0;
+    }
+}
+
 /* Places the points first .. first + block->size - 1. */
 static inline void umb__place_block(const struct umb__query *q, const struct umb_points *points,
                                     size_t first, struct umb__block *block,
@@ -162,6 +171,7 @@ static inline void umb__place_block(const struct umb__query *q, const struct umb
     for (uint32_t i = 0; i < block->size; i++) {
         umb__place_point(q, points, first + i, block, i, stats);
     }
+    umb__pad_block(block);
 }
 
 /*

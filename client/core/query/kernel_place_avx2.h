@@ -219,10 +219,7 @@ static inline void umb__place_block_avx2(const struct umb__query *q,
     for (; i < block->size; i++) {
         umb__place_point(q, points, first + i, block, i, stats);
     }
-    for (; i % 8 != 0; i++) { /* the rest of what the stages take at a time */
-        block->x[i] = block->y[i] = block->z[i] = 0;
-        block->lit[i] = 0;
-    }
+    umb__pad_block(block);
 }
 
 /* Eight cells of the grid, whose column, row and layer are given. */

@@ -169,12 +169,54 @@ static void kernels_agree_where_wide_nodes_stand_above_level_five(void **state)
     check_frusta(&(struct ground){128, 32, 2}, 8, 7);
 }
 
+/* Leaves what looks like voxels far away where the next call has its variables. */
+static __attribute__((noinline)) void litter_stack(void)
+{
+    volatile uint8_t rubbish[16384];
+    for (size_t i = 0; i < sizeof rubbish; i++) {
+        rubbish[i] = 0x7f;
+    }
+}
+
+static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
+{
+    (void)state;
+    struct ground ground = {64, 64, 40};
+    struct voxels voxels = {stepped, &ground, 6, 1};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_query_settings settings = {.light = 0};
+    struct umb_asset *asset;
+    struct umb_query query;
+    struct kernel kernels[2];
+    uint64_t seed = 7;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    memcpy(points.origin, origin, sizeof origin);
+    make_points(ground.size, 0.9, &seed);
+    for (size_t k = 0, kernel_count = list_kernels(kernels); k < kernel_count; k++) {
+        for (size_t count = 1; count <= 65; count++) {
+            float values[65];
+            struct umb_answers answers = {.values = values};
+            litter_stack();
+            kernels[k].run(q, &points, 0, count, &answers);
+            for (size_t i = 0; i < count; i++) {
+                assert_true(values[i] == (float)lit_alone(q, &points, i));
+            }
+        }
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_bricks),
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_level_five),
         cmocka_unit_test(kernels_agree_where_wide_nodes_stand_above_level_five),
+        cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
