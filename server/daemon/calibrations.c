@@ -56,10 +56,13 @@ static double edge_of(const struct umb_asset *asset, uint32_t light)
 }
 
 enum umbd_point_kind umbd_point_kind_of(const struct umb_asset *asset, uint32_t light,
-                                        const struct umb_points *points)
+                                        const struct umb_points *points, int are_depths)
 {
     if (points->count < FEW) {
         return UMBD_POINTS_FEW;
+    }
+    if (are_depths) {
+        return UMBD_POINTS_COHERENT;
     }
     const double near_m = NEAR_IN_EDGES * edge_of(asset, light);
     int near = 0;

@@ -19,9 +19,10 @@ enum umbd_point_kind {
     UMBD_POINT_KINDS,
 };
 
-/* Which kind a batch for a light is. Cost: looks at 512 points at most; allocates nothing. */
+/* Which kind a batch for a light is. are_depths: of a picture's pixels, one number each, not
+ * points; they lie next to each other. Cost: looks at 512 points at most; allocates nothing. */
 enum umbd_point_kind umbd_point_kind_of(const struct umb_asset *asset, uint32_t light,
-                                        const struct umb_points *points);
+                                        const struct umb_points *points, int are_depths);
 
 struct umbd_calibrations; /* opaque */
 

@@ -10,7 +10,8 @@
 #include <string.h>
 #include <time.h>
 
-#define DETOUR_POINTS 65536 /* what calibrating costs on the rates */
+#define DETOUR_POINTS 65536               /* what calibrating costs on the rates */
+#define PIXEL_BYTES   (3 * sizeof(float)) /* of a picture's pixel as a point */
 
 /* A calibration on its way; its points lie in its message. */
 struct detour {
@@ -20,6 +21,8 @@ struct detour {
     uint8_t *message; /* owned */
     size_t message_size;
     struct umb_points points;
+    struct umb_picture picture; /* that the points are depths of; width 0: none */
+    float *pixels;              /* owned: its points, once they are made */
     struct umb_calibration calibration;
     enum umb_status status;
     struct umb_error error;
@@ -45,11 +48,32 @@ static void measure(void *user)
                                    &detour->calibration, &detour->error);
 }
 
+/* What the calibration is made on: points of the message, or those of its picture's pixels. */
+static enum umb_status ready_points(struct detour *detour, struct umb_error *error)
+{
+    struct umb_points *points = &detour->points;
+    if (detour->kind == UMBD_POINTS_FEW) {
+        return UMB_OK; /* on none of these */
+    }
+    if (detour->picture.width == 0) {
+        return umb_points_check(points, error);
+    }
+    detour->pixels = malloc(points->count * PIXEL_BYTES);
+    if (detour->pixels == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a calibration");
+    }
+    detour->picture.depth = points->positions;
+    umb_picture_points(&detour->picture, 0, points->count, detour->pixels);
+    points->positions = detour->pixels;
+    memcpy(points->origin, detour->picture.eye, sizeof points->origin);
+    return UMB_OK;
+}
+
 /* On a worker's thread. */
 static enum umb_status run_detour(const struct umbd_batch *batch, struct umb_error *error)
 {
     struct detour *detour = batch->work_user;
-    enum umb_status status = umb_points_check(&detour->points, error);
+    enum umb_status status = ready_points(detour, error);
     if (status == UMB_OK) {
         status = umbs_entry_read(detour->entry, measure, detour, error);
     }
@@ -65,6 +89,7 @@ static void free_detour(void *user)
     struct detour *detour = user;
     umbs_entry_release(detour->entry);
     free(detour->message);
+    free(detour->pixels);
     free(detour);
 }
 
@@ -115,8 +140,8 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
     if (status != UMB_OK) {
         return status;
     }
-    const enum umbd_point_kind kind =
-        umbd_point_kind_of(umbs_entry_asset(entry), target.light, &request->points);
+    const enum umbd_point_kind kind = umbd_point_kind_of(umbs_entry_asset(entry), target.light,
+                                                         &request->points, request->has_picture);
     if (umbd_calibrations_get(call->conn->loop->daemon->calibrations, umbs_entry_item(entry)->id,
                               target.light, kind, calibration)) {
         umbs_entry_release(entry);
@@ -131,7 +156,13 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
     detour->light = target.light;
     detour->kind = kind;
     *away = 1;
-    if (!umbd_call_take_points(call, DETOUR_POINTS)) { /* the call has failed */
+    if (request->has_picture) {
+        detour->picture = request->picture;
+    }
+    const size_t pixel_bytes =
+        request->has_picture && kind != UMBD_POINTS_FEW ? request->points.count * PIXEL_BYTES : 0;
+    if (!umbd_call_take_points(call, DETOUR_POINTS) ||
+        !umbd_call_charge(call, call->charged + pixel_bytes)) { /* the call has failed */
         free_detour(detour);
         return UMB_OK;
     }
@@ -140,7 +171,8 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
         free_detour(detour);
         return umb_fail(error, status, "out of memory for a calibration");
     }
-    return umbd_call_send_work(call, run_detour, free_detour, detour, detour->message_size, error);
+    return umbd_call_send_work(call, run_detour, free_detour, detour,
+                               detour->message_size + pixel_bytes, error);
 }
 
 enum umb_status umbd_budget_take(struct umbd_call *call, struct umbd_batch *batch)

@@ -77,7 +77,7 @@ class Frame:
         return ut.floats(values)
 
     def request(self, **fields):
-        return M.QueryRequest(asset="city", taps=3, depth=self.bytes, **{"picture": M.Picture(
+        return M.QueryRequest(asset="city", **{"taps": 3, "depth": self.bytes, "picture": M.Picture(
             eye=self.eye, forward=self.forward, up=[0, 1, 0], fov_y=math.radians(FOV), width=WIDTH,
             height=HEIGHT), **fields})
 
@@ -143,6 +143,17 @@ with test.check("positions can be packed, too, of several lights at once"):
     assert unpack(client.query(one, timeout=60).visibility, 2 * len(plain)) == 2 * plain
     empty = client.query(M.QueryRequest(asset="city", pack=True), timeout=60)
     assert len(empty.visibility) == 0 and empty.packing == PLAIN
+
+with test.check("a budget is calibrated on the pixels of a picture, few or many"):
+    wide, tall = 1024, 512
+    for picture in (frames[0].request(taps=0, budget_ns=100000.0, want_stats=True),
+                    frames[0].request(taps=0, budget_ns=100000.0, want_stats=True,
+                                      depth=ut.floats([20.0] * (wide * tall)), picture=M.Picture(
+                                          eye=[1, 1.7, 1], forward=[99, 0, 8], up=[0, 1, 0],
+                                          fov_y=1, width=wide, height=tall))):
+        reply = client.query(picture, timeout=60)
+        assert len(reply.visibility) == len(picture.depth) // 4, len(reply.visibility)
+        assert 0 < reply.stats.expected_ns <= 100000, reply.stats
 
 with test.check("what does not fit is refused by field"):
     for words, request in (
