@@ -26,9 +26,8 @@ enum entry {
 };
 
 static const uint32_t entry_tags[ENTRY_COUNT] = {
-    UMB__TAG_SCENE, UMB__TAG_LIGHTS,   UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
-    UMB__TAG_PLAN,  UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,
-    UMB__TAG_FRONT,
+    UMB__TAG_SCENE,    UMB__TAG_LIGHTS, UMB__TAG_FRUSTA, UMB__TAG_COUNTS, UMB__TAG_PLAN,
+    UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,  UMB__TAG_FRONT,
 };
 
 /* Entries that need not be there: without bytes they are left out, and a reader that does not know
@@ -386,6 +385,21 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     return UMB_OK;
 }
 
+/* Nodes of a level have numbers of 32 bits, and one number says that there is none. */
+static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *canonical,
+                                   struct umb_error *error)
+{
+    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        canonical->counts[level] = umb__load64(at + 8 * (level - UMB_LEVEL_BRICK));
+        if (canonical->counts[level] >= UINT32_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "counts: level %zu claims %llu nodes", level,
+                            (unsigned long long)canonical->counts[level]);
+        }
+    }
+    canonical->content.bytes_2014 = umb__load64(at + UMB__COUNTS_SIZE - 8);
+    return UMB_OK;
+}
+
 static enum umb_status read_entries(const struct entries *entries, const struct umb_alloc *alloc,
                                     struct umb__canonical *canonical, struct umb_error *error)
 {
@@ -432,17 +446,15 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
                             i, root->state, root->page, root->position);
         }
     }
-    const uint8_t *counts = entries->bytes[ENTRY_COUNTS];
-    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        canonical->counts[level] = umb__load64(counts + 8 * (level - UMB_LEVEL_BRICK));
-    }
     for (uint32_t i = 0; i < content->curve_count; i++) {
         read_curve(entries->bytes[ENTRY_CURVE] + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
     }
-    content->bytes_2014 = umb__load64(counts + UMB__COUNTS_SIZE - 8);
-    enum umb_status status =
-        umb__front_load(entries->bytes[ENTRY_FRONT], entries->lengths[ENTRY_FRONT], alloc,
-                        &content->front, &content->front_words, error);
+    enum umb_status status = read_counts(entries->bytes[ENTRY_COUNTS], canonical, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb__front_load(entries->bytes[ENTRY_FRONT], entries->lengths[ENTRY_FRONT], alloc,
+                             &content->front, &content->front_words, error);
     if (status == UMB_OK) {
         status = umb__content_check(content, error);
     }

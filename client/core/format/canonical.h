@@ -17,7 +17,7 @@ struct umb__packed_root {
 /* A decoded canonical block: content plus what only the reader needs. Owns everything. */
 struct umb__canonical {
     struct umb_content content; /* notes stay NULL here */
-    uint64_t counts[UMB_LEVEL_MAX + 1];
+    uint64_t counts[UMB_LEVEL_MAX + 1]; /* decoded: each below UINT32_MAX */
     struct umb__packed_root *roots; /* [frustum_count] */
 };
 

@@ -222,17 +222,6 @@ static uint64_t peak_bytes(const struct umb__canonical *canonical, uint64_t page
     return bytes;
 }
 
-static enum umb_status check_counts(const struct umb__canonical *canonical, struct umb_error *error)
-{
-    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        if (canonical->counts[level] >= UINT32_MAX) {
-            return umb_fail(error, UMB_E_CORRUPT, "counts: level %zu claims %llu nodes", level,
-                            (unsigned long long)canonical->counts[level]);
-        }
-    }
-    return UMB_OK;
-}
-
 enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
                                const struct umb__canonical *canonical, int check,
                                uint64_t max_memory_bytes, const struct umb_alloc *alloc,
@@ -241,10 +230,7 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     struct reader r = {.file = file, .head = head, .alloc = alloc, .error = error};
     uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
     memset(octree, 0, sizeof *octree);
-    enum umb_status status = check_counts(canonical, error);
-    if (status == UMB_OK) {
-        status = umb__directory_check(head, &raw_total, error);
-    }
+    enum umb_status status = umb__directory_check(head, &raw_total, error);
     if (status == UMB_OK) {
         uint64_t peak = peak_bytes(canonical, head->page_count, raw_total);
         if (peak > max_memory_bytes) {

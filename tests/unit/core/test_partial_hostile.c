@@ -96,6 +96,28 @@ static size_t entry_offset(const struct umb__head *head, uint32_t page)
            (size_t)(page % UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
 }
 
+/* A link into a page whose block is not here yet is held against these counts alone: a position of
+ * 2^32 - 1 would make "one more is needed" none. */
+static void a_head_that_counts_more_nodes_than_have_numbers_is_refused(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb_error error = {0};
+    struct umb_partial *partial;
+    const struct umb_partial_options options = {.sha256 = &test_digest};
+    partial_fixture_open(&f, 0);
+    uint8_t *at = f.file.data + UMB__HEAD_SIZE;
+    while (umb__load32(at) != UMB__TAG_COUNTS) {
+        at += UMB__ENTRY_HEAD + (umb__load64(at + 8) + 7) / 8 * 8;
+    }
+    umb__store64(at + UMB__ENTRY_HEAD + 8, UINT32_MAX); /* of level 4 */
+    seal_asset(&f.file, true);
+    assert_int_equal(umb_partial_open(f.file.data, f.file.size, &options, &partial, &error),
+                     UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "counts: level 4"));
+    partial_fixture_close(&f);
+}
+
 /* Rewrites the page that has links to others so that one of them is wrong, with all checks right.
  * Returns its number. */
 static uint32_t spoil_link(struct bytes *file, uint32_t *target)
@@ -239,6 +261,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spoilt_swapped_repeated_and_unknown_pages_are_refused_by_number),
         cmocka_unit_test(a_head_that_is_not_its_id_is_refused),
+        cmocka_unit_test(a_head_that_counts_more_nodes_than_have_numbers_is_refused),
         cmocka_unit_test(links_to_nodes_that_are_not_there_are_refused_by_whoever_comes_second),
         cmocka_unit_test(memory_that_runs_out_is_an_error_and_nothing_else),
     };
