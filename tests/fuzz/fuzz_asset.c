@@ -25,6 +25,7 @@ enum {
 static void query_everywhere(const struct umb_asset *asset)
 {
     struct umb_query_settings settings = {.taps = 17, .format = UMB_ANSWER_U8};
+    struct umb_query_settings point = {.taps = 1};
     struct umb_query_settings tent = {.taps = 9, .filter = UMB_FILTER_TENT};
     struct umb_query_settings soft = {.filter = UMB_FILTER_PENUMBRA, .light_extent = 0.05};
     struct umb_query query;
@@ -47,6 +48,9 @@ static void query_everywhere(const struct umb_asset *asset)
     umb_query_explain(&query, &batch, 3, &explanation);
     float wide[64];
     answers.values = wide;
+    if (umb_query_prepare(asset, &point, &query, NULL) == UMB_OK) {
+        umb_query_run(&query, &batch, 0, 61, &answers); /* not a whole block */
+    }
     if (umb_query_prepare(asset, &tent, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 64, &answers);
     }

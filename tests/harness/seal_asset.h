@@ -56,4 +56,18 @@ static inline void seal_asset(struct bytes *file, bool with_id)
     }
 }
 
+/* The checks of a mapped file's sections, and of its head. */
+static inline void seal_sections(struct bytes *file)
+{
+    uint8_t *entry =
+        file->data + UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
+    const uint32_t count = umb__load32(file->data + UMB__HEAD_DIRECTORY_COUNT);
+    for (uint32_t i = 0; i < count; i++, entry += UMB__SECTION_ENTRY) {
+        const uint8_t *section = file->data + umb__load64(entry + UMB__SECTION_OFFSET);
+        const size_t length = (size_t)umb__load64(entry + UMB__SECTION_LENGTH);
+        umb__store64(entry + UMB__SECTION_CHECK, XXH3_64bits(section, length));
+    }
+    seal_asset(file, false);
+}
+
 #endif

@@ -419,6 +419,70 @@ static void what_a_validated_mapped_file_is_still_checked_for(void **state)
     bytes_finish(&mapped);
 }
 
+/* Offset of a section of a mapped file; its length. */
+static size_t section_at(const struct bytes *file, uint32_t tag, size_t *length)
+{
+    const uint8_t *entry = file->data + directory_at(file);
+    while (umb__load32(entry) != tag) {
+        entry += UMB__SECTION_ENTRY;
+    }
+    *length = (size_t)umb__load64(entry + UMB__SECTION_LENGTH);
+    return (size_t)umb__load64(entry + UMB__SECTION_OFFSET);
+}
+
+/* Puts a number into a section, makes all checks right, tries it and puts the old one back. */
+static void expect_section_spoilt(struct bytes *file, size_t at, uint32_t value, const char *words)
+{
+    const uint32_t before = umb__load32(file->data + at);
+    struct umb_error error;
+    assert_int_not_equal(before, value);
+    umb__store32(file->data + at, value);
+    seal_sections(file);
+    assert_int_equal(open_status(file, &error), UMB_E_CORRUPT);
+    if (strstr(error.message, words) == NULL) {
+        fail_msg("'%s' does not say '%s'", error.message, words);
+    }
+    umb__store32(file->data + at, before);
+    seal_sections(file);
+    assert_int_equal(open_status(file, &error), UMB_OK);
+}
+
+static void columns_that_lead_out_of_their_pieces_are_refused(void **state)
+{
+    struct bytes packed = bumpy_file(9), mapped = make_mapped(&packed);
+    size_t length;
+    (void)state;
+    const size_t tops = section_at(&mapped, UMB__TAG_TOPS, &length);
+    const uint32_t side = 1U << (9 - umb__load32(mapped.data + tops + 4));
+    const size_t pieces = section_at(&mapped, UMB__TAG_PIECES, &length);
+    const uint32_t count = (uint32_t)(length / 4);
+    const size_t columns = section_at(&mapped, UMB__TAG_COLUMNS, &length);
+    assert_int_equal(length, (size_t)side * side * 8);
+    const uint32_t low_high = umb__load32(mapped.data + columns + 4);
+    assert_true(low_high >> 16 > 0); /* a list of its own */
+    const uint32_t low = low_high & 0xffff, high = low_high >> 16;
+    const uint32_t spoilt_places[] = {
+        low | side << 16, /* one behind the frustum's last piece */
+        (high + 1) | high << 16,
+        0xffffffff,
+    };
+    for (size_t i = 0; i < sizeof spoilt_places / sizeof spoilt_places[0]; i++) {
+        expect_section_spoilt(&mapped, columns + 4, spoilt_places[i], "columns 0: malformed");
+    }
+    expect_section_spoilt(&mapped, columns + length - 8, count, "columns 0: malformed");
+    expect_section_spoilt(&mapped, columns + length - 8, UINT32_MAX, "columns 0: malformed");
+    expect_section_spoilt(&mapped, pieces, 1, "columns 0: malformed");
+    expect_section_spoilt(&mapped, pieces + 4, 0, "columns 0: malformed");
+    expect_section_spoilt(&mapped, pieces + 8, 0x40000000, "columns 0: malformed");
+    expect_section_spoilt(&mapped, pieces + 4 * ((size_t)count - 1), UINT32_MAX,
+                          "columns 0: malformed");
+    expect_section_spoilt(&mapped, tops + 16, 1, "columns of level");
+    expect_section_spoilt(&mapped, tops + 24, 1, "no pieces at 1");
+    expect_section_spoilt(&mapped, tops + 4, 3, "columns of level 3");
+    bytes_finish(&packed);
+    bytes_finish(&mapped);
+}
+
 static void a_pipe_is_refused_and_not_waited_for(void **state)
 {
     char folder[] = "umbrage-test-XXXXXX", path[64];
@@ -451,6 +515,7 @@ int main(void)
         cmocka_unit_test(shared_uniform_subtrees_cost_no_more_than_their_nodes),
         cmocka_unit_test(levels_above_every_grid_are_not_laid_out),
         cmocka_unit_test(what_a_validated_mapped_file_is_still_checked_for),
+        cmocka_unit_test(columns_that_lead_out_of_their_pieces_are_refused),
         cmocka_unit_test(a_pipe_is_refused_and_not_waited_for),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
