@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "cli_output.h"
 #include "load_print.h"
 
 /* Everything of one load test; large, so that it lives on the heap. */
@@ -14,6 +15,7 @@ struct test {
     struct umbc_load_pool pool;
     struct umbc_load_result result;
     struct umbc_load_sweep sweep;
+    struct umbc_output report;
     bool live; /* stderr is a terminal */
 };
 
@@ -95,20 +97,14 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
     return status;
 }
 
-static enum umb_status write_page(const char *path, const struct umbc_load_story *story,
+static enum umb_status write_page(const struct umbc_load_story *story, struct umbc_output *output,
                                   struct umb_error *error)
 {
-    FILE *file = fopen(path, "wb");
-    if (file == NULL) {
-        return umb_fail(error, UMB_E_CANNOT_CREATE, "cannot create '%.200s'", path);
-    }
-    umbc_load_print_page(file, story);
-    bool failed = ferror(file) != 0;
-    failed = fclose(file) != 0 || failed;
-    return failed ? umb_fail(error, UMB_E_IO, "cannot write '%.200s'", path) : UMB_OK;
+    umbc_load_print_page(output->file, story);
+    return umbc_output_commit(output, error);
 }
 
-static enum umb_status tell(const struct test *test, struct umb_error *error)
+static enum umb_status tell(struct test *test, struct umb_error *error)
 {
     const struct umbc_load_story story = {
         .options = &test->options,
@@ -121,7 +117,7 @@ static enum umb_status tell(const struct test *test, struct umb_error *error)
     } else {
         umbc_load_print_text(stdout, &story);
     }
-    return test->options.report != NULL ? write_page(test->options.report, &story, error) : UMB_OK;
+    return test->report.file != NULL ? write_page(&story, &test->report, error) : UMB_OK;
 }
 
 int umbc_load(int argc, char **argv)
@@ -137,12 +133,17 @@ int umbc_load(int argc, char **argv)
         return code;
     }
     enum umb_status status = prepare(test, &error);
+    if (status == UMB_OK && test->options.report != NULL) {
+        /* Before the run: a page that cannot be made must not cost one. */
+        status = umbc_output_begin(test->options.report, &test->report, &error);
+    }
     status = status == UMB_OK ? measure(test, &error) : status;
     status = status == UMB_OK ? tell(test, &error) : status;
     code = status == UMB_OK ? 0 : umbc_complain(&error);
     if (status == UMB_OK && test->options.sweep && test->sweep.knee <= 0) {
         code = UMBC_EXIT_NEGATIVE;
     }
+    umbc_output_abandon(&test->report);
     umb_client_description_free(test->about);
     umbc_load_pool_finish(&test->pool);
     free(test);

@@ -286,6 +286,9 @@ int umbc_load_options_parse(int argc, char **argv, struct umbc_load_options *opt
     options->settings.admin = parsed.values[OPTION_ADMIN];
     options->sweep = parsed.values[OPTION_SWEEP] != NULL;
     options->report = parsed.values[OPTION_REPORT];
+    if (options->report != NULL && strcmp(options->report, "-") == 0) {
+        return umbc_usage_error("load: --report is a file, stdout has the figures");
+    }
     options->json = parsed.values[OPTION_JSON] != NULL;
     options->quiet = parsed.values[OPTION_QUIET] != NULL;
     code = take_points(&parsed, options);

@@ -189,6 +189,15 @@ with test.check("the page has its plots inside and loads nothing"):
     load("--trace", trace, "--rate", 100, *BRIEF, "--report", report)
     with open(report, encoding="utf-8") as file:
         assert "&lt;b>&amp;&quot;.txt" in file.read()
-    assert "/nowhere" in ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "/nowhere/x.html",
-                                code=73).stderr.decode()
+
+with test.check("a page that cannot be made is known before the run, and one that stands is replaced whole"):
+    done = ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "/nowhere/x.html", code=73)
+    assert "/nowhere/x.html': No such" in done.stderr.decode() and not done.stdout, done
+    ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "/dev/full", code=74)
+    ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "-", code=2)
+    before = os.stat(report).st_ino
+    other = test.path("link")
+    os.link(report, other)  # keeps the number
+    load("--rate", 100, *BRIEF, "--report", report)
+    assert os.stat(report).st_ino != before and os.stat(other).st_ino == before
 test.finish()
