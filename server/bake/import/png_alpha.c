@@ -57,14 +57,20 @@ static void pass_over(png_structp png, png_const_charp message)
     (void)message;
 }
 
-/* Reads the header and asks for 8 bits and alpha. Returns 0 if there is nothing to take. */
-static int begin(struct decoder *d, int luminance)
+/* Reads all that comes before the texels. */
+static void read_header(struct decoder *d)
 {
     png_set_read_fn(d->png, d, take_bytes);
-    png_set_user_limits(d->png, UMBS_TEXTURE_SIDE_MAX, UMBS_TEXTURE_SIDE_MAX);
+    /* The sides are judged by decode, which can say that they are over a limit, not damaged. */
+    png_set_user_limits(d->png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
     png_set_chunk_malloc_max(d->png, CHUNK_BYTES_MAX);
     png_set_keep_unknown_chunks(d->png, PNG_HANDLE_CHUNK_NEVER, NULL, 0);
     png_read_info(d->png, d->info);
+}
+
+/* Asks for 8 bits and alpha. Returns 0 if there is nothing to take. Takes memory for a row. */
+static int begin(struct decoder *d, int luminance)
+{
     const int kind = png_get_color_type(d->png, d->info);
     const int has_alpha =
         (kind & PNG_COLOR_MASK_ALPHA) != 0 || png_get_valid(d->png, d->info, PNG_INFO_tRNS) != 0;
@@ -119,7 +125,7 @@ static enum umb_status decode(struct decoder *d, uint64_t max_texels, int lumina
     if (setjmp(png_jmpbuf(d->png)) != 0) {
         return refuse(d, error);
     }
-    const int wanted = begin(d, luminance);
+    read_header(d);
     image->width = png_get_image_width(d->png, d->info);
     image->height = png_get_image_height(d->png, d->info);
     const uint64_t texels = (uint64_t)image->width * image->height;
@@ -127,7 +133,11 @@ static enum umb_status decode(struct decoder *d, uint64_t max_texels, int lumina
         return umb_fail(error, UMB_E_LIMIT, "an image has %u x %u texels, limit %llu", image->width,
                         image->height, (unsigned long long)max_texels);
     }
-    if (!wanted) {
+    if (image->width > UMBS_TEXTURE_SIDE_MAX || image->height > UMBS_TEXTURE_SIDE_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "an image has %u x %u texels, limit %u a side",
+                        image->width, image->height, UMBS_TEXTURE_SIDE_MAX);
+    }
+    if (!begin(d, luminance)) {
         return UMB_OK;
     }
     const uint64_t rows = d->passes > 1 ? image->height : 1;

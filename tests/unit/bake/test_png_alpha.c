@@ -113,6 +113,26 @@ static void images_without_alpha_have_none_or_their_grey(void **state)
     }
 }
 
+/* Makes a header promise other sides; its checksum is put right. */
+static void set_sides(const struct made_png *made, uint32_t width, uint32_t height)
+{
+    unsigned long crc = 0xffffffffUL;
+    for (int i = 0; i < 4; i++) {
+        made->bytes[16 + i] = (unsigned char)(width >> (24 - 8 * i));
+        made->bytes[20 + i] = (unsigned char)(height >> (24 - 8 * i));
+    }
+    for (size_t i = 12; i < 29; i++) {
+        crc ^= made->bytes[i];
+        for (int k = 0; k < 8; k++) {
+            crc = crc & 1 ? crc >> 1 ^ 0xedb88320UL : crc >> 1;
+        }
+    }
+    crc ^= 0xffffffffUL;
+    for (int i = 0; i < 4; i++) {
+        made->bytes[29 + i] = (unsigned char)(crc >> (24 - 8 * i));
+    }
+}
+
 static void images_over_the_limit_are_refused_before_they_are_decoded(void **state)
 {
     (void)state;
@@ -123,25 +143,23 @@ static void images_over_the_limit_are_refused_before_they_are_decoded(void **sta
     assert_int_equal(umbb_png_alpha(made.bytes, made.size, WIDTH * HEIGHT - 1, 0, &image, &error),
                      UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "13 x 7 texels, limit 90"));
-    /* A header that promises 40000 x 40000 texels; its checksum is put right. */
-    static const unsigned char side[4] = {0, 0, 0x9c, 0x40};
-    memcpy(made.bytes + 16, side, 4);
-    memcpy(made.bytes + 20, side, 4);
-    unsigned long crc = 0xffffffffUL;
-    for (size_t i = 12; i < 29; i++) {
-        crc ^= made.bytes[i];
-        for (int k = 0; k < 8; k++) {
-            crc = crc & 1 ? crc >> 1 ^ 0xedb88320UL : crc >> 1;
-        }
+    static const struct {
+        uint32_t width, height;
+        const char *why;
+    } sides[] = {
+        {40000, 40000, "40000 x 40000 texels, limit 268435456"},
+        {65537, 1, "65537 x 1 texels, limit 65536 a side"},
+        {1, 70000, "1 x 70000 texels, limit 65536 a side"},
+        {2147483647, 2147483647, "2147483647 x 2147483647 texels, limit 268435456"},
+    };
+    for (size_t i = 0; i < sizeof sides / sizeof sides[0]; i++) {
+        set_sides(&made, sides[i].width, sides[i].height);
+        assert_int_equal(
+            umbb_png_alpha(made.bytes, made.size, UMBB_IMAGE_TEXELS_MAX, 0, &image, &error),
+            UMB_E_LIMIT);
+        assert_non_null(strstr(error.message, sides[i].why));
+        assert_null(image.texels);
     }
-    crc ^= 0xffffffffUL;
-    for (int i = 0; i < 4; i++) {
-        made.bytes[29 + i] = (unsigned char)(crc >> (24 - 8 * i));
-    }
-    assert_int_equal(
-        umbb_png_alpha(made.bytes, made.size, UMBB_IMAGE_TEXELS_MAX, 0, &image, &error),
-        UMB_E_LIMIT);
-    assert_non_null(strstr(error.message, "40000 x 40000 texels, limit 268435456"));
     free(made.bytes);
 }
 
