@@ -64,8 +64,8 @@ int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double 
  *
  * Out:   cuts: `of` in the order of umbs_scene_flatten.
  * Fails: E_NO_MEMORY; cuts is zeroed then.
- * Cost:  4 bytes a triangle and 28 one that is cut, if any is; the texels of one block in 256 for
- *        each triangle of a MASK material, and 64 samples of each that is cut at most.
+ * Cost:  4 bytes a triangle and 28 one that is cut, if any is; the texels along the edge of what
+ *        each triangle of a MASK material shows, and 64 samples of each that is cut at most.
  */
 UMB_CHECKED enum umb_status umbs_cuts_find(const struct umbs_scene_view *view,
                                            struct umbs_cuts *cuts, struct umb_error *error);

@@ -3,36 +3,22 @@
  * Which triangles are cut out (scene_alpha.h).
  *
  * A triangle is told by the least and greatest texel that sampling anywhere in the box of its
- * texture coordinates could touch; blocks of 16 x 16 texels whose extremes are known make that
- * quick. The box holds more than the triangle, so that some count as cut that are whole: that costs
- * time and changes no answer.
+ * texture coordinates could touch (alpha_pyramid.h). The box holds more than the triangle, so that
+ * some count as cut that are whole: that costs time and changes no answer.
  */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/alpha_pyramid.h"
 #include "common/scene_alpha.h"
 #include "common/scene_flatten.h"
 #include "common/sha256.h"
-
-#define BLOCK_LOG2 4
-#define BLOCK      (1U << BLOCK_LOG2)
 
 /* Samples for the share that is cut: each triangle's sides in at most so many parts, and fewer of
  * them where many triangles would take more than so many samples together. */
 #define SIDE_PARTS_MAX 8U
 #define SAMPLES_MAX    4000000U
-
-/* Least and greatest byte. */
-struct range {
-    uint8_t low, high;
-};
-
-/* A texture's blocks, row by row; NULL until needed. */
-struct blocks {
-    struct range *ranges;
-    uint32_t width, height; /* in blocks */
-};
 
 /* Texel numbers along an axis: up to two runs, first .. last each. */
 struct runs {
@@ -42,61 +28,12 @@ struct runs {
 struct finder {
     const struct umbs_scene_view *view;
     struct umbs_cuts *cuts;
-    struct blocks *blocks; /* [texture_count] */
-    uint8_t *seen;         /* [material_count] 1: something below its cut-off was found */
-    uint32_t parts;        /* sides are cut into */
-    size_t capacity;       /* of cuts->cuts */
-    double texels, below;  /* of the triangles that are cut or gone */
+    struct umbs_alpha_pyramid *pyramids; /* [texture_count] those of MASK materials */
+    uint8_t *seen;        /* [material_count] 1: something below its cut-off was found */
+    uint32_t parts;       /* sides are cut into */
+    size_t capacity;      /* of cuts->cuts */
+    double texels, below; /* of the triangles that are cut or gone */
 };
-
-static void range_add(struct range *range, uint8_t value)
-{
-    range->low = value < range->low ? value : range->low;
-    range->high = value > range->high ? value : range->high;
-}
-
-static struct range texels_range(const struct umbs_scene_view *view,
-                                 const struct umbs_texture *texture, const uint32_t x[2],
-                                 const uint32_t y[2])
-{
-    struct range range = {UINT8_MAX, 0};
-    for (size_t row = y[0]; row <= y[1]; row++) {
-        const uint8_t *texels = view->alpha + texture->offset + row * texture->width;
-        for (size_t column = x[0]; column <= x[1]; column++) {
-            range_add(&range, texels[column]);
-        }
-    }
-    return range;
-}
-
-static uint32_t least(uint32_t a, uint32_t b)
-{
-    return a < b ? a : b;
-}
-
-/* Finds a texture's blocks, once. */
-static enum umb_status blocks_find(const struct umbs_scene_view *view, uint32_t number,
-                                   struct blocks *blocks, struct umb_error *error)
-{
-    const struct umbs_texture *texture = &view->textures[number];
-    if (blocks->ranges != NULL) {
-        return UMB_OK;
-    }
-    blocks->width = (texture->width + BLOCK - 1) >> BLOCK_LOG2;
-    blocks->height = (texture->height + BLOCK - 1) >> BLOCK_LOG2;
-    blocks->ranges = malloc((size_t)blocks->width * blocks->height * sizeof *blocks->ranges);
-    if (blocks->ranges == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "texture %u: memory refused", number);
-    }
-    for (uint32_t by = 0; by < blocks->height; by++) {
-        for (uint32_t bx = 0; bx < blocks->width; bx++) {
-            const uint32_t x[2] = {bx * BLOCK, least((bx + 1) * BLOCK, texture->width) - 1};
-            const uint32_t y[2] = {by * BLOCK, least((by + 1) * BLOCK, texture->height) - 1};
-            blocks->ranges[(size_t)by * blocks->width + bx] = texels_range(view, texture, x, y);
-        }
-    }
-    return UMB_OK;
-}
 
 /* The texels that samples at `low` to `high` times n of an axis may touch. */
 static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
@@ -135,32 +72,9 @@ static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
     return runs;
 }
 
-/* Range of the texels x[0] .. x[1], y[0] .. y[1]. */
-static struct range rectangle_range(const struct finder *f, uint32_t number, const uint32_t x[2],
-                                    const uint32_t y[2])
-{
-    const struct umbs_texture *texture = &f->view->textures[number];
-    const struct blocks *blocks = &f->blocks[number];
-    struct range range = {UINT8_MAX, 0};
-    for (uint32_t by = y[0] >> BLOCK_LOG2; by <= y[1] >> BLOCK_LOG2; by++) {
-        for (uint32_t bx = x[0] >> BLOCK_LOG2; bx <= x[1] >> BLOCK_LOG2; bx++) {
-            struct range one = blocks->ranges[(size_t)by * blocks->width + bx];
-            if (one.low < range.low || one.high > range.high) {
-                const uint32_t xs[2] = {bx * BLOCK > x[0] ? bx * BLOCK : x[0],
-                                        least(bx * BLOCK + BLOCK - 1, x[1])};
-                const uint32_t ys[2] = {by * BLOCK > y[0] ? by * BLOCK : y[0],
-                                        least(by * BLOCK + BLOCK - 1, y[1])};
-                one = texels_range(f->view, texture, xs, ys);
-                range_add(&range, one.low);
-                range_add(&range, one.high);
-            }
-        }
-    }
-    return range;
-}
-
 /* Range of all texels that a sample within the triangle may touch. */
-static struct range triangle_range(const struct finder *f, uint32_t number, const float uv[3][2])
+static struct umbs_alpha_range triangle_range(const struct finder *f, uint32_t number,
+                                              const float uv[3][2])
 {
     const struct umbs_texture *texture = &f->view->textures[number];
     double low[2], high[2];
@@ -171,14 +85,12 @@ static struct range triangle_range(const struct finder *f, uint32_t number, cons
     }
     const struct runs across = axis_runs(low[0], high[0], texture->width, texture->wrap_s);
     const struct runs up = axis_runs(low[1], high[1], texture->height, texture->wrap_t);
-    struct range range = {UINT8_MAX, 0};
+    struct umbs_alpha_range range = {UINT8_MAX, 0};
     for (uint32_t i = 0; i < across.count; i++) {
         for (uint32_t k = 0; k < up.count; k++) {
             const uint32_t x[2] = {across.first[i], across.last[i]};
             const uint32_t y[2] = {up.first[k], up.last[k]};
-            const struct range one = rectangle_range(f, number, x, y);
-            range_add(&range, one.low);
-            range_add(&range, one.high);
+            umbs_alpha_pyramid_range(&f->pyramids[number], x, y, &range);
         }
     }
     return range;
@@ -265,7 +177,7 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
 {
     const struct umbs_material *material = &f->view->materials[number];
     const double limit = 255.0 * (double)material->alpha_cutoff;
-    struct range range = {UINT8_MAX, UINT8_MAX};
+    struct umbs_alpha_range range = {UINT8_MAX, UINT8_MAX};
     double texels = 1.0;
     if (material->texture != UMBS_NO_INDEX) {
         range = triangle_range(f, material->texture, uv);
@@ -303,7 +215,7 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     enum umb_status status = UMB_OK;
     if (view->materials[number].texture != UMBS_NO_INDEX) {
         const uint32_t texture = view->materials[number].texture;
-        status = blocks_find(view, texture, &f->blocks[texture], error);
+        status = umbs_alpha_pyramid_find(view, texture, &f->pyramids[texture], error);
     }
     const int mirror = umbs_instance_mirrors(instance);
     for (uint32_t i = 0; i < mesh->triangle_count && status == UMB_OK; i++) {
@@ -345,7 +257,7 @@ static enum umb_status digest_textures(const struct finder *f, struct umb_error 
                                    texture->wrap_t, texture->nearest};
         const void *const parts[] = {shape, view->alpha + texture->offset};
         const size_t sizes[] = {sizeof shape, (size_t)texture->width * texture->height};
-        if (f->blocks[i].ranges != NULL) { /* some MASK material's */
+        if (f->pyramids[i].levels > 0) { /* some MASK material's */
             umbs_sha256.digest(umbs_sha256.user, parts, sizes, 2, cuts->digests[i]);
         }
     }
@@ -361,10 +273,10 @@ enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_c
         return UMB_OK;
     }
     struct finder f = {.view = view, .cuts = cuts, .parts = side_parts(view)};
-    f.blocks = calloc((size_t)view->texture_count + 1, sizeof *f.blocks);
+    f.pyramids = calloc((size_t)view->texture_count + 1, sizeof *f.pyramids);
     f.seen = calloc(view->material_count, 1);
     enum umb_status status = UMB_OK;
-    if (f.blocks == NULL || f.seen == NULL) {
+    if (f.pyramids == NULL || f.seen == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %u materials refused",
                           view->material_count);
     }
@@ -376,10 +288,10 @@ enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_c
     if (status == UMB_OK) {
         status = digest_textures(&f, error);
     }
-    for (uint32_t i = 0; f.blocks != NULL && i < view->texture_count; i++) {
-        free(f.blocks[i].ranges);
+    for (uint32_t i = 0; f.pyramids != NULL && i < view->texture_count; i++) {
+        umbs_alpha_pyramid_finish(&f.pyramids[i]);
     }
-    free(f.blocks);
+    free(f.pyramids);
     free(f.seen);
     cuts->figures.share = f.texels > 0.0 ? f.below / f.texels : 0.0;
     if (status != UMB_OK) {
