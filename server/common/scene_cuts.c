@@ -15,10 +15,10 @@
 #include "common/scene_flatten.h"
 #include "common/sha256.h"
 
-/* Samples for the share that is cut: each triangle's sides in at most so many parts, and fewer of
- * them where many triangles would take more than so many samples together. */
-#define SIDE_PARTS_MAX 8U
-#define SAMPLES_MAX    4000000U
+/* Samples for the share that is cut: of a triangle at most, and fewer where many triangles would
+ * take more than so many together. */
+#define EACH_MAX    64U
+#define SAMPLES_MAX 4000000U
 
 /* Texel numbers along an axis: up to two runs, first .. last each. */
 struct runs {
@@ -30,7 +30,7 @@ struct finder {
     struct umbs_cuts *cuts;
     struct umbs_alpha_pyramid *pyramids; /* [texture_count] those of MASK materials */
     uint8_t *seen;        /* [material_count] 1: something below its cut-off was found */
-    uint32_t parts;       /* sides are cut into */
+    uint32_t samples;     /* a triangle */
     size_t capacity;      /* of cuts->cuts */
     double texels, below; /* of the triangles that are cut or gone */
 };
@@ -105,25 +105,33 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
     return area < 1e12 ? area : 1e12; /* also what a NaN becomes */
 }
 
-/* The share of the last cut triangle that is below the cut-off, by samples in equal parts of it. */
+/*
+ * The share of the last cut triangle that is below the cut-off, by samples. They go on in one
+ * sequence from triangle to triangle, for a grid of them would meet a texture that repeats along
+ * the triangle at a single phase. Source: M. Roberts, The unreasonable effectiveness of
+ * quasirandom sequences, 2018: multiples of the powers of 1 / g, g * g * g = g + 1.
+ */
 static double cut_share(const struct finder *f)
 {
-    const uint32_t number = (uint32_t)f->cuts->count - 1, n = f->parts;
+    const uint32_t number = (uint32_t)f->cuts->count - 1;
     const struct umbs_cut *cut = &f->cuts->cuts[number];
     uint32_t below = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        for (uint32_t k = 0; k < 2 * (n - i) - 1; k++) { /* parts of a row turn around */
-            const double third = k % 2 == 0 ? 1.0 / 3.0 : 2.0 / 3.0;
-            const double b = (i + third) / n, c = (k / 2 + third) / n, a = 1.0 - b - c;
-            double at[2];
-            for (int axis = 0; axis < 2; axis++) {
-                at[axis] = a * (double)cut->uv[0][axis] + b * (double)cut->uv[1][axis] +
-                           c * (double)cut->uv[2][axis];
-            }
-            below += !umbs_cut_keeps(f->cuts, number, at[0], at[1]);
+    for (uint32_t i = 0; i < f->samples; i++) {
+        const double place = (double)number * f->samples + i + 1;
+        double b = place * 0.7548776662466927, c = place * 0.5698402909980532, at[2];
+        b -= floor(b);
+        c -= floor(c);
+        if (b + c > 1.0) {
+            b = 1.0 - b;
+            c = 1.0 - c;
         }
+        for (int axis = 0; axis < 2; axis++) {
+            at[axis] = (1.0 - b - c) * (double)cut->uv[0][axis] + b * (double)cut->uv[1][axis] +
+                       c * (double)cut->uv[2][axis];
+        }
+        below += !umbs_cut_keeps(f->cuts, number, at[0], at[1]);
     }
-    return (double)below / ((double)n * n);
+    return (double)below / (double)f->samples;
 }
 
 /* Makes a cut of a triangle, the next of its table. */
@@ -230,12 +238,11 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     return status;
 }
 
-/* Into how many parts sides are cut for sampling. */
-static uint32_t side_parts(const struct umbs_scene_view *view)
+/* Samples a triangle. */
+static uint32_t samples_each(const struct umbs_scene_view *view)
 {
-    const double each = (double)SAMPLES_MAX / (double)view->world_triangle_count;
-    const double parts = floor(sqrt(each));
-    return parts < 1.0 ? 1U : parts < SIDE_PARTS_MAX ? (uint32_t)parts : SIDE_PARTS_MAX;
+    const double each = floor((double)SAMPLES_MAX / (double)view->world_triangle_count);
+    return each < 1.0 ? 1U : each < EACH_MAX ? (uint32_t)each : EACH_MAX;
 }
 
 /* Hashes the textures that cuts refer to. */
@@ -272,7 +279,7 @@ enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_c
     if (view->material_count == 0) {
         return UMB_OK;
     }
-    struct finder f = {.view = view, .cuts = cuts, .parts = side_parts(view)};
+    struct finder f = {.view = view, .cuts = cuts, .samples = samples_each(view)};
     f.pyramids = calloc((size_t)view->texture_count + 1, sizeof *f.pyramids);
     f.seen = calloc(view->material_count, 1);
     enum umb_status status = UMB_OK;

@@ -141,6 +141,30 @@ static void the_share_is_that_of_the_texels_below_the_cut_off(void **state)
     umbs_cuts_finish(&cuts);
 }
 
+/* Repeats whose number a side of the triangle divides would always be met at the same phase. */
+static void the_share_of_a_texture_that_repeats_is_not_that_of_one_texel(void **state)
+{
+    (void)state;
+    static struct cut_scene s;
+    for (uint32_t repeats = 1; repeats <= 64; repeats *= 2) {
+        static const double corners[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+        const float n = (float)repeats;
+        const float uv[3][2] = {{0, 0}, {n, 0}, {0, n}};
+        cut_scene_init(&s, 1);
+        for (int i = 0; i < CUT_SIDE * CUT_SIDE; i++) { /* checks of ten texels */
+            s.alpha[i] = (i / 10 + i / CUT_SIDE / 10) % 2 == 0 ? 255 : 0;
+        }
+        for (int i = 0; i < 8; i++) {
+            cut_scene_add(&s, corners, uv, 1);
+        }
+        struct umbs_cuts cuts;
+        assert_int_equal(umbs_cuts_find(&s.view, &cuts, NULL), UMB_OK);
+        print_message("%u repeats: share %.3f\n", repeats, cuts.figures.share);
+        assert_true(fabs(cuts.figures.share - 0.5) < 0.06);
+        umbs_cuts_finish(&cuts);
+    }
+}
+
 static void mirrored_instances_keep_each_corner_with_its_coordinates(void **state)
 {
     (void)state;
@@ -208,6 +232,7 @@ int main(void)
         cmocka_unit_test(coordinates_far_outside_stay_in_the_image),
         cmocka_unit_test(triangles_are_whole_cut_or_gone_as_their_samples_say),
         cmocka_unit_test(the_share_is_that_of_the_texels_below_the_cut_off),
+        cmocka_unit_test(the_share_of_a_texture_that_repeats_is_not_that_of_one_texel),
         cmocka_unit_test(mirrored_instances_keep_each_corner_with_its_coordinates),
         cmocka_unit_test(a_solid_with_a_hole_counts_as_open),
     };
