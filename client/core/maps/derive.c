@@ -16,6 +16,10 @@
 
 /* Bytes a texel: the layer, and while channels are built two planes of doubles. */
 #define TEXEL_BYTES (sizeof(float) + 2 * sizeof(double))
+/* A texel of a row: struct row. */
+#define ROW_BYTES (4 * sizeof(double) + sizeof(struct umb_column_answer))
+/* Handles, and what a KTX file is planned with. */
+#define FIXED_BYTES 32768U
 
 static const struct umb_alloc *alloc_of(const struct umb_derived *derived)
 {
@@ -32,7 +36,8 @@ uint64_t umb_derive_bytes(const struct umb_derive_settings *settings)
     const uint64_t texels = (uint64_t)settings->width * settings->height;
     const uint64_t channels = settings->map.technique == UMB_MAP_PCF ? 1 : 4;
     const uint64_t stored = texels * channels * sizeof(float) * 4 / 3 + 4096; /* with mips */
-    return texels * TEXEL_BYTES + 2 * stored * map_count(settings);
+    return FIXED_BYTES + settings->width * (uint64_t)ROW_BYTES + texels * TEXEL_BYTES +
+           2 * stored * map_count(settings);
 }
 
 static int is_whole_frustum(const double rect[4])

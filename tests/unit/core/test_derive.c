@@ -260,6 +260,78 @@ static void the_ktx_file_holds_what_was_derived(void **state)
     volume_fixture_close(&f);
 }
 
+/* What is alive and its peak; each block carries its size in front. */
+struct held {
+    size_t live, peak;
+};
+
+enum {
+    HELD_HEAD = 16
+};
+
+static void *held_resize(void *user, void *block, size_t bytes)
+{
+    struct held *m = user;
+    uint8_t *old = block != NULL ? (uint8_t *)block - HELD_HEAD : NULL;
+    size_t before = 0;
+    if (old != NULL) {
+        memcpy(&before, old, sizeof before);
+    }
+    m->live += bytes - before;
+    m->peak = m->live > m->peak ? m->live : m->peak;
+    if (bytes == 0) {
+        free(old);
+        return NULL;
+    }
+    uint8_t *fresh = realloc(old, bytes + HELD_HEAD);
+    assert_non_null(fresh);
+    memcpy(fresh, &bytes, sizeof bytes);
+    return fresh + HELD_HEAD;
+}
+
+static void no_more_bytes_are_held_than_told(void **state)
+{
+    const struct {
+        uint32_t width, height, cascades;
+        struct umb_map_settings map;
+    } cases[] = {
+        {1, 1, 0, {.technique = UMB_MAP_PCF}},
+        {16384, 1, 0, {.technique = UMB_MAP_PCF, .format = UMB_MAP_U16}},
+        {16384, 2, 0, {.technique = UMB_MAP_VSM}},
+        {8192, 1, 0, {.technique = UMB_MAP_MSM, .access = UMB_MAP_MIPS}},
+        {256, 256, 0, {.technique = UMB_MAP_EVSM, .access = UMB_MAP_MIPS}},
+        {64, 64, 8, {.technique = UMB_MAP_EVSM, .access = UMB_MAP_MIPS}},
+        {4, 4, 8, {.technique = UMB_MAP_PCF}},
+    };
+    (void)state;
+    struct volume_fixture f;
+    volume_fixture_open(&f, fixture_hills, LOG2_SIZE, 0, 0);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct held meter = {0};
+        const struct umb_alloc alloc = {held_resize, &meter};
+        struct umb_derive_settings settings = {
+            .width = cases[i].width, .height = cases[i].height, .map = cases[i].map};
+        settings.camera = cases[i].cascades ? &camera : NULL;
+        settings.cascades = (struct umb_cascade_settings){.count = cases[i].cascades, .weight = 1};
+        struct umb_derived *derived;
+        uint8_t *bytes;
+        size_t size;
+        struct umb_error error = {0};
+        if (umb_derive(f.asset, &settings, &alloc, &derived, &error) != UMB_OK) {
+            fail_msg("case %zu: %s", i, error.message);
+        }
+        assert_int_equal(umb_derived_ktx2(derived, &bytes, &size, NULL), UMB_OK);
+        if (meter.peak > umb_derive_bytes(&settings)) {
+            fail_msg("case %zu: %zu bytes held, %llu told", i, meter.peak,
+                     (unsigned long long)umb_derive_bytes(&settings));
+        }
+        umb_derived_free(derived, bytes);
+        umb_derived_destroy(derived);
+        assert_int_equal(meter.live, 0);
+    }
+    volume_fixture_close(&f);
+}
+
 static int give_up(void *user)
 {
     return --*(int *)user == 0;
@@ -400,6 +472,7 @@ int main(void)
         cmocka_unit_test(cascades_hold_the_columns_of_their_texels),
         cmocka_unit_test(a_derived_map_answers_as_the_voxels_do),
         cmocka_unit_test(the_ktx_file_holds_what_was_derived),
+        cmocka_unit_test(no_more_bytes_are_held_than_told),
         cmocka_unit_test(what_cannot_be_derived_is_named),
         cmocka_unit_test(without_memory_nothing_is_left_behind),
     };
