@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include "base/open_status.h"
 #include "base/utf8.h"
 #include "cli_session.h"
 
@@ -189,6 +190,22 @@ bool umbc_is_file(const char *word)
         return true;
     }
     return stat(word, &info) == 0 && !S_ISDIR(info.st_mode);
+}
+
+enum umb_status umbc_open_input(const char *path, FILE **file, struct umb_error *error)
+{
+    struct stat info;
+    *file = fopen(path, "rb");
+    if (*file == NULL) {
+        const int code = errno;
+        return umb_fail_errno(error, umb__open_status(code), code, "cannot open '%.200s'", path);
+    }
+    if (fstat(fileno(*file), &info) == 0 && S_ISDIR(info.st_mode)) {
+        (void)fclose(*file);
+        *file = NULL;
+        return umb_fail(error, UMB_E_NO_INPUT, "cannot read '%.200s': it is a folder", path);
+    }
+    return UMB_OK;
 }
 
 bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value)

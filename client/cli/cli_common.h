@@ -78,6 +78,10 @@ int umbc_usage_error(const char *format, ...) UMB_PRINTF(1, 2);
 /* True if an argument means a file: it exists as one, has a '/', or ends in .umb or .umbm. */
 bool umbc_is_file(const char *word);
 
+/* Opens a file to be read, which messages name. Fails: E_NO_INPUT if there is none or it is a
+ * folder, else as open does. */
+UMB_CHECKED enum umb_status umbc_open_input(const char *path, FILE **file, struct umb_error *error);
+
 /* Parses a whole decimal number. Returns false if text is anything else or above max. */
 bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value);
 

@@ -146,10 +146,9 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    f->depth_file = fopen(v[OPTION_DEPTH], "rb");
-    if (!f->depth_file) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'",
-                              v[OPTION_DEPTH]);
+    status = umbc_open_input(v[OPTION_DEPTH], &f->depth_file, error);
+    if (status != UMB_OK) {
+        return status;
     }
     f->value_bytes = umb_answer_bytes(f->request.settings.format, pixels);
     f->depth = malloc(pixels * sizeof *f->depth);
@@ -197,8 +196,14 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
     const size_t pixels = f->size[0] * f->size[1];
     struct umb_client_query_reply reply;
     if (fread(f->depth, sizeof *f->depth, pixels, f->depth_file) != pixels) {
-        return umb_fail(error, UMB_E_TRUNCATED, "depth: ends within frame %zu of %zu", frame,
-                        f->views.count);
+        return ferror(f->depth_file)
+                   ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'",
+                                    f->parsed->values[OPTION_DEPTH])
+                   : umb_fail(error, UMB_E_TRUNCATED,
+                              "'%.160s' ends within frame %zu; %zu frames of %zu x %zu floats are "
+                              "needed, as many as --path has cameras",
+                              f->parsed->values[OPTION_DEPTH], frame, f->views.count, f->size[0],
+                              f->size[1]);
     }
     memcpy(f->picture.eye, view->eye, sizeof view->eye);
     memcpy(f->picture.forward, view->forward, sizeof view->forward);

@@ -8,7 +8,6 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "base/bytes.h"
-#include "base/open_status.h"
 #include "cli_common.h"
 
 #define SHOWN 60 /* bytes of a bad line in the message */
@@ -27,19 +26,11 @@ enum umb_status umbc_points_open(const char *path, enum umbc_points_format forma
         return UMB_OK;
     }
     points->name = path;
-    points->file = fopen(path, "rb");
-    if (points->file == NULL) {
-        int code = errno;
-        return umb_fail_errno(error, umb__open_status(code), code, "cannot open '%.200s'", path);
-    }
-    if (fstat(fileno(points->file), &info) == 0) {
-        if (S_ISDIR(info.st_mode)) {
-            umbc_points_close(points);
-            return umb_fail(error, UMB_E_NO_INPUT, "cannot read '%.200s': it is a folder", path);
-        }
+    enum umb_status status = umbc_open_input(path, &points->file, error);
+    if (status == UMB_OK && fstat(fileno(points->file), &info) == 0) {
         points->size = S_ISREG(info.st_mode) ? (uint64_t)info.st_size : 0;
     }
-    return UMB_OK;
+    return status;
 }
 
 void umbc_points_close(struct umbc_points *points)

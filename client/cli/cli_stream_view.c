@@ -2,11 +2,11 @@
 /* See cli_stream_view.h. */
 #include "cli_stream_view.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "cli_common.h"
 
 #define DEFAULT_FOV_DEG 60.0
 #define PI              3.14159265358979323846
@@ -85,13 +85,13 @@ enum umb_status umbc_read_path(const char *path, double aspect, char up,
                                const struct umb_partial_view *base, struct umbc_views *views,
                                struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
     size_t number = 0, capacity = 0;
     char line[512];
+    FILE *file;
     *views = (struct umbc_views){0};
-    FILE *file = fopen(path, "r");
-    if (!file) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
+    enum umb_status status = umbc_open_input(path, &file, error);
+    if (status != UMB_OK) {
+        return status;
     }
     while (status == UMB_OK && fgets(line, sizeof line, file)) {
         number++;

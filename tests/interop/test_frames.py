@@ -190,5 +190,11 @@ with test.check("umbrage frames gets the same, in fewer bytes"):
     assert told["packed"]["bytes"] < told["plain"]["bytes"] / 4
     ut.run("umbrage", "frames", "city", "--address", daemon.tcp, "--path", test.path("walk.txt"),
            "--depth", test.path("depths"), "--size", f"{WIDTH}x{HEIGHT + 1}", "--quiet", code=65)
+    for path, depths, words, code in (("walk.txt", "store", "it is a folder", 66),
+                                      ("store", "depths", "it is a folder", 66),
+                                      ("walk.txt", "walk.txt", "walk.txt' ends within frame 0", 65)):
+        done = ut.run("umbrage", "frames", "city", "--address", daemon.tcp, "--path", test.path(path),
+                      "--depth", test.path(depths), "--size", f"{WIDTH}x{HEIGHT}", code=code)
+        assert words in done.stderr.decode(), done.stderr
 
 test.finish()
