@@ -33,10 +33,10 @@ struct umbj_farm_stage {
 
 struct umbj_farm {
     /* Has tasks run: those with wanted[number] != 0, each as the command with --only=NUMBER behind
-     * it. Fails: E_UNAVAILABLE with what the farm said: some may have been submitted all the same.
-     */
+     * it; clears wanted[number] of those that the farm took, also on failure. Fails: E_UNAVAILABLE
+     * with what the farm said: some that are still wanted may have been submitted all the same. */
     enum umb_status (*submit_array)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
-                                    const uint8_t *wanted, struct umb_error *error);
+                                    uint8_t *wanted, struct umb_error *error);
     /* Has the command run once, as it is: task 0. Fails: as submit_array. */
     enum umb_status (*submit_merge)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                                     struct umb_error *error);

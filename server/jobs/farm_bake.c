@@ -25,7 +25,7 @@
 
 #define LOOK_MS     500    /* between looks into the stage's folder, at most */
 #define ORPHANS_MS  60000  /* between looks for tasks of nobody */
-#define PATIENCE_MS 120000 /* with a farm that does not answer: its controller may start again */
+#define PATIENCE_MS 120000 /* with a farm that does not answer, or takes nothing: it may again */
 #define LOST_LOOKS  3      /* so often unknown without an end: it will not come any more */
 #define TASK_TRIES  4      /* submissions of one task */
 #define ROUNDS      3      /* of array and merge: tiles may go for room meanwhile */
@@ -36,10 +36,11 @@ struct stage {
     struct umbj_farm_stage farm;
     const char *kind; /* "tile", "merge" */
     int is_array;
-    uint8_t *done, *wanted, *known, *tries, *unknown; /* [count] of one block */
+    uint8_t *done, *wanted, *known, *tries, *unknown, *asked; /* [count] of one block */
     uint32_t done_count, found_count;
     uint64_t texels; /* of one task */
     int64_t start_ms, ask_ms, answered_ms, orphans_ms;
+    int64_t refused_ms; /* since then it has taken nothing; 0: it does */
     char folder[4300], name[80];
 };
 
@@ -170,38 +171,61 @@ static enum umbj_failure read_ends(struct stage *stage)
     return failure;
 }
 
-/* Submits what is wanted. A farm that refuses is asked again later. */
+/* Notes which of the tasks that were asked for the farm took. */
+static void note_taken(struct stage *stage)
+{
+    for (uint32_t i = 0; i < stage->farm.count; i++) {
+        if (stage->asked[i] && !stage->wanted[i]) {
+            stage->tries[i]++;
+            stage->unknown[i] = 0;
+        }
+    }
+}
+
+/* The farm refused `first` and maybe more: it is asked again later, also for long, if there are
+ * tasks of ours whose place it may be waiting for. */
+static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
+                                      const struct umb_error *error)
+{
+    if (stage->refused_ms == 0) {
+        stage->refused_ms = now_ms();
+        tell_task(stage, first, UMBJ_TEMPORARY, error->message);
+    }
+    return memchr(stage->known, 1, stage->farm.count) == NULL &&
+                   now_ms() - stage->refused_ms > PATIENCE_MS
+               ? umbj_try_fail_status(stage->try, status, error)
+               : UMBJ_NO_FAILURE;
+}
+
+/* Submits what is wanted. */
 static enum umbj_failure submit(struct stage *stage)
 {
     struct umbj_try *try = stage->try;
     struct umbj_farm *farm = try->options->farm;
     struct umb_error error = {0};
-    uint32_t count = 0;
+    const uint8_t *first = memchr(stage->wanted, 1, stage->farm.count);
     for (uint32_t i = 0; i < stage->farm.count; i++) {
         if (stage->wanted[i] && stage->tries[i] >= TASK_TRIES) {
             return umbj_try_fail(try, UMBJ_LOST, "%s %u was lost %d times", stage->kind, i,
                                  TASK_TRIES);
         }
-        count += stage->wanted[i];
     }
-    if (count == 0) {
+    if (first == NULL) {
         return UMBJ_NO_FAILURE;
     }
+    memcpy(stage->asked, stage->wanted, stage->farm.count);
     const enum umb_status status =
         stage->is_array ? farm->submit_array(farm, &stage->farm, stage->wanted, &error)
                         : farm->submit_merge(farm, &stage->farm, &error);
-    if (status != UMB_OK) {
-        return now_ms() - stage->answered_ms > PATIENCE_MS
-                   ? umbj_try_fail_status(try, status, &error)
-                   : UMBJ_NO_FAILURE;
+    if (status == UMB_OK) {
+        memset(stage->wanted, 0, stage->farm.count);
+        stage->answered_ms = now_ms();
+        stage->refused_ms = 0;
     }
-    stage->answered_ms = now_ms();
-    for (uint32_t i = 0; i < stage->farm.count; i++) {
-        stage->tries[i] = (uint8_t)(stage->tries[i] + stage->wanted[i]);
-        stage->unknown[i] = 0;
-        stage->wanted[i] = 0;
-    }
-    return UMBJ_NO_FAILURE;
+    note_taken(stage);
+    return status == UMB_OK
+               ? UMBJ_NO_FAILURE
+               : note_refusal(stage, (uint32_t)(first - stage->wanted), status, &error);
 }
 
 /* Asks the farm; tasks that it does not know and that left no end are wanted again. */
@@ -295,7 +319,7 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
                           .texels = texels,
                           .start_ms = now_ms(),
                           .answered_ms = now_ms()};
-    uint8_t *block = calloc(count, 5);
+    uint8_t *block = calloc(count, 6);
     enum umbj_failure failure = UMBJ_NO_FAILURE;
     snprintf(stage.folder, sizeof stage.folder, "%s/%s", work->folder, kind);
     snprintf(stage.name, sizeof stage.name, "%s.%lld.%s", work->job, (long long)work->epoch, kind);
@@ -311,6 +335,7 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
         stage.known = block + 2 * (size_t)count;
         stage.tries = block + 3 * (size_t)count;
         stage.unknown = block + 4 * (size_t)count;
+        stage.asked = block + 5 * (size_t)count;
         memset(stage.wanted, 1, count);
         stage.farm = (struct umbj_farm_stage){.name = stage.name,
                                               .folder = stage.folder,

@@ -18,7 +18,8 @@
 #include "jobs/command_words.h"
 #include "jobs/worker_process.h"
 
-#define ARRAY_MOST 1000  /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
+#define ARRAY_MOST 1000 /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
+#define IDS_MOST   500  /* tasks that one scancel ends: a command line has its limit, CALL_MS too */
 #define CALL_MS    30000 /* a command of Slurm: several times its MessageTimeout */
 #define TAG_SIZE   24
 #define NAME_SIZE  128
@@ -199,8 +200,8 @@ static uint32_t write_array(const uint8_t *wanted, uint32_t from, uint32_t to, c
 }
 
 static enum umb_status slurm_submit_array(struct umbj_farm *self,
-                                          const struct umbj_farm_stage *stage,
-                                          const uint8_t *wanted, struct umb_error *error)
+                                          const struct umbj_farm_stage *stage, uint8_t *wanted,
+                                          struct umb_error *error)
 {
     char array[WORD_MOST];
     enum umb_status status = UMB_OK;
@@ -209,6 +210,9 @@ static enum umb_status slurm_submit_array(struct umbj_farm *self,
         const uint32_t next = write_array(wanted, from, from + most, array, sizeof array);
         if (array[0] != '\0') {
             status = submit((struct slurm *)self, stage, from, array, error);
+        }
+        if (status == UMB_OK) {
+            memset(wanted + from, 0, next - from);
         }
         from = next;
     }
@@ -269,8 +273,9 @@ static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
     return call(&words, &talk, error);
 }
 
-/* Runs scancel or the like on ids; what cannot be reached is left: tasks end by themselves. */
-static void run_on(const struct slurm *slurm, const char *const *command, struct umbj_words *ids)
+/* Runs a command of Slurm with ids behind it. */
+static enum umb_status run_on(const struct slurm *slurm, const char *const *command,
+                              char *const *ids, size_t count)
 {
     struct umbj_words words = {0};
     struct talk talk = {0};
@@ -279,19 +284,35 @@ static void run_on(const struct slurm *slurm, const char *const *command, struct
     for (size_t i = 0; command[i] != NULL; i++) {
         umbj_words_add(&words, "%s", command[i]);
     }
-    for (size_t i = 0; i < ids->count; i++) {
-        umbj_words_add(&words, "%s", ids->list[i]);
+    for (size_t i = 0; i < count; i++) {
+        umbj_words_add(&words, "%s", ids[i]);
     }
-    if (ids->count == 0 || call(&words, &talk, &ignored) != UMB_OK) {
-        umbj_words_finish(&words);
+    return call(&words, &talk, &ignored);
+}
+
+/* Finishes ids. What cannot be reached is left: tasks end by themselves. */
+static void end_tasks(const struct slurm *slurm, struct umbj_words *ids)
+{
+    static const char *const scancel[] = {"scancel", "--quiet", NULL};
+    enum umb_status status = UMB_OK;
+    for (size_t from = 0; status == UMB_OK && from < ids->count; from += IDS_MOST) {
+        const size_t left = ids->count - from;
+        status = run_on(slurm, scancel, ids->list + from, left < IDS_MOST ? left : IDS_MOST);
     }
     umbj_words_finish(ids);
 }
 
-static void end_tasks(const struct slurm *slurm, struct umbj_words *ids)
+/* Lets tasks start that only wait for their time; finishes ids. */
+static void start_tasks(const struct slurm *slurm, struct umbj_words *ids)
 {
-    static const char *const scancel[] = {"scancel", "--quiet", NULL};
-    run_on(slurm, scancel, ids);
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < ids->count; i++) {
+        char id[80];
+        snprintf(id, sizeof id, "JobId=%s", ids->list[i]);
+        const char *const start[] = {"scontrol", "update", id, "StartTime=now", NULL};
+        status = run_on(slurm, start, NULL, 0);
+    }
+    umbj_words_finish(ids);
 }
 
 static void note_known(struct look *look, const struct task *task)
@@ -320,15 +341,7 @@ static enum umb_status slurm_status(struct umbj_farm *self, const struct umbj_fa
         .slurm = (struct slurm *)self, .task = note_known, .stage = stage, .known = known};
     memset(known, 0, stage->count);
     const enum umb_status status = look_at_queue(&look, error);
-    for (size_t i = 0; i < look.held.count; i++) {
-        char id[80];
-        struct umbj_words none = {0};
-        snprintf(id, sizeof id, "JobId=%s", look.held.list[i]);
-        umbj_words_add(&none, "StartTime=now");
-        const char *const start[] = {"scontrol", "update", id, NULL};
-        run_on(look.slurm, start, &none);
-    }
-    umbj_words_finish(&look.held);
+    start_tasks(look.slurm, &look.held);
     return status;
 }
 

@@ -7,6 +7,7 @@ them. The names are links to this file; state lies in `state` beside them, a fil
 files there:
 
     down        every command fails, as with a dead controller
+    refuse      sbatch fails, as with a partition that is none or full
     lose        the next so many submissions get a number and are forgotten
     twice       every task is run a second time, at the same time
     held        tasks wait as "BeginTime" until scontrol says StartTime=now
@@ -65,6 +66,8 @@ def numbers(array):
 
 
 def sbatch(words):
+    if os.path.exists(path("refuse")):
+        sys.exit("sbatch: error: Batch job submission failed: Invalid partition name specified")
     options = {}
     while words and words[0].startswith("--"):
         name, _, value = words.pop(0).partition("=")

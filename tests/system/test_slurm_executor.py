@@ -113,6 +113,17 @@ with test.check("a controller that is away is waited for"):
     done = cli("watch", job)
     assert done["state"] == "done" and done["epoch"] == 1, done
 
+with test.check("a farm that answers and takes nothing is asked again, and its refusal is logged once"):
+    fault("refuse")
+    failures, before = daemon.metric("umbrage_job_task_failures_total"), len(calls("sbatch"))
+    job = cli("submit", scene, *settings(65))["job"]
+    ut.wait_until(lambda: len(calls("sbatch")) > before + 2, 60, "it is asked")
+    assert daemon.metric("umbrage_job_task_failures_total") == failures + 1
+    assert daemon.log().count("Invalid partition name specified") == 1
+    mend("refuse")
+    done = cli("watch", job)
+    assert done["state"] == "done" and done["epoch"] == 1, done
+
 with test.check("a scene that cannot be used, and settings that are none, never reach the farm"):
     before = len(calls("sbatch"))
     with open(test.path("bad.obj"), "w", encoding="ascii") as file:
