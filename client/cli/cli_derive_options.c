@@ -80,6 +80,41 @@ static size_t place_of(const char *word, const char *const *list, size_t count)
     return SIZE_MAX;
 }
 
+/* Options that another technique, or a map without cascades, would leave unread. */
+static int check_unread(const char *const *v, enum umb_map_technique technique,
+                        enum umb_map_format format)
+{
+    const bool esm = technique == UMB_MAP_ESM, evsm = technique == UMB_MAP_EVSM;
+    const struct {
+        enum derive_option option;
+        bool read;
+        const char *where;
+    } options[] = {
+        {OPTION_EXPONENT, esm || evsm, "esm and evsm"},
+        {OPTION_NEGATIVE, evsm, "evsm"},
+        {OPTION_DEPTH_PLANE, technique == UMB_MAP_VSM, "vsm"},
+        {OPTION_MOMENT_BIAS, technique == UMB_MAP_MSM, "msm"},
+        {OPTION_ASPECT, v[OPTION_CAMERA] != NULL, "--camera"},
+        {OPTION_NEAR, v[OPTION_CAMERA] != NULL, "--camera"},
+        {OPTION_UP, v[OPTION_CAMERA] != NULL, "--camera"},
+        {OPTION_WEIGHT, v[OPTION_CAMERA] != NULL, "--camera"},
+        {OPTION_FIT, v[OPTION_CAMERA] != NULL, "--camera"},
+    };
+    for (size_t i = 0; i < sizeof options / sizeof options[0]; i++) {
+        if (v[options[i].option] && !options[i].read) {
+            return umbc_usage_error("derive: --%s is of %s", OPTIONS[options[i].option].name,
+                                    options[i].where);
+        }
+    }
+    if ((format == UMB_MAP_F16 && !esm && !evsm) || (format == UMB_MAP_U16 && (esm || evsm))) {
+        return umbc_usage_error("derive: --format %s is not of %s: f16 is of esm and evsm, u16 of "
+                                "the others",
+                                v[OPTION_FORMAT],
+                                v[OPTION_TECHNIQUE] ? v[OPTION_TECHNIQUE] : "depth");
+    }
+    return -1;
+}
+
 static int read_words(const struct umbc_parsed *parsed, struct umbc_derive_options *o)
 {
     static const char *const techniques[] = {"depth", "vsm", "esm", "evsm", "msm"};
@@ -118,7 +153,7 @@ static int read_words(const struct umbc_parsed *parsed, struct umbc_derive_optio
     if (technique == 0 && (v[OPTION_MIPS] || v[OPTION_BLUR])) {
         return umbc_usage_error("derive: --mips and --blur average, which depths must not be");
     }
-    return -1;
+    return check_unread(v, technique_of[technique], format_of[format]);
 }
 
 static bool parse_rect(const char *text, double rect[4])
@@ -180,7 +215,8 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_derive_opt
                                 UMB_CASCADES_MAX);
     }
     if (v[OPTION_SIZE] && !parse_size(v[OPTION_SIZE], &o->settings.width, &o->settings.height)) {
-        return umbc_usage_error("derive: --size '%s', must be W or WxH", v[OPTION_SIZE]);
+        return umbc_usage_error("derive: --size '%s', must be W or WxH, sides are 1..16384",
+                                v[OPTION_SIZE]);
     }
     if (v[OPTION_RECT] && !parse_rect(v[OPTION_RECT], o->settings.rect)) {
         return umbc_usage_error("derive: --rect '%s', must be X0,Y0,X1,Y1", v[OPTION_RECT]);
