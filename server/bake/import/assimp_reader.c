@@ -125,6 +125,7 @@ struct conversion {
     struct umbb_texture_table textures;
     struct umbb_uv_mapping *mappings; /* [mNumMaterials] */
     int has_materials;
+    unsigned bare; /* meshes whose material has a texture in which they have no place */
 };
 
 static enum umb_status add_material(struct conversion *c, unsigned number, struct umb_error *error)
@@ -165,14 +166,41 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
     return umbs_scene_add_material(builder, &material, error);
 }
 
+/* Where a mesh's texture coordinates are. In: material: its number or UMBS_NO_INDEX. */
+static const struct umbb_uv_mapping *mapping_of(const struct conversion *c, uint32_t material)
+{
+    static const struct umbb_uv_mapping plain = {0};
+    return material != UMBS_NO_INDEX ? &c->mappings[material] : &plain;
+}
+
+static int has_coordinates(const struct umbb_uv_mapping *mapping, const struct aiMesh *mesh)
+{
+    return mapping->set < AI_MAX_NUMBER_OF_TEXTURECOORDS &&
+           mesh->mTextureCoords[mapping->set] != NULL;
+}
+
+/* The material of a mesh, UMBS_NO_INDEX if it has none, or one whose texture it has no place in:
+ * such a mesh is opaque. */
+static uint32_t choose_material(struct conversion *c, const struct aiMesh *mesh)
+{
+    const struct umbs_material *materials = c->faces.scene->materials.data;
+    const uint32_t number = mesh->mMaterialIndex;
+    if (!c->has_materials || number >= c->faces.scene->materials.count) {
+        return UMBS_NO_INDEX;
+    }
+    if (materials[number].texture != UMBS_NO_INDEX &&
+        !has_coordinates(mapping_of(c, number), mesh)) {
+        c->bare++;
+        return UMBS_NO_INDEX;
+    }
+    return number;
+}
+
 static enum umb_status add_vertices(const struct conversion *c, const struct aiMesh *mesh,
                                     uint32_t material, struct umb_error *error)
 {
-    static const struct umbb_uv_mapping plain = {0};
-    const struct umbb_uv_mapping *mapping =
-        material != UMBS_NO_INDEX ? &c->mappings[material] : &plain;
-    const int has_uvs =
-        mapping->set < AI_MAX_NUMBER_OF_TEXTURECOORDS && mesh->mTextureCoords[mapping->set] != NULL;
+    const struct umbb_uv_mapping *mapping = mapping_of(c, material);
+    const int has_uvs = has_coordinates(mapping, mesh);
     for (unsigned i = 0; i < mesh->mNumVertices; i++) {
         const struct aiVector3D *at = &mesh->mVertices[i];
         const double position[3] = {(double)at->x, (double)at->y, (double)at->z};
@@ -215,9 +243,7 @@ static enum umb_status add_mesh(struct conversion *c, const struct aiMesh *mesh,
                                 struct umb_error *error)
 {
     struct umbs_scene_builder *builder = c->faces.scene;
-    const uint32_t material = c->has_materials && mesh->mMaterialIndex < builder->materials.count
-                                  ? mesh->mMaterialIndex
-                                  : UMBS_NO_INDEX;
+    const uint32_t material = choose_material(c, mesh);
     uint32_t first_vertex = (uint32_t)builder->positions.count;
     size_t first_triangle = builder->triangles.count;
     *index = UMBS_NO_INDEX;
@@ -245,13 +271,21 @@ static enum umb_status add_mesh(struct conversion *c, const struct aiMesh *mesh,
     return status;
 }
 
-static void warn_about_losses(struct umbs_scene_builder *builder, const struct aiScene *scene)
+static void warn_about_losses(const struct conversion *c)
 {
+    struct umbs_scene_builder *builder = c->faces.scene;
+    const struct aiScene *scene = c->scene;
     unsigned skinned = 0;
     unsigned morphed = 0;
     for (unsigned i = 0; i < scene->mNumMeshes; i++) {
         skinned += scene->mMeshes[i]->mNumBones > 0;
         morphed += scene->mMeshes[i]->mNumAnimMeshes > 0;
+    }
+    if (c->bare > 0) {
+        umbs_scene_warn(builder,
+                        "%u meshes whose alpha is a texture have no coordinates in it and are "
+                        "taken as opaque",
+                        c->bare);
     }
     if (skinned > 0) {
         umbs_scene_warn(builder, "%u skinned meshes are taken in their rest pose", skinned);
@@ -282,7 +316,7 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
         status = add_mesh(c, scene->mMeshes[i], &mesh_of[i], error);
     }
     if (status == UMB_OK) {
-        warn_about_losses(builder, scene);
+        warn_about_losses(c);
         status = umbb_assimp_nodes(scene, mesh_of, builder, error);
     }
     if (status == UMB_OK && builder->world_triangles == 0) {

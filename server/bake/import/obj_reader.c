@@ -341,24 +341,53 @@ static struct run get_run(const struct obj *obj, size_t i, uint32_t *end)
     return run;
 }
 
+static int has_texture(const struct obj *obj, uint32_t material)
+{
+    const struct umbs_material *materials = obj->job->scene.materials.data;
+    return material != NONE && materials[material].texture != UMBS_NO_INDEX;
+}
+
+/* The group of a triangle: 0 none, else its material's. One of a material with a texture that has
+ * no place in it has no material: it is opaque. */
+static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
+{
+    const struct made_of *made = obj->made.data;
+    int is_bare = material == NONE;
+    for (int k = 0; k < 3 && has_texture(obj, material); k++) {
+        is_bare |= made[triangle[k]].uv == NONE;
+    }
+    return is_bare ? 0 : (size_t)material + 1;
+}
+
 /* Sorts the triangles by material, keeping their order within one. starts: [materials + 2]. */
 static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3])
 {
-    const struct umbs_scene_builder *scene = &obj->job->scene;
+    struct umbs_scene_builder *scene = &obj->job->scene;
     const uint32_t(*triangles)[3] = scene->triangles.data;
-    uint32_t end;
+    uint32_t end, bare = 0;
     for (size_t i = 0; i <= obj->runs.count; i++) {
         struct run run = get_run(obj, i, &end);
-        starts[run.material == NONE ? 1 : run.material + 2] += end - run.first;
+        for (uint32_t k = run.first; k < end; k++) {
+            const size_t at = group_of(obj, run.material, triangles[k]);
+            bare += at == 0 && run.material != NONE;
+            starts[at + 1]++;
+        }
+    }
+    if (bare > 0) {
+        umbs_scene_warn(scene,
+                        "%u triangles of materials with map_d have no texture coordinates and are "
+                        "taken as opaque",
+                        bare);
     }
     for (size_t i = 1; i < scene->materials.count + 2; i++) {
         starts[i] += starts[i - 1];
     }
     for (size_t i = 0; i <= obj->runs.count; i++) {
         struct run run = get_run(obj, i, &end);
-        uint32_t *to = &starts[run.material == NONE ? 0 : run.material + 1];
-        memcpy(sorted + *to, triangles + run.first, (end - run.first) * sizeof(*sorted));
-        *to += end - run.first;
+        for (uint32_t k = run.first; k < end; k++) {
+            const size_t at = group_of(obj, run.material, triangles[k]);
+            memcpy(sorted[starts[at]++], triangles[k], sizeof(*sorted));
+        }
     }
 }
 
@@ -421,8 +450,10 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        free(obj.made.data); /* before the sort needs room */
-        obj.made.data = NULL;
+        if (obj.job->scene.textures.count == 0) { /* before the sort needs room */
+            free(obj.made.data);
+            obj.made.data = NULL;
+        }
         status = finish_scene(&obj, error);
     }
     free(obj.points.data);

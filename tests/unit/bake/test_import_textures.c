@@ -228,6 +228,33 @@ static void obj_maps_cut_by_alpha_and_say_what_is_not_read(void **state)
     umbs_scene_destroy(scene);
 }
 
+/* Without them every corner would show the image's corner, and be dropped if that is a hole. */
+static void faces_without_texture_coordinates_are_opaque(void **state)
+{
+    (void)state;
+    static const char mtl[] = "newmtl leaf\nmap_d leaf.png\nnewmtl plain\n";
+    put_file("leaf.mtl", mtl, sizeof(mtl) - 1);
+    struct umbs_scene *scene = import_with_png(
+        "leaf.obj", "mtllib leaf.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.75\nvt 1 0\nvt 0 1\n"
+                    "usemtl leaf\nf 1 2 3\nf 1/1 2/2 3/3\nf 1/1 2/2 3/9\nusemtl plain\nf 1 2 3\n");
+    drop_file("leaf.mtl");
+    const struct umbs_scene_view *view = &scene->view;
+    assert_int_equal(view->mesh_count, 3); /* those two, leaf, plain */
+    assert_int_equal(view->meshes[0].material, UMBS_NO_INDEX);
+    assert_int_equal(view->meshes[0].triangle_count, 2);
+    assert_int_equal(view->meshes[1].material, 0);
+    assert_int_equal(view->meshes[1].triangle_count, 1);
+    assert_int_equal(view->meshes[2].material, 1);
+    assert_non_null(strstr(view->warnings, "2 triangles of materials with map_d have no texture"));
+    umbs_scene_destroy(scene);
+
+    scene = import_with_png("leaf.gltf", gltf(",\"texCoord\":2", PLAIN));
+    assert_int_equal(scene->view.materials[0].texture, 0);
+    assert_int_equal(scene->view.meshes[0].material, UMBS_NO_INDEX);
+    assert_non_null(strstr(scene->view.warnings, "1 meshes whose alpha is a texture have no"));
+    umbs_scene_destroy(scene);
+}
+
 int main(int argc, char **argv)
 {
     if (is_import_child(argc, argv)) {
@@ -240,6 +267,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(images_in_buffers_are_read_too),
         cmocka_unit_test(images_that_cannot_be_read_are_warnings),
         cmocka_unit_test(obj_maps_cut_by_alpha_and_say_what_is_not_read),
+        cmocka_unit_test(faces_without_texture_coordinates_are_opaque),
     };
     return cmocka_run_group_tests(tests, make_try_folder, remove_try_folder);
 }
