@@ -46,11 +46,16 @@ void umb__mapped_finish(struct umb__mapped *mapped);
  * Columns of a frustum are as narrow as their bytes may be: a thirty-second of grids, nodes and
  * bricks, divided by the number of frusta. Those as wide as the grid's cells are always allowed.
  * Out:   mapped: columns, pieces and what tops and view say of them.
- * Fails: E_NO_MEMORY, E_TOO_LARGE (2^32 pieces).
+ * Fails: E_NO_MEMORY.
  * Cost:  linear in the bytes allowed.
  */
 UMB_CHECKED enum umb_status umb__columns_build(const struct umb_content *content,
                                                struct umb__mapped *mapped, struct umb_error *error);
+
+/* Most bytes that making columns holds at once. In: mapped: grids are sized, nodes and bricks
+ * counted. */
+uint64_t umb__columns_bytes_max(const struct umb_content *content,
+                                const struct umb__mapped *mapped);
 
 /*
  * Finds the sections of a mapped file and checks them.

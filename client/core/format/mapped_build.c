@@ -235,6 +235,7 @@ static enum umb_status size_grids(struct builder *b)
         b->level_highest = n - g > b->level_highest ? n - g : b->level_highest;
     }
     mapped->view.grid_count = cells;
+    mapped->view.brick_count = b->octree->brick_count;
     return UMB_OK;
 }
 
@@ -253,7 +254,7 @@ static enum umb_status check_memory(const struct builder *b, uint64_t max_memory
     const struct umb__view *view = &b->mapped->view;
     uint64_t bytes =
         (uint64_t)octree->brick_count * 64 + view->node_words * 8 +
-        view->grid_count * sizeof(uint32_t) +
+        view->grid_count * sizeof(uint32_t) + umb__columns_bytes_max(b->content, b->mapped) +
         (uint64_t)octree->root_count * (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
         const struct umb_octree_level *level = &octree->level[l];
@@ -295,7 +296,6 @@ enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_co
         mapped->view.tops = mapped->tops;
         mapped->view.grid = mapped->grid;
         mapped->view.nodes = mapped->nodes;
-        mapped->view.brick_count = octree->brick_count;
         status = umb__columns_build(content, mapped, error);
     }
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {

@@ -213,14 +213,35 @@ static enum umb_status join(const struct umb_content *content, const struct meas
     return UMB_OK;
 }
 
+/* What the columns of one frustum may take, unless they are as wide as the grid's cells. A
+ * thirty-second of what 2^32 bricks and words take has no 2^32 pieces. */
+static uint64_t budget_of(const struct umb_content *content, const struct umb__view *view)
+{
+    return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
+           content->frustum_count;
+}
+
+uint64_t umb__columns_bytes_max(const struct umb_content *content, const struct umb__mapped *mapped)
+{
+    const uint64_t budget = budget_of(content, &mapped->view);
+    uint64_t bytes = budget; /* of a level that is tried */
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const uint32_t g = mapped->tops[i].grid_log2;
+        const uint64_t columns = ((uint64_t)1 << (2 * g)) * sizeof(struct umb__column);
+        const uint64_t all = columns + (((uint64_t)1 << (3 * g)) + 2) * sizeof(uint32_t);
+        /* Measured, then joined. */
+        bytes += sizeof(struct measured) + (columns > budget ? columns : budget) +
+                 (all > budget ? all : budget);
+    }
+    return bytes;
+}
+
 enum umb_status umb__columns_build(const struct umb_content *content, struct umb__mapped *mapped,
                                    struct umb_error *error)
 {
     const struct umb__view *view = &mapped->view;
     const uint32_t count = content->frustum_count;
-    const uint64_t bytes =
-        umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
-        count;
+    const uint64_t bytes = budget_of(content, view);
     struct measured *measured = umb__alloc_zeroed(mapped->alloc, count, sizeof *measured);
     enum umb_status status = measured ? UMB_OK : UMB_E_NO_MEMORY;
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {

@@ -280,6 +280,43 @@ static void opening_never_takes_more_than_its_limit(void **state)
     bytes_finish(&packed);
 }
 
+/* Many frusta whose trees are the same: little but what each has of its own. */
+static int one_step(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    (void)frustum;
+    return z < 20 + (x + y) / 32 * 9;
+}
+
+static void opening_many_frusta_takes_no_more_than_its_limit(void **state)
+{
+    struct voxels voxels = {one_step, NULL, 6, 16};
+    struct bytes packed = make_packed(&voxels, 0.5, origin);
+    struct meter meter = {0};
+    struct umb_alloc alloc = {metered_resize, &meter};
+    struct umb_asset *asset;
+    size_t on_top = 0;
+    int opened = 0;
+    (void)state;
+    for (uint64_t limit = 1024; limit < (uint64_t)1 << 22; limit += limit / 64 + 1) {
+        struct umb_open_options options = {.max_memory_bytes = limit, .alloc = &alloc};
+        struct umb_error error = {0};
+        meter.peak = 0;
+        enum umb_status status =
+            umb_asset_open_bytes(packed.data, packed.size, &options, &asset, &error);
+        on_top = on_top ? on_top : meter.peak; /* the head: refused before anything is read */
+        if (meter.peak > limit + on_top) {
+            fail_msg("%zu bytes with a limit of %llu", meter.peak - on_top,
+                     (unsigned long long)limit);
+        }
+        umb_asset_close(asset);
+        opened += status == UMB_OK;
+        assert_true(status == UMB_OK || status == UMB_E_TOO_LARGE);
+    }
+    assert_true(opened > 3);
+    bytes_finish(&packed);
+}
+
 static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
 {
     (void)state;
@@ -511,6 +548,7 @@ int main(void)
         cmocka_unit_test(every_bit_of_a_mapped_file_counts),
         cmocka_unit_test(a_second_frame_behind_a_page_is_refused),
         cmocka_unit_test(opening_never_takes_more_than_its_limit),
+        cmocka_unit_test(opening_many_frusta_takes_no_more_than_its_limit),
         cmocka_unit_test(a_directory_overwritten_while_it_is_read_does_no_harm),
         cmocka_unit_test(shared_uniform_subtrees_cost_no_more_than_their_nodes),
         cmocka_unit_test(levels_above_every_grid_are_not_laid_out),
