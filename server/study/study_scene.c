@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
 #include "study/study_vec.h"
 
@@ -111,10 +112,23 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
     return scene_load(scene, path, 0, error);
 }
 
+int umbt_plan_has(const char *plan, const char *effect)
+{
+    char wanted[64];
+    const int length = snprintf(wanted, sizeof wanted, "effect=%s state=on ", effect);
+    for (const char *line = plan; line != NULL; line = strchr(line, '\n')) {
+        line += *line == '\n';
+        if (strncmp(line, wanted, (size_t)length) == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                         const char *plan, struct umb_error *error)
 {
-    return scene_load(scene, path, strstr(plan, "effect=cut-out state=on") == NULL, error);
+    return scene_load(scene, path, !umbt_plan_has(plan, "cut-out"), error);
 }
 
 void umbt_scene_finish(struct umbt_scene *scene)

@@ -27,6 +27,9 @@ struct umbt_scene {
     uint32_t main_surface; /* the material or part of the largest area */
 };
 
+/* 1 if a plan says that an effect is on. Names of materials in its reasons do not count. */
+int umbt_plan_has(const char *plan, const char *effect);
+
 /* Loads a scene. Fails: as umbs_scene_import, umbs_cuts_find, umbs_scene_flatten, umbs_parts_find,
  * umbr_rays_build. */
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,

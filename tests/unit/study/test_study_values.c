@@ -10,6 +10,7 @@
 #include <string.h>
 #include "study/shading.h"
 #include "study/study_args.h"
+#include "study/study_scene.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
 
@@ -260,6 +261,20 @@ static void window_knows_when_it_reaches_into_a_closed_solid(void **state)
     umbr_rays_destroy(rays);
 }
 
+static void plans_are_read_line_by_line(void **state)
+{
+    (void)state;
+    static const char plan[] =
+        "effect=closed state=on reason=\"all\" cost=\"a layer\"\n"
+        "effect=cut-out state=off reason=\"switched off\" cost=\"none\"\n"
+        "effect=transmittance state=off reason=\"the first 'effect=cut-out state=on '\"\n";
+    assert_int_equal(umbt_plan_has(plan, "closed"), 1);
+    assert_int_equal(umbt_plan_has(plan, "cut-out"), 0);
+    assert_int_equal(umbt_plan_has("effect=cut-out state=on reason=\"\"", "cut-out"), 1);
+    assert_int_equal(umbt_plan_has("effect=a state=off\neffect=cut-out state=on x", "cut-out"), 1);
+    assert_int_equal(umbt_plan_has("", "cut-out"), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -269,6 +284,7 @@ int main(void)
         cmocka_unit_test(tone_curve_rises_and_stays_in_range),
         cmocka_unit_test(bias_follows_the_documented_formula),
         cmocka_unit_test(window_counts_the_texels_beyond_the_edge),
+        cmocka_unit_test(plans_are_read_line_by_line),
         cmocka_unit_test(window_knows_when_it_reaches_into_a_closed_solid),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
