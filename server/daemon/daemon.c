@@ -67,11 +67,28 @@ void umbd_daemon_end_jobs(struct umbd_daemon *daemon)
     umbj_service_destroy(jobs);
 }
 
-static int is_same_folder(const char *a, const char *b)
+/* Whether a folder is one of the operator's stores; NULL if not. */
+static const char *store_at(const struct umbd_options *options, const char *folder)
 {
-    struct stat first, second;
-    return stat(a, &first) == 0 && stat(b, &second) == 0 && first.st_dev == second.st_dev &&
-           first.st_ino == second.st_ino;
+    struct stat store, other;
+    for (size_t i = 0; i < UMBS_STORE_FOLDERS_MAX && options->stores[i] != NULL; i++) {
+        if (stat(options->stores[i], &store) == 0 && stat(folder, &other) == 0 &&
+            store.st_dev == other.st_dev && store.st_ino == other.st_ino) {
+            return options->stores[i];
+        }
+    }
+    return NULL;
+}
+
+enum umb_status umbd_daemon_check_apart(const struct umbd_options *options, const char *folder,
+                                        struct umb_error *error)
+{
+    const char *store = store_at(options, folder);
+    return store == NULL ? UMB_OK
+                         : umb_fail(error, UMB_E_ARGUMENT,
+                                    "--jobs: '%.200s' is a --store too: everybody would see every "
+                                    "asset",
+                                    store);
 }
 
 /* The store's folders: the operator's, then that of the assets that jobs made. */
@@ -86,17 +103,12 @@ static enum umb_status list_folders(struct umbd_daemon *daemon, struct umb_error
         return UMB_OK;
     }
     daemon->folders[daemon->store_count] = daemon->job_assets;
-    enum umb_status status =
-        umbj_service_prepare(options->jobs, daemon->job_assets, sizeof daemon->job_assets, error);
-    for (size_t i = 0; status == UMB_OK && i < daemon->store_count; i++) {
-        if (is_same_folder(options->stores[i], options->jobs) ||
-            is_same_folder(options->stores[i], daemon->job_assets)) {
-            status = umb_fail(error, UMB_E_ARGUMENT,
-                              "--jobs: '%.200s' is a --store too: everybody would see every asset",
-                              options->stores[i]);
-        }
+    enum umb_status status = umbd_daemon_check_apart(options, options->jobs, error);
+    if (status == UMB_OK) {
+        status = umbj_service_prepare(options->jobs, daemon->job_assets, sizeof daemon->job_assets,
+                                      error);
     }
-    return status;
+    return status == UMB_OK ? umbd_daemon_check_apart(options, daemon->job_assets, error) : status;
 }
 
 enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_options *options,

@@ -45,9 +45,13 @@ struct umbd_daemon {
     uint64_t watchdog_at_ms; /* the next one; the first loop's */
 };
 
+/* Fails with E_ARGUMENT if a folder of --jobs is one of the operator's stores. */
+UMB_CHECKED enum umb_status umbd_daemon_check_apart(const struct umbd_options *options,
+                                                    const char *folder, struct umb_error *error);
+
 /*
  * --check: opens what the options name as a start does, and lets it go. Fails: as
- * umbd_daemon_init, for store folders, tokens, certificates and the bake program.
+ * umbd_daemon_init, for folders, tokens, certificates and programs; Slurm's are looked for too.
  */
 UMB_CHECKED enum umb_status umbd_daemon_check(const struct umbd_options *options,
                                               struct umb_error *error);

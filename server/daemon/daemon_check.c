@@ -5,9 +5,13 @@
  * from serving the others.
  */
 #include <errno.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/open_status.h"
 #include "daemon/daemon.h"
 
 static enum umb_status check_stores(const struct umbd_options *options, struct umb_error *error)
@@ -40,6 +44,77 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
     return status;
 }
 
+/* A folder that is there must be usable, else the one above must let it be made. */
+static enum umb_status check_jobs_folder(const char *path, struct umb_error *error)
+{
+    struct stat info;
+    char above[4096];
+    int code = 0;
+    if (stat(path, &info) == 0) {
+        code = !S_ISDIR(info.st_mode) ? ENOTDIR : access(path, W_OK | X_OK) != 0 ? errno : 0;
+    } else if (errno != ENOENT) {
+        code = errno;
+    } else {
+        size_t length = strlen(path);
+        while (length > 0 && path[length - 1] == '/') {
+            length--;
+        }
+        while (length > 0 && path[length - 1] != '/') {
+            length--;
+        }
+        const int wrote = length == 0 ? snprintf(above, sizeof above, ".")
+                                      : snprintf(above, sizeof above, "%.*s", (int)length, path);
+        code = wrote < 0 || (size_t)wrote >= sizeof above ? ENAMETOOLONG
+               : access(above, W_OK | X_OK) != 0          ? errno
+                                                          : 0;
+    }
+    return code == 0 ? UMB_OK
+                     : umb_fail_errno(error, UMB_E_CANNOT_CREATE, code,
+                                      "--jobs: cannot use '%.150s'", path);
+}
+
+static bool is_in_path(const char *name)
+{
+    const char *path = getenv("PATH");
+    char file[4096];
+    while (path != NULL && *path != '\0') {
+        const size_t length = strcspn(path, ":");
+        const int wrote = snprintf(file, sizeof file, "%.*s/%s", (int)length, path, name);
+        if (length > 0 && wrote > 0 && (size_t)wrote < sizeof file && access(file, X_OK) == 0) {
+            return true;
+        }
+        path += length + (path[length] == ':');
+    }
+    return false;
+}
+
+/* A start does not ask for these: a cluster may be upgraded under a daemon. */
+static enum umb_status check_slurm(struct umb_error *error)
+{
+    static const char *const names[] = {"sbatch", "squeue", "scancel", "scontrol"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (!is_in_path(names[i])) {
+            return umb_fail(error, UMB_E_UNAVAILABLE, "--executor slurm: no %s in PATH", names[i]);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status check_jobs(const struct umbd_options *options, struct umb_error *error)
+{
+    enum umb_status status = check_jobs_folder(options->jobs, error);
+    if (status == UMB_OK) {
+        status = umbd_daemon_check_apart(options, options->jobs, error);
+    }
+    if (status == UMB_OK && options->bake_program != NULL &&
+        access(options->bake_program, X_OK) != 0) {
+        status = umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
+                                options->bake_program);
+    }
+    return status == UMB_OK && strcmp(options->executor, "slurm") == 0 ? check_slurm(error)
+                                                                       : status;
+}
+
 enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb_error *error)
 {
     enum umb_status status = check_stores(options, error);
@@ -49,10 +124,8 @@ enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb
     if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
         status = check_tls(options, error);
     }
-    if (status == UMB_OK && options->jobs != NULL && options->bake_program != NULL &&
-        access(options->bake_program, X_OK) != 0) {
-        status = umb_fail_errno(error, umb__open_status(errno), errno, "--bake-program: %.200s",
-                                options->bake_program);
+    if (status == UMB_OK && options->jobs != NULL) {
+        status = check_jobs(options, error);
     }
     return status;
 }

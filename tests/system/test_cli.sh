@@ -20,7 +20,8 @@ for program in umbrage umbraged umbrage-bake umbrage-study; do
     check "  a usage error is on stderr" test -s err
     check "  and nothing on stdout" test ! -s out
 done
-for command in info query list verify pack unpack; do
+for command in info query list load submit watch jobs cancel fetch rm verify stream derive frames \
+    pack unpack; do
     try 0 umbrage $command --help
     check "  with a usage line" grep -q "umbrage $command" out
     try 0 umbrage help $command
@@ -349,6 +350,18 @@ try 0 umbraged --store store --check
 try 66 umbraged --store missing --check
 one_sentence missing
 try 66 umbraged --store store --token-file missing --check
+try 0 umbraged --store store --jobs not-yet --check
+check "  makes nothing" test ! -e not-yet
+try 73 umbraged --store store --jobs no/such --check
+one_sentence no/such
+try 73 umbraged --store store --jobs city.umb --check
+try 2 umbraged --store store --jobs store --check
+try 69 umbraged --store store --jobs not-yet --bake-program missing --check
+env PATH="$folder" "$BUILD/umbraged" --store store --jobs not-yet --executor slurm --check >out 2>err
+same "umbraged --check misses Slurm's commands" 69 $?
+one_sentence sbatch
+try 2 umbraged --store store --jobs store --listen "unix:$folder/f.sock"
+check "  and leaves nothing in the store" test ! -e store/assets
 try 2 umbraged --store store --workers 0 --check-config
 try 66 umbraged --store missing --listen "unix:$folder/e.sock"
 try 69 umbraged --store store --listen "unix:$folder/no/such/e.sock"
