@@ -68,8 +68,8 @@ void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc);
 /*
  * Sorts, multiplies, ends and links all lists.
  *
- * Fails: E_ARGUMENT (first not rising, a depth or alpha not 0..1), E_TOO_LARGE (2^32 - 1 fragments
- *        in a texel or more), E_NO_MEMORY.
+ * Fails: E_ARGUMENT (first not rising, 2^32 - 1 fragments in a texel or more, a depth or alpha not
+ *        0..1), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
                                              const struct umb_map_fragments *fragments,
