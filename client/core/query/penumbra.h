@@ -24,8 +24,9 @@ struct umb__blockers {
  * A column blocks if its first shadowed voxel's centre lies inside the cone, widened by half a
  * texel: |x + 1/2 - v.x| - 1/2 <= reach.x * (v.z - centre), likewise in y. Columns are looked at in
  * square rings around the receiver's, at distances 0, 1, 2, 3..4, 5..8, 9..16 ... texels; the ring
- * that ends at 4 * s takes every s-th texel, 56 of them. A sample at distance g of depth that
- * stands for s * s texels covers s * s / g^2 of the light's disc; the mean gap weighs by that.
+ * that ends at 4 * s takes every s-th texel, 56 of them. A sample at distance g of depth (at least
+ * 2^-20 voxels) that stands for s * s texels covers s * s / g^2 of the light's disc; the mean gap
+ * weighs by that.
  *
  * In:    v: voxel space, |v| < 2^30.
  * Cost:  of open frusta a few node reads for each ring without occluders (proven by one slice).

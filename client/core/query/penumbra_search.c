@@ -4,6 +4,10 @@
 #include "query/penumbra.h"
 #include "query/slice_count.h"
 
+/* A receiver at the centre of its own blocker is no distance from it: voxels, and no division by
+ * nothing. */
+#define GAP_MIN 0x1p-20
+
 struct search {
     const struct umb__query *q;
     struct umb__tree tree;
@@ -85,7 +89,7 @@ static void add_sample(struct search *s, int64_t x, int64_t y, double stride)
         !find_blocker(s, (uint32_t)x, (uint32_t)y, (uint32_t)limit, &depth)) {
         return;
     }
-    const double gap = s->v[2] - ((double)depth + 0.5); /* one half and up */
+    const double gap = fmax(s->v[2] - ((double)depth + 0.5), GAP_MIN);
     s->gaps += stride * stride / gap;
     s->cover += stride * stride / gap / gap;
     s->last = depth;

@@ -362,6 +362,25 @@ static void a_slope_in_a_penumbra_does_not_shadow_itself(void **state)
     scene_close(&s);
 }
 
+/* At the very centre of its column's first shadowed voxel a receiver has no gap to its blocker, and
+ * answers as it does close by. */
+static void a_receiver_at_the_centre_of_its_blocker_is_in_no_wide_penumbra(void **state)
+{
+    struct scene s;
+    (void)state;
+    scene_open(&s, wall, 0, 0, 0);
+    const struct umb_query query =
+        prepared(&s, (struct umb_query_settings){.light_extent = 0.3, .bias_mode = UMB_BIAS_NONE});
+    for (double x = SIZE / 2 - 6.5; x < SIZE / 2; x += 1) {
+        double at[3] = {x, 70.5, 16.5}, near[3] = {x, 70.5, 16.500001};
+        const float value = ask(&s, &query, at, NULL);
+        assert_true(at[2] == 16.5); /* the world's place of it is exact */
+        assert_true(value == 0);
+        assert_true(ask(&s, &query, near, NULL) == value);
+    }
+    scene_close(&s);
+}
+
 static void all_formats_and_splits_tell_the_same(void **state)
 {
     static double positions[POINTS][3];
@@ -443,6 +462,7 @@ int main(void)
         cmocka_unit_test(a_straight_edge_makes_the_penumbra_of_a_disc_without_steps),
         cmocka_unit_test(a_slope_does_not_shadow_itself_however_wide_the_light_is),
         cmocka_unit_test(a_slope_in_a_penumbra_does_not_shadow_itself),
+        cmocka_unit_test(a_receiver_at_the_centre_of_its_blocker_is_in_no_wide_penumbra),
         cmocka_unit_test(all_formats_and_splits_tell_the_same),
         cmocka_unit_test(what_has_no_penumbra_is_refused_with_the_reason),
     };
