@@ -95,29 +95,46 @@ static void find_centre(const double (*corners)[3][3], size_t count, double cent
     }
 }
 
-/* Embree's filter for scenes with holes: refuses hits on what a texture leaves out. The texture
- * coordinates come from Embree's own barycentric ones. */
+/* 1 if what a triangle's texture leaves out is at these barycentric coordinates of Embree's. */
+static int is_hole(const struct umbs_cuts *cuts, uint32_t triangle, float second, float third)
+{
+    const uint32_t number = cuts->of[triangle];
+    if (number == UMBS_CUT_NONE || number == UMBS_CUT_GONE) {
+        return number == UMBS_CUT_GONE;
+    }
+    const float(*uv)[2] = cuts->cuts[number].uv;
+    const double b = (double)second, c = (double)third, a = 1 - b - c;
+    const double u = a * (double)uv[0][0] + b * (double)uv[1][0] + c * (double)uv[2][0];
+    const double v = a * (double)uv[0][1] + b * (double)uv[1][1] + c * (double)uv[2][1];
+    return !umbs_cut_keeps(cuts, number, u, v);
+}
+
+/* Copies one of the four-byte numbers of hit i of n; Embree names them so for C++ only. Their order
+ * is that of struct RTCHit. */
+static void hit_number(const struct RTCHitN *hit, unsigned n, unsigned i, size_t offset, void *out)
+{
+    memcpy(out, (const char *)hit + offset * n + 4 * (size_t)i, 4);
+}
+
+/* Embree's filter for scenes with holes: refuses hits on what a texture leaves out, of one ray or
+ * of several that are traced together. */
 static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
 {
-    const struct umbs_cuts *cuts = arguments->geometryUserPtr;
-    const struct RTCHit *found = (const struct RTCHit *)(const void *)arguments->hit;
-    if (arguments->N != 1 || arguments->valid[0] == 0) {
-        return;
-    }
-    const uint32_t number = cuts->of[found->primID];
-    if (number == UMBS_CUT_NONE) {
-        return;
-    }
-    if (number != UMBS_CUT_GONE) {
-        const float(*uv)[2] = cuts->cuts[number].uv;
-        const double b = (double)found->u, c = (double)found->v, a = 1 - b - c;
-        const double u = a * (double)uv[0][0] + b * (double)uv[1][0] + c * (double)uv[2][0];
-        const double v = a * (double)uv[0][1] + b * (double)uv[1][1] + c * (double)uv[2][1];
-        if (umbs_cut_keeps(cuts, number, u, v)) {
-            return;
+    const struct RTCHitN *hit = arguments->hit;
+    const unsigned n = arguments->N;
+    for (unsigned i = 0; i < n; i++) {
+        uint32_t triangle;
+        float u, v;
+        if (arguments->valid[i] == 0) {
+            continue;
+        }
+        hit_number(hit, n, i, offsetof(struct RTCHit, primID), &triangle);
+        hit_number(hit, n, i, offsetof(struct RTCHit, u), &u);
+        hit_number(hit, n, i, offsetof(struct RTCHit, v), &v);
+        if (is_hole(arguments->geometryUserPtr, triangle, u, v)) {
+            arguments->valid[i] = 0;
         }
     }
-    arguments->valid[0] = 0;
 }
 
 /* Hands the triangles over; on failure Embree has reported why. */

@@ -35,10 +35,12 @@ static void rays_pass_where_alpha_is_below_the_cut_off(void **state)
     assert_int_equal(umbr_rays_build((const double(*)[3][3])s.positions, 4, &options, &rays, NULL),
                      UMB_OK);
     size_t met = 0, asked = 0;
+    double eight[8][3];
     for (int i = 0; i < 100000; i++) {
-        double from[3] = {0, 0, 0};
+        double *from = eight[asked % 8];
         from[0] = cut_unit(&s);
         from[1] = cut_unit(&s);
+        from[2] = 0;
         const long double alpha = cut_slow_alpha(&s, from[0], from[1]);
         struct umbr_hit hit;
         if (fabsl(alpha - 127.5L) < 0.05L) { /* floats decide */
@@ -49,6 +51,13 @@ static void rays_pass_where_alpha_is_below_the_cut_off(void **state)
         assert_int_equal(umbr_occluded(rays, from, up, 0, INFINITY), alpha > 127.5L);
         umbr_nearest(rays, from, up, 0, INFINITY, &hit);
         assert_int_equal(hit.distance >= 0, alpha > 127.5L);
+        uint8_t occluded[8];
+        if (asked % 8 == 0) {
+            umbr_occluded8(rays, (const double(*)[3])eight, up, 0, INFINITY, occluded);
+        }
+        for (int k = 0; k < 8 && asked % 8 == 0; k++) {
+            assert_int_equal(occluded[k], umbr_occluded(rays, eight[k], up, 0, INFINITY));
+        }
     }
     print_message("%zu of %zu rays met something\n", met, asked);
     assert_true(asked > 90000 && met > asked / 3 && met < asked * 2 / 3);
