@@ -7,13 +7,15 @@
  * the map's end. That range is reserved without access, which costs address space and nothing else.
  *
  * Opening reads hostile bytes too, so it runs guarded; a fault would lose what it had allocated.
- * Hence its allocator keeps a list of its blocks.
+ * Hence its allocator keeps a list of its blocks. Some readers of the open asset allocate as well
+ * (umb_calibrate), on any thread: the list has a lock, under which nothing of the file is read.
  */
 #define _GNU_SOURCE /* MAP_ANONYMOUS, MAP_NORESERVE, madvise */
 #include "common/asset_map.h"
 
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -33,6 +35,7 @@ struct block {
 };
 
 struct block_list {
+    pthread_mutex_t lock;
     struct block *first;
 };
 
@@ -93,33 +96,40 @@ static void block_link(struct block_list *list, struct block *block)
     list->first = block;
 }
 
-/* umb_alloc's resize; user is the list. */
-static void *block_resize(void *user, void *bytes, size_t size)
+/* Under the lock. */
+static void *block_renew(struct block_list *list, struct block *old, size_t size)
 {
-    struct block *old =
-        bytes != NULL ? (void *)((char *)bytes - offsetof(struct block, bytes)) : NULL;
-    if (size == 0) {
-        if (old != NULL) {
-            block_unlink(user, old);
-            free(old);
-        }
-        return NULL;
-    }
-    if (size > SIZE_MAX - sizeof *old) {
-        return NULL;
-    }
     if (old != NULL) {
-        block_unlink(user, old);
+        block_unlink(list, old);
+    }
+    if (size == 0) {
+        free(old);
+        return NULL;
     }
     struct block *block = realloc(old, sizeof *block + size);
     if (block == NULL) {
         if (old != NULL) {
-            block_link(user, old);
+            block_link(list, old);
         }
         return NULL;
     }
-    block_link(user, block);
+    block_link(list, block);
     return block->bytes;
+}
+
+/* umb_alloc's resize; user is the list. */
+static void *block_resize(void *user, void *bytes, size_t size)
+{
+    struct block_list *list = user;
+    struct block *old =
+        bytes != NULL ? (void *)((char *)bytes - offsetof(struct block, bytes)) : NULL;
+    if (size > SIZE_MAX - sizeof *old) {
+        return NULL;
+    }
+    (void)pthread_mutex_lock(&list->lock);
+    void *renewed = block_renew(list, old, size);
+    (void)pthread_mutex_unlock(&list->lock);
+    return renewed;
 }
 
 /* One try at opening the bytes, for the guard. */
@@ -309,6 +319,7 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
     if (map == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a mapping");
     }
+    map->blocks = (struct block_list){.lock = PTHREAD_MUTEX_INITIALIZER};
     map->alloc = (struct umb_alloc){.resize = block_resize, .user = &map->blocks};
     memcpy(map->id, options->id, UMB_ID_BYTES);
     umbs_fault_guard_install();
@@ -338,6 +349,7 @@ void umbs_asset_map_close(struct umbs_asset_map *map)
     }
     umb_asset_close(map->asset);
     free_blocks(&map->blocks);
+    (void)pthread_mutex_destroy(&map->blocks.lock);
     if (map->base != NULL) {
         munmap(map->base, map->reserved);
     }
@@ -364,7 +376,7 @@ const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map)
 
 enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct umb_error *error)
 {
-    struct block_list blocks = {NULL};
+    struct block_list blocks = {.lock = PTHREAD_MUTEX_INITIALIZER};
     struct umb_alloc alloc = {.resize = block_resize, .user = &blocks};
     struct umb_asset *asset = NULL;
     advise(map, POSIX_MADV_SEQUENTIAL);

@@ -7,7 +7,8 @@
  * A NULL allocator means malloc, realloc and free. Passing one's own is how a host bounds memory,
  * and how the tests make the n-th allocation fail. zstd's working memory, a few MiB while a packed
  * file is opened or written, comes from malloc all the same.
- * Threads: an asset uses its allocator while it is opened, exported and closed only.
+ * Threads: an asset uses its allocator while it is opened, exported, calibrated (umbrage/curve.h)
+ * and closed only. Who calibrates on several threads at once passes one that takes that.
  */
 #include <stddef.h>
 

@@ -15,6 +15,7 @@
 
 #include "common/asset_map.h"
 #include "common/fault_guard.h"
+#include "format/asset_parts.h"
 #include "store_fixture.h"
 
 #define SIDE 32 /* points a side: every second of 64 voxels, so all nodes and bricks are read */
@@ -310,6 +311,37 @@ static void asset_map_cut_under_readers_gives_no_wrong_answer(void **state)
     }
 }
 
+/* As a calibration does, which runs on any thread and may be left midway. */
+static void *allocate(void *user)
+{
+    const struct umb_alloc *alloc = user;
+    void *held[8] = {NULL};
+    for (size_t i = 0; i < 300000; i++) {
+        void **place = &held[i % 8];
+        *place = alloc->resize(alloc->user, *place, i % 3 == 2 ? 0 : 16 + i % 64);
+    }
+    for (size_t i = 0; i < 7; i++) { /* the last one is left to the map */
+        held[i] = alloc->resize(alloc->user, held[i], 0);
+    }
+    return NULL;
+}
+
+static void asset_map_memory_is_had_from_many_threads_at_once(void **state)
+{
+    struct fixture *f = *state;
+    pthread_t threads[4];
+    open_map(f);
+    const struct umb_alloc *alloc = umbs_asset_map_asset(f->map)->alloc;
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(pthread_create(&threads[i], NULL, allocate, (void *)(uintptr_t)alloc), 0);
+    }
+    for (size_t i = 0; i < 4; i++) {
+        pthread_join(threads[i], NULL);
+    }
+    umbs_asset_map_close(f->map);
+    f->map = NULL;
+}
+
 static void touch(void *user)
 {
     *(volatile char *)user;
@@ -358,6 +390,7 @@ int main(void)
         WITH_MAP(asset_map_known_file_is_checked_again_when_it_changed),
         WITH_MAP(asset_map_refuses_what_is_not_that_asset),
         WITH_MAP(asset_map_cut_under_readers_gives_no_wrong_answer),
+        WITH_MAP(asset_map_memory_is_had_from_many_threads_at_once),
         cmocka_unit_test(fault_guard_lets_foreign_faults_through),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
