@@ -20,10 +20,19 @@ static void cross(const double a[3], const double b[3], double out[3])
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.
+ */
+#define PARALLEL 1e-9
+
+static double length_of(const double v[3])
+{
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
 /* False for what has no direction. */
 static bool scale_to(double v[3], double length)
 {
-    const double now = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    const double now = length_of(v);
     for (unsigned i = 0; i < 3; i++) {
         v[i] *= length / now;
     }
@@ -38,7 +47,8 @@ static bool make_axes(const struct umb_picture *picture, struct axes *axes)
         return false;
     }
     cross(axes->forward, picture->up, axes->right);
-    if (!scale_to(axes->right, 1)) {
+    if (!(length_of(axes->right) > PARALLEL * length_of(picture->up)) ||
+        !scale_to(axes->right, 1)) {
         return false;
     }
     cross(axes->right, axes->forward, axes->up);

@@ -29,7 +29,7 @@ extern "C" {
 /* What a camera sees: pixel x + y * width, from the upper left corner. World space, metres. */
 struct umb_picture {
     double eye[3];
-    double forward[3], up[3]; /* need not be unit length; not parallel */
+    double forward[3], up[3]; /* need not be unit length; 1e-9 rad apart or more */
     double fov_y;             /* of the picture's height, radians, 0 < fov_y < pi */
     uint32_t width, height;   /* pixels, at least 1; they are square */
     const void *depth; /* float[width * height], little-endian, any alignment: along `forward`, not

@@ -105,6 +105,25 @@ static void pictures_that_span_nothing_are_refused(void **state)
     }
 }
 
+/* Rounding leaves something of the product of parallel vectors. */
+static void an_up_along_forward_is_refused_whatever_its_direction(void **state)
+{
+    (void)state;
+    struct umb_error error;
+    uint64_t seed = 8;
+    for (size_t i = 0; i < 1000; i++) {
+        struct umb_picture picture = picture_of();
+        const double length = ldexp(random_unit(&seed) * 4 - 2, (int)(i % 40) - 20);
+        for (unsigned k = 0; k < 3; k++) {
+            picture.forward[k] = random_unit(&seed) * 2 - 1;
+            picture.up[k] = picture.forward[k] * length;
+        }
+        assert_int_equal(umb_picture_check(&picture, &error), UMB_E_ARGUMENT);
+        picture.up[i % 3] += 1e-3 * length;
+        assert_int_equal(umb_picture_check(&picture, &error), UMB_OK);
+    }
+}
+
 enum {
     FRAME = 20000
 };
@@ -157,6 +176,7 @@ int main(void)
         cmocka_unit_test(points_project_back_to_the_centres_of_their_pixels),
         cmocka_unit_test(pixels_with_nothing_in_them_are_lit_and_no_others),
         cmocka_unit_test(pictures_that_span_nothing_are_refused),
+        cmocka_unit_test(an_up_along_forward_is_refused_whatever_its_direction),
         cmocka_unit_test(a_packed_frame_comes_back_and_changes_are_small),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
