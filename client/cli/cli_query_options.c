@@ -253,26 +253,6 @@ static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settin
     return -1;
 }
 
-/* --light-size: degrees, kept in radians. */
-static int take_light_size(const char *text, struct umb_query_settings *settings)
-{
-    const double rad_a_deg = 0.017453292519943295;
-    double degrees = 0;
-    if (text == NULL) {
-        return -1;
-    }
-    if (settings->filter != UMB_FILTER_PENUMBRA) {
-        return umbc_usage_error("query: --light-size belongs to --filter penumbra");
-    }
-    if (!umbc_parse_number(text, &degrees) ||
-        !(degrees > 0 && degrees * rad_a_deg <= UMB_EXTENT_MAX)) {
-        return umbc_usage_error("query: --light-size '%s' is not above 0 and at most %.4g degrees",
-                                text, UMB_EXTENT_MAX / rad_a_deg);
-    }
-    settings->light_extent = degrees * rad_a_deg;
-    return -1;
-}
-
 /* A number above 0 with one of two endings, or none; which: 0 none, 1 or 2. */
 static bool take_amount(const char *text, const char *const endings[2], double *value, int *which)
 {
@@ -291,6 +271,27 @@ static bool take_amount(const char *text, const char *const endings[2], double *
         }
     }
     return umbc_parse_number(copy, value) && *value > 0;
+}
+
+/* --light-size: degrees, kept in radians. */
+static int take_light_size(const char *text, struct umb_query_settings *settings)
+{
+    static const char *const units[2] = {"deg", "deg"};
+    const double rad_a_deg = 0.017453292519943295;
+    double degrees = 0;
+    int ending;
+    if (text == NULL) {
+        return -1;
+    }
+    if (settings->filter != UMB_FILTER_PENUMBRA) {
+        return umbc_usage_error("query: --light-size belongs to --filter penumbra");
+    }
+    if (!take_amount(text, units, &degrees, &ending) || degrees * rad_a_deg > UMB_EXTENT_MAX) {
+        return umbc_usage_error("query: --light-size '%s' is not above 0 and at most %.4g degrees",
+                                text, UMB_EXTENT_MAX / rad_a_deg);
+    }
+    settings->light_extent = degrees * rad_a_deg;
+    return -1;
 }
 
 /* --level, or --max-error and --budget, which choose level and taps. */

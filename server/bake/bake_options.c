@@ -75,7 +75,7 @@ const char umbb_options_help[] =
     "  --plan                 print the plan and its reasons only\n"
     "  --json                 print one JSON object\n"
     "  --progress-fd N        tell phases, plan and progress on descriptor N, line by line\n"
-    "  --quiet                no notices, no progress, no summary\n"
+    "  -q, --quiet            no notices, no progress, no summary\n"
     "  -h, --help\n"
     "  --version\n"
     "\n"
@@ -388,6 +388,7 @@ static const struct {
     {"--plan", offsetof(struct umbb_options, plan)},
     {"--json", offsetof(struct umbb_options, json)},
     {"--quiet", offsetof(struct umbb_options, quiet)},
+    {"-q", offsetof(struct umbb_options, quiet)},
     {"--help", offsetof(struct umbb_options, help)},
     {"-h", offsetof(struct umbb_options, help)},
     {"--version", offsetof(struct umbb_options, version)},

@@ -45,7 +45,7 @@ static const char help[] =
     "  --up y|z            the scene's up axis (default: by its format)\n"
     "  --threads N         default: all processors\n"
     "  --json              print one JSON object\n"
-    "  --quiet             no table\n"
+    "  -q, --quiet         no table\n"
     "  --help\n"
     "\n"
     "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad data,\n"

@@ -53,7 +53,7 @@ static const char help[] =
     "  --origin X,Y,Z     metres, subtracted from every point (as query's --origin adds it)\n"
     "  --threads N        default: all processors\n"
     "  --json             print one JSON object\n"
-    "  --quiet            no progress, no summary\n"
+    "  -q, --quiet        no progress, no summary\n"
     "  --help\n"
     "\n"
     "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create, 74 "

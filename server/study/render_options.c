@@ -53,7 +53,7 @@ const char umbt_render_help[] =
     "  --threads N          default: all processors\n"
     "  --force              even if the asset was baked from another scene\n"
     "  --json               print one JSON object\n"
-    "  --quiet              no progress, no summary\n"
+    "  -q, --quiet          no progress, no summary\n"
     "  --help\n"
     "\n"
     "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create, 74 "
@@ -126,7 +126,7 @@ static enum umb_status filter_parse(const struct raw *raw, struct umb_query_sett
     if (raw->light_size != NULL) {
         const char *end = raw->light_size;
         double degrees;
-        if (!umbt_number_read(&end, &degrees) || *end != '\0' ||
+        if (!umbt_number_read(&end, &degrees) || (*end != '\0' && strcmp(end, "deg") != 0) ||
             !(degrees > 0.0 && degrees * RAD_A_DEG <= UMB_EXTENT_MAX)) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "--light-size: '%.60s' is not above 0 and at most %g degrees",

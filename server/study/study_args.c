@@ -72,6 +72,12 @@ static enum umb_status positional_add(struct umbt_positionals *positionals, cons
     return UMB_OK;
 }
 
+/* The long name of a flag that has a letter. */
+static const char *name_of(const char *word)
+{
+    return strcmp(word, "-h") == 0 ? "--help" : strcmp(word, "-q") == 0 ? "--quiet" : word;
+}
+
 enum umb_status umbt_args_parse(int argc, char **argv, const struct umbt_option *options,
                                 size_t option_count, struct umbt_positionals *positionals,
                                 struct umb_error *error)
@@ -85,7 +91,7 @@ enum umb_status umbt_args_parse(int argc, char **argv, const struct umbt_option 
         } else if (strcmp(argv[i], "--") == 0) {
             options_over = 1;
         } else {
-            const char *text = NULL, *name = strcmp(argv[i], "-h") == 0 ? "--help" : argv[i];
+            const char *text = NULL, *name = name_of(argv[i]);
             const struct umbt_option *option = option_find(name, options, option_count, &text);
             if (option == NULL) {
                 return umb_fail(error, UMB_E_ARGUMENT, "option '%.80s' is not known; see --help",

@@ -36,7 +36,7 @@ static const char help[] =
     "  --up y|z            the scene's up axis (default: by its format)\n"
     "  --threads N         default: all processors\n"
     "  --json              print one JSON object\n"
-    "  --quiet             no table\n"
+    "  -q, --quiet         no table\n"
     "  --help\n"
     "\n"
     "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
@@ -73,9 +73,10 @@ static enum umb_status options_check(struct study *study, struct umb_error *erro
     if (study->light_size != NULL) {
         const char *at = study->light_size;
         double value = 0.0;
-        if (!umbt_number_read(&at, &value) || *at != '\0' || !(value > 0.0 && value <= 20.0)) {
+        if (!umbt_number_read(&at, &value) || (*at != '\0' && strcmp(at, "deg") != 0) ||
+            !(value > 0.0 && value <= 20.0)) {
             return umb_fail(error, UMB_E_ARGUMENT,
-                            "--light-size: '%.60s' is not a number above 0, up to 20",
+                            "--light-size: '%.60s' is not above 0 and at most 20 degrees",
                             study->light_size);
         }
         view->light_rad = value * degree;

@@ -40,7 +40,7 @@ static const char help[] =
     "  --seed N             of the random points (default 1)\n"
     "  --threads N          default: all processors\n"
     "  --json               print the report as one JSON object\n"
-    "  --quiet              no progress, no summary\n"
+    "  -q, --quiet          no progress, no summary\n"
     "  --help\n"
     "\n"
     "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot create,\n"

@@ -39,7 +39,7 @@ static const char help[] =
     "  --threads N     default: all processors\n"
     "  --force         even if the asset was baked from another scene\n"
     "  --json          print one JSON object\n"
-    "  --quiet         print nothing\n"
+    "  -q, --quiet     print nothing\n"
     "  --help\n"
     "\n"
     "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another "

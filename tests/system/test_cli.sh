@@ -86,11 +86,23 @@ same "no failed bake leaves a temporary" "" \
 # --- bake: what works ---
 try 0 umbrage-bake city.glb -o city.umb --resolution 256 --quiet
 check "--quiet says nothing" test ! -s out -a ! -s err
+try 0 umbrage bake city.glb -o city.umb --resolution 256 -q
+check "nor does -q" test ! -s out -a ! -s err
+try 0 umbrage points city.glb -o few.f32 --count 10 -q
+check "nor does umbrage-study's" test ! -s out -a ! -s err
 try 0 umbrage-bake city.glb -o other.umb --resolution 256 --json
 same "--json names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" "$(json out "['asset']")"
 try 0 umbrage bake arch.glb -o arch.umb --resolution 256 --quiet
 try 0 umbrage-bake city.glb --plan
 check "the plan names its effects" grep -q '^effect=closed state=on reason=' out
+printf '0 1 0\n' >one.txt
+for words in "" "--light-size 3" "--light-size 3deg"; do
+    # shellcheck disable=SC2086
+    try 0 umbrage query arch.umb --points one.txt --filter penumbra $words
+    # shellcheck disable=SC2086
+    try 0 umbrage render arch.glb --asset arch.umb -o arch.png --size 16x16 --filter penumbra $words -q
+done
+try 2 umbrage render arch.glb --asset arch.umb -o arch.png --filter penumbra --light-size 3m
 try 0 umbrage-bake arch.glb --plan --json
 check "the plan as JSON" json out "['plan'][0]"
 check "an open scene says why it is not closed" \

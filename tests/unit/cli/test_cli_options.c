@@ -249,6 +249,7 @@ static void bad_query_options_are_usage_errors(void **state)
         "query a --points p --filter penumbra --light-size 0",
         "query a --points p --light-size 1",
         "query a --points p --filter penumbra --light-size 58",
+        "query a --points p --filter penumbra --light-size 3m",
         "query a --points p --footprint 1",
         "query a.umb --boxes p --footprint 1",
         "query a.umb --points p --light ''",
