@@ -86,13 +86,14 @@ struct umbd_call {
     int last_call;       /* a drain: end after what has been received */
 
     /* work */
-    struct umbd_batch *batch;   /* with the pool */
-    struct umbd_errand *errand; /* to the job service, errand.h */
-    size_t batch_bytes;         /* its message and answers */
+    struct umbd_batch *batch;          /* with the pool */
+    struct umbd_errand *errand;        /* to the job service, errand.h */
+    size_t batch_bytes;                /* its message and answers */
+    int is_paid;                       /* the request comes back from its detour, query_budget.h */
     struct umbd_kept_frame kept_frame; /* answers of a stream's last packed reply */
-    char *watch_service;        /* Watch: what is watched, owned */
-    int watch_last;             /* last serving status sent, -1 = none */
-    uint64_t watch_ms;          /* uv_now of the last look */
+    char *watch_service;               /* Watch: what is watched, owned */
+    int watch_last;                    /* last serving status sent, -1 = none */
+    uint64_t watch_ms;                 /* uv_now of the last look */
 
     /* reply */
     int counted;   /* in the metrics */

@@ -10,8 +10,11 @@
 #include <string.h>
 #include <time.h>
 
-#define DETOUR_POINTS 65536               /* what calibrating costs on the rates */
-#define PIXEL_BYTES   (3 * sizeof(float)) /* of a picture's pixel as a point */
+/* What calibrating costs on the rates; paid at once with the call's own points, which the debt of
+ * the calibration would have refused. */
+#define DETOUR_POINTS 65536
+
+#define PIXEL_BYTES (3 * sizeof(float)) /* of a picture's pixel as a point */
 
 /* A calibration on its way; its points lie in its message. */
 struct detour {
@@ -161,7 +164,7 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
     }
     const size_t pixel_bytes =
         request->has_picture && kind != UMBD_POINTS_FEW ? request->points.count * PIXEL_BYTES : 0;
-    if (!umbd_call_take_points(call, DETOUR_POINTS) ||
+    if (!umbd_call_take_points(call, DETOUR_POINTS + UMBD_CALL_POINTS + request->points.count) ||
         !umbd_call_charge(call, call->charged + pixel_bytes)) { /* the call has failed */
         free_detour(detour);
         return UMB_OK;

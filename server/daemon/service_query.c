@@ -307,7 +307,7 @@ void umbd_service_query(struct umbd_call *call)
         return; /* comes again when it is calibrated */
     }
     int targets = request.target_count > 0;
-    if (status == UMB_OK &&
+    if (status == UMB_OK && !call->is_paid &&
         !umbd_call_take_points(call, UMBD_CALL_POINTS + request.points.count * batch->part_count)) {
         umbd_batch_recycle(batch, &loop->spare);
         return;
@@ -341,7 +341,9 @@ void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *ba
 {
     const enum umb_status status = umbd_budget_take(call, batch);
     if (status == UMB_OK) {
+        call->is_paid = 1;
         umbd_call_serve(call);
+        call->is_paid = 0;
     } else if (status == UMB_E_BUSY) {
         shed(call, &batch->error);
     } else {

@@ -168,6 +168,14 @@ with test.check("an address has its rate, whatever connection it asks on"):
     unix = test.client(limited.grpc_unix)
     assert unix.query(points, timeout=30).visibility  # another account
     unix.close()
+with test.check("a first budget is answered, though its calibration is paid for at a small rate"):
+    small = test.daemon("--address-rate", 10000)
+    one = test.client(small.grpc_tcp)
+    budget = M.QueryRequest(asset="city", points=bytes(120), budget_ns=100000.0)
+    assert len(one.query(budget, timeout=60).visibility) == 10
+    one.refused(lambda: one.query(budget, timeout=60), Code.RESOURCE_EXHAUSTED, "rate")
+    one.close()
+    small.stop()
 with test.check("an address may have so many connections and no more"):
     clients += [test.client(limited.grpc_tcp) for _ in range(2)]
     answers = []
