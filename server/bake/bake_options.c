@@ -478,7 +478,7 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
         }
         o->tile_log2 = o->resolution_log2;
     }
-    return umbb_effects_check(o, error);
+    return umbb_effects_settle(o, error);
 }
 
 /* Reads the task; returns how many words that took. */

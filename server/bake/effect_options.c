@@ -38,11 +38,11 @@ static void decide(struct umbb_options *options, const char *name, int on)
 {
     if (strcmp(name, "front") == 0) {
         options->front = on;
+        options->front_refused = !on;
     } else if (strcmp(name, "cut-out") == 0) {
         options->opaque_cut_outs = !on;
     } else if (strcmp(name, "penumbra") == 0) {
         options->penumbra = on ? UMBB_PENUMBRA_ON : UMBB_PENUMBRA_OFF;
-        options->front |= on;
     } else {
         options->closed = on ? UMBB_CLOSED_ON : UMBB_CLOSED_OFF;
     }
@@ -97,12 +97,20 @@ enum umb_status umbb_closed_set(struct umbb_options *options, const char *option
     return umbb_option_refuse(error, option, value, "auto, on or off");
 }
 
-enum umb_status umbb_effects_check(const struct umbb_options *options, struct umb_error *error)
+enum umb_status umbb_effects_settle(struct umbb_options *options, struct umb_error *error)
 {
+    const int for_penumbra = options->penumbra == UMBB_PENUMBRA_ON;
+    if (for_penumbra && options->front_refused && options->closed != UMBB_CLOSED_OFF) {
+        return umb_fail(
+            error, UMB_E_ARGUMENT,
+            "--effect: 'front=off' leaves out what 'penumbra=on' needs of closed solids");
+    }
+    options->front |= for_penumbra && !options->front_refused;
     if (options->front && options->task != UMBB_TASK_BAKE) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "--effect: 'front=on': tiles that are kept (tile, merge) do not hold first "
-                        "occluders");
+                        "--effect: '%s': tiles that are kept (tile, merge) do not hold first "
+                        "occluders",
+                        for_penumbra ? "penumbra=on" : "front=on");
     }
     return UMB_OK;
 }

@@ -32,8 +32,9 @@ UMB_CHECKED enum umb_status umbb_effect_set(struct umbb_options *options, const 
 UMB_CHECKED enum umb_status umbb_closed_set(struct umbb_options *options, const char *option,
                                             const char *value, struct umb_error *error);
 
-/* What no option can check alone. Fails: E_ARGUMENT. */
-UMB_CHECKED enum umb_status umbb_effects_check(const struct umbb_options *options,
-                                               struct umb_error *error);
+/* Settles what no option can alone, when all are read: penumbras keep first occluders. Fails:
+ * E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbb_effects_settle(struct umbb_options *options,
+                                                struct umb_error *error);
 
 #endif

@@ -52,7 +52,9 @@ static void write_front(FILE *to, const struct umbb_analysis *a, const struct um
     }
     const int on = a->closed_rule && options->front;
     fprintf(to, "effect=front state=%s reason=\"%s\" cost=\"%s\"\n", on ? "on" : "off",
-            on ? "switched on: first occluders of closed solids, for columns"
+            on && options->penumbra == UMBB_PENUMBRA_ON
+                ? "switched on: first occluders of closed solids, for penumbras and columns"
+            : on ? "switched on: first occluders of closed solids, for columns"
             : a->closed_rule
                 ? "nothing was said to need first occluders of closed solids (columns do)"
                 : "switched on, but closed is off: what is baked holds first occluders itself",

@@ -238,6 +238,12 @@ static void effects_are_overruled_by_name(void **state)
     assert_int_equal(o.opaque_cut_outs, 0);
     assert_int_equal(parse("s.ply -o o --effect penumbra=on", &o, &e), UMB_OK);
     assert_true(o.penumbra == UMBB_PENUMBRA_ON && o.front);
+    assert_int_equal(parse("s.ply -o o --effect penumbra=on --effect penumbra=off", &o, &e),
+                     UMB_OK);
+    assert_true(o.penumbra == UMBB_PENUMBRA_OFF && !o.front);
+    assert_int_equal(
+        parse("s.ply -o o --closed off --effect penumbra=on --effect front=off", &o, &e), UMB_OK);
+    assert_true(o.penumbra == UMBB_PENUMBRA_ON && !o.front);
     assert_int_equal(parse("s.ply -o o", &o, &e), UMB_OK);
     assert_true(o.penumbra == UMBB_PENUMBRA_AUTO && !o.front);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
@@ -251,6 +257,9 @@ static void effects_are_overruled_by_name(void **state)
         {"s -o o --effect suns=off", "'suns=off': the effect follows from the lights"},
         {"s -o o --effect mraa=on", "this version does not have the effect"},
         {"s -o o --effect voaa=on", "this version does not have the effect"},
+        {"s -o o --effect front=off --effect penumbra=on", "'front=off' leaves out"},
+        {"s -o o --effect penumbra=on --effect front=off", "'front=off' leaves out"},
+        {"tile s -o o --effect penumbra=on", "'penumbra=on': tiles that are kept"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         assert_refused(cases[i].line, "--effect", cases[i].value);
