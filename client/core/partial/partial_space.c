@@ -29,14 +29,21 @@ static bool normalize(double v[3])
     return length > 0 && isfinite(length);
 }
 
+/* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.
+ */
+#define PARALLEL 1e-9
+
 /* The camera's four side planes; false if forward and up span nothing. */
 static bool make_planes(struct umb__sight *sight)
 {
     const struct umb_partial_view *view = sight->view;
     double forward[3], right[3], up[3];
     memcpy(forward, view->forward, sizeof forward);
-    cross(view->forward, view->up, right);
-    if (!normalize(forward) || !normalize(right)) {
+    if (!normalize(forward)) {
+        return false;
+    }
+    cross(forward, view->up, right);
+    if (!(dot(right, right) > PARALLEL * PARALLEL * dot(view->up, view->up)) || !normalize(right)) {
         return false;
     }
     cross(right, forward, up);

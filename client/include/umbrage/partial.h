@@ -53,7 +53,7 @@ struct umb_partial_view {
     struct umb_box box; /* finite, min <= max */
     int has_camera;     /* only what answers points in the camera's pyramid; nearer is better */
     double eye[3];
-    double forward[3], up[3]; /* need not be unit length; not parallel */
+    double forward[3], up[3]; /* need not be unit length; 1e-9 rad apart or more */
     double fov_y;             /* of the picture's height, 0 < fov_y < pi */
     double aspect;            /* width / height, > 0 */
     double far_m;             /* 0: no limit */

@@ -185,6 +185,28 @@ static void a_camera_holds_all_that_its_picture_needs(void **state)
     partial_fixture_close(&f);
 }
 
+static void a_camera_whose_up_lies_along_its_view_is_refused(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb_error error = {0};
+    uint64_t seed = 9;
+    partial_fixture_open(&f, 0);
+    partial_build(&f);
+    for (unsigned i = 0; i < 100; i++) {
+        struct umb_partial_view view = {.has_camera = 1, .fov_y = 0.6, .aspect = 1.5};
+        for (unsigned k = 0; k < 3; k++) {
+            view.forward[k] = random_unit(&seed) * 2 - 1;
+            view.up[k] = view.forward[k] * (0.1 + i);
+        }
+        assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_E_ARGUMENT);
+        assert_non_null(strstr(error.message, "span a picture"));
+        view.up[i % 3] += 1e-3 * (0.1 + i);
+        assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_OK);
+    }
+    partial_fixture_close(&f);
+}
+
 static void points_ask_for_just_the_pages_they_miss(void **state)
 {
     (void)state;
@@ -320,6 +342,7 @@ int main(void)
         cmocka_unit_test(the_truth_lies_within_the_bounds_while_pages_arrive),
         cmocka_unit_test(a_box_holds_all_that_its_points_need_and_not_the_rest),
         cmocka_unit_test(a_camera_holds_all_that_its_picture_needs),
+        cmocka_unit_test(a_camera_whose_up_lies_along_its_view_is_refused),
         cmocka_unit_test(points_ask_for_just_the_pages_they_miss),
         cmocka_unit_test(cells_that_are_small_enough_are_not_looked_into),
         cmocka_unit_test(a_budget_is_never_exceeded_and_everything_is_answered),
