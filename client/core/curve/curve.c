@@ -143,14 +143,16 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
         }
     }
     if (accurate < choice->count) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "budget: %g ns a point; the cheapest setting%s costs %.3g ns, any at all "
-                        "at least %.3g ns",
-                        choice->dial->budget_ns,
-                        choice->dial->max_error_m > 0 || choice->dial->max_visibility > 0
-                            ? " that keeps to the errors wanted"
-                            : "",
-                        cost_ns(choice, accurate), cost_ns(choice, least));
+        return accurate == least
+                   ? umb_fail(error, UMB_E_ARGUMENT,
+                              "budget: %g ns a point; the cheapest setting costs %.3g ns",
+                              choice->dial->budget_ns, cost_ns(choice, least))
+                   : umb_fail(
+                         error, UMB_E_ARGUMENT,
+                         "budget: %g ns a point; the cheapest setting that keeps to the errors "
+                         "wanted costs %.3g ns, any at all at least %.3g ns",
+                         choice->dial->budget_ns, cost_ns(choice, accurate),
+                         cost_ns(choice, least));
     }
     const double metres = choice->dial->max_error_m, visibility = choice->dial->max_visibility;
     char wanted[64] = "";
