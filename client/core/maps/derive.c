@@ -179,6 +179,9 @@ static enum umb_status place_maps(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_NOT_FOUND, "light %u; the asset has %u", asked->light,
                         info.light_count);
     }
+    if (light.kind != UMB_LIGHT_DIRECTIONAL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", asked->light);
+    }
     const double *step = frustum.voxel_step[2];
     memcpy(derived->asset_id, info.id, UMB_ID_BYTES);
     derived->texel_error_m = 0.5 * sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);

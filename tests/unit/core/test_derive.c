@@ -8,6 +8,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "format/asset_parts.h"
 #include "umbrage/derive.h"
 #include "volume_fixture.h"
 
@@ -337,6 +338,27 @@ static int give_up(void *user)
     return --*(int *)user == 0;
 }
 
+static void lights_with_a_position_are_refused_with_and_without_a_camera(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    volume_fixture_open(&f, fixture_hills, LOG2_SIZE, 0, 0);
+    struct umb_light_info *light = &f.asset->canonical.content.lights[0];
+    light->kind = UMB_LIGHT_POINT;
+    memset(light->direction, 0, sizeof light->direction);
+    for (int with_camera = 0; with_camera < 2; with_camera++) {
+        const struct umb_derive_settings settings = {.width = 8,
+                                                     .height = 8,
+                                                     .camera = with_camera ? &camera : NULL,
+                                                     .cascades = {.count = 1}};
+        struct umb_derived *derived;
+        struct umb_error error = {.message = ""};
+        assert_int_equal(umb_derive(f.asset, &settings, NULL, &derived, &error), UMB_E_UNSUPPORTED);
+        assert_non_null(strstr(error.message, "light: 0 is not directional"));
+    }
+    volume_fixture_close(&f);
+}
+
 static void what_cannot_be_derived_is_named(void **state)
 {
     (void)state;
@@ -473,6 +495,7 @@ int main(void)
         cmocka_unit_test(a_derived_map_answers_as_the_voxels_do),
         cmocka_unit_test(the_ktx_file_holds_what_was_derived),
         cmocka_unit_test(no_more_bytes_are_held_than_told),
+        cmocka_unit_test(lights_with_a_position_are_refused_with_and_without_a_camera),
         cmocka_unit_test(what_cannot_be_derived_is_named),
         cmocka_unit_test(without_memory_nothing_is_left_behind),
     };
