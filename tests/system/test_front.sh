@@ -63,4 +63,9 @@ same "$name: a bake with a front takes no tile from a cache" "$first" \
     "$(bake other --effect front=on --cache "$folder/cache")"
 "$BUILD/umbrage-bake" tile "$scene" -o "$folder/tiles" --effect front=on >/dev/null 2>"$folder/err"
 same "kept tiles hold no front: refused" 2 $?
+set -- --closed off --effect penumbra=on --tile 128 --cache "$folder/cache-open"
+bake other "$@" >/dev/null
+bake other "$@" >/dev/null
+same "an open scene has no front to keep, and its tiles come from the cache" 16 \
+    "$(json "$folder/json" "['tiles_found']")"
 finish
