@@ -446,7 +446,8 @@ static enum umbj_failure bake(struct umbj_try *try)
         return failure;
     }
     if (umbj_settings_have(settings, "--depth=embree") ||
-        umbj_settings_have(settings, "--effect=front=on")) {
+        umbj_settings_have(settings, "--effect=front=on") ||
+        umbj_settings_have(settings, "--effect=penumbra=on")) {
         return merge(try, NULL); /* tiles of these cannot be kept */
     }
     tiles_folder(try, folder, sizeof folder);

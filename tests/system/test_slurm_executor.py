@@ -134,11 +134,11 @@ with test.check("a scene that cannot be used, and settings that are none, never 
     assert len(calls("sbatch")) == before
 
 with test.check("a bake whose tiles cannot be kept is one task"):
-    done = cli("submit", scene, "--resolution", 512, "--effect", "front=on", "--verify", 1000,
-               "--wait")
-    plain = test.bake(scene, test.path("plain.umb"), "--resolution", 512, "--effect", "front=on",
-                      "--verify", 1000)["asset"]
-    assert done["state"] == "done" and done["asset"] == plain, done
+    for effect in ("front=on", "penumbra=on"):
+        words = ("--resolution", 512, "--effect", effect, "--sun", "120,40", "--verify", 1000)
+        done = cli("submit", scene, *words, "--wait")
+        plain = test.bake(scene, test.path("plain.umb"), *words)["asset"]
+        assert done["state"] == "done" and done["asset"] == plain, done
 
 with test.check("a cancelled job leaves nothing in the queue"):
     fault("held")
