@@ -57,6 +57,9 @@ enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status sta
     case UMB_E_CANNOT_CREATE:
         failure = UMBJ_IO;
         break;
+    case UMB_E_TOO_LARGE:
+        failure = UMBJ_REJECTED;
+        break;
     default:
         break;
     }

@@ -19,7 +19,8 @@ struct block {
 };
 
 /* Reads a regular file whole. */
-static enum umb_status read_file(const char *path, struct block *block, struct umb_error *error)
+static enum umb_status read_file(const char *path, uint64_t most, struct block *block,
+                                 struct umb_error *error)
 {
     struct stat info;
     size_t have = 0;
@@ -30,6 +31,12 @@ static enum umb_status read_file(const char *path, struct block *block, struct u
             close(fd);
         }
         return umb_fail_errno(error, UMB_E_IO, cause, "cannot read the asset that was baked");
+    }
+    if ((uint64_t)info.st_size > most) {
+        close(fd);
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "the asset has %llu bytes, the server allows %llu (--max-asset)",
+                        (unsigned long long)info.st_size, (unsigned long long)most);
     }
     block->size = (size_t)info.st_size;
     block->bytes = malloc(block->size + 1);
@@ -55,11 +62,11 @@ static enum umb_status read_file(const char *path, struct block *block, struct u
 }
 
 /* Reads a file and proves that it is a packed asset. */
-static enum umb_status read_proven(const char *path, struct block *block,
+static enum umb_status read_proven(const char *path, uint64_t most, struct block *block,
                                    uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
 {
     struct umb__head head;
-    enum umb_status status = read_file(path, block, error);
+    enum umb_status status = read_file(path, most, block, error);
     if (status == UMB_OK) {
         status = umb__head_parse(block->bytes, block->size, &head, error);
     }
@@ -85,7 +92,7 @@ static int is_there(const char *path, const uint8_t asset[UMBJ_HASH_BYTES])
     uint8_t found[UMBJ_HASH_BYTES];
     struct umb_error ignored;
     const int whole = access(path, F_OK) == 0 &&
-                      read_proven(path, &block, found, &ignored) == UMB_OK &&
+                      read_proven(path, UINT64_MAX, &block, found, &ignored) == UMB_OK &&
                       memcmp(found, asset, sizeof found) == 0;
     free(block.bytes);
     return whole;
@@ -101,7 +108,7 @@ static enum umb_status write_checked(const struct block *block, struct umbs_file
         status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the asset");
     }
     if (status == UMB_OK) {
-        status = read_file(file->temporary, &again, error);
+        status = read_file(file->temporary, block->size, &again, error);
     }
     if (status == UMB_OK &&
         (again.size != block->size || memcmp(again.bytes, block->bytes, block->size) != 0)) {
@@ -111,13 +118,14 @@ static enum umb_status write_checked(const struct block *block, struct umbs_file
     return status;
 }
 
-enum umb_status umbj_stage(const char *path, const char *folder, struct umbs_file *staged,
-                           uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
+enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
+                           struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
+                           struct umb_error *error)
 {
     char target[4096];
     struct block block = {NULL, 0};
     *staged = (struct umbs_file){.fd = -1};
-    enum umb_status status = read_proven(path, &block, asset, error);
+    enum umb_status status = read_proven(path, most, &block, asset, error);
     if (status == UMB_OK) {
         umbj_asset_path(folder, asset, target, sizeof target);
         if (!is_there(target, asset)) {

@@ -10,15 +10,14 @@
 #include "jobs/job.h"
 
 /*
- * Stages a file.
+ * Stages a file of at most so many bytes: a farm's machines have no limit of ours.
  *
  * Out:   staged: to be committed or abandoned by the caller; not begun (temporary NULL) if a file
  *        of that id is in the folder already and whole. asset: the id.
- * Fails: E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE, E_NO_MEMORY:
- *        staged is not begun.
- * Cost:  reads the file twice, writes it once.
+ * Fails: E_TOO_LARGE, E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE,
+ * E_NO_MEMORY: staged is not begun. Cost:  reads the file twice, writes it once.
  */
-UMB_CHECKED enum umb_status umbj_stage(const char *path, const char *folder,
+UMB_CHECKED enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
                                        struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
                                        struct umb_error *error);
 

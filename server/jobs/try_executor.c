@@ -64,8 +64,8 @@ static enum umbj_failure bake(struct umbj_try *try, struct umbj_report *ended)
     }
     umbj_try_tell_phase(try, "publish");
     snprintf(output, sizeof output, "%s/out.umb", folder);
-    const enum umb_status status =
-        umbj_stage(output, options->assets, &ended->staged, ended->asset, &error);
+    const enum umb_status status = umbj_stage(output, options->max_output_bytes, options->assets,
+                                              &ended->staged, ended->asset, &error);
     return status == UMB_OK ? UMBJ_NO_FAILURE : umbj_try_fail_status(try, status, &error);
 }
 

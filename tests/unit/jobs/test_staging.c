@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a bake left is taken for an asset only if it is one, whole, and not too large. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "common/sha256.h"
+#include "jobs/folder.h"
+#include "jobs/staging.h"
+#include "make_asset.h"
+
+static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    (void)frustum;
+    return z < 20 + (x ^ y) % 16;
+}
+
+struct fixture {
+    char folder[64], path[96];
+    struct bytes packed;
+};
+
+static void put_file(const struct fixture *f, size_t size)
+{
+    FILE *file = fopen(f->path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(f->packed.data, 1, size, file), size);
+    assert_int_equal(fclose(file), 0);
+}
+
+static int setup(void **state)
+{
+    static const double origin[3] = {0, 0, 0};
+    struct voxels voxels = {.lit = stepped, .log2_size = 6, .frustum_count = 1};
+    struct fixture *f = calloc(1, sizeof *f);
+    assert_non_null(f);
+    snprintf(f->folder, sizeof f->folder, "/tmp/umbrage-staging-XXXXXX");
+    assert_non_null(mkdtemp(f->folder));
+    snprintf(f->path, sizeof f->path, "%s/out.umb", f->folder);
+    struct umb_octree octree;
+    struct umb_content content;
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_sink sink = bytes_sink(&f->packed);
+    make_octree(&voxels, &octree);
+    make_content(&voxels, 1.0, origin, &content);
+    assert_int_equal(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
+    umb_octree_finish(&octree);
+    *state = f;
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    struct fixture *f = *state;
+    bytes_finish(&f->packed);
+    umbj_folder_remove(AT_FDCWD, f->folder);
+    free(f);
+    return 0;
+}
+
+static enum umb_status stage(const struct fixture *f, uint64_t most, struct umb_error *error)
+{
+    struct umbs_file staged;
+    uint8_t asset[UMBJ_HASH_BYTES];
+    const enum umb_status status = umbj_stage(f->path, most, f->folder, &staged, asset, error);
+    assert_int_equal(staged.temporary != NULL, status == UMB_OK);
+    if (status == UMB_OK) {
+        assert_memory_equal(asset, f->packed.data + 48, sizeof asset); /* docs/umb-format.md */
+    }
+    umbs_file_abandon(&staged);
+    return status;
+}
+
+static void a_file_beyond_the_limit_is_refused_before_it_is_read(void **state)
+{
+    const struct fixture *f = *state;
+    struct umb_error error = {0};
+    put_file(f, f->packed.size);
+    assert_int_equal(stage(f, f->packed.size, &error), UMB_OK);
+    assert_int_equal(stage(f, f->packed.size - 1, &error), UMB_E_TOO_LARGE);
+    assert_non_null(strstr(error.message, "--max-asset"));
+    assert_int_equal(truncate(f->path, (off_t)1 << 40), 0); /* no memory has that */
+    assert_int_equal(stage(f, (uint64_t)16 << 30, &error), UMB_E_TOO_LARGE);
+}
+
+static void a_file_that_is_cut_is_no_asset(void **state)
+{
+    const struct fixture *f = *state;
+    struct umb_error error = {0};
+    for (size_t size = 0; size < f->packed.size; size += 1 + size / 3) {
+        put_file(f, size);
+        assert_int_not_equal(stage(f, f->packed.size, &error), UMB_OK);
+    }
+}
+
+int main(void)
+{
+#define STAGING_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+    const struct CMUnitTest tests[] = {
+        STAGING_TEST(a_file_beyond_the_limit_is_refused_before_it_is_read),
+        STAGING_TEST(a_file_that_is_cut_is_no_asset),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
