@@ -278,15 +278,31 @@ static enum umb_status each_line(struct gathering *g, const char *path,
     return status;
 }
 
-/* Textures: options like `-o 0 0 0` come before the name, which is the last word then. */
+/* The name behind a map's options: the longest rest of the line that is a file here, as a name may
+ * hold blanks, else the last word. */
+static const char *behind_options(const struct gathering *g, const char *line)
+{
+    const char *last = line;
+    char path[2 * PATH_SIZE];
+    for (const char *at = line; (at = strpbrk(at, " \t")) != NULL;) {
+        at += strspn(at, " \t");
+        (void)snprintf(path, sizeof path, "%s/%s", g->folder, at);
+        if (access(path, R_OK) == 0) {
+            return at;
+        }
+        last = at;
+    }
+    return last;
+}
+
+/* Textures: options like `-o 0 0 0` come before the name. */
 static enum umb_status take_mtl_line(struct gathering *g, const char *line, size_t length)
 {
     static const char *const words[] = {"map_Kd", "map_Ka", "map_Ks", "map_d", "map_bump", "bump"};
     char name[PATH_SIZE];
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
         if (take_line(line, length, words[i], name)) {
-            const char *last = name[0] == '-' ? strrchr(name, ' ') : NULL;
-            return add_named(g, last != NULL ? last + 1 : name);
+            return add_named(g, name[0] == '-' ? behind_options(g, name) : name);
         }
     }
     return UMB_OK;

@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import time
+import zlib
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
@@ -101,6 +102,24 @@ with test.check("files of a glTF and an OBJ are gathered, and no others"):
     assert b"'../a.mtl', which is not sent" in done.stderr, done.stderr
     job = json.loads(done.stdout)["job"]
     assert answer("watch", job, code=None)["state"] in ("done", "failed")
+
+with test.check("a map whose name has blanks goes along, behind its options too"):
+    def chunk(kind, data):
+        return (struct.pack(">I", len(data)) + kind + data +
+                struct.pack(">I", zlib.crc32(kind + data)))
+    os.mkdir(test.path("leaves"))
+    with open(test.path("leaves", "a leaf.png"), "wb") as file:  # half is a hole
+        file.write(b"\x89PNG\r\n\x1a\n" +
+                   chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 1, 8, 4, 0, 0, 0)) +
+                   chunk(b"IDAT", zlib.compress(b"\0\0\xff\0\0")) + chunk(b"IEND", b""))
+    with open(test.path("leaves", "a.mtl"), "w", encoding="ascii") as file:
+        file.write("newmtl leaf\nmap_d -clamp on -bm 0.5 a leaf.png\n")
+    with open(test.path("leaves", "a.obj"), "w", encoding="ascii") as file:
+        file.write("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+                   "usemtl leaf\nf 1/1 2/2 3/3\n")
+    obj = test.path("leaves", "a.obj")
+    expected = test.bake(obj, test.path("leaf.umb"), "--resolution", 64)
+    assert answer("submit", obj, "--resolution", 64, "--wait")["asset"] == expected["asset"]
 
 with test.check("a link out of the scene's folder is not followed"):
     os.remove(test.path("deep", "models", "a.bin"))
