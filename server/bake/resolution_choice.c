@@ -180,7 +180,8 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
             ++*log2_size;
         }
     }
-    return umb_fail(error, UMB_E_LIMIT,
+    /* Not E_LIMIT: trying again, as a job would, never helps. */
+    return umb_fail(error, UMB_E_ARGUMENT,
                     "--max-error: %g m: %u voxels a side, the most, reach %.3g m", wanted_m,
                     1U << UMBB_RESOLUTION_LOG2_MAX, forecast->bound_m);
 }

@@ -76,7 +76,7 @@ try 0 umbrage-bake tile city.glb -o tiles --max-error 0.2 --only 0 --json
 check "tiles can be had by an error too" test "$(find tiles -name '*.umbt' | wc -l)" = 1
 try 0 umbrage-bake city.glb --plan --max-error 0.2
 check "--plan tells the costs" grep -q 'of processor time' err
-try 75 umbrage-bake city.glb -o none.umb --max-error 0.0001 --quiet
+try 2 umbrage-bake city.glb -o none.umb --max-error 0.0001 --quiet
 one_sentence "262144 voxels a side, the most"
 try 75 umbrage-bake city.glb -o none.umb --max-error 0.02 --memory 100MiB --quiet
 one_sentence "too much for --memory"
