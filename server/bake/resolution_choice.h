@@ -30,9 +30,10 @@ struct umbb_resolution_job {
  * Chooses.
  *
  * Out:   log2_size; forecast: without costs if the bake itself is small.
- * Fails: E_ARGUMENT (no resolution reaches it), E_LIMIT (none that fits the memory: says what
- * does), E_NO_MEMORY, E_CANCELLED, what fitting fails with. Cost:  a pass over the triangles for
- * each resolution tried, and two bakes of 1024 and 2048 voxels.
+ * Fails: E_ARGUMENT (no resolution reaches it), E_LIMIT (none that fits the memory), both with
+ *        what is reached; E_NO_MEMORY, E_CANCELLED, what fitting fails with.
+ * Cost:  a pass over the triangles for each resolution tried, and two bakes of 1024 and 2048
+ * voxels.
  */
 UMB_CHECKED enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job,
                                                    uint32_t *log2_size,
