@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -77,6 +78,13 @@ void umbj_folder_remove(int parent, const char *name)
         close(folder);
     }
     (void)unlinkat(parent, name, AT_REMOVEDIR); /* what stays is swept at the next start */
+}
+
+void umbj_folder_drop(int parent, const char *name)
+{
+    char gone[300]; /* names have 255 bytes at most */
+    snprintf(gone, sizeof gone, "%.255s.gone", name);
+    umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
 }
 
 enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)

@@ -20,6 +20,10 @@ void umbj_names_finish(struct umbj_names *names);
  * have at most UMBJ_PATH_DEPTH_MAX components, so that the recursion is as deep. */
 void umbj_folder_remove(int parent, const char *name);
 
+/* The same for a folder that others may still write into: it is NAME.gone first, in one step, so
+ * that they do not find it any more. What cannot be removed stays under that name. */
+void umbj_folder_drop(int parent, const char *name);
+
 /* Removes everything in a folder but not itself. */
 void umbj_folder_empty(int folder);
 

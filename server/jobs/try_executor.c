@@ -87,7 +87,8 @@ static enum umbj_failure wait_as_known(struct umbj_try *try)
     return UMBJ_NO_FAILURE;
 }
 
-static void remove_folder(const char *path)
+/* To tasks of a farm that nobody could end it is the sign to end themselves (farm.h). */
+static void drop_folder(const char *path)
 {
     const char *slash = strrchr(path, '/');
     char parent[4200];
@@ -96,7 +97,7 @@ static void remove_folder(const char *path)
         parent[slash - path] = '\0';
         int fd = open(parent, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
         if (fd >= 0) {
-            umbj_folder_remove(fd, slash + 1);
+            umbj_folder_drop(fd, slash + 1);
             close(fd);
         }
     }
@@ -116,7 +117,7 @@ static void *run_try(void *user)
     } else {
         ended.failure = bake(&try, &ended);
         ended.bake_ms = now_ms() - start;
-        remove_folder(slot->work.folder);
+        drop_folder(slot->work.folder);
     }
     memcpy(ended.text, try.cause, sizeof ended.text);
     const int closing = atomic_load(&slot->owner->closing);

@@ -4,11 +4,14 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 #include <cmocka.h>
 
@@ -233,6 +236,44 @@ static void removing_a_folder_does_not_follow_links(void **state)
     assert_int_equal(names_in(f, "bundles"), 1);
 }
 
+struct writer {
+    int work;
+    atomic_int ended;
+};
+
+static void *write_logs(void *user)
+{
+    struct writer *writer = user;
+    char name[64];
+    for (unsigned i = 0; !atomic_load(&writer->ended); i++) {
+        snprintf(name, sizeof name, "job/tile/log.%u", i);
+        int fd = openat(writer->work, name, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+        if (fd >= 0) {
+            close(fd);
+        }
+    }
+    return NULL;
+}
+
+static void a_folder_is_gone_at_once_for_those_who_write_into_it(void **state)
+{
+    struct fixture *f = *state;
+    struct writer writer = {.work = openat(f->fd, "work", O_RDONLY | O_DIRECTORY)};
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, write_logs, &writer), 0);
+    for (int round = 0; round < 50; round++) {
+        assert_int_equal(mkdirat(writer.work, "job", 0700), 0);
+        assert_int_equal(mkdirat(writer.work, "job/tile", 0700), 0);
+        nanosleep(&(struct timespec){.tv_nsec = 2000000}, NULL);
+        umbj_folder_drop(writer.work, "job");
+        assert_int_equal(faccessat(writer.work, "job", F_OK, 0), -1);
+        umbj_folder_remove(writer.work, "job.gone"); /* a file that was being made meanwhile */
+    }
+    atomic_store(&writer.ended, 1);
+    pthread_join(thread, NULL);
+    close(writer.work);
+}
+
 /* With few descriptors left a removal goes as far as it can and stops within. */
 static void a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one(void **state)
 {
@@ -272,6 +313,7 @@ int main(void)
         UPLOAD_TEST(a_file_that_is_also_a_folder_is_refused),
         UPLOAD_TEST(a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one),
         UPLOAD_TEST(removing_a_folder_does_not_follow_links),
+        UPLOAD_TEST(a_folder_is_gone_at_once_for_those_who_write_into_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
