@@ -17,13 +17,20 @@
  * win. */
 #define INLINE_WORK 2048
 
-#define PENUMBRA_WORK 32 /* look-ups of one tap that a penumbra takes as long as, about */
+/* Look-ups of one tap that a penumbra takes as long as, about: under a narrow light, and what a
+ * radian of the light's extent adds. */
+#define PENUMBRA_WORK        32
+#define PENUMBRA_WORK_RADIAN 900.0
 
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
 static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
 {
     uint64_t taps = settings->taps > 0 ? settings->taps : 1;
-    uint64_t each = settings->filter == UMB_FILTER_PENUMBRA ? PENUMBRA_WORK : 0;
+    uint64_t each = 0;
+    if (settings->filter == UMB_FILTER_PENUMBRA) {
+        const double extent = settings->light_extent < 1 ? settings->light_extent : 1;
+        each = PENUMBRA_WORK + (extent > 0 ? (uint64_t)(PENUMBRA_WORK_RADIAN * extent) : 0);
+    }
     return (uint64_t)count * (each + (taps * taps + 7) / 8);
 }
 
