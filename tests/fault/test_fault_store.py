@@ -113,6 +113,7 @@ def be_killed(way, at, old):
 with test.check("an undisturbed daemon writes its cache by sync, rename, sync of the folder"):
     whole, first = start("EIO", at=0)
     ask(first)
+    loading = whole.calls  # the rest is made by its end, which a killed one never comes to
     stop(first)
     good = read_cache()
     count = whole.calls
@@ -136,7 +137,7 @@ for way in FATAL:
     failures = fs.Failures()
     with test.check(f"a daemon after one killed at any call on the cache answers right: {way}"):
         seen = 0
-        for at in sweep.points(count):
+        for at in sweep.points(loading):
             with failures.point("at call", at, functions[at - 1]):
                 seen += be_killed(way, at, old=at % 2 == 0)
         print(f"    {failures.done} kills, {seen} strays")
