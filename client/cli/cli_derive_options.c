@@ -51,13 +51,14 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_UP] = {"up", "y|z", "the scene's up axis (default y)", 0},
     [OPTION_WEIGHT] = {"weight", "W", "0 uniform .. 1 logarithmic slices (default 0.7)", 0},
     [OPTION_FIT] = {"fit", "HOW", "slice (default), scene or lispsm", 0},
-    [OPTION_OUTPUT] = {"output", "FILE", "the KTX 2.0 file; - is stdout (required)", 'o'},
+    [OPTION_OUTPUT] = {"output", "FILE",
+                       "the KTX 2.0 file (the asset's name with .ktx2); - is stdout", 'o'},
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
 };
 
 static const struct umbc_command COMMAND = {
-    .usage = "umbrage derive FILE|ASSET -o OUT.ktx2 [options]",
+    .usage = "umbrage derive FILE|ASSET [-o OUT.ktx2] [options]",
     .summary =
         "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
         "cascades of a camera. docs/techniques.md tells how to sample them. Closed assets need to\n"
@@ -298,6 +299,18 @@ static int read_view(const struct umbc_parsed *parsed, struct umbc_derive_option
     return -1;
 }
 
+/* "store/city.umb" and "city" become "city.ktx2". */
+static void name_output(struct umbc_derive_options *options)
+{
+    const char *slash = strrchr(options->target, '/');
+    const char *name = slash != NULL ? slash + 1 : options->target;
+    const char *dot = strrchr(name, '.');
+    const bool is_asset = dot != NULL && (strcmp(dot, ".umb") == 0 || strcmp(dot, ".umbm") == 0);
+    const size_t stem = is_asset ? (size_t)(dot - name) : strlen(name);
+    (void)snprintf(options->named, sizeof options->named, "%.*s.ktx2", (int)stem, name);
+    options->output = options->named;
+}
+
 int umbc_derive_options_parse(struct umbc_derive_options *options, int argc, char **argv)
 {
     struct umbc_parsed parsed;
@@ -321,7 +334,7 @@ int umbc_derive_options_parse(struct umbc_derive_options *options, int argc, cha
     options->quiet = parsed.values[OPTION_QUIET] != NULL;
     memcpy(options->session, parsed.session, sizeof options->session);
     if (options->output == NULL) {
-        return umbc_usage_error("derive: where to? -o FILE");
+        name_output(options);
     }
     if (options->json && strcmp(options->output, "-") == 0) {
         return umbc_usage_error("derive: --json and -o - both want stdout");

@@ -9,7 +9,9 @@
 struct umbc_derive_options {
     const char *target; /* a file, or a daemon's asset */
     const char *session[UMBC_SESSION_COUNT];
-    const char *output;                  /* NULL: none was given */
+    const char *output;
+    char named[4096]; /* where `output` is if none was given; a longer path is cut and fails to open
+                       */
     struct umb_derive_settings settings; /* camera: NULL; cascades.count > 0: `camera` */
     struct umb_cascade_camera camera;
     bool json, quiet;

@@ -8,6 +8,7 @@ refusals; a call that is given up.
 import json
 import os
 import struct
+import subprocess
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -185,7 +186,11 @@ with test.check("what cannot be derived is refused in words"):
             (["--cascades", "2", "--camera", "eye=0,0,0,target=0,9,0,far=9"], "up axis", 2)):
         said = derive(asset, *options, code=code)
         assert words in said, (options, said)
-    assert ut.run("umbrage", "derive", asset, code=2)
+with test.check("without -o the file has the asset's name"):
+    subprocess.run([os.path.abspath(ut.program("umbrage")), "derive", asset, "--size", "8"],
+                   cwd=test.path(""), check=True, stderr=subprocess.DEVNULL)
+    with open(test.path("city-open.ktx2"), "rb") as file:
+        assert file.read() == derive(asset, "--size", 8)
 
 grpc, _ = ut.need_grpc()
 Code = grpc.StatusCode
