@@ -304,6 +304,9 @@ static enum umbj_failure run_stage(struct stage *stage)
             return umbj_try_fail(stage->try, UMBJ_CANCELLED, "stopped");
         }
     }
+    if (stage->orphans_ms == 0) {
+        end_orphans(stage); /* it was over before its first look, and the next may be so too */
+    }
     return failure;
 }
 
