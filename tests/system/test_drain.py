@@ -142,14 +142,15 @@ with test.check("a call whose upload is under way at the signal is answered"):
     assert M.QueryReply.FromString(reply.body[5:]).visibility == expected[3000]
     first.exited()
 with test.check("a stream gets the replies to what was received, then UNAVAILABLE"):
-    first = test.daemon("--loops", 2)
+    first = test.daemon("--loops", 2, "--drain-delay", "3s")  # for all to be received
     requests = queue.Queue()
     streaming = test.client(first.grpc_tcp)
-    replies = streaming.stream(iter(requests.get, None), timeout=30)
+    replies = streaming.stream(iter(requests.get, None), timeout=60)
     for _ in range(5):
         requests.put(M.QueryRequest(asset="city", points=points[:12 * 3000], taps=3))
+    assert next(replies).visibility == expected[3000]  # it is connected
     first.signal(signal.SIGTERM)
-    for _ in range(5):
+    for _ in range(4):
         assert next(replies).visibility == expected[3000]
     client.refused(lambda: next(replies), Code.UNAVAILABLE, "shutting down")
     first.exited()
