@@ -180,6 +180,10 @@ void umb__client_log(struct umb_client *client, enum umb_log_level level, const 
 /* Runs a call and waits; decode turns the reply into *out on the loop thread. */
 typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,
                                           struct umb_error *error);
+
+/* Of calls whose replies went to `take`, or say nothing. */
+enum umb_status umb__decode_nothing(void *out, const uint8_t *message, size_t size,
+                                    struct umb_error *error);
 UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
                                            const struct umb__call_plan *plan,
                                            struct umbw_buffer *body, umb__decode_fn decode,

@@ -51,16 +51,6 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
     return g->status == UMB_OK;
 }
 
-static enum umb_status nothing(void *out, const uint8_t *message, size_t size,
-                               struct umb_error *error)
-{
-    (void)out;
-    (void)message;
-    (void)size;
-    (void)error;
-    return UMB_OK;
-}
-
 static enum umb_status encode(const char *asset, const struct umb_derive_settings *settings,
                               struct umbw_buffer *body, struct umb_error *error)
 {
@@ -96,7 +86,7 @@ enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
     }
     const struct umb__call_plan plan = {
         .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece, .flow_user = &g};
-    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
     if (g.status != UMB_OK) {
         status = umb__reply_fault(g.status, &detail, error);
     } else if (status == UMB_OK && (g.at != g.total || g.bytes == NULL)) {

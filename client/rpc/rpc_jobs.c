@@ -46,16 +46,6 @@ static enum umb_status check_job(const char *job, struct umb_error *error)
     return UMB_OK;
 }
 
-static enum umb_status nothing(void *out, const uint8_t *message, size_t size,
-                               struct umb_error *error)
-{
-    (void)out;
-    (void)message;
-    (void)size;
-    (void)error;
-    return UMB_OK;
-}
-
 /* --- Watch --- */
 
 struct watch {
@@ -99,7 +89,7 @@ enum umb_status umb_client_watch(struct umb_client *client, const char *job, umb
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_status,
                                         .flow_user = &watch};
-    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
     if (watch.stopped) {
         return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
     }
@@ -245,7 +235,7 @@ enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_piece,
                                         .flow_user = &fetch};
-    status = umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
     if (fetch.status != UMB_OK) {
         return umb_fail(error, fetch.status, "%.300s", detail.message);
     }
@@ -270,5 +260,5 @@ enum umb_status umb_client_delete_asset(struct umb_client *client,
         return status;
     }
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_DELETE};
-    return umb__call_wait(client, &plan, &body, nothing, NULL, error);
+    return umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
 }

@@ -19,6 +19,16 @@ enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error 
                     detail->message);
 }
 
+enum umb_status umb__decode_nothing(void *out, const uint8_t *message, size_t size,
+                                    struct umb_error *error)
+{
+    (void)out;
+    (void)message;
+    (void)size;
+    (void)error;
+    return UMB_OK;
+}
+
 static void on_done(void *user, enum umb_status status, const uint8_t *message, size_t size,
                     const struct umb_error *error)
 {
