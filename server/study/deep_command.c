@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include "common/json_text.h"
 #include "study/gbuffer.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
@@ -36,6 +37,8 @@ static const char help[] =
     "  --epsilon E         a list ends when less is left, 0 to 1 (default 0.001)\n"
     "  --sun AZ,EL  --camera WHERE  --size WxH  --up y|z  --threads N\n"
     "                      as `umbrage-study techniques` takes them\n"
+    "  --json              print one JSON object\n"
+    "  -q, --quiet         print nothing but errors\n"
     "  --help\n";
 
 struct deep {
@@ -43,7 +46,7 @@ struct deep {
     struct umbt_view_options options;
     uint64_t resolution, taps, threads;
     double alpha, epsilon;
-    int help;
+    int json, quiet, help;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
     struct umb_map_frustum frustum;
@@ -76,6 +79,8 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
         {"--size", UMBT_TEXT, &d->options.size, 0, 0},
         {"--up", UMBT_TEXT, &d->options.up, 0, 0},
         {"--threads", UMBT_COUNT, &d->threads, 1, 256},
+        {"--json", UMBT_FLAG, &d->json, 0, 0},
+        {"--quiet", UMBT_FLAG, &d->quiet, 0, 0},
         {"--help", UMBT_FLAG, &d->help, 0, 0},
     };
     struct umbt_positionals positionals = {.max = 1};
@@ -280,6 +285,43 @@ static double worst_difference(const struct deep *d, const float *values)
     return worst;
 }
 
+/* What the command found out. */
+struct findings {
+    struct result exact, searched, linked, streamed;
+    double exact_error, error;      /* farthest from the products: nothing left out; epsilon */
+    int linked_same, streamed_same; /* 1: the bits of the search */
+    size_t occupied;                /* lists with a fragment */
+};
+
+static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_error *error)
+{
+    struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
+    enum umb_status status = scene_open(d, error);
+    if (status == UMB_OK) {
+        status = map_ask(d, &(struct umb_map_deep_settings){0}, d->values, &f->exact, error);
+    }
+    if (status == UMB_OK) {
+        f->exact_error = worst_difference(d, d->values);
+        status = map_ask(d, &settings, d->other, &f->searched, error);
+    }
+    const size_t bytes = d->buffer.receiver_count * sizeof *d->values;
+    if (status == UMB_OK) {
+        f->error = worst_difference(d, d->other);
+        settings.way = UMB_MAP_DEEP_LINKS;
+        status = map_ask(d, &settings, d->values, &f->linked, error);
+        f->linked_same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
+    }
+    if (status == UMB_OK) {
+        settings.way = UMB_MAP_DEEP_STREAM;
+        status = map_ask(d, &settings, d->values, &f->streamed, error);
+        f->streamed_same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
+    }
+    for (size_t i = 0; status == UMB_OK && i < (size_t)d->resolution * d->resolution; i++) {
+        f->occupied += d->first[i + 1] > d->first[i];
+    }
+    return status;
+}
+
 /* What a way costs beside searching every list. */
 static void way_print(const char *name, const struct result *way, const struct result *searched,
                       int same)
@@ -289,56 +331,48 @@ static void way_print(const char *name, const struct result *way, const struct r
            same ? "the same" : "OTHER");
 }
 
-static enum umb_status deep_run(struct deep *d, struct umb_error *error)
+static void print_text(const struct deep *d, const struct findings *f)
 {
-    const size_t texels = (size_t)d->resolution * d->resolution;
-    struct result exact, searched, linked, streamed;
-    enum umb_status status = scene_open(d, error);
-    if (status == UMB_OK) {
-        status = map_ask(d, &(struct umb_map_deep_settings){0}, d->values, &exact, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    const double exact_error = worst_difference(d, d->values);
-    struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
-    const size_t bytes = d->buffer.receiver_count * sizeof *d->values;
-    status = map_ask(d, &settings, d->other, &searched, error);
-    if (status == UMB_OK) {
-        settings.way = UMB_MAP_DEEP_LINKS;
-        status = map_ask(d, &settings, d->values, &linked, error);
-    }
-    int same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
-    if (status == UMB_OK) {
-        settings.way = UMB_MAP_DEEP_STREAM;
-        status = map_ask(d, &settings, d->values, &streamed, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    same = same && memcmp(d->values, d->other, bytes) == 0;
-    size_t occupied = 0;
-    for (size_t i = 0; i < texels; i++) {
-        occupied += d->first[i + 1] > d->first[i];
-    }
     printf("%s: %" PRIu64 " texels a side, %" PRIu64 " fragments in %zu lists, %zu points, %" PRIu64
            " x %" PRIu64 " texels\n",
-           d->scene_path, d->resolution, d->first[texels], occupied, d->buffer.receiver_count,
-           d->taps, d->taps);
+           d->scene_path, d->resolution, d->first[d->resolution * d->resolution], f->occupied,
+           d->buffer.receiver_count, d->taps, d->taps);
     printf("nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
-           exact.info.fragments, exact.info.bytes, exact_error);
+           f->exact.info.fragments, f->exact.info.bytes, f->exact_error);
     printf("epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
-           linked.info.fragments, worst_difference(d, d->values));
-    printf("searched:          %" PRIu64 " bytes, %.0f ns a point\n", searched.info.bytes,
-           searched.query_ns);
-    way_print("linked:", &linked, &searched, same);
-    way_print("streamed:", &streamed, &searched, same);
-    return UMB_OK;
+           f->searched.info.fragments, f->error);
+    printf("searched:          %" PRIu64 " bytes, %.0f ns a point\n", f->searched.info.bytes,
+           f->searched.query_ns);
+    way_print("linked:", &f->linked, &f->searched, f->linked_same);
+    way_print("streamed:", &f->streamed, &f->searched, f->streamed_same);
+}
+
+static void json_map(const char *name, const struct result *map)
+{
+    printf(",\"%s\":{\"nodes\":%" PRIu64 ",\"bytes\":%" PRIu64 ",\"ns_per_point\":%.6g}", name,
+           map->info.fragments, map->info.bytes, map->query_ns);
+}
+
+static void print_json(const struct deep *d, const struct findings *f)
+{
+    fputs("{\"scene\":", stdout);
+    umbs_json_text(stdout, d->scene_path);
+    printf(",\"resolution\":%" PRIu64 ",\"taps\":%" PRIu64
+           ",\"epsilon\":%.9g,\"fragments\":%" PRIu64 ",\"lists\":%zu,\"points\":%zu",
+           d->resolution, d->taps, d->epsilon, d->first[d->resolution * d->resolution], f->occupied,
+           d->buffer.receiver_count);
+    printf(",\"exact_error\":%.6g,\"error\":%.6g", f->exact_error, f->error);
+    json_map("exact", &f->exact);
+    json_map("searched", &f->searched);
+    json_map("linked", &f->linked);
+    json_map("streamed", &f->streamed);
+    printf(",\"same_bits\":%s}\n", f->linked_same && f->streamed_same ? "true" : "false");
 }
 
 int umbt_deep_command(int argc, char **argv)
 {
     struct deep d;
+    struct findings findings = {0};
     struct umb_error error = {0};
     memset(&d, 0, sizeof d);
     enum umb_status status = options_parse(argc, argv, &d, &error);
@@ -347,7 +381,12 @@ int umbt_deep_command(int argc, char **argv)
         return 0;
     }
     if (status == UMB_OK) {
-        status = deep_run(&d, &error);
+        status = deep_run(&d, &findings, &error);
+    }
+    if (status == UMB_OK && d.json) {
+        print_json(&d, &findings);
+    } else if (status == UMB_OK && !d.quiet) {
+        print_text(&d, &findings);
     }
     free(d.hits);
     free(d.hit_counts);

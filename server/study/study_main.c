@@ -8,10 +8,10 @@
 #include "umbrage/status.h"
 
 static const char help[] =
-    "usage: umbrage-study SCENE -o DIR [options]\n"
+    "usage: umbrage-study SCENE [-o DIR] [options]\n"
     "       umbrage-study COMMAND ...\n"
     "\n"
-    "  SCENE -o DIR                                 what accuracy costs: a report\n"
+    "  SCENE [-o DIR]                               what accuracy costs: a report\n"
     "                                               (`umbrage-study study --help`)\n"
     "  render SCENE --asset FILE|ASSET -o OUT.png   a picture of a scene with its shadows\n"
     "  verify FILE --scene SCENE                    compare an asset with traced rays\n"

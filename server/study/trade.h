@@ -30,6 +30,7 @@
 
 struct umbt_trade_options {
     const char *scene, *folder, *light, *sun, *up;
+    char named[288];         /* where `folder` is if none was given */
     uint64_t max_resolution; /* of the ladder */
     uint64_t points;         /* a set */
     uint64_t threads, seed;
@@ -81,6 +82,7 @@ struct umbt_trade_result {
     double rms, worst;          /* against the area truth */
     double over_001, over_01, over_05;
     double false_light, false_shadow;       /* shares: wrong side of 0.5 against the hard truth */
+    double undecided;                       /* share: 0.5, neither side (coarse levels) */
     double off_p50_m, off_p95_m, off_max_m; /* distance to the true boundary where wrong */
     double off_unknown;      /* share of the wrong ones with no boundary within reach */
     double truth_error;      /* of the area truth itself, estimated, RMS */

@@ -19,8 +19,8 @@
 #define PATH_BYTES       4096
 
 static const char help[] =
-    "usage: umbrage-study SCENE -o DIR [options]\n"
-    "       umbrage study SCENE -o DIR [options]\n"
+    "usage: umbrage-study SCENE [-o DIR] [options]\n"
+    "       umbrage study SCENE [-o DIR] [options]\n"
     "\n"
     "Shows what accuracy costs: bakes the scene at many resolutions, open and closed, asks each "
     "at\n"
@@ -29,7 +29,7 @@ static const char help[] =
     "DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/ and assets/.\n"
     "Stopped and started again, it goes on with the assets that are there.\n"
     "\n"
-    "  -o, --output DIR     made if it is not there\n"
+    "  -o, --output DIR     made if it is not there (default: the scene's name and -study, here)\n"
     "  --quick              up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes\n"
     "  --max-resolution N   of the ladder that starts at 512 (quick: 4096, else 16384)\n"
     "  --sun AZ,EL          the sun, as umbrage-bake takes it\n"
@@ -46,6 +46,17 @@ static const char help[] =
     "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot create,\n"
     "74 I/O, 75 temporary.\n";
 
+/* "scenes/city.glb" becomes "city-study". */
+static void name_folder(struct umbt_trade_options *options)
+{
+    const char *slash = strrchr(options->scene, '/');
+    const char *name = slash != NULL ? slash + 1 : options->scene;
+    const char *dot = strrchr(name, '.');
+    const size_t stem = dot != NULL && dot > name ? (size_t)(dot - name) : strlen(name);
+    (void)snprintf(options->named, sizeof options->named, "%.*s-study", (int)stem, name);
+    options->folder = options->named;
+}
+
 static enum umb_status options_check(struct umbt_trade_options *options,
                                      const struct umbt_positionals *positionals,
                                      struct umb_error *error)
@@ -56,7 +67,7 @@ static enum umb_status options_check(struct umbt_trade_options *options,
     }
     options->scene = positionals->values[0];
     if (options->folder == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
+        name_folder(options);
     }
     if (options->max_resolution == 0) {
         options->max_resolution = options->quick ? RESOLUTION_QUICK : RESOLUTION_FULL;

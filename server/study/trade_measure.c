@@ -17,6 +17,7 @@
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
+#include "study/trade_errors.h"
 #include "umbrage/curve.h"
 
 #define TRUTH_BLOCK 64
@@ -96,71 +97,6 @@ static double truth_error(const struct umbt_probe *probe)
     return count > 0.0 ? sqrt(sum / count) : 0.0;
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-/* Sums against the area truth, over surface samples in defined space. */
-static void sum_area(struct umbt_probe *probe)
-{
-    struct umbt_trade_result *result = probe->result;
-    const size_t surface = probe->trade->points.first[UMBT_TRADE_FREE];
-    double squares = 0.0, counts[3] = {0.0, 0.0, 0.0};
-    static const double limits[3] = {0.01, 0.1, 0.5};
-    for (size_t i = 0; i < surface; i++) {
-        if (probe->undefined[i]) {
-            result->undefined++;
-            continue;
-        }
-        const double difference = fabs((double)probe->answers[i] - (double)probe->area[i]);
-        result->judged++;
-        squares += difference * difference;
-        result->worst = difference > result->worst ? difference : result->worst;
-        for (int k = 0; k < 3; k++) {
-            counts[k] += difference > limits[k] ? 1.0 : 0.0;
-        }
-    }
-    const double judged = result->judged > 0 ? (double)result->judged : 1.0;
-    result->rms = sqrt(squares / judged);
-    result->over_001 = counts[0] / judged;
-    result->over_01 = counts[1] / judged;
-    result->over_05 = counts[2] / judged;
-}
-
-/* Sums against the hard truth, and how far off the boundary is where the answer is wrong. `wrong`
- * is scratch: float[surface samples]. */
-static void sum_hard(struct umbt_probe *probe, float *wrong)
-{
-    const struct umbt_trade_points *points = &probe->trade->points;
-    struct umbt_trade_result *result = probe->result;
-    size_t light = 0, shadow = 0, wrongs = 0, unknown = 0;
-    for (size_t i = 0; i < points->first[UMBT_TRADE_FREE]; i++) {
-        const int lit = probe->answers[i] >= 0.5F;
-        if (probe->undefined[i] || lit == points->lit[i]) {
-            continue;
-        }
-        light += lit ? 1U : 0U;
-        shadow += lit ? 0U : 1U;
-        if (isfinite(points->boundary_m[i])) {
-            wrong[wrongs++] = points->boundary_m[i];
-        } else {
-            unknown++;
-        }
-    }
-    const double judged = result->judged > 0 ? (double)result->judged : 1.0;
-    result->false_light = (double)light / judged;
-    result->false_shadow = (double)shadow / judged;
-    result->off_unknown = wrongs + unknown > 0 ? (double)unknown / (double)(wrongs + unknown) : 0.0;
-    if (wrongs > 0) {
-        qsort(wrong, wrongs, sizeof *wrong, compare_floats);
-        result->off_p50_m = (double)wrong[wrongs / 2];
-        result->off_p95_m = (double)wrong[wrongs - 1 - wrongs / 20];
-        result->off_max_m = (double)wrong[wrongs - 1];
-    }
-}
-
 static enum umb_status probe_prepare(struct umbt_probe *probe, struct umb_error *error)
 {
     const struct umbt_trade *trade = probe->trade;
@@ -194,8 +130,14 @@ static enum umb_status errors_find(struct umbt_probe *probe, float *wrong, struc
         umbt_parallel_for((unsigned)probe->trade->options.threads, points->first[UMBT_TRADE_FREE],
                           TRUTH_BLOCK, trace_block, probe, error);
     if (status == UMB_OK) {
-        sum_area(probe);
-        sum_hard(probe, wrong);
+        const struct umbt_judged judged = {points->first[UMBT_TRADE_FREE],
+                                           probe->answers,
+                                           probe->area,
+                                           points->lit,
+                                           points->boundary_m,
+                                           probe->undefined};
+        umbt_errors_area(&judged, probe->result);
+        umbt_errors_edges(&judged, wrong, probe->result);
         probe->result->truth_error = truth_error(probe);
     }
     return status;

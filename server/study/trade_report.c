@@ -54,7 +54,7 @@ struct column {
     double value;
 };
 
-#define COLUMNS 21
+#define COLUMNS 22
 
 /* A time whose runs differ too much is not told. */
 static double told(double ns, double spread)
@@ -72,6 +72,7 @@ static void columns_of(const struct umbt_trade_result *r, struct column columns[
         {"over_05", r->over_05},
         {"false_light", r->false_light},
         {"false_shadow", r->false_shadow},
+        {"undecided", r->undecided},
         {"off_p50_m", r->off_p50_m},
         {"off_p95_m", r->off_p95_m},
         {"off_max_m", r->off_max_m},

@@ -93,4 +93,17 @@ with test.check("deep maps equal the products over all hits, with and without li
     worst = float(re.search(r"off by at most (\S+)", run.stdout)[1])
     assert worst < 1e-6, run.stdout
 
+with test.check("deep maps are told as JSON, and --quiet says nothing"):
+    run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "64", "--size", "40x25",
+                          "--json"], capture_output=True, timeout=120, text=True)
+    assert run.returncode == 0 and not run.stderr, run.stderr
+    told = json.loads(run.stdout)
+    assert told["resolution"] == 64 and told["points"] > 0 and told["same_bits"] is True, told
+    assert 0 <= told["exact_error"] < 1e-6 and told["error"] < 0.01, told
+    assert all(told[way]["bytes"] > 0 and told[way]["ns_per_point"] > 0
+               for way in ("exact", "searched", "linked", "streamed")), told
+    run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "64", "--size", "40x25",
+                          "-q"], capture_output=True, timeout=120, text=True)
+    assert run.returncode == 0 and not run.stdout and not run.stderr, run
+
 test.finish()

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "study/trade.h"
+#include "study/trade_errors.h"
 
 static struct umbt_trade trade;
 
@@ -62,7 +63,7 @@ static void verdict_repeats_nothing_and_owns_up_to_noise(void **state)
     trade.results[0].spread = 0.4;
     umbt_trade_verdict(&trade, text, sizeof text);
     assert_non_null(strstr(text, "1 of 5 settings have a time that is not told"));
-    assert_null(strstr(text, "20 ns")); /* the unsteady one's */
+    assert_null(strstr(text, "20 ns"));             /* the unsteady one's */
     assert_null(strstr(text, "Edges within 50 m")); /* the same as within 10 m */
 }
 
@@ -81,12 +82,38 @@ static void verdict_fits_any_buffer(void **state)
     }
 }
 
+/* Answers of a coarse level far from every boundary and close to one. */
+static void one_half_is_no_side_and_is_off_by_the_way_to_the_boundary(void **state)
+{
+    static const float answers[] = {0.5F, 0.5F, 1.0F, 0.0F, 1.0F, 0.0F, 0.5F, 0.5F};
+    static const float area[] = {1.0F, 0.0F, 1.0F, 0.0F, 0.0F, 1.0F, 1.0F, 1.0F};
+    static const uint8_t lit[] = {1, 0, 1, 0, 0, 1, 1, 1};
+    static const uint8_t undefined[] = {0, 0, 0, 0, 0, 0, 0, 1};
+    const float boundary[] = {7.0F, 3.0F, 9.0F, 9.0F, 1.0F, 2.0F, INFINITY, 100.0F};
+    const struct umbt_judged judged = {8, answers, area, lit, boundary, undefined};
+    struct umbt_trade_result result = {0};
+    float wrong[8];
+    (void)state;
+    umbt_errors_area(&judged, &result);
+    umbt_errors_edges(&judged, wrong, &result);
+    assert_int_equal(result.judged, 7);
+    assert_int_equal(result.undefined, 1);
+    assert_true(fabs(result.false_light - 1.0 / 7.0) < 1e-12);
+    assert_true(fabs(result.false_shadow - 1.0 / 7.0) < 1e-12);
+    assert_true(fabs(result.undecided - 3.0 / 7.0) < 1e-12);
+    assert_true(result.off_max_m == 7.0);
+    assert_true(result.off_p50_m == 3.0); /* of 1, 2, 3, 7 */
+    assert_true(fabs(result.off_unknown - 1.0 / 5.0) < 1e-12);
+    assert_true(fabs(result.over_05 - 2.0 / 7.0) < 1e-12);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(verdict_names_the_cheapest_setting_below_each_error),
         cmocka_unit_test(verdict_repeats_nothing_and_owns_up_to_noise),
         cmocka_unit_test(verdict_fits_any_buffer),
+        cmocka_unit_test(one_half_is_no_side_and_is_off_by_the_way_to_the_boundary),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
