@@ -57,7 +57,7 @@ PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/um
 check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.

@@ -59,6 +59,23 @@ $(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_core) -lcmocka -o $@
 
+# The same with one effect compiled out of queries (client/core/query/effect_switches.h); sources that
+# do not name the switches are the same either way. Compared by tests/system/test_effect_costs.sh.
+EFFECT_SWITCHES := $(shell sed -n 's/^.ifdef UMB_WITHOUT_//p' client/core/query/effect_switches.h)
+SWITCHED_SRC := $(shell grep -l '^.include "query/effect_switches.h"' client/core/query/*.c)
+WITHOUT_BINS := $(EFFECT_SWITCHES:%=$(BUILD)/kernel_count_without_%)
+define without_effect
+WITHOUT_OBJ_$(1) := $$(SWITCHED_SRC:%.c=$$(BUILD)/without_$(1)/%.o)
+$$(WITHOUT_OBJ_$(1)): $$(BUILD)/without_$(1)/%.o: %.c
+	@mkdir -p $$(@D)
+	$$(call say,CC,$$< without $(1))
+	$$(Q)$$(CC) $$(CFLAGS_ALL) $$(INC_client) -DUMB_WITHOUT_$(1) -c $$< -o $$@
+$$(BUILD)/kernel_count_without_$(1): $$(BUILD)/tests/bench/kernel_count.o $$(WITHOUT_OBJ_$(1)) $$(HARNESS_OBJ) $$(CORE_LIB)
+	$$(call say,LD,$$@)
+	$$(Q)$$(CC) $$(LDFLAGS_ALL) $$^ $$(TEST_SYS_core) -lcmocka -o $$@
+endef
+$(foreach effect,$(EFFECT_SWITCHES),$(eval $(call without_effect,$(effect))))
+
 bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
 	@$(BUILD)/bench_bake --size $(SIZE)
 

@@ -3,7 +3,8 @@
  * What tests/system/test_kernel_counts.sh lets valgrind count: one kernel over one small batch.
  *
  *     kernel_count write FILE             makes the asset, in its mapped form
- *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base, avx2 or penumbra
+ *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base, avx2 or penumbra, or
+ *                                         query: by umb_query_run, as a program does
  *
  * The ground repeats every 32 texels, so that the asset is small, its grid coarse and every stage
  * of a kernel has work; the points run over it line by line, a few voxels above and below.
@@ -83,7 +84,11 @@ static int run(const char *path, const char *kernel, uint32_t taps)
     struct umb_points batch = {.positions = points, .count = SIDE * SIDE};
     struct umb_answers answers = {.values = values};
     const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-    fn(q, &batch, 0, batch.count, &answers);
+    if (strcmp(kernel, "query") == 0) {
+        umb_query_run(&query, &batch, 0, batch.count, &answers);
+    } else {
+        fn(q, &batch, 0, batch.count, &answers);
+    }
     printf("points=%llu bricks=%llu\n", (unsigned long long)answers.stats.points,
            (unsigned long long)answers.stats.bricks);
     umb_asset_close(asset);
@@ -98,6 +103,7 @@ int main(int argc, char **argv)
     if (argc == 5 && strcmp(argv[1], "run") == 0) {
         return run(argv[2], argv[3], (uint32_t)strtoul(argv[4], NULL, 10));
     }
-    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE base|avx2|penumbra TAPS\n");
+    (void)fprintf(stderr,
+                  "usage: kernel_count write FILE | run FILE base|avx2|penumbra|query TAPS\n");
     return 2;
 }

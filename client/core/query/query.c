@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "format/asset_parts.h"
+#include "query/effect_switches.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "umbrage/curve.h"
@@ -253,6 +254,18 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
     }
 }
 
+/* The stages of a batch, chosen once: no point is asked which effects are on. */
+static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
+{
+    if (settings->filter == UMB_FILTER_TENT) {
+        return umb__kernel_tent;
+    }
+    if (UMB__HAS_PENUMBRA && settings->filter == UMB_FILTER_PENUMBRA) {
+        return umb__kernel_penumbra;
+    }
+    return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel();
+}
+
 enum umb_status umb_query_prepare(const struct umb_asset *asset,
                                   const struct umb_query_settings *settings,
                                   struct umb_query *query, struct umb_error *error)
@@ -278,10 +291,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         return status;
     }
     struct umb__query q = {
-        .kernel = settings->filter == UMB_FILTER_TENT       ? umb__kernel_tent
-                  : settings->filter == UMB_FILTER_PENUMBRA ? umb__kernel_penumbra
-                  : settings->level > 0                     ? choose_coarse_kernel()
-                                                            : choose_kernel(),
+        .kernel = choose_stages(settings),
         .grid = asset->view.grid + top->first_cell,
         .columns = asset->view.columns + top->first_column,
         .pieces = asset->view.pieces + top->first_piece,
@@ -300,9 +310,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     memcpy(q.voxel_step, frustum->voxel_step, sizeof q.voxel_step);
     memcpy(q.direction, light->direction, sizeof q.direction);
     memcpy(q.origin, content->origin, sizeof q.origin);
-    if (light->kind == UMB_LIGHT_DIRECTIONAL) {
+    if (!UMB__HAS_FACES || light->kind == UMB_LIGHT_DIRECTIONAL) {
         set_bias(&q, settings);
-        if (settings->filter == UMB_FILTER_PENUMBRA) {
+        if (UMB__HAS_PENUMBRA && settings->filter == UMB_FILTER_PENUMBRA) {
             set_penumbra(&q, asset, settings);
         }
     } else {
@@ -393,7 +403,7 @@ void umb_query_run(const struct umb_query *query, const struct umb_points *point
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    if (q.face_count > 0) {
+    if (UMB__HAS_FACES && q.face_count > 0) {
         umb__perspective_run(&q, points, first, count, answers);
     } else {
         q.kernel(&q, points, first, count, answers);
