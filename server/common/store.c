@@ -1,13 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The store's table: look-up, references, retirement.
+ * The store: opening, closing, entries and their end.
  *
- * Invariants: table entries hold one reference each; an entry with no references is in no table and
- * either in the graveyard or being freed by the thread that took the last one; the store itself
- * lives until it is closed and its last entry is gone.
+ * Invariants: a table holds one reference to each of its entries; an entry with no references is in
+ * no table, and in the graveyard or being freed by who emptied that; the store itself lives until
+ * it is closed and its last entry is gone. Whoever pushes something onto a stack of the dead and
+ * may find the store closed meanwhile holds the store while it does, because another thread may
+ * free what was pushed at once.
  */
 #include "common/store_internal.h"
 
+#include <assert.h>
 #include <dirent.h>
 #include <errno.h>
 #include <stdlib.h>
@@ -28,53 +31,6 @@ char *umbs__path_join(const char *folder, const char *name)
     return path;
 }
 
-struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name)
-{
-    size_t low = 0;
-    size_t high = table->count;
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        int order = strcmp(name, table->by_name[middle]->item.name);
-        if (order == 0) {
-            return table->by_name[middle];
-        }
-        if (order < 0) {
-            high = middle;
-        } else {
-            low = middle + 1;
-        }
-    }
-    return NULL;
-}
-
-static int has_id(const struct umbs_table *table, size_t index, const uint8_t id[UMB_ID_BYTES])
-{
-    return index < table->healthy && memcmp(table->by_id[index]->item.id, id, UMB_ID_BYTES) == 0;
-}
-
-/* Where the entries of an id begin: several files may hold the same asset. */
-static size_t first_of_id(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES])
-{
-    size_t low = 0;
-    size_t high = table->healthy;
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        if (memcmp(id, table->by_id[middle]->item.id, UMB_ID_BYTES) <= 0) {
-            high = middle;
-        } else {
-            low = middle + 1;
-        }
-    }
-    return low;
-}
-
-struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
-                                       const uint8_t id[UMB_ID_BYTES])
-{
-    const size_t first = first_of_id(table, id);
-    return has_id(table, first, id) ? table->by_id[first] : NULL;
-}
-
 static void store_free(struct umbs_store *store)
 {
     pthread_mutex_destroy(&store->mutex);
@@ -88,8 +44,37 @@ static void store_free(struct umbs_store *store)
     free(store);
 }
 
-/* Frees entries that nobody can reach any more, without the mutex, then settles the count. */
-static void bury(struct umbs_store *store, struct umbs_entry *list)
+/* Gives back so many holds of a store; the last one frees it. */
+static void store_let_go(struct umbs_store *store, size_t count)
+{
+    if (atomic_fetch_sub(&store->holders, count) == count) {
+        store_free(store);
+    }
+}
+
+void umbs__entry_retire(struct umbs_entry *entry)
+{
+    struct umbs_store *store = entry->store;
+    entry->next_retired = atomic_load(&store->graveyard);
+    while (!atomic_compare_exchange_weak(&store->graveyard, &entry->next_retired, entry)) {
+    }
+}
+
+/* Lets go of what an old table refers to. */
+static void table_free(struct umbs_table *table)
+{
+    for (size_t i = 0; i < table->count; i++) {
+        if (atomic_fetch_sub(&table->by_name[i]->references, 1) == 1) {
+            umbs__entry_retire(table->by_name[i]);
+        }
+    }
+    free(table->by_name);
+    free(table->by_id);
+    free(table);
+}
+
+/* Frees entries that nobody can reach any more. Returns how many. */
+static size_t bury(struct umbs_entry *list)
 {
     size_t count = 0;
     while (list != NULL) {
@@ -100,12 +85,26 @@ static void bury(struct umbs_store *store, struct umbs_entry *list)
         free(entry);
         count++;
     }
-    pthread_mutex_lock(&store->mutex);
-    store->entries -= count;
-    int last = store->closed && store->entries == 0;
-    pthread_mutex_unlock(&store->mutex);
-    if (last) {
-        store_free(store);
+    return count;
+}
+
+void umbs_store_reap(struct umbs_store *store)
+{
+    struct umbs_table *table = atomic_exchange(&store->old_tables, NULL);
+    while (table != NULL) {
+        struct umbs_table *next = table->next_retired;
+        table_free(table);
+        table = next;
+    }
+    store_let_go(store, bury(atomic_exchange(&store->graveyard, NULL)));
+}
+
+void umbs__reap_soon(struct umbs_store *store)
+{
+    if (store->retired != NULL && !atomic_load(&store->closed)) {
+        store->retired(store->owner);
+    } else {
+        umbs_store_reap(store);
     }
 }
 
@@ -138,6 +137,21 @@ static enum umb_status open_folder(struct umbs_store *store, const char *path,
     return UMB_OK;
 }
 
+void umbs_store_close(struct umbs_store *store)
+{
+    if (store == NULL) {
+        return;
+    }
+    assert(store->readers == NULL);
+    atomic_store(&store->closed, 1); /* before the reaping: who retires an entry from here on sees
+                                      * it, and reaps himself */
+    if (store->table != NULL) {
+        (void)umbs__table_let_go(store, store->table);
+    }
+    umbs_store_reap(store);
+    store_let_go(store, 1);
+}
+
 enum umb_status umbs_store_open(const struct umbs_store_options *options, struct umbs_store **out,
                                 struct umb_error *error)
 {
@@ -157,161 +171,46 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     store->owner = options->owner;
     pthread_mutex_init(&store->scan, NULL);
     pthread_mutex_init(&store->mutex, NULL);
-    enum umb_status status = UMB_OK;
+    atomic_init(&store->holders, 1);
+    store->table = umbs__table_create(0);
+    enum umb_status status = store->table != NULL
+                                 ? UMB_OK
+                                 : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a store");
     for (size_t i = 0; status == UMB_OK && i < UMBS_STORE_FOLDERS_MAX && options->folders[i]; i++) {
         status = open_folder(store, options->folders[i], error);
     }
     if (status != UMB_OK) {
-        store_free(store);
+        umbs_store_close(store);
         return status;
     }
     *out = store;
     return UMB_OK;
 }
 
-void umbs_store_close(struct umbs_store *store)
+enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
+                                   struct umbs_entry **out, struct umb_error *error)
 {
-    if (store == NULL) {
-        return;
-    }
-    pthread_mutex_lock(&store->mutex);
-    struct umbs_table table = store->table;
-    memset(&store->table, 0, sizeof store->table);
-    struct umbs_entry *dead = store->graveyard;
-    store->graveyard = NULL;
-    for (size_t i = 0; i < table.count; i++) {
-        struct umbs_entry *entry = table.by_name[i];
-        if (--entry->references == 0) {
-            entry->next_retired = dead;
-            dead = entry;
-        }
-    }
-    store->closed = 1;
-    pthread_mutex_unlock(&store->mutex);
-    free(table.by_name);
-    free(table.by_id);
-    bury(store, dead);
-}
-
-void umbs_store_reap(struct umbs_store *store)
-{
-    pthread_mutex_lock(&store->mutex);
-    struct umbs_entry *dead = store->graveyard;
-    store->graveyard = NULL;
-    pthread_mutex_unlock(&store->mutex);
-    if (dead != NULL) {
-        bury(store, dead);
-    }
+    struct umbs_table *table = umbs__table_hold(store);
+    enum umb_status status = umbs__table_acquire(table, name_or_id, out, error);
+    umbs__table_walked(store, table);
+    return status;
 }
 
 void umbs_entry_retain(struct umbs_entry *entry)
 {
-    pthread_mutex_lock(&entry->store->mutex);
-    entry->references++;
-    pthread_mutex_unlock(&entry->store->mutex);
-}
-
-/* Failures that are the file's are told as damage; others (no memory) as what they are. */
-static enum umb_status told_status(enum umb_status status)
-{
-    switch (status) {
-    case UMB_E_FORMAT:
-    case UMB_E_TRUNCATED:
-        return UMB_E_CORRUPT;
-    default:
-        return status;
-    }
-}
-
-/* A damaged file whose head says it is that asset, so that who asks by id hears the same as who
- * asks by name. Usually there is none to look at. */
-static struct umbs_entry *find_damaged(const struct umbs_table *table,
-                                       const uint8_t id[UMB_ID_BYTES])
-{
-    for (size_t i = 0; table->healthy < table->count && i < table->count; i++) {
-        struct umbs_entry *entry = table->by_name[i];
-        if (entry->asset == NULL && entry->has_id &&
-            memcmp(entry->item.id, id, UMB_ID_BYTES) == 0) {
-            return entry;
-        }
-    }
-    return NULL;
-}
-
-int umbs_store_has(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folders)
-{
-    int has = 0;
-    pthread_mutex_lock(&store->mutex);
-    const struct umbs_table *table = &store->table;
-    for (size_t i = first_of_id(table, id); has_id(table, i, id); i++) {
-        has |= table->by_id[i]->folder < folders;
-    }
-    pthread_mutex_unlock(&store->mutex);
-    return has;
-}
-
-enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)
-{
-    char quoted[UMBS_LOG_QUOTE_SIZE];
-    return umb_fail(error, UMB_E_NOT_FOUND, "asset: no asset named %.200s in this store",
-                    umbs_log_quote(name_or_id, quoted));
-}
-
-enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
-                                   struct umbs_entry **out, struct umb_error *error)
-{
-    uint8_t id[UMB_ID_BYTES];
-    int is_id = umb_id_from_text(name_or_id, id);
-    enum umb_status status = UMB_OK;
-    *out = NULL;
-    pthread_mutex_lock(&store->mutex);
-    struct umbs_entry *entry = is_id ? umbs__table_find_id(&store->table, id) : NULL;
-    if (entry == NULL && is_id) {
-        entry = find_damaged(&store->table, id);
-    }
-    if (entry == NULL) {
-        entry = umbs__table_find_name(&store->table, name_or_id);
-    }
-    if (entry == NULL) {
-        status = umbs_store_not_found(name_or_id, error);
-    } else if (entry->asset == NULL || entry->faulted) {
-        status = umb_fail(error, told_status(entry->error.status), "asset: '%.64s' is damaged: %s",
-                          entry->item.name, entry->error.message);
-    } else {
-        entry->references++;
-        *out = entry;
-    }
-    pthread_mutex_unlock(&store->mutex);
-    return status;
+    atomic_fetch_add_explicit(&entry->references, 1, memory_order_relaxed);
 }
 
 void umbs_entry_release(struct umbs_entry *entry)
 {
-    if (entry == NULL) {
+    if (entry == NULL || atomic_fetch_sub(&entry->references, 1) > 1) {
         return;
     }
     struct umbs_store *store = entry->store;
-    void (*retired)(void *user) = NULL;
-    void *user = NULL;
-    struct umbs_entry *dead = NULL;
-    pthread_mutex_lock(&store->mutex);
-    if (--entry->references == 0) {
-        if (store->retired != NULL && !store->closed) {
-            entry->next_retired = store->graveyard;
-            store->graveyard = entry;
-            retired = store->retired;
-            user = store->owner;
-        } else {
-            entry->next_retired = NULL;
-            dead = entry;
-        }
-    }
-    pthread_mutex_unlock(&store->mutex);
-    if (dead != NULL) {
-        bury(store, dead);
-    } else if (retired != NULL) {
-        retired(user);
-    }
+    atomic_fetch_add(&store->holders, 1);
+    umbs__entry_retire(entry);
+    umbs__reap_soon(store);
+    store_let_go(store, 1);
 }
 
 /* No further call gets the entry, and the owner is asked for a scan that replaces it. Only the
@@ -322,12 +221,12 @@ void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *er
     void (*faulted)(void *user) = NULL;
     void *owner = NULL;
     pthread_mutex_lock(&store->mutex);
-    int first = !entry->faulted;
+    int first = !atomic_load(&entry->faulted);
     if (first) {
-        entry->faulted = 1;
         entry->error = *error;
+        atomic_store(&entry->faulted, 1);
         store->faults++;
-        faulted = store->closed ? NULL : store->faulted;
+        faulted = atomic_load(&store->closed) ? NULL : store->faulted;
         owner = store->owner;
     }
     pthread_mutex_unlock(&store->mutex);
@@ -393,15 +292,15 @@ enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item
 {
     *items = NULL;
     *count = 0;
-    pthread_mutex_lock(&store->mutex);
-    size_t found = store->table.count;
+    struct umbs_table *table = umbs__table_hold(store);
+    size_t found = table->count;
     struct umbs_store_item *list = calloc(found + 1, sizeof *list);
     for (size_t i = 0; list != NULL && i < found; i++) {
-        const struct umbs_entry *entry = store->table.by_name[i];
+        const struct umbs_entry *entry = table->by_name[i];
         list[i] = entry->item;
-        list[i].status = entry->faulted ? UMB_E_CORRUPT : entry->item.status;
+        list[i].status = atomic_load(&entry->faulted) ? UMB_E_CORRUPT : entry->item.status;
     }
-    pthread_mutex_unlock(&store->mutex);
+    umbs__table_walked(store, table);
     if (list == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a list of %zu assets", found);
     }
@@ -413,16 +312,18 @@ enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item
 void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts)
 {
     memset(counts, 0, sizeof *counts);
-    pthread_mutex_lock(&store->mutex);
-    for (size_t i = 0; i < store->table.count; i++) {
-        const struct umbs_entry *entry = store->table.by_name[i];
-        if (entry->asset != NULL && !entry->faulted) {
+    struct umbs_table *table = umbs__table_hold(store);
+    for (size_t i = 0; i < table->count; i++) {
+        const struct umbs_entry *entry = table->by_name[i];
+        if (entry->asset != NULL && !atomic_load(&entry->faulted)) {
             counts->healthy++;
             counts->memory_bytes += entry->item.memory_bytes;
         } else {
             counts->damaged++;
         }
     }
+    umbs__table_walked(store, table);
+    pthread_mutex_lock(&store->mutex);
     counts->faults = store->faults;
     counts->scrubbed = store->scrubbed;
     counts->scrubbed_at = store->scrubbed_at;

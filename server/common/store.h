@@ -31,11 +31,12 @@
  * A mapped cache that somebody cuts or overwrites fails the batches that were reading it
  * (asset_map.h) and is set aside at once; the next scan makes it anew from the packed file.
  *
- * Threads: acquire, release and list may be called from any thread at any time; they hold a mutex
- * for a look-up only, never during a batch, a load or an unmap. Rescans exclude one another. An
- * entry is one version of one asset and immutable. Why a retired version cannot be freed too early:
- * the table holds one reference to each of its entries and the mutex covers both the look-up and
- * the count going up, so an entry found in the table cannot reach zero before the finder has it.
+ * Threads: acquire, release and list may be called from any thread at any time; acquire and list
+ * hold a mutex for a few instructions, never during a look-up, a batch, a load or an unmap. A
+ * thread that must not wait for others even so long looks through a reader of its own, below.
+ * Rescans exclude one another. An entry is one version of one asset and immutable. Why a retired
+ * version cannot be freed too early: who looks holds the table he looks into, the table holds one
+ * reference to each of its entries, so an entry found cannot reach zero before the finder has it.
  * Trust: file content is hostile. Names beyond [A-Za-z0-9._-] and what is not a regular file are
  * skipped. Packed files are read, not mapped, so that one cut short meanwhile is an error and not
  * a signal. The cache folder must be writable by nobody else: its files are mapped.
@@ -60,8 +61,9 @@ struct umbs_store_options {
     int no_cache;                                /* 1 = never write cache files, expand in memory */
     int copy; /* 1 = hold copies in memory, so that files may be changed */
     int warm; /* 1 = read mapped files ahead when they are opened */
-    /* Called when a retired version waits to be freed, from whatever thread released it; the owner
-     * then calls umbs_store_reap where blocking is allowed. NULL: it is freed at once. */
+    /* Called when a retired version waits to be freed, from whatever thread released it: must not
+     * wait. The owner then calls umbs_store_reap where blocking is allowed. NULL: it is freed at
+     * once. */
     void (*retired)(void *user);
     /* Called when an asset was set aside, from the thread that found it; the owner then rescans.
      * NULL: it stays set aside until somebody does. */
@@ -128,16 +130,36 @@ void umbs_store_reap(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
                                                struct umbs_entry **out, struct umb_error *error);
 
+/*
+ * One thread's own way to the assets, for threads that answer queries: acquire, has and refresh
+ * take no lock and never wait, whatever scans, other readers and releases do meanwhile. They see
+ * all that a scan published before they were called.
+ *
+ * A reader holds the versions of its last look; one that has nothing to look for refreshes now and
+ * then, so that what was replaced can be freed. Close it before the store.
+ *
+ * Threads: one at a time. Fails: open E_NO_MEMORY; acquire as umbs_store_acquire.
+ * Cost:  two reads more than the look-up; after a scan published, an exchange and a count down.
+ */
+struct umbs_reader; /* opaque */
+
+UMB_CHECKED enum umb_status umbs_reader_open(struct umbs_store *store, struct umbs_reader **out,
+                                             struct umb_error *error);
+void umbs_reader_close(struct umbs_reader *reader); /* NULL is allowed */
+
+UMB_CHECKED enum umb_status umbs_reader_acquire(struct umbs_reader *reader, const char *name_or_id,
+                                                struct umbs_entry **out, struct umb_error *error);
 /* 1 if one of the first so many folders has a whole file of that id. */
-int umbs_store_has(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folders);
+int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders);
+void umbs_reader_refresh(struct umbs_reader *reader);
 
 /* Says that there is no such asset: E_NOT_FOUND, as umbs_store_acquire does. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
 
-/* Takes a further reference. */
+/* Takes a further reference. Never waits. */
 void umbs_entry_retain(struct umbs_entry *entry);
 
-/* Gives a reference back. NULL is allowed. */
+/* Gives a reference back; waits for nothing if there is a `retired`. NULL is allowed. */
 void umbs_entry_release(struct umbs_entry *entry);
 
 /*

@@ -3,6 +3,7 @@
 #define UMBRAGE_SERVER_COMMON_STORE_INTERNAL_H
 /* What the files of the store share: entries, the table, and the steps of a scan. */
 #include <pthread.h>
+#include <stdatomic.h>
 #include <sys/stat.h>
 #include "common/asset_map.h"
 #include "common/store.h"
@@ -12,28 +13,38 @@
 
 struct umbs_entry {
     struct umbs_store *store;
-    size_t references;             /* under store->mutex; the table holds one */
+    atomic_size_t references;      /* each table that has it holds one */
     const struct umb_asset *asset; /* NULL if the file cannot answer */
     struct umbs_asset_map *map;    /* owns the asset; or NULL: */
     struct umb_asset *expanded;    /* owns it, in memory */
     struct umbs_store_item item;
-    struct umb_error error; /* why it cannot answer */
+    struct umb_error error; /* why it cannot answer; written before faulted, else not changed */
     struct umbs_stamp stamp;
-    size_t folder;       /* index in the store's */
-    uint64_t tried;      /* serial of the scan that last loaded it, or tried to replace it */
-    uint64_t checked_ms; /* under store->mutex: of the last full check, umbs__now_ms; 0 = before */
-    int has_id;          /* item.id was read from its head */
-    int faulted;         /* under store->mutex: its map was cut or changed, error says so */
-    int retry;           /* the failure was not the file's: try at each scan */
+    size_t folder;                   /* index in the store's */
+    uint64_t tried;                  /* under store->scan: serial of the scan that last loaded it,
+                                      * or tried to replace it */
+    atomic_uint_fast64_t checked_ms; /* of the last full check, umbs__now_ms; 0 = before */
+    int has_id;                      /* item.id was read from its head */
+    atomic_int faulted;              /* its map was cut or changed, error says so */
+    int retry; /* under store->scan: the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };
 
 /* Immutable once published. */
 struct umbs_table {
+    atomic_size_t references; /* the store's, one for each reader, and of whoever walks it */
     size_t count;
     struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
     struct umbs_entry **by_id;   /* [healthy], sorted by id */
     size_t healthy;
+    struct umbs_table *next_retired;
+};
+
+struct umbs_reader {
+    struct umbs_store *store;
+    struct umbs_table *table;          /* the one it looks into, held; its thread's own */
+    _Atomic(struct umbs_table *) mail; /* a newer one, held, put here by a scan; NULL: none */
+    struct umbs_reader *next;          /* under store->mutex */
 };
 
 struct umbs_folder {
@@ -58,13 +69,18 @@ struct umbs_store {
     pthread_mutex_t scan; /* one rescan at a time; taken before mutex */
     uint64_t serial;      /* of the scan; under scan */
 
-    pthread_mutex_t mutex; /* the rest */
-    struct umbs_table table;
-    struct umbs_entry *graveyard; /* no references left, not freed yet */
-    size_t entries;               /* that exist; the store outlives them */
+    pthread_mutex_t mutex;       /* for a few instructions each time: */
+    struct umbs_table *table;    /* the newest; changed by scans only */
+    struct umbs_reader *readers; /* who get the next one */
     uint64_t faults, scrubbed;
     int64_t scrubbed_at;
-    int closed;
+
+    /* What nobody refers to any more and nobody has freed yet: stacks that are only ever taken
+     * whole, so that a push is one compare and exchange. */
+    _Atomic(struct umbs_table *) old_tables;
+    _Atomic(struct umbs_entry *) graveyard;
+    atomic_size_t holders; /* entries that exist, and 1 until it is closed: it outlives them */
+    atomic_int closed;
 };
 
 /* One asset's name, and the folder that has it. */
@@ -106,6 +122,33 @@ uint64_t umbs__now_ms(void);
 /* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
  * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */
 size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *table);
+
+/* An empty table with room for so many entries, held once; NULL: out of memory. */
+struct umbs_table *umbs__table_create(size_t room);
+
+/* The newest table, held. _let_go: gives any table back; the last one to do so leaves it to
+ * umbs_store_reap, and returns 1. _walked: the same, and has it reaped soon. */
+struct umbs_table *umbs__table_hold(struct umbs_store *store);
+int umbs__table_let_go(struct umbs_store *store, struct umbs_table *table);
+void umbs__table_walked(struct umbs_store *store, struct umbs_table *table);
+
+/* umbs_store_acquire in a table that the caller holds: never waits. */
+UMB_CHECKED enum umb_status umbs__table_acquire(const struct umbs_table *table,
+                                                const char *name_or_id, struct umbs_entry **out,
+                                                struct umb_error *error);
+
+/* 1 if one of the first so many folders has a whole file of that id. */
+int umbs__table_has(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES], size_t folders);
+
+/* Makes a held table the newest, for the store and all its readers; takes over the hold. Returns
+ * the one before, held. */
+struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table);
+
+/* Leaves an entry without references to umbs_store_reap. */
+void umbs__entry_retire(struct umbs_entry *entry);
+
+/* Something waits to be freed: has the owner free it, or frees it where there is none to ask. */
+void umbs__reap_soon(struct umbs_store *store);
 
 /* The healthy entry of that id, or NULL. */
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,

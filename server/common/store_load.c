@@ -254,10 +254,8 @@ static struct umbs_entry *entry_create(struct umbs_store *store, const struct um
         snprintf(entry->item.name, sizeof entry->item.name, "%s", name->text);
         entry->store = store;
         entry->folder = name->folder;
-        entry->references = 1;
-        pthread_mutex_lock(&store->mutex);
-        store->entries++;
-        pthread_mutex_unlock(&store->mutex);
+        atomic_init(&entry->references, 1);
+        atomic_fetch_add(&store->holders, 1);
     }
     return entry;
 }

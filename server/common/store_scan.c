@@ -3,7 +3,7 @@
  * Scanning the store's folders and swapping the table.
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
- * and swaps it in under the mutex, so a look-up sees the folders before or after, never in between.
+ * and publishes it whole, so a look-up sees the folders before or after, never in between.
  * It does so several times: first with all that opens at once, then once more for each file that
  * must be read whole, so that a large new asset keeps nobody waiting but those who ask for it.
  */
@@ -40,14 +40,6 @@ static int is_fresh(const struct stat *file)
     int64_t age_ms = ((int64_t)now.tv_sec - file->st_mtim.tv_sec) * 1000 +
                      (now.tv_nsec - file->st_mtim.tv_nsec) / 1000000;
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
-}
-
-static int is_faulted(struct umbs_store *store, const struct umbs_entry *entry)
-{
-    pthread_mutex_lock(&store->mutex);
-    int faulted = entry->faulted;
-    pthread_mutex_unlock(&store->mutex);
-    return faulted;
 }
 
 /* Remembers what was proven, so that another name of the same file opens at once. */
@@ -119,9 +111,9 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         return status;
     }
     /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
-    struct umbs_entry *old = umbs__table_find_name(&store->table, name->text);
+    struct umbs_entry *old = umbs__table_find_name(store->table, name->text);
     struct umbs_stamp stamp = umbs_stamp_of(&now);
-    int faulted = old != NULL && is_faulted(store, old);
+    int faulted = old != NULL && atomic_load(&old->faulted);
     int tried = old != NULL && old->tried == store->serial;
     if (old != NULL && (tried || (!old->retry && !faulted && old->folder == name->folder &&
                                   umbs_stamp_equal(&old->stamp, &stamp)))) {
@@ -152,34 +144,18 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     return UMB_OK;
 }
 
-static void table_release(struct umbs_table *table)
-{
-    for (size_t i = 0; i < table->count; i++) {
-        umbs_entry_release(table->by_name[i]);
-    }
-    free(table->by_name);
-    free(table->by_id);
-    memset(table, 0, sizeof *table);
-}
-
 static enum umb_status build_table(struct pass *pass, const struct umbs_name_list *list,
-                                   struct umbs_table *table, struct umb_error *error)
+                                   struct umbs_table **out, struct umb_error *error)
 {
-    memset(table, 0, sizeof *table);
-    table->by_name = calloc(list->count + 1, sizeof(struct umbs_entry *));
-    table->by_id = calloc(list->count + 1, sizeof(struct umbs_entry *));
-    if (table->by_name == NULL || table->by_id == NULL) {
-        table_release(table);
+    enum umb_status status = UMB_OK;
+    struct umbs_table *table = umbs__table_create(list->count);
+    if (table == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a table of %zu assets",
                         list->count);
     }
-    for (size_t i = 0; i < list->count; i++) {
+    for (size_t i = 0; status == UMB_OK && i < list->count; i++) {
         struct umbs_entry *entry = NULL;
-        enum umb_status status = place(pass, &list->names[i], &entry, error);
-        if (status != UMB_OK) {
-            table_release(table);
-            return status;
-        }
+        status = place(pass, &list->names[i], &entry, error);
         if (entry != NULL) {
             table->by_name[table->count++] = entry;
             if (entry->asset != NULL) {
@@ -187,28 +163,31 @@ static enum umb_status build_table(struct pass *pass, const struct umbs_name_lis
             }
         }
     }
+    if (status != UMB_OK) {
+        (void)umbs__table_let_go(pass->store, table); /* reaped at the scan's end */
+        return status;
+    }
     if (table->healthy > 0) {
         qsort(table->by_id, table->healthy, sizeof(struct umbs_entry *), compare_ids);
     }
+    *out = table;
     return UMB_OK;
 }
 
 /* Puts a new table in place of the old one. */
-static void publish(struct pass *pass, const struct umbs_table *table)
+static void publish(struct pass *pass, struct umbs_table *table)
 {
     struct umbs_store *store = pass->store;
-    pthread_mutex_lock(&store->mutex);
-    struct umbs_table old = store->table;
-    store->table = *table;
-    pthread_mutex_unlock(&store->mutex);
-    for (size_t i = 0; i < old.count; i++) {
-        if (umbs__table_find_name(table, old.by_name[i]->item.name) == NULL) {
+    struct umbs_table *old = umbs__table_publish(store, table);
+    for (size_t i = 0; i < old->count; i++) {
+        if (umbs__table_find_name(table, old->by_name[i]->item.name) == NULL) {
             pass->report->removed++;
             umbs_log_event(store->log, UMB_LOG_INFO, "asset_removed", "asset=%s",
-                           old.by_name[i]->item.name);
+                           old->by_name[i]->item.name);
         }
     }
-    table_release(&old);
+    (void)umbs__table_let_go(store, old);
+    umbs_store_reap(store);
 }
 
 /* Writes down what is proven now, if it is not what was. */
@@ -217,9 +196,10 @@ static void write_records(struct umbs_store *store, size_t index)
     struct umbs_folder *folder = &store->folders[index];
     struct umbs_records now = {0};
     struct umb_error error;
-    for (size_t i = 0; i < store->table.count; i++) {
-        const struct umbs_entry *entry = store->table.by_name[i];
-        if (entry->folder == index && entry->map != NULL && !is_faulted(store, entry)) {
+    const struct umbs_table *table = store->table; /* only scans change it */
+    for (size_t i = 0; i < table->count; i++) {
+        const struct umbs_entry *entry = table->by_name[i];
+        if (entry->folder == index && entry->map != NULL && !atomic_load(&entry->faulted)) {
             struct umbs_record record = {.packed = entry->stamp,
                                          .mapped = *umbs_asset_map_stamp(entry->map)};
             memcpy(record.id, entry->item.id, UMB_ID_BYTES);
@@ -247,7 +227,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
 {
     struct umbs_store_report own;
     struct umbs_name_list list = {0};
-    struct umbs_table table = {0};
+    struct umbs_table *table = NULL;
     report = report != NULL ? report : &own;
     memset(report, 0, sizeof *report);
     pthread_mutex_lock(&store->scan);
@@ -263,7 +243,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
             status = build_table(&pass, &list, &table, error);
         }
         if (status == UMB_OK) {
-            publish(&pass, &table);
+            publish(&pass, table);
         }
         pass.may_load = 1;
     } while (status == UMB_OK && pass.pending);
@@ -274,7 +254,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
         }
     }
     if (status == UMB_OK) {
-        report->swept = umbs__store_sweep(store, &store->table);
+        report->swept = umbs__store_sweep(store, store->table);
     }
     pthread_mutex_unlock(&store->scan);
     umbs_store_reap(store);

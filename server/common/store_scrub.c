@@ -16,10 +16,11 @@ static struct umbs_entry *take_due(struct umbs_store *store, uint64_t interval_m
 {
     uint64_t now_ms = umbs__now_ms();
     struct umbs_entry *due = NULL;
-    pthread_mutex_lock(&store->mutex);
-    for (size_t i = 0; i < store->table.count; i++) {
-        struct umbs_entry *entry = store->table.by_name[i];
-        if (entry->map != NULL && !entry->faulted && !umbs_asset_map_is_copy(entry->map) &&
+    struct umbs_table *table = umbs__table_hold(store);
+    for (size_t i = 0; i < table->count; i++) {
+        struct umbs_entry *entry = table->by_name[i];
+        if (entry->map != NULL && !atomic_load(&entry->faulted) &&
+            !umbs_asset_map_is_copy(entry->map) &&
             (due == NULL || entry->checked_ms < due->checked_ms)) {
             due = entry;
         }
@@ -28,9 +29,9 @@ static struct umbs_entry *take_due(struct umbs_store *store, uint64_t interval_m
         due = NULL;
     }
     if (due != NULL) {
-        due->references++;
+        umbs_entry_retain(due);
     }
-    pthread_mutex_unlock(&store->mutex);
+    umbs__table_walked(store, table);
     return due;
 }
 
@@ -47,13 +48,13 @@ int umbs_store_scrub(struct umbs_store *store, uint64_t interval_ms, uint64_t *b
     if (status != UMB_OK && status != UMB_E_NO_MEMORY) {
         umbs__entry_quarantine(entry, &error);
     }
-    pthread_mutex_lock(&store->mutex);
-    entry->checked_ms = umbs__now_ms();
+    atomic_store(&entry->checked_ms, umbs__now_ms());
     if (status == UMB_OK) {
+        pthread_mutex_lock(&store->mutex);
         store->scrubbed++;
         store->scrubbed_at = time(NULL);
+        pthread_mutex_unlock(&store->mutex);
     }
-    pthread_mutex_unlock(&store->mutex);
     umbs_entry_release(entry);
     return 1;
 }

@@ -83,7 +83,7 @@ int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
     }
     const struct umbd_token *token = umbd_call_token(call);
     return (token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0) ||
-           umbs_store_has(daemon->store, asset, daemon->store_count) ||
+           umbs_reader_has(call->conn->loop->reader, asset, daemon->store_count) ||
            umbj_board_owns(umbj_service_board(daemon->jobs), asset,
                            token != NULL ? token->name : "");
 }
@@ -91,13 +91,12 @@ int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
 enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
                                   struct umbs_entry **out, struct umb_error *error)
 {
-    struct umbs_store *store = call->conn->loop->daemon->store;
     uint8_t id[UMB_ID_BYTES];
     *out = NULL;
     if (umb_id_from_text(name_or_id, id) && !umbd_call_sees(call, id)) {
         return umbs_store_not_found(name_or_id, error); /* nor that it is damaged */
     }
-    enum umb_status status = umbs_store_acquire(store, name_or_id, out, error);
+    enum umb_status status = umbs_reader_acquire(call->conn->loop->reader, name_or_id, out, error);
     if (status == UMB_OK && !umbd_call_sees(call, umbs_entry_item(*out)->id)) {
         umbs_entry_release(*out);
         *out = NULL;

@@ -199,6 +199,7 @@ static void on_tick(uv_timer_t *timer)
     struct umbd_conn *conn = loop->first_conn;
     atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
     umbd_proof_settle(loop); /* of connections that broke off */
+    umbs_reader_refresh(loop->reader);
     while (conn != NULL) {
         struct umbd_conn *next = conn->next;
         umbd_conn_tick(conn, now_ms);
@@ -268,6 +269,14 @@ static void start_watching(struct umbd_loop *loop)
     uv_signal_start(&loop->hangup, on_signal, SIGHUP);
 }
 
+static void free_parts(struct umbd_loop *loop)
+{
+    umbs_reader_close(loop->reader);
+    free(loop->read_buffer);
+    free(loop->out);
+    free(loop->sealed);
+}
+
 enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon, uint32_t index,
                                struct umb_error *error)
 {
@@ -275,19 +284,21 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     loop->daemon = daemon;
     loop->index = index;
     loop->proof.turn = 1;
+    enum umb_status status = umbs_reader_open(daemon->store, &loop->reader, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     loop->read_buffer = malloc(UMBD_READ_BYTES);
     loop->out = malloc(UMBD_OUT_CAPACITY);
     int code = loop->read_buffer != NULL && loop->out != NULL ? uv_loop_init(&loop->uv) : UV_ENOMEM;
     if (code != 0) {
-        free(loop->read_buffer);
-        free(loop->out);
+        free_parts(loop);
         return umb_fail(error, UMB_E_NO_MEMORY, "cannot start a loop: %s", uv_strerror(code));
     }
-    enum umb_status status = umbd_loop_reserve(&loop->uv, error);
+    status = umbd_loop_reserve(&loop->uv, error);
     if (status != UMB_OK) {
         uv_loop_close(&loop->uv);
-        free(loop->read_buffer);
-        free(loop->out);
+        free_parts(loop);
         return status;
     }
     pthread_mutex_init(&loop->done_mutex, NULL);
@@ -347,7 +358,5 @@ void umbd_loop_finish(struct umbd_loop *loop)
     uv_run(&loop->uv, UV_RUN_DEFAULT);
     uv_loop_close(&loop->uv);
     pthread_mutex_destroy(&loop->done_mutex);
-    free(loop->read_buffer);
-    free(loop->out);
-    free(loop->sealed);
+    free_parts(loop);
 }

@@ -41,6 +41,7 @@ enum umbd_drain {
 struct umbd_loop {
     uv_loop_t uv;
     struct umbd_daemon *daemon;
+    struct umbs_reader *reader; /* of the store: how calls find assets without a lock */
     uv_async_t wake;
     uv_timer_t tick;
     uv_signal_t terminate, interrupt, hangup;

@@ -29,8 +29,8 @@
 struct umbd_store_watch {
     pthread_mutex_t mutex;
     pthread_cond_t ended;
-    int kicked, retired, stopping; /* under mutex */
-    int finished;                  /* the thread touches nothing any more; under mutex */
+    atomic_int kicked, retired, stopping; /* set, then wake is raised: nobody waits for anybody */
+    int finished;                         /* the thread touches nothing any more; under mutex */
     int running;
     pthread_t thread;
     int wake;    /* eventfd */
@@ -143,12 +143,9 @@ static void *watch_thread(void *argument)
     int stopping = 0;
     while (!stopping) {
         int changed = wait_for_work(watch);
-        pthread_mutex_lock(&watch->mutex);
-        int retired = watch->retired;
-        int rescan = changed || watch->kicked || now_ms() >= watch->rescan_at_ms;
-        watch->retired = 0;
-        stopping = watch->stopping;
-        pthread_mutex_unlock(&watch->mutex);
+        int retired = atomic_exchange(&watch->retired, 0);
+        int rescan = changed || atomic_load(&watch->kicked) || now_ms() >= watch->rescan_at_ms;
+        stopping = atomic_load(&watch->stopping);
         if (stopping) {
             break;
         }
@@ -158,9 +155,8 @@ static void *watch_thread(void *argument)
         if (rescan) {
             struct timespec pause = {.tv_nsec = UMBD_RESCAN_PAUSE_MS * 1000000L};
             nanosleep(&pause, NULL);
-            pthread_mutex_lock(&watch->mutex);
-            watch->kicked = 0; /* kicks from here on may be about what the scan has passed */
-            pthread_mutex_unlock(&watch->mutex);
+            /* Kicks from here on may be about what the scan has passed. */
+            atomic_store(&watch->kicked, 0);
             watch_folders(
                 watch); /* before the scan: what comes into a new folder after it is seen */
             scan(watch);
@@ -224,12 +220,10 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
 }
 
 /* Sets a flag and wakes the thread. */
-static void tell(struct umbd_store_watch *watch, int *flag)
+static void tell(struct umbd_store_watch *watch, atomic_int *flag)
 {
     const uint64_t one = 1;
-    pthread_mutex_lock(&watch->mutex);
-    *flag = 1;
-    pthread_mutex_unlock(&watch->mutex);
+    atomic_store(flag, 1);
     (void)!write(watch->wake, &one, sizeof one); /* full: it is awake anyway */
 }
 
