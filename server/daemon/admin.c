@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <unistd.h>
+
+#include "daemon/acceptor.h"
 
 #define REQUEST_BYTES 4096
 #define CLIENTS_MAX   32
@@ -24,11 +27,10 @@ struct admin_client {
 };
 
 struct umbd_admin {
-    uv_tcp_t tcp;
+    struct umbd_acceptor acceptor;
     struct umbd_loop *loop;
     struct admin_client *clients;
     size_t client_count;
-    int waiting; /* a connection that there was no memory for */
     char text[UMBD_ADDRESS_TEXT_SIZE];
 };
 
@@ -187,12 +189,12 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
 }
 
-static void on_connection(uv_stream_t *server, int status)
+static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
-    struct umbd_admin *admin = server->data;
-    struct admin_client *client = status == 0 ? calloc(1, sizeof *client) : NULL;
-    admin->waiting = status == 0 && client == NULL; /* libuv takes no other before it: the tick */
+    struct umbd_admin *admin = acceptor->user;
+    struct admin_client *client = calloc(1, sizeof *client);
     if (client == NULL) {
+        (void)close(fd);
         return;
     }
     client->loop = admin->loop;
@@ -202,22 +204,45 @@ static void on_connection(uv_stream_t *server, int status)
     client->next = admin->clients;
     admin->clients = client;
     admin->client_count++;
-    if (uv_accept(server, (uv_stream_t *)&client->tcp) != 0 || admin->client_count > CLIENTS_MAX ||
+    int code = uv_tcp_open(&client->tcp, fd);
+    if (code != 0) {
+        (void)close(fd);
+    }
+    if (code != 0 || admin->client_count > CLIENTS_MAX ||
         uv_read_start((uv_stream_t *)&client->tcp, on_alloc, on_read) != 0) {
         client_close(client);
     }
 }
 
+/* It rests until the next tick; the connections, which matter more, say what is short. */
+static void on_refused(struct umbd_acceptor *acceptor, int code)
+{
+    (void)acceptor;
+    (void)code;
+}
+
 static void on_admin_closed(uv_handle_t *handle)
 {
-    free(handle->data);
+    struct umbd_acceptor *acceptor = handle->data;
+    free(acceptor->user);
+}
+
+static int listen_at(struct umbd_admin *admin, const struct sockaddr_storage *address)
+{
+    int fd = -1;
+    int code = umbd_socket_bind((const struct sockaddr *)address,
+                                address->ss_family == AF_INET6 ? sizeof(struct sockaddr_in6)
+                                                               : sizeof(struct sockaddr_in),
+                                &fd);
+    return code == 0 ? umbd_acceptor_start(&admin->acceptor, &admin->loop->uv, fd, CLIENTS_MAX)
+                     : code;
 }
 
 enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
 {
     struct umbd_address address;
     struct sockaddr_storage resolved;
-    int size = sizeof resolved;
+    socklen_t size = sizeof resolved;
     if (loop->daemon->options.admin == NULL) {
         return UMB_OK;
     }
@@ -237,19 +262,16 @@ enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the admin port");
     }
     admin->loop = loop;
-    uv_tcp_init(&loop->uv, &admin->tcp);
-    admin->tcp.data = admin;
+    admin->acceptor =
+        (struct umbd_acceptor){.fd = -1, .user = admin, .taken = on_taken, .refused = on_refused};
     loop->admin = admin;
-    int code = uv_tcp_bind(&admin->tcp, (const struct sockaddr *)&resolved, 0);
-    if (code == 0) {
-        code = uv_listen((uv_stream_t *)&admin->tcp, CLIENTS_MAX, on_connection);
-    }
+    int code = listen_at(admin, &resolved);
     if (code != 0) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "--admin: cannot listen on '%.100s': %s",
                         loop->daemon->options.admin, uv_strerror(code));
     }
     memcpy(admin->text, "http:", 6);
-    uv_tcp_getsockname(&admin->tcp, (struct sockaddr *)&resolved, &size);
+    (void)getsockname(admin->acceptor.fd, (struct sockaddr *)&resolved, &size);
     umbd_address_text(&resolved, admin->text + 5, sizeof admin->text - 5);
     umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "admin", "address=\"%s\"", admin->text);
     return UMB_OK;
@@ -262,8 +284,8 @@ const char *umbd_admin_text(const struct umbd_loop *loop)
 
 void umbd_admin_tick(struct umbd_loop *loop, uint64_t now_ms)
 {
-    if (loop->admin != NULL && loop->admin->waiting) {
-        on_connection((uv_stream_t *)&loop->admin->tcp, 0);
+    if (loop->admin != NULL) {
+        umbd_acceptor_tick(&loop->admin->acceptor);
     }
     struct admin_client *client = loop->admin != NULL ? loop->admin->clients : NULL;
     while (client != NULL) {
@@ -285,5 +307,5 @@ void umbd_admin_close(struct umbd_loop *loop)
         client_close(admin->clients);
     }
     loop->admin = NULL;
-    uv_close((uv_handle_t *)&admin->tcp, on_admin_closed);
+    umbd_acceptor_close(&admin->acceptor, on_admin_closed);
 }

@@ -206,18 +206,13 @@ static size_t room_of(const struct umbd_loop *loop)
 {
     const struct umbd_daemon *daemon = loop->daemon;
     size_t loops = daemon->loop_count;
-    return (daemon->options.max_connections + loops - 1) / loops;
+    return (daemon->max_connections + loops - 1) / loops;
 }
 
-/* With as many connections as there may be, the one that has been idle longest makes room, so that
- * peers who only connect cannot lock all others out. */
-static void make_room(struct umbd_loop *loop)
+void umbd_conn_evict_idlest(struct umbd_loop *loop)
 {
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *idlest = NULL;
-    if (loop->conn_count < room_of(loop)) {
-        return;
-    }
     for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
         if (conn->calls == NULL && now_ms - conn->last_call_ms >= ROOM_IDLE_MS &&
             (idlest == NULL || conn->last_call_ms < idlest->last_call_ms)) {
@@ -263,7 +258,11 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
     const char *reason = "";
-    make_room(loop);
+    /* With as many connections as there may be, the one that has been idle longest makes room, so
+     * that peers who only connect cannot lock all others out. */
+    if (loop->conn_count >= room_of(loop)) {
+        umbd_conn_evict_idlest(loop);
+    }
     if (code != 0 || loop->conn_count >= room_of(loop) || loop->drain >= UMBD_DRAIN_LAST) {
         refuse(conn, code != 0 ? uv_strerror(code) : "too many connections");
         return;
@@ -306,44 +305,6 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport tra
         close(socket);
     }
     begin(conn, transport, code);
-}
-
-/* libuv accepts on the listener's loop only, so a socket for another one is accepted here and its
- * descriptor doubled; closing the handle closes the first of the two. */
-static int hand_over(struct umbd_loop *loop, struct umbd_loop *to, uv_stream_t *server,
-                     enum umbd_transport transport)
-{
-    struct umbd_conn *conn = make_conn(loop, transport);
-    uv_os_fd_t socket = -1;
-    if (conn == NULL) {
-        return 0;
-    }
-    int copy = -1;
-    if (uv_accept(server, &conn->socket.stream) == 0 &&
-        uv_fileno(&conn->socket.handle, &socket) == 0) {
-        copy = fcntl(socket, F_DUPFD_CLOEXEC, 0);
-    }
-    if (copy < 0) {
-        refuse(conn, "no descriptor for another loop");
-        return 1;
-    }
-    uv_close(&conn->socket.handle, on_closed);
-    umbd_loop_hand(to, copy, transport);
-    return 1;
-}
-
-int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport)
-{
-    struct umbd_loop *to = umbd_loops_idlest(loop->daemon);
-    if (to != loop) {
-        return hand_over(loop, to, server, transport);
-    }
-    struct umbd_conn *conn = make_conn(loop, transport);
-    if (conn == NULL) {
-        return 0;
-    }
-    begin(conn, transport, uv_accept(server, &conn->socket.stream));
-    return 1;
 }
 
 static int has_unsent(const struct umbd_conn *conn)

@@ -4,7 +4,7 @@
 /*
  * One connection: its socket, its HTTP/2 session, its calls, its timers and budgets.
  *
- * Life: umbd_conn_accept, then events, then umbd_conn_close from outside of nghttp2's call-backs;
+ * Life: umbd_conn_adopt, then events, then umbd_conn_close from outside of nghttp2's call-backs;
  * the memory goes when libuv has closed the handle. Calls are freed before the session, because
  * nghttp2_session_del tells nobody about its streams.
  *
@@ -73,12 +73,11 @@ struct umbd_conn {
 /* Frames queued for a peer: as many answers as it may have streams, and refusals of a burst. */
 #define UMBD_QUEUED_FRAMES 1500
 
-/* Takes one connection off a listening stream. Returns 0 if there was no memory: it still waits
- * there, libuv accepts no other before it, and the caller tries again later. */
-int umbd_conn_accept(struct umbd_loop *loop, uv_stream_t *server, enum umbd_transport transport);
-
-/* Takes a socket that another loop accepted. */
+/* Takes over a connected socket; closes it if there is no room or memory. */
 void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport);
+
+/* Closes the connection of the loop that has been idle longest, if one has been for a second. */
+void umbd_conn_evict_idlest(struct umbd_loop *loop);
 
 /* Begins to read (conn_io.c); 0 or libuv's error. */
 int umbd_conn_read_start(struct umbd_conn *conn);

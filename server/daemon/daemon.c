@@ -116,6 +116,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
 {
     memset(daemon, 0, sizeof *daemon);
     daemon->options = *options;
+    daemon->max_connections = options->max_connections;
     atomic_store(&daemon->next_serial, 1);
     umbs_log_init(&daemon->log, STDERR_FILENO, options->log_level);
     daemon->log.format = options->log_format;

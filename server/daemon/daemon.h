@@ -39,6 +39,7 @@ struct umbd_daemon {
     atomic_uint_fast64_t next_serial; /* of connections; never reused */
     struct umbd_loop *loops;          /* [loop_count], see loop_group.h */
     uint32_t loop_count;
+    uint32_t max_connections; /* of all loops: the option's, or what there are descriptors for */
     atomic_uint loops_running;
     atomic_int draining;     /* health says NOT_SERVING */
     uint64_t watchdog_ms;    /* a sign of life so often, 0 = none wanted */

@@ -57,25 +57,37 @@ static void keep_pages(void)
 }
 
 /*
- * Each connection takes a descriptor, and the soft limit of many systems is 1024. Where it is far
- * more it is lowered: the loops' tables are made for as many as there can be (loop_reserve.h).
+ * Each connection takes a descriptor, and so does each mapped asset; the soft limit of many systems
+ * is 1024. Raised before the first scan, which maps them. Where it is far more it is lowered: the
+ * loops' tables are made for as many as there can be (loop_reserve.h). Returns the limit.
  */
-static void raise_descriptors(const struct umbd_daemon *daemon)
+static uint64_t raise_descriptors(const struct umbd_options *options)
 {
     struct rlimit limit;
-    uint64_t needed = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
-    uint64_t wanted = needed + ASSET_DESCRIPTORS;
+    uint64_t wanted = (uint64_t)options->max_connections + OTHER_DESCRIPTORS + ASSET_DESCRIPTORS;
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) {
-        return;
+        return wanted;
     }
     limit.rlim_cur = limit.rlim_max == RLIM_INFINITY || limit.rlim_max > wanted ? (rlim_t)wanted
                                                                                 : limit.rlim_max;
     (void)setrlimit(RLIMIT_NOFILE, &limit); /* read again */
     (void)getrlimit(RLIMIT_NOFILE, &limit);
-    if (limit.rlim_cur < needed) {
+    return limit.rlim_cur;
+}
+
+/* Takes no more connections than there are descriptors for: it is better to close an idle one, or
+ * to tell who comes that there is no room, than to let him wait for one. */
+static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
+{
+    uint64_t needed = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
+    if (descriptors < needed) {
+        daemon->max_connections =
+            (uint32_t)(descriptors > 2 * OTHER_DESCRIPTORS ? descriptors - OTHER_DESCRIPTORS
+                                                           : descriptors / 2);
         umbs_log_event(&daemon->log, UMB_LOG_WARN, "descriptors_limited",
-                       "limit=%llu wanted=%llu option=--max-connections",
-                       (unsigned long long)limit.rlim_cur, (unsigned long long)needed);
+                       "limit=%llu wanted=%llu connections=%u option=--max-connections",
+                       (unsigned long long)descriptors, (unsigned long long)needed,
+                       daemon->max_connections);
     }
 }
 
@@ -132,12 +144,13 @@ static void take_down(struct umbd_daemon *daemon, enum umb_status status)
 static enum umb_status serve(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbd_daemon daemon;
+    uint64_t descriptors = raise_descriptors(options);
     enum umb_status status = umbd_daemon_init(&daemon, options, error);
     if (status != UMB_OK) {
         complain(status, error);
         return status;
     }
-    raise_descriptors(&daemon);
+    limit_connections(&daemon, descriptors);
     status = umbd_loops_init(&daemon, error);
     struct umbd_loop *loop = daemon.loops; /* the one that listens */
     if (status == UMB_OK) {

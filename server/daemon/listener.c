@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Opening listeners and accepting. Running out of descriptors: libuv keeps one in reserve, uses it
- * to accept and drop the waiting connection, and so does not spin; the event is counted and logged
- * at a limited rate.
+ * Opening listeners and accepting. Running out of descriptors: who waits stays in the kernel's
+ * queue until something was given back (acceptor.h), an idle connection if there is one; the event
+ * is counted and logged at a limited rate.
  */
 #include "daemon/listener.h"
 
 #include <errno.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -14,31 +15,38 @@
 #include <unistd.h>
 
 #include "daemon/conn.h"
+#include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 
 #define BACKLOG 1024
 
-static void on_connection(uv_stream_t *server, int status)
+static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
-    struct umbd_listener *listener = server->data;
-    struct umbd_loop *loop = listener->loop;
-    if (status < 0) {
-        umbd_count(&loop->daemon->metrics.connections_refused, 1);
-        if (umbd_loop_may_log(loop)) {
-            umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
-                           uv_strerror(status));
-        }
-        return;
+    struct umbd_listener *listener = acceptor->user;
+    struct umbd_loop *to = umbd_loops_idlest(listener->loop->daemon);
+    if (to != listener->loop) {
+        umbd_loop_hand(to, fd, listener->transport);
+    } else {
+        umbd_conn_adopt(to, fd, listener->transport);
     }
-    listener->waiting = !umbd_conn_accept(loop, server, listener->transport);
+}
+
+static void on_refused(struct umbd_acceptor *acceptor, int code)
+{
+    struct umbd_listener *listener = acceptor->user;
+    struct umbd_loop *loop = listener->loop;
+    umbd_count(&loop->daemon->metrics.connections_refused, 1);
+    if (umbd_loop_may_log(loop)) {
+        umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
+                       uv_strerror(code));
+    }
+    umbd_conn_evict_idlest(loop);
 }
 
 void umbd_listeners_tick(struct umbd_loop *loop)
 {
     for (struct umbd_listener *at = loop->listeners; at != NULL; at = at->next) {
-        if (at->waiting) {
-            on_connection(&at->socket.stream, 0);
-        }
+        umbd_acceptor_tick(&at->acceptor);
     }
 }
 
@@ -64,45 +72,44 @@ static void remove_stale(const char *path)
     }
 }
 
-/* libuv says EACCES where the folder of a socket is missing. */
-static int is_folder_missing(const char *path)
+static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address, int *fd)
 {
-    char folder[sizeof((struct sockaddr_un *)0)->sun_path];
-    struct stat status;
-    const char *end = strrchr(path, '/');
-    if (end == NULL || end == path || (size_t)(end - path) >= sizeof folder) {
-        return 0;
-    }
-    memcpy(folder, path, (size_t)(end - path));
-    folder[end - path] = '\0';
-    return stat(folder, &status) != 0 && errno == ENOENT;
-}
-
-static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address)
-{
+    struct sockaddr_un name = {.sun_family = AF_UNIX};
+    memcpy(name.sun_path, address->path, sizeof name.sun_path);
     remove_stale(address->path);
-    int code = uv_pipe_bind(&listener->socket.pipe, address->path);
+    int code = umbd_socket_bind((struct sockaddr *)&name, sizeof name, fd);
     if (code == 0) {
         memcpy(listener->path, address->path, sizeof listener->path);
-        snprintf(listener->text, sizeof listener->text, "unix:%s", address->path);
     }
-    return code == UV_EACCES && is_folder_missing(address->path) ? UV_ENOENT : code;
+    return code;
 }
 
-static int bind_tcp(struct umbd_listener *listener, const struct sockaddr_storage *address)
+static socklen_t size_of(const struct sockaddr_storage *address)
 {
-    return uv_tcp_bind(&listener->socket.tcp, (const struct sockaddr *)address, 0);
+    return address->ss_family == AF_INET6 ? sizeof(struct sockaddr_in6)
+                                          : sizeof(struct sockaddr_in);
 }
 
-/* Port 0 has become a real one only now. */
-static void name_tcp(struct umbd_listener *listener)
+/* What it listens on: port 0 has become a real one only now, and a socket that was handed over says
+ * itself what it is. */
+static void name_listener(struct umbd_listener *listener)
 {
-    struct sockaddr_storage address;
-    int size = sizeof address;
-    memset(&address, 0, sizeof address);
-    memcpy(listener->text, listener->transport == UMBD_TLS ? "tls:" : "tcp:", 5);
-    uv_tcp_getsockname(&listener->socket.tcp, (struct sockaddr *)&address, &size);
-    umbd_address_text(&address, listener->text + 4, sizeof listener->text - 4);
+    static const char *const prefixes[] = {
+        [UMBD_TCP] = "tcp:", [UMBD_TLS] = "tls:", [UMBD_UNIX] = "unix:"};
+    struct sockaddr_storage address = {0};
+    socklen_t size = sizeof address;
+    int length =
+        snprintf(listener->text, sizeof listener->text, "%s", prefixes[listener->transport]);
+    char *rest = listener->text + length;
+    size_t room = sizeof listener->text - (size_t)length;
+    (void)getsockname(listener->acceptor.fd, (struct sockaddr *)&address, &size);
+    if (listener->transport == UMBD_UNIX) {
+        struct sockaddr_un name = {0};
+        memcpy(&name, &address, size < sizeof name ? size : sizeof name);
+        snprintf(rest, room, "%.*s", (int)sizeof name.sun_path, name.sun_path);
+    } else {
+        umbd_address_text(&address, rest, room);
+    }
 }
 
 /* Makes a listener of the loop, not bound yet; NULL: out of memory. */
@@ -114,12 +121,8 @@ static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbd_tra
     }
     listener->loop = loop;
     listener->transport = transport;
-    if (transport == UMBD_UNIX) {
-        uv_pipe_init(&loop->uv, &listener->socket.pipe, 0);
-    } else {
-        uv_tcp_init(&loop->uv, &listener->socket.tcp);
-    }
-    listener->socket.handle.data = listener;
+    listener->acceptor = (struct umbd_acceptor){
+        .fd = -1, .user = listener, .taken = on_taken, .refused = on_refused};
     struct umbd_listener **last = &loop->listeners;
     while (*last != NULL) {
         last = &(*last)->next;
@@ -149,18 +152,18 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     if (listener == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
-    int code = address.transport == UMBD_UNIX ? bind_unix(listener, &address)
-                                              : bind_tcp(listener, &resolved);
+    int fd = -1;
+    int code = address.transport == UMBD_UNIX
+                   ? bind_unix(listener, &address, &fd)
+                   : umbd_socket_bind((struct sockaddr *)&resolved, size_of(&resolved), &fd);
     if (code == 0) {
-        code = uv_listen(&listener->socket.stream, BACKLOG, on_connection);
+        code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
     }
     if (code != 0) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s", text,
                         uv_strerror(code));
     }
-    if (address.transport != UMBD_UNIX) {
-        name_tcp(listener);
-    }
+    name_listener(listener);
     log_listening(listener, "listen");
     return UMB_OK;
 }
@@ -189,15 +192,6 @@ static enum umb_status handed_transport(int fd, int is_tls, enum umbd_transport 
     return UMB_OK;
 }
 
-/* The path belongs to the manager, which keeps the socket: it is not removed at the end. */
-static void name_handed_unix(struct umbd_listener *listener)
-{
-    char path[UMBD_UNIX_PATH_SIZE] = "";
-    size_t size = sizeof path - 1;
-    (void)uv_pipe_getsockname(&listener->socket.pipe, path, &size);
-    snprintf(listener->text, sizeof listener->text, "unix:%s", path);
-}
-
 static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
                                    struct umb_error *error)
 {
@@ -214,20 +208,13 @@ static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
     if (listener == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
-    int code = transport == UMBD_UNIX ? uv_pipe_open(&listener->socket.pipe, fd)
-                                      : uv_tcp_open(&listener->socket.tcp, fd);
-    if (code == 0) {
-        code = uv_listen(&listener->socket.stream, BACKLOG, on_connection);
-    }
+    /* A path belongs to the manager, which keeps the socket: it is not removed at the end. */
+    int code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
     if (code != 0) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "LISTEN_FDS: cannot listen on descriptor %d: %s",
                         fd, uv_strerror(code));
     }
-    if (transport == UMBD_UNIX) {
-        name_handed_unix(listener);
-    } else {
-        name_tcp(listener);
-    }
+    name_listener(listener);
     log_listening(listener, "service_manager");
     return UMB_OK;
 }
@@ -252,7 +239,8 @@ enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *er
 
 static void on_closed(uv_handle_t *handle)
 {
-    free(handle->data);
+    struct umbd_acceptor *acceptor = handle->data;
+    free(acceptor->user);
 }
 
 void umbd_listeners_close(struct umbd_loop *loop)
@@ -263,6 +251,6 @@ void umbd_listeners_close(struct umbd_loop *loop)
         if (listener->path[0] != '\0') {
             unlink(listener->path);
         }
-        uv_close(&listener->socket.handle, on_closed);
+        umbd_acceptor_close(&listener->acceptor, on_closed);
     }
 }

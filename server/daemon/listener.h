@@ -2,20 +2,15 @@
 #ifndef UMBRAGE_SERVER_DAEMON_LISTENER_H
 #define UMBRAGE_SERVER_DAEMON_LISTENER_H
 /* Listening sockets of a loop: TCP, plain or with TLS, and Unix. */
+#include "daemon/acceptor.h"
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
 
 struct umbd_listener {
     struct umbd_listener *next;
     struct umbd_loop *loop;
-    union {
-        uv_handle_t handle;
-        uv_stream_t stream;
-        uv_tcp_t tcp;
-        uv_pipe_t pipe;
-    } socket;
+    struct umbd_acceptor acceptor;
     enum umbd_transport transport;
-    int waiting;                    /* a connection that there was no memory for */
     char path[UMBD_UNIX_PATH_SIZE]; /* unlinked at close */
     char
         text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */
@@ -30,7 +25,7 @@ struct umbd_listener {
  */
 UMB_CHECKED enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error);
 
-/* Takes connections that there was no memory for. */
+/* Tries again where a connection could not be taken. */
 void umbd_listeners_tick(struct umbd_loop *loop);
 
 /* Stops listening; the handles' memory goes when the loop has run once more. */

@@ -14,6 +14,10 @@
 
 #include "daemon/daemon_options.h"
 
+/* Of the process, as its environment is, and kept: a sign of life needs no descriptor where there
+ * is none left, or the manager would end a daemon that is well. */
+static int notify_socket = -1;
+
 void umbd_notify(const char *state)
 {
     const char *path = getenv("NOTIFY_SOCKET");
@@ -26,12 +30,13 @@ void umbd_notify(const char *state)
     if (path[0] == '@') {
         address.sun_path[0] = '\0';
     }
-    int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    if (fd >= 0) {
-        (void)sendto(fd, state, strlen(state), MSG_NOSIGNAL | MSG_DONTWAIT,
+    if (notify_socket < 0) {
+        notify_socket = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    }
+    if (notify_socket >= 0) {
+        (void)sendto(notify_socket, state, strlen(state), MSG_NOSIGNAL | MSG_DONTWAIT,
                      (struct sockaddr *)&address,
                      (socklen_t)(offsetof(struct sockaddr_un, sun_path) + length));
-        (void)close(fd);
     }
 }
 

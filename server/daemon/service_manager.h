@@ -8,7 +8,8 @@
  */
 #include <stdint.h>
 
-/* Sends a state, such as "READY=1", to NOTIFY_SOCKET. Never blocks for long, never fails. */
+/* Sends a state, such as "READY=1", to NOTIFY_SOCKET. Never blocks for long, never fails.
+ * Threads: one at a time. */
 void umbd_notify(const char *state);
 
 /* Sends RELOADING=1 with the time that Type=notify-reload asks for. READY=1 ends it. */
