@@ -64,12 +64,29 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_coun
 questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
 	@for t in $^; do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 
-# Every technique against long double references, 10^6 random cases or more of each.
-NUMERICS := $(addprefix $(BUILD)/tests/unit/maps/test_,aliasing cascades maps_channels maps_deep maps_frustum maps_pcf)
-numerics: $(NUMERICS) $(BUILD)/tests/unit/maps/test_maps_bounds ## techniques against long double: 10^6 random cases of each
+# Every hard case against long double or exact references, 10^6 random cases or more of each; rays
+# through edges and corners 10^8.
+NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum) \
+	$(addprefix bake/test_,coverage_exact coverage_watertight eye_clip light_frame) core/test_query_places)
+NUMERIC_ROUNDS := $(addprefix $(BUILD)/tests/unit/maps/test_maps_,bounds deep pcf)
+numerics: $(NUMERICS) $(NUMERIC_ROUNDS) $(BUILD)/tests/unit/rays/test_rays_watertight ## hard cases against long double: 10^6 random ones of each
 	@for t in $(NUMERICS); do echo "$$t"; UMBRAGE_CASES=1000000 timeout 3000 $$t || exit 1; done
-	@for r in 1 2 3 4; do UMBRAGE_ROUND=$$r $(BUILD)/tests/unit/maps/test_maps_bounds || exit 1; done
-.PHONY: numerics
+	@for t in $(NUMERIC_ROUNDS); do echo "$$t"; for r in 1 2 3 4 5 6 7 8 9 10 11 12 13; do UMBRAGE_ROUND=$$r $$t || exit 1; done; done
+	@UMBRAGE_CASES=100000000 $(BUILD)/tests/unit/rays/test_rays_watertight
+
+# Integer techniques by two compilers, without and with all optimisation, with and without AVX2.
+$(BUILD)/same_bits: $(BUILD)/tests/agreement/same_bits.o $(HARNESS_OBJ) $(TEST_LIBS_bake)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_bake) -lcmocka -o $@
+SAME_BITS := gcc-debug gcc-release clang-debug clang-release
+same-bits: ## the same bits by gcc and clang, at -O0 and -O3, with and without AVX2
+	@for b in $(SAME_BITS); do $(MAKE) --no-print-directory CC=$${b%-*} config=$${b#*-} \
+		opt_release="-O3 -DNDEBUG" BUILD=build/same-$$b build/same-$$b/same_bits || exit 1; done
+	@for b in $(SAME_BITS); do for o in "" --plain; do echo "$$b $$o"; \
+		build/same-$$b/same_bits $$o >build/same-$$b/bits || exit 1; \
+		diff build/same-gcc-debug/bits build/same-$$b/bits || exit 1; done; done
+	@echo "$$(wc -l <build/same-gcc-debug/bits) digests agree"
+.PHONY: numerics same-bits
 
 # False shadow and false light at full size.
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
@@ -78,6 +95,9 @@ accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false sha
 
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
+
+effects-table: $(PROGRAMS) ## tables of docs/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/larger_than_memory.py
@@ -88,7 +108,7 @@ soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged fil
 
 attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attackers, 60 s each, beside a victim: an hour
 	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
-.PHONY: verify-scenes larger-than-memory soak attack
+.PHONY: verify-scenes effects-table larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under both, and the daemon serving real clients.
 sanitize:

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "bake/analysis/light_frame.h"
+#include "make_asset.h"
 
 static uint64_t random_state;
 
@@ -147,6 +148,57 @@ static void frames_hold_all_casters_for_any_direction(void **state)
     }
 }
 
+/* Directions anywhere; along an axis or within 0.01 degrees or 1e-9 of it, from every side; with
+ * components that are equal. */
+static void hard_direction(int round, double direction[3])
+{
+    static const double near_axis[] = {0.0, 1.7453292519943296e-4, 1e-9, 1e-17, 4.9e-324};
+    for (int k = 0; k < 3; k++) {
+        direction[k] = random_signed();
+    }
+    if (round % 3 == 0) {
+        const int axis = round / 3 % 3;
+        const double lean = near_axis[round / 9 % 5];
+        direction[axis] = random_signed() < 0 ? -1.0 : 1.0;
+        direction[(axis + 1) % 3] *= lean;
+        direction[(axis + 2) % 3] *= lean;
+    } else if (round % 3 == 1) {
+        direction[1] = round & 4 ? direction[0] : -direction[0];
+        direction[2] = round & 8 ? direction[0] : direction[2];
+    }
+}
+
+/* Lengths and angles in long doubles. A squared length has six roundings of a direction that was
+ * normalised; the third axis is the product of two such and has four of its own: sixteen at most.
+ */
+static void axes_are_units_at_right_angles_for_any_direction(void **state)
+{
+    (void)state;
+    random_state = 44;
+    print_message("seed 44\n");
+    long double worst = 0;
+    for (int i = 0; i < case_count(1000000); i++) {
+        double w[3], axes[3][3];
+        hard_direction(i, w);
+        if (!umbb_direction_normalise(w)) {
+            continue;
+        }
+        umbb_light_axes(w, axes);
+        for (int a = 0; a < 3; a++) {
+            for (int b = a; b < 3; b++) {
+                long double product = a == b ? -1 : 0;
+                for (int k = 0; k < 3; k++) {
+                    product += (long double)axes[a][k] * (long double)axes[b][k];
+                }
+                worst = fmaxl(worst, fabsl(product));
+            }
+        }
+        assert_memory_equal(axes[2], w, sizeof w);
+    }
+    print_message("worst %.2Lg\n", worst);
+    assert_true(worst < 16 * 0x1p-53L);
+}
+
 static void flat_scenes_get_voxels_of_some_depth(void **state)
 {
     (void)state;
@@ -192,6 +244,7 @@ int main(void)
         cmocka_unit_test(sine_and_cosine_are_those_of_the_library),
         cmocka_unit_test(sun_directions_follow_compass_and_up_axis),
         cmocka_unit_test(frames_hold_all_casters_for_any_direction),
+        cmocka_unit_test(axes_are_units_at_right_angles_for_any_direction),
         cmocka_unit_test(flat_scenes_get_voxels_of_some_depth),
         cmocka_unit_test(coordinates_out_of_reach_are_refused),
         cmocka_unit_test(directions_without_length_are_refused),

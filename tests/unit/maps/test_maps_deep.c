@@ -21,7 +21,7 @@ static float values[POINTS], others[POINTS];
 static struct umb_map_fragments strands(uint64_t seed, int most, int opaque)
 {
     uint64_t used = 0;
-    print_message("seed %llu\n", (unsigned long long)seed);
+    seed = round_seed(seed);
     for (int i = 0; i < W * H; i++) {
         const int count = (int)(random_unit(&seed) * (most + 1));
         first[i] = used;

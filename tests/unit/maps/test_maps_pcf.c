@@ -16,7 +16,7 @@ static float values[POINTS];
 /* Patches at a few depths, some texels empty; points a tenth beyond each border. */
 static uint64_t scatter(uint64_t seed)
 {
-    print_message("seed %llu\n", (unsigned long long)seed);
+    seed = round_seed(seed);
     for (int y = 0; y < H; y++) {
         for (int x = 0; x < W; x++) {
             const double r = random_unit(&seed);
