@@ -8,6 +8,19 @@ JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
 STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/trade_template.o
+# A sparse volume beside the study's look-ups, where its headers are (libnanovdb-dev).
+ifneq ($(shell echo '\#include <nanovdb/NanoVDB.h>' | $(CXX) -std=c++17 -E -x c++ - >/dev/null 2>&1 && echo yes),)
+STUDY_VOLUME := $(BUILD)/server/study/nanovdb_peer.o
+STUDY_OBJ    := $(filter-out %/nanovdb_absent.o,$(STUDY_OBJ)) $(STUDY_VOLUME)
+STUDY_LIBS   := -lstdc++
+$(STUDY_VOLUME): server/study/nanovdb_peer.cc server/study/nanovdb_peer.h
+	@mkdir -p $(@D)
+	$(call say,CXX,$<)
+	$(Q)$(CXX) -std=c++17 -O3 -DNDEBUG $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
+endif
+# The study's peers are compiled to win.
+$(BUILD)/server/study/shadow_map16_avx2.o: AVX2_FLAGS += -O3
+
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
 JOBS_LIB   := $(BUILD)/libumbrage-jobs.a
@@ -46,7 +59,7 @@ $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) 
 
 $(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(RPC_LIBS) $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 
 daemon: $(BUILD)/umbraged ## umbraged
 bake: $(BUILD)/umbrage-bake ## umbrage-bake

@@ -22,7 +22,7 @@
 #include "umbrage/query.h"
 
 #define UMBT_TRADE_BAKES_MAX      24
-#define UMBT_TRADE_SETTINGS_MAX   256
+#define UMBT_TRADE_SETTINGS_MAX   320
 #define UMBT_TRADE_RUNS           7 /* timed, interleaved; the median counts */
 #define UMBT_TRADE_SPREAD_MAX     0.15
 #define UMBT_TRADE_NAME           32
@@ -74,10 +74,23 @@ struct umbt_trade_points {
     double to_light[3];
 };
 
+/* What answers: an asset, or one of the peers of trade_peers.h. */
+enum umbt_trade_method {
+    UMBT_TRADE_DAG = 0,
+    UMBT_TRADE_PENUMBRA,  /* the asset's UMB_FILTER_PENUMBRA, against the light's disc */
+    UMBT_TRADE_DEPTH_MAP, /* the peers */
+    UMBT_TRADE_NANOVDB,
+    UMBT_TRADE_DERIVED,
+};
+
 /* How one setting did on all sets together, and in time. */
 struct umbt_trade_result {
+    enum umbt_trade_method method;
+    const char *name;           /* of the method: "dag", "penumbra", "depth map", ... */
     uint32_t bake;              /* index */
     uint32_t taps, level;       /* as in struct umb_query_settings */
+    uint64_t bytes;             /* resident */
+    double build_s;             /* DERIVED: CPU time besides the bake's */
     uint64_t judged, undefined; /* samples; left out because their window reaches into a solid */
     double rms, worst;          /* against the area truth */
     double over_001, over_01, over_05;
@@ -98,7 +111,7 @@ struct umbt_trade_result {
 struct umbt_trade_rays {
     double ns_view, ns_free; /* one ray a point */
     double ns_view8;         /* the same, eight points a call */
-    double ns_area;          /* 81 rays a point, view */
+    double ns_area, ns_area8; /* 81 rays a point, view: one a call, eight a call */
     double spread;           /* of ns_view */
     int64_t stopped;         /* by something, in all runs */
 };
@@ -122,6 +135,7 @@ struct umbt_trade {
     struct umbt_trade_result results[UMBT_TRADE_SETTINGS_MAX];
     uint32_t result_count;
     struct umbt_trade_rays rays;
+    const char *missing; /* which peers could not be measured, a sentence, or "" */
     struct umbt_trade_technique techniques[UMBT_TRADE_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;

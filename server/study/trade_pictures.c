@@ -13,7 +13,8 @@
 
 int umbt_trade_has_picture(const struct umbt_trade_result *result)
 {
-    return result->level == 0 && (result->taps == 1 || result->taps == 9);
+    return result->method == UMBT_TRADE_DAG && result->level == 0 &&
+           (result->taps == 1 || result->taps == 9);
 }
 
 void umbt_trade_picture_name(const struct umbt_trade *trade, const struct umbt_trade_result *result,

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_TRADE_PROBE_H
 #define UMBRAGE_SERVER_STUDY_TRADE_PROBE_H
-/* Settings of a study on their way (trade_measure.c), and their times (trade_times.c). */
+/* Settings of a study on their way: made and judged in trade_measure.c, timed in trade_times.c. */
 #include "study/traced_shadow.h"
 #include "study/trade.h"
+#include "study/trade_peers.h"
 
 /* One setting on its way. */
 struct umbt_probe {
@@ -11,18 +12,34 @@ struct umbt_probe {
     struct umbt_trade_result *result;
     const struct umbt_trade_bake *bake;
     struct umbt_truth truth;
+    /* Of an asset: query. Of a peer: the others, as far as it needs them. */
     struct umb_query query;
-    float *answers;     /* [points] */
-    float *area;        /* [points of view and border] */
-    uint8_t *undefined; /* likewise */
+    const struct umbt_peers *peers;
+    const struct umbt_peer *peer;
+    float *moved; /* owned */
+    struct umbt_map16_query map;
+    struct umbt_nanovdb_query volume;
+    struct umb_map_query derived;
 };
 
 /* All samples of the study as points of a query; borrowed. */
 struct umb_points umbt_trade_points_all(const struct umbt_trade *trade);
 
-/* Asks a setting about some of the samples. stats: may be NULL. */
-void umbt_trade_ask(const struct umbt_probe *probe, size_t first, size_t count,
-                    struct umb_query_stats *stats);
+/*
+ * Asks a setting about samples first .. first + count - 1.
+ *
+ * Out: values: float[count]; of a peer the facing samples' answers alone, one after the other
+ *      (umbt_probe_answer puts them in their places).
+ * Threads: any.
+ */
+void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values);
+
+/* The same with an answer for each sample, values[0] that of sample `first`. */
+void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values);
+
+/* Makes a setting ready to be asked. Fails: E_NO_MEMORY, as umb_query_prepare. */
+UMB_CHECKED enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error);
+void umbt_probe_finish(struct umbt_probe *probe);
 
 /* A sample's unit normal; zero for free points. */
 void umbt_trade_normal(const struct umbt_trade_points *points, size_t i, double normal[3]);

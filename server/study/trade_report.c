@@ -95,8 +95,11 @@ static void json_result(FILE *to, const struct umbt_trade_result *result)
 {
     struct column columns[COLUMNS];
     columns_of(result, columns);
-    fprintf(to, "{\"bake\":%u,\"taps\":%u,\"level\":%u,\"judged\":%" PRIu64, result->bake,
-            result->taps, result->level, result->judged);
+    fprintf(to,
+            "{\"method\":\"%s\",\"bake\":%u,\"taps\":%u,\"level\":%u,\"judged\":%" PRIu64
+            ",\"memory_bytes\":%" PRIu64,
+            result->name, result->bake, result->taps, result->level, result->judged, result->bytes);
+    number(to, "build_s", result->build_s);
     for (int i = 0; i < COLUMNS; i++) {
         number(to, columns[i].name, columns[i].value);
     }
@@ -135,6 +138,7 @@ void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
     number(to, "ns_view8", told(trade->rays.ns_view8, trade->rays.spread));
     number(to, "ns_free", told(trade->rays.ns_free, trade->rays.spread));
     number(to, "ns_area81", told(trade->rays.ns_area, trade->rays.spread));
+    number(to, "ns_area81_8", told(trade->rays.ns_area8, trade->rays.spread));
     number(to, "spread", trade->rays.spread);
     fputs("},\"techniques\":", to);
     umbt_trade_techniques_json(to, trade);
@@ -151,6 +155,8 @@ void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
     umbt_trade_verdict(trade, verdict, sizeof verdict);
     fputs("],\"verdict\":", to);
     umbs_json_text(to, verdict);
+    fputs(",\"missing\":", to);
+    umbs_json_text(to, trade->missing);
     fputs("}\n", to);
 }
 
@@ -158,7 +164,7 @@ static void csv(FILE *to, const struct umbt_trade *trade)
 {
     struct column columns[COLUMNS];
     columns_of(&trade->results[0], columns);
-    fputs("bake,resolution,closed,taps,level,voxel_m,packed_bytes,memory_bytes,bake_s", to);
+    fputs("method,bake,resolution,closed,taps,level,voxel_m,packed_bytes,memory_bytes,bake_s", to);
     for (int i = 0; i < COLUMNS; i++) {
         fprintf(to, ",%s", columns[i].name);
     }
@@ -167,9 +173,11 @@ static void csv(FILE *to, const struct umbt_trade *trade)
         const struct umbt_trade_result *result = &trade->results[r];
         const struct umbt_trade_bake *bake = &trade->bakes[result->bake];
         columns_of(result, columns);
-        fprintf(to, "%s,%u,%d,%u,%u,%.6g,%" PRIu64 ",%" PRIu64 ",%.6g", bake->name,
-                bake->resolution, bake->frustum.closed, result->taps, result->level, bake->voxel_m,
-                bake->packed_bytes, bake->info.memory_bytes, bake->wall_s);
+        const int peer = result->method >= UMBT_TRADE_DEPTH_MAP; /* lies in no file */
+        fprintf(to, "%s,%s,%u,%d,%u,%u,%.6g,", result->name, bake->name, bake->resolution,
+                bake->frustum.closed, result->taps, result->level, bake->voxel_m);
+        fprintf(to, peer ? "," : "%" PRIu64 ",", bake->packed_bytes);
+        fprintf(to, "%" PRIu64 ",%.6g", result->bytes, bake->wall_s + result->build_s);
         for (int i = 0; i < COLUMNS; i++) {
             fprintf(to, isfinite(columns[i].value) ? ",%.6g" : ",", columns[i].value);
         }

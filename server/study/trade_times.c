@@ -11,14 +11,16 @@
 
 #include "study/parallel_for.h"
 #include "study/study_progress.h"
+#include "study/study_vec.h"
 
 #define AREA_RAYS   9 /* a side: 81 rays a point */
 #define AREA_POINTS 2000
 #define ALL_BLOCK   4096
-/* What all threads do: so much that starting them hardly counts, but at most the whole view so
- * often. */
+/* What all threads do: so much that starting them hardly counts, but no more than so many points,
+ * views and seconds of one thread. */
 #define ALL_POINTS 400000U
 #define ALL_PASSES 16U
+#define ALL_S      0.01
 #define ATTEMPTS   4 /* at times that do not spread too far */
 
 /* Times of one setting, a run each. */
@@ -51,36 +53,38 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     const struct umbt_probe *probe = user;
     const size_t view = probe->trade->points.first[UMBT_TRADE_BORDER];
     float values[ALL_BLOCK];
-    const struct umb_points points = umbt_trade_points_all(probe->trade);
     (void)error;
     while (count > 0) { /* the view over and over */
         const size_t at = first % view;
         const size_t room = view - at < count ? view - at : count;
-        struct umb_answers answers = {.values = values};
-        struct umb_points part = points;
-        part.positions = probe->trade->points.positions + at;
-        part.normals = probe->trade->points.normals + at;
-        part.count = room;
-        umb_query_run(&probe->query, &part, 0, room, &answers);
+        umbt_probe_run(probe, at, room, values);
         first += room;
         count -= room;
     }
     return UMB_OK;
 }
 
+/* How often all threads answer the view: for ALL_S on one of them, or as many points as that. */
+static size_t all_passes(size_t view, double ns)
+{
+    const double wanted = fmin((double)ALL_POINTS, 1e9 * ALL_S / fmax(ns, 1.0)) / (double)view;
+    return wanted >= (double)ALL_PASSES ? ALL_PASSES : 1 + (size_t)wanted;
+}
+
+/* values: scratch, float[points]. */
 static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
-                                 struct umb_error *error)
+                                 float *values, struct umb_error *error)
 {
     const struct umbt_trade_points *points = &probe->trade->points;
     const size_t view = points->first[UMBT_TRADE_BORDER];
     const size_t first_free = points->first[UMBT_TRADE_FREE];
     double start = umbt_cpu_s();
-    umbt_trade_ask(probe, 0, view, NULL);
+    umbt_probe_run(probe, 0, view, values);
     times->view[run] = 1e9 * (umbt_cpu_s() - start) / (double)view;
     start = umbt_cpu_s();
-    umbt_trade_ask(probe, first_free, points->count - first_free, NULL);
+    umbt_probe_run(probe, first_free, points->count - first_free, values);
     times->free[run] = 1e9 * (umbt_cpu_s() - start) / (double)(points->count - first_free);
-    const size_t passes = ALL_POINTS / view < ALL_PASSES ? ALL_POINTS / view + 1 : ALL_PASSES;
+    const size_t passes = all_passes(view, times->view[run]);
     start = umbt_now_s();
     const enum umb_status status = umbt_parallel_for(
         (unsigned)probe->trade->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
@@ -91,7 +95,7 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
 /* Times of the rays, a run each. */
 struct ray_times {
     double view[UMBT_TRADE_RUNS], eight[UMBT_TRADE_RUNS], free[UMBT_TRADE_RUNS];
-    double area[UMBT_TRADE_RUNS];
+    double area[UMBT_TRADE_RUNS], area8[UMBT_TRADE_RUNS];
 };
 
 /* Eight samples a call; the last few are left out. Out: how many were stopped. */
@@ -103,6 +107,43 @@ static int rays_by_eight(const struct umbt_trade *trade, size_t count, double re
         uint8_t stopped[8];
         umbr_occluded8(trade->scene.rays, (const double(*)[3])points->positions + i,
                        points->to_light, 1e-5 * reach, reach, stopped);
+        for (int k = 0; k < 8; k++) {
+            sum += stopped[k];
+        }
+    }
+    return sum;
+}
+
+/* A window's rays of one sample, eight a call, the last call with fewer new ones. Out: how many
+ * were stopped. */
+static int window_by_eight(const struct umbt_trade *trade, const struct umbt_truth *window,
+                           size_t i)
+{
+    enum {
+        RAYS = AREA_RAYS * AREA_RAYS,
+        CALLS = (RAYS + 7) / 8
+    };
+    const double pitch = (double)window->settings.taps / AREA_RAYS,
+                 reach = 2.0 * window->diagonal_m;
+    double normal[3], moved[3], starts[8 * CALLS][3];
+    int sum = 0;
+    umbt_trade_normal(&trade->points, i, normal);
+    if (!(umbt_dot(normal, trade->points.to_light) > 0.0)) {
+        return 0;
+    }
+    umbt_along(trade->points.positions[i],
+               umbt_truth_bias(&window->settings, &window->frustum, normal), normal, moved);
+    for (int k = 0; k < 8 * CALLS; k++) {
+        const int ray = k < RAYS ? k : RAYS - 1;
+        const double x = pitch * (ray % AREA_RAYS - AREA_RAYS / 2);
+        const double y = pitch * (ray / AREA_RAYS - AREA_RAYS / 2);
+        umbt_along(moved, x, window->frustum.voxel_step[0], starts[k]);
+        umbt_along(starts[k], y, window->frustum.voxel_step[1], starts[k]);
+    }
+    for (int call = 0; call < CALLS; call++) {
+        uint8_t stopped[8];
+        umbr_occluded8(trade->scene.rays, (const double(*)[3])starts + 8 * call,
+                       trade->points.to_light, 0.0, reach, stopped);
         for (int k = 0; k < 8; k++) {
             sum += stopped[k];
         }
@@ -141,6 +182,11 @@ static int rays_once(const struct umbt_trade *trade, struct ray_times *times, in
         sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
     }
     times->area[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
+    start = umbt_cpu_s();
+    for (size_t i = 0; i < some; i++) {
+        sum += window_by_eight(trade, truth, i);
+    }
+    times->area8[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
     return sum;
 }
 
@@ -169,6 +215,7 @@ static void rays_conclude(struct umbt_trade_rays *rays, struct ray_times *times)
         rays->ns_view8 = median(times->eight);
         rays->ns_free = median(times->free);
         rays->ns_area = median(times->area);
+        rays->ns_area8 = median(times->area8);
         rays->spread = view;
     }
 }
@@ -182,15 +229,15 @@ static int is_noisy(const struct umbt_trade_result *result)
 /* One attempt: the runs of all settings whose times are not steady yet, interleaved. */
 static enum umb_status times_attempt(struct umbt_trade *trade, struct umbt_probe *probes,
                                      struct times *times, const struct umbt_truth *window,
-                                     struct umb_error *error)
+                                     float *values, struct umb_error *error)
 {
     struct ray_times rays;
     const int rays_too = trade->rays.spread > UMBT_TRADE_SPREAD_MAX;
     for (int run = 0; run < UMBT_TRADE_RUNS; run++) {
         for (uint32_t i = 0; i < trade->result_count; i++) {
-            const enum umb_status status = is_noisy(&trade->results[i])
-                                               ? time_once(&probes[i], &times[i], run, error)
-                                               : UMB_OK;
+            const enum umb_status status =
+                is_noisy(&trade->results[i]) ? time_once(&probes[i], &times[i], run, values, error)
+                                             : UMB_OK;
             if (status != UMB_OK) {
                 return status;
             }
@@ -214,7 +261,10 @@ enum umb_status umbt_trade_times(struct umbt_trade *trade, struct umbt_probe *pr
                                  struct umb_error *error)
 {
     struct times *times = calloc(trade->result_count, sizeof *times);
-    if (times == NULL) {
+    float *values = malloc(trade->points.count * sizeof *values);
+    if (times == NULL || values == NULL) {
+        free(times);
+        free(values);
         return umb_fail(error, UMB_E_NO_MEMORY, "times of %u settings do not fit in memory",
                         trade->result_count);
     }
@@ -227,8 +277,9 @@ enum umb_status umbt_trade_times(struct umbt_trade *trade, struct umbt_probe *pr
         result->spread = result->spread_free = result->spread_all = INFINITY;
     }
     for (int attempt = 0; attempt < ATTEMPTS && status == UMB_OK; attempt++) {
-        status = times_attempt(trade, probes, times, &window, error);
+        status = times_attempt(trade, probes, times, &window, values, error);
     }
     free(times);
+    free(values);
     return status;
 }

@@ -55,8 +55,8 @@ static const struct umbt_trade_result *fastest(const struct umbt_trade *trade, d
     const struct umbt_trade_result *best = NULL;
     for (uint32_t i = 0; i < trade->result_count; i++) {
         const struct umbt_trade_result *result = &trade->results[i];
-        if (result->taps >= least_taps && stays_below(result, error_m) &&
-            (best == NULL || is_faster(result, best))) {
+        if (result->method == UMBT_TRADE_DAG && result->taps >= least_taps &&
+            stays_below(result, error_m) && (best == NULL || is_faster(result, best))) {
             best = result;
         }
     }
@@ -112,7 +112,8 @@ static const struct umbt_trade_result *sharpest(const struct umbt_trade *trade)
     const struct umbt_trade_result *best = NULL;
     for (uint32_t i = 0; i < trade->result_count; i++) {
         const struct umbt_trade_result *result = &trade->results[i];
-        if (best == NULL || result->off_p95_m < best->off_p95_m) {
+        if (result->method == UMBT_TRADE_DAG &&
+            (best == NULL || result->off_p95_m < best->off_p95_m)) {
             best = result;
         }
     }
@@ -137,7 +138,67 @@ static void say_rays(struct writer *writer, const struct umbt_trade *trade,
         say(writer, ", %.2g times the fastest look-up here and %.2g times the sharpest",
             least / one->ns_view, least / best->ns_view);
     }
-    say(writer, "; 81 rays a point: %.3g ns.\n", rays->ns_area);
+    say(writer, "; 81 rays a point: %.3g ns, %.3g ns eight at a time.\n", rays->ns_area,
+        rays->ns_area8);
+}
+
+/* The setting of a method and width on the open asset of a resolution, or NULL. */
+static const struct umbt_trade_result *find(const struct umbt_trade *trade,
+                                            enum umbt_trade_method method, uint32_t resolution,
+                                            uint32_t taps)
+{
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        const struct umbt_trade_result *result = &trade->results[i];
+        if (result->method == method && result->taps == taps && result->level == 0 &&
+            !trade->bakes[result->bake].frustum.closed &&
+            trade->bakes[result->bake].resolution == resolution) {
+            return result;
+        }
+    }
+    return NULL;
+}
+
+static void say_time(struct writer *writer, const struct umbt_trade_result *result)
+{
+    if (result->spread <= UMBT_TRADE_SPREAD_MAX) {
+        say(writer, "%.3g ns", result->ns_view);
+    } else {
+        say(writer, "an unsteady time");
+    }
+}
+
+/* What a peer of the finest resolution that it has costs beside the asset it was made of. */
+static void say_peer(struct writer *writer, const struct umbt_trade *trade,
+                     enum umbt_trade_method method, const char *name)
+{
+    static const uint32_t widths[2] = {1, 9};
+    uint32_t finest = 0;
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        const struct umbt_trade_result *result = &trade->results[i];
+        if (result->method == method && trade->bakes[result->bake].resolution > finest) {
+            finest = trade->bakes[result->bake].resolution;
+        }
+    }
+    const char *between = "";
+    for (int i = 0; finest > 0 && i < 2; i++) {
+        const struct umbt_trade_result *peer = find(trade, method, finest, widths[i]);
+        const struct umbt_trade_result *ours = find(trade, UMBT_TRADE_DAG, finest, widths[i]);
+        if (peer == NULL || ours == NULL) {
+            continue;
+        }
+        if (between[0] == '\0') {
+            say(writer, "%s of the same %u^3 voxels: %.3g MB in memory, the open asset %.3g MB; ",
+                name, finest, 1e-6 * (double)peer->bytes, 1e-6 * (double)ours->bytes);
+        }
+        say(writer, "%s%u x %u taps ", between, widths[i], widths[i]);
+        say_time(writer, peer);
+        say(writer, " against ");
+        say_time(writer, ours);
+        between = ", ";
+    }
+    if (between[0] != '\0') {
+        say(writer, ".\n");
+    }
 }
 
 static void say_caveats(struct writer *writer, const struct umbt_trade *trade)
@@ -183,5 +244,10 @@ void umbt_trade_verdict(const struct umbt_trade *trade, char *text, size_t size)
         }
     }
     say_rays(&writer, trade, best);
+    say_peer(&writer, trade, UMBT_TRADE_DEPTH_MAP, "A plain depth map (AVX2)");
+    say_peer(&writer, trade, UMBT_TRADE_NANOVDB, "A NanoVDB mask grid");
+    if (trade->missing != NULL && trade->missing[0] != '\0') {
+        say(&writer, "%s\n", trade->missing);
+    }
     say_caveats(&writer, trade);
 }

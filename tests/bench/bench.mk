@@ -4,24 +4,18 @@
 SIZE ?= quick
 BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
 BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_machine bench_scene \
-	bench_points shadow_map16 shadow_map16_avx2 embree_peer yardstick_2014 voxel_truth bake_race)
+	bench_points bench_map16 embree_peer yardstick_2014 voxel_truth bake_race)
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
 BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)
 # A sparse volume as peer, where its headers are.
-ifneq ($(shell echo '\#include <nanovdb/NanoVDB.h>' | $(CXX) -std=c++17 -E -x c++ - >/dev/null 2>&1 && echo yes),)
-BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o $(BUILD)/tests/bench/nanovdb_peer.o
-BENCH_VOLUME_LIBS := -lstdc++
+ifneq ($(STUDY_VOLUME),)
+BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o
 $(BUILD)/tests/bench/bench_query.o: INC_tests += -DUMB_BENCH_NANOVDB
-$(BUILD)/tests/bench/nanovdb_peer.o: tests/bench/nanovdb_peer.cc tests/bench/nanovdb_peer.h
-	@mkdir -p $(@D)
-	$(call say,CXX,$<)
-	$(Q)$(CXX) -std=c++17 -O3 -DNDEBUG -mavx2 -mbmi -mbmi2 -mpopcnt -ffp-contract=off -fPIC -c $< -o $@
 endif
 BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-BENCH_SYS = -lembree3 -lassimp -lpng $(RPC_LIBS) $(CORE_LIBS)
+BENCH_SYS = -lembree3 -lassimp -lpng $(STUDY_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
-$(BUILD)/tests/bench/shadow_map16_avx2.o: AVX2_FLAGS += -O3
 $(BUILD)/tests/bench/embree_peer.o: INC_tests += -O3
 
 $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_STUDY) \
@@ -30,7 +24,6 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
 
 $(BUILD)/bench_query: $(BENCH_VOLUME)
-$(BUILD)/bench_query: BENCH_SYS += $(BENCH_VOLUME_LIBS)
 
 # The service's races: one client, bare frames and gRPC's C++ library as peers.
 PEER_OBJ := $(BUILD)/tests/bench/peer_work.o

@@ -8,7 +8,7 @@
 #include "bench_machine.h"
 #include "bench_report.h"
 #include "format/asset_parts.h"
-#include "nanovdb_peer.h"
+#include "study/nanovdb_peer.h"
 #include "query/voxel_tree.h"
 #include "umbrage/query.h"
 
@@ -19,7 +19,7 @@ struct race {
     struct umb_query query;
     struct umb_points batch;
     struct umb_answers answers;
-    struct nanovdb_query peer;
+    struct umbt_nanovdb_query peer;
     double ours_s, peer_s; /* of the last run */
     struct bench_samples ours, peers, ratios;
 };
@@ -37,7 +37,7 @@ static int block_state(const void *user, uint32_t x, uint32_t y, uint32_t z, uin
     return 2;
 }
 
-static struct nanovdb_peer *peer_make(const struct bench_scene *scene,
+static struct umbt_nanovdb *peer_make(const struct bench_scene *scene,
                                       const struct bench_asset *asset)
 {
     const struct umb__view *view = &asset->asset->view;
@@ -46,7 +46,7 @@ static struct nanovdb_peer *peer_make(const struct bench_scene *scene,
                                    .bricks = view->bricks,
                                    .log2_size = scene->frustum.log2_size,
                                    .grid_log2 = view->tops[0].grid_log2};
-    struct nanovdb_peer *peer = nanovdb_peer_make(
+    struct umbt_nanovdb *peer = umbt_nanovdb_make(
         scene->frustum.log2_size, scene->frustum.world_to_voxel, block_state, &tree);
     if (peer == NULL) {
         bench_fail("NanoVDB: the grid could not be made");
@@ -60,7 +60,7 @@ static void race_once(struct race *race)
     umb_query_run(&race->query, &race->batch, 0, race->points->count, &race->answers);
     race->ours_s = (bench_cpu_s() - start) / (double)race->points->count;
     start = bench_cpu_s();
-    nanovdb_run(&race->peer);
+    umbt_nanovdb_run(&race->peer);
     race->peer_s = (bench_cpu_s() - start) / (double)race->points->count;
 }
 
@@ -71,9 +71,9 @@ static void race_tune(const char *name, struct race *race)
     race_once(race);
     const double first_s = race->peer_s;
     if (race->peer.taps == 1) {
-        race->peer.way = NANOVDB_ACCESSOR;
+        race->peer.way = UMBT_NANOVDB_ACCESSOR;
         race_once(race);
-        race->peer.way = race->peer_s < first_s ? NANOVDB_ACCESSOR : NANOVDB_TREE;
+        race->peer.way = race->peer_s < first_s ? UMBT_NANOVDB_ACCESSOR : UMBT_NANOVDB_TREE;
     }
     if (memcmp(race->answers.values, race->peer.answers, count * sizeof(float)) != 0) {
         bench_fail("%s: the volume must answer as the asset it was made from", name);
@@ -82,9 +82,9 @@ static void race_tune(const char *name, struct race *race)
 
 static void race_run(const char *name, struct race *race)
 {
-    const char *figure = race->peer.taps == 1               ? "tap1_vs_nanovdb"
-                         : race->peer.way == NANOVDB_LEAVES ? "pcf9_vs_nanovdb_leaves"
-                                                            : "pcf9_vs_nanovdb";
+    const char *figure = race->peer.taps == 1                    ? "tap1_vs_nanovdb"
+                         : race->peer.way == UMBT_NANOVDB_LEAVES ? "pcf9_vs_nanovdb_leaves"
+                                                                 : "pcf9_vs_nanovdb";
     race_tune(name, race);
     while (race->ratios.count < BENCH_RUNS ||
            (race->ratios.count < BENCH_RUNS_MAX && bench_spread(&race->ratios) > BENCH_SPREAD)) {
@@ -111,10 +111,11 @@ static float *answers_make(size_t count)
 void bench_nanovdb(const char *name, const struct bench_scene *scene,
                    const struct bench_asset *asset, const struct bench_points *points)
 {
-    static const enum nanovdb_way ways[] = {NANOVDB_TREE, NANOVDB_ACCESSOR, NANOVDB_LEAVES};
-    struct nanovdb_peer *peer = peer_make(scene, asset);
+    static const enum umbt_nanovdb_way ways[] = {UMBT_NANOVDB_TREE, UMBT_NANOVDB_ACCESSOR,
+                                                 UMBT_NANOVDB_LEAVES};
+    struct umbt_nanovdb *peer = peer_make(scene, asset);
     float *ours = answers_make(points->count), *theirs = answers_make(points->count);
-    bench_say("%s: NanoVDB grid of %.1f MB", name, (double)nanovdb_peer_bytes(peer) / 1e6);
+    bench_say("%s: NanoVDB grid of %.1f MB", name, (double)umbt_nanovdb_bytes(peer) / 1e6);
     for (size_t i = 0; i < sizeof ways / sizeof ways[0]; i++) {
         const size_t t = i > 0; /* bench_taps: 1, 9, ... */
         const struct umb_query_settings settings = {
@@ -126,15 +127,15 @@ void bench_nanovdb(const char *name, const struct bench_scene *scene,
         race.batch = (struct umb_points){
             .positions = points->at[t], .format = UMB_POINT_F32, .count = points->count};
         memcpy(race.batch.origin, scene->origin, sizeof race.batch.origin);
-        race.peer = (struct nanovdb_query){.peer = peer,
-                                           .points = points->at[t],
-                                           .count = points->count,
-                                           .taps = bench_taps[t],
-                                           .way = ways[i],
-                                           .answers = theirs};
+        race.peer = (struct umbt_nanovdb_query){.peer = peer,
+                                                .points = points->at[t],
+                                                .count = points->count,
+                                                .taps = bench_taps[t],
+                                                .way = ways[i],
+                                                .answers = theirs};
         race_run(name, &race);
     }
     free(ours);
     free(theirs);
-    nanovdb_peer_destroy(peer);
+    umbt_nanovdb_destroy(peer);
 }

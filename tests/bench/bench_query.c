@@ -16,12 +16,12 @@
 #include <string.h>
 
 #include "bench_machine.h"
+#include "bench_map16.h"
 #include "bench_nanovdb.h"
 #include "bench_points.h"
 #include "bench_report.h"
 #include "bench_scene.h"
 #include "embree_peer.h"
-#include "shadow_map16.h"
 #include "umbrage/query.h"
 
 #define BENCH         "query"
@@ -31,7 +31,7 @@
 /* One scene, everything made that its rows need. */
 struct stage {
     struct bench_scene scene;
-    struct shadow_map map; /* 16384 only */
+    struct umbt_map16 map; /* 16384 only */
     struct embree_peer *peer;
     struct bench_points gbuffer, random;
     int has_map;
@@ -44,7 +44,7 @@ struct race {
     const struct bench_points *points;
     struct umb_query queries[3];
     struct umb_points batches[3];
-    struct shadow_map_query maps[3], tiled[3];
+    struct umbt_map16_query maps[3], tiled[3];
     struct embree_query rays[2]; /* gbuffer: 8 coherent, 1; random: the best */
     size_t ray_races;
     float *answers, *other;
@@ -69,10 +69,10 @@ static double ours_run(struct race *race, int t)
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 
-static double map_run(const struct race *race, const struct shadow_map_query *map)
+static double map_run(const struct race *race, const struct umbt_map16_query *map)
 {
     const double start = bench_cpu_s();
-    shadow_map_run(map);
+    umbt_map16_run(map);
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 
@@ -108,14 +108,14 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
         race->batches[t] = (struct umb_points){
             .positions = points->at[t], .format = UMB_POINT_F32, .count = points->count};
         memcpy(race->batches[t].origin, stage->scene.origin, sizeof race->batches[t].origin);
-        race->maps[t] = (struct shadow_map_query){.map = &stage->map,
+        race->maps[t] = (struct umbt_map16_query){.map = &stage->map,
                                                   .points = points->at[t],
                                                   .count = points->count,
                                                   .taps = bench_taps[t],
-                                                  .way = SHADOW_MAP_ROWS,
+                                                  .way = UMBT_MAP16_ROWS,
                                                   .answers = race->other};
         race->tiled[t] = race->maps[t];
-        race->tiled[t].way = SHADOW_MAP_TILES;
+        race->tiled[t].way = UMBT_MAP16_TILES;
     }
     for (size_t r = 0; r < race->ray_races; r++) {
         struct embree_query *rays = &race->rays[r];
@@ -131,13 +131,13 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
 }
 
 /* Tunes one layout of the shadow map, and checks that it answers as the product does. */
-static void map_tune(struct race *race, struct shadow_map_query *map, int t, int closed_rule)
+static void map_tune(struct race *race, struct umbt_map16_query *map, int t, int closed_rule)
 {
-    const char *layout = map->way == SHADOW_MAP_TILES ? "tiles" : "rows";
-    struct shadow_map_query plain = *map;
-    const double plain_s = shadow_map_tune(&plain, SHADOW_MAP_PLAIN);
-    const double seconds = shadow_map_tune(map, map->way);
-    if (map->way == SHADOW_MAP_ROWS && plain_s < seconds) {
+    const char *layout = map->way == UMBT_MAP16_TILES ? "tiles" : "rows";
+    struct umbt_map16_query plain = *map;
+    const double plain_s = umbt_map16_tune(&plain, UMBT_MAP16_PLAIN);
+    const double seconds = umbt_map16_tune(map, map->way);
+    if (map->way == UMBT_MAP16_ROWS && plain_s < seconds) {
         *map = plain; /* the same texels in the same places: plain C may win */
     }
     (void)ours_run(race, t);
@@ -307,7 +307,7 @@ static void stage_make(struct stage *stage, const char *name, uint32_t log2_size
     stage->peer = embree_peer_make(&stage->scene, 0);
     stage->has_map = log2_size <= 14;
     if (stage->has_map) {
-        shadow_map_make(&stage->map, &stage->scene);
+        bench_map16_make(&stage->map, &stage->scene);
     }
 }
 
@@ -316,7 +316,7 @@ static void stage_finish(struct stage *stage)
     bench_points_finish(&stage->gbuffer);
     bench_points_finish(&stage->random);
     embree_peer_destroy(stage->peer);
-    shadow_map_finish(&stage->map);
+    umbt_map16_finish(&stage->map);
     bench_scene_finish(&stage->scene);
 }
 

@@ -15,7 +15,7 @@ check "--quiet says nothing" test ! -s out -a ! -s err
 cat >same.py <<'PY'
 import json, sys
 a, b = (json.load(open(p)) for p in sys.argv[1:3])
-timed = {"ns_view", "ns_free", "ns_view_all", "spread", "spread_free", "spread_all"}
+timed = {"ns_view", "ns_free", "ns_view_all", "spread", "spread_free", "spread_all", "build_s"}
 built = {"ns", "spread", "build_s"}
 strip = lambda rows, timed=timed: [{k: v for k, v in r.items() if k not in timed} for r in rows]
 assert strip(a["results"]) == strip(b["results"]), "errors differ"
@@ -29,11 +29,14 @@ cat >falls.py <<'PY'
 import csv, json
 report = json.load(open("first/report.json"))
 rows = list(csv.DictReader(open("first/report.csv")))
-assert len(rows) == len(report["results"]) == 2 * 2 * (3 + 1), len(rows)
+assert len(rows) == len(report["results"])
+count = lambda method: sum(r["method"] == method for r in report["results"])
+assert count("dag") == 2 * 2 * (3 + 1) and count("penumbra") == 2, report["results"]
+assert sum(r["method"].startswith("derived") for r in report["results"]) == 5
 for closed in (True, False):
     for taps in (1, 3, 9):
         ladder = [(report["bakes"][r["bake"]], r) for r in report["results"]
-                  if r["taps"] == taps and r["level"] == 0 and report["bakes"][r["bake"]]["closed"] == closed]
+                  if r["method"] == "dag" and r["taps"] == taps and r["level"] == 0 and report["bakes"][r["bake"]]["closed"] == closed]
         voxels = [b["voxel_m"] for b, _ in ladder]
         off = [r["off_p50_m"] for _, r in ladder]
         assert voxels == sorted(voxels, reverse=True) and off == sorted(off, reverse=True), off
@@ -41,8 +44,8 @@ for closed in (True, False):
         if taps == 1:
             assert all(r["off_p95_m"] < 6 * b["voxel_m"] for b, r in ladder), ladder
 for r in report["results"]:
-    assert r["judged"] > 1000 and 0 < r["rms"] < 0.3 and r["truth_error"] < 0.1, r
-    assert r["nodes"] > 0
+    assert r["judged"] > 1000 and 0 < r["rms"] < 0.3 and r["memory_bytes"] > 0 and r["truth_error"] < 0.1, r
+    assert r["nodes"] > 0 or r["method"] not in ("dag", "penumbra")
     for name, spread in (("ns_view", "spread"), ("ns_free", "spread_free"), ("ns_view_all", "spread_all")):
         assert r[spread] > 0.15 if r[name] is None else r[name] > 0 and r[spread] <= 0.15, r
 techniques = {t["name"]: t for t in report["techniques"]["rows"]}
@@ -50,6 +53,25 @@ assert len(techniques) > 30 and 0 < techniques["pcf-f32"]["mean"] < techniques["
 assert techniques["dag 1024-closed"]["dag"] and 0 < techniques["dag 1024-open"]["mean"] < 0.05
 PY
 check "errors fall with the voxel" /usr/bin/python3 falls.py
+
+# The shadow map and the volume have the voxels of the open asset: they err where it errs.
+cat >peers.py <<'PY'
+import json
+report = json.load(open("first/report.json"))
+errors = ("rms", "worst", "over_01", "false_light", "false_shadow", "off_p50_m", "off_p95_m", "off_unknown")
+ours = {(r["bake"], r["taps"]): r for r in report["results"] if r["method"] == "dag" and r["level"] == 0}
+peers = [r for r in report["results"] if r["method"] in ("depth map", "nanovdb")]
+for r in peers:
+    dag = ours[r["bake"], r["taps"]]
+    assert not report["bakes"][r["bake"]]["closed"]
+    # Its samples were moved beforehand and are floats: a handful may fall to another texel.
+    assert all(abs(r[k] - dag[k]) <= 1e-3 + 0.01 * dag[k] for k in errors), (r, dag)
+    assert r["memory_bytes"] > dag["memory_bytes"], (r, dag)
+methods = {r["method"] for r in peers}
+assert methods == {"depth map", "nanovdb"} or len(report["missing"]) > 20, methods
+assert "A plain depth map" in report["verdict"] or report["missing"] in report["verdict"]
+PY
+check "the peers of the same voxels have the same errors" /usr/bin/python3 peers.py
 
 check "the page holds the data and the pictures" sh -c '
     ! grep -q "@DATA@\|@PICTURES@" first/report.html &&
@@ -66,7 +88,7 @@ fi
 
 # An earlier run's assets are taken only if they are of this scene.
 before=$(stat -c %Y.%i first/assets/512-closed.umb)
-try 0 umbrage-study city.glb -o first "$@" --quiet
+try 0 umbrage-study city.glb -o first "$@" --max-resolution 512 --quiet
 same "an asset that is there is not baked again" "$before" "$(stat -c %Y.%i first/assets/512-closed.umb)"
 "$BUILD/scenegen" city --size 4 --seed 9 -o city.glb 2>/dev/null
 try 0 umbrage-study city.glb -o first "$@" --max-resolution 512 --quiet

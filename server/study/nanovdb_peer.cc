@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sparse volume as peer; see nanovdb_peer.h.
-#include "nanovdb_peer.h"
+#include "study/nanovdb_peer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -25,7 +25,7 @@ constexpr uint32_t LOWER = 16; // blocks a side of a lower node
 constexpr uint32_t LOG2_MAX = 12;
 
 struct Blocks {
-    nanovdb_block_fn state;
+    umbt_nanovdb_block_fn state;
     const void *user;
     uint32_t side; // blocks
 };
@@ -95,7 +95,7 @@ void lower_fill(Lower &lower, const Blocks &blocks, const Square &square, Leaf *
 } // namespace
 
 // The nodes in one block of memory, as the library lays them out: root, upper, lowers, leaves.
-struct nanovdb_peer {
+struct umbt_nanovdb {
     void *memory;
     size_t bytes;
     const Root *root;
@@ -103,8 +103,13 @@ struct nanovdb_peer {
     double m[3][4];
 };
 
-struct nanovdb_peer *nanovdb_peer_make(uint32_t log2_size, const double world[3][4],
-                                       nanovdb_block_fn block, const void *user)
+int umbt_nanovdb_is_built(void)
+{
+    return 1;
+}
+
+struct umbt_nanovdb *umbt_nanovdb_make(uint32_t log2_size, const double world[3][4],
+                                       umbt_nanovdb_block_fn block, const void *user)
 {
     if (log2_size > LOG2_MAX) {
         return nullptr;
@@ -147,12 +152,12 @@ struct nanovdb_peer *nanovdb_peer_make(uint32_t log2_size, const double world[3]
             upper->data()->setValue(n, square.shadowed);
         }
     }
-    auto *peer = new nanovdb_peer{memory, bytes, root, 1 << log2_size, {}};
+    auto *peer = new umbt_nanovdb{memory, bytes, root, 1 << log2_size, {}};
     std::copy(&world[0][0], &world[0][0] + 12, &peer->m[0][0]);
     return peer;
 }
 
-void nanovdb_peer_destroy(struct nanovdb_peer *peer)
+void umbt_nanovdb_destroy(struct umbt_nanovdb *peer)
 {
     if (peer != nullptr) {
         std::free(peer->memory);
@@ -160,7 +165,7 @@ void nanovdb_peer_destroy(struct nanovdb_peer *peer)
     }
 }
 
-size_t nanovdb_peer_bytes(const struct nanovdb_peer *peer)
+size_t umbt_nanovdb_bytes(const struct umbt_nanovdb *peer)
 {
     return peer->bytes;
 }
@@ -173,7 +178,7 @@ struct Placed {
     int32_t axis[3][BLOCK];
 };
 
-void place(const nanovdb_peer &peer, const float *points, size_t count, Placed &to)
+void place(const umbt_nanovdb &peer, const float *points, size_t count, Placed &to)
 {
     double x[BLOCK], y[BLOCK], z[BLOCK];
     for (size_t i = 0; i < count; i++) {
@@ -235,8 +240,8 @@ template <typename Reader> int window_by_leaves(const Reader &reader, const Coor
     return shadowed;
 }
 
-template <nanovdb_way WAY, int TAPS, typename Reader>
-void run(const nanovdb_query &query, const Reader &reader)
+template <umbt_nanovdb_way WAY, int TAPS, typename Reader>
+void run(const umbt_nanovdb_query &query, const Reader &reader)
 {
     Placed placed;
     for (size_t first = 0; first < query.count; first += BLOCK) {
@@ -244,26 +249,47 @@ void run(const nanovdb_query &query, const Reader &reader)
         place(*query.peer, query.points + 3 * first, count, placed);
         for (size_t i = 0; i < count; i++) {
             const Coord at(placed.axis[0][i], placed.axis[1][i], placed.axis[2][i]);
-            const int shadowed = TAPS == 1               ? static_cast<int>(reader.getValue(at))
-                                 : WAY == NANOVDB_LEAVES ? window_by_leaves(reader, at, TAPS / 2)
-                                                         : window_by_taps(reader, at, TAPS / 2);
+            const int shadowed = TAPS == 1 ? static_cast<int>(reader.getValue(at))
+                                 : WAY == UMBT_NANOVDB_LEAVES
+                                     ? window_by_leaves(reader, at, TAPS / 2)
+                                     : window_by_taps(reader, at, TAPS / 2);
             query.answers[first + i] =
                 static_cast<float>(TAPS * TAPS - shadowed) / static_cast<float>(TAPS * TAPS);
         }
     }
 }
 
+template <int TAPS, typename Reader>
+void run_window(const umbt_nanovdb_query &query, const Reader &reader)
+{
+    query.way == UMBT_NANOVDB_LEAVES ? run<UMBT_NANOVDB_LEAVES, TAPS>(query, reader)
+                                     : run<UMBT_NANOVDB_ACCESSOR, TAPS>(query, reader);
+}
+
 } // namespace
 
-void nanovdb_run(const struct nanovdb_query *query)
+void umbt_nanovdb_run(const struct umbt_nanovdb_query *query)
 {
     const Root &tree = *query->peer->root;
     const nanovdb::DefaultReadAccessor<Mask> accessor(tree);
-    if (query->taps == 1) {
-        query->way == NANOVDB_TREE ? run<NANOVDB_TREE, 1>(*query, tree)
-                                   : run<NANOVDB_ACCESSOR, 1>(*query, accessor);
-    } else {
-        query->way == NANOVDB_LEAVES ? run<NANOVDB_LEAVES, 9>(*query, accessor)
-                                     : run<NANOVDB_ACCESSOR, 9>(*query, accessor);
+    switch (query->taps) {
+    case 1:
+        query->way == UMBT_NANOVDB_TREE ? run<UMBT_NANOVDB_TREE, 1>(*query, tree)
+                                        : run<UMBT_NANOVDB_ACCESSOR, 1>(*query, accessor);
+        break;
+    case 3:
+        run_window<3>(*query, accessor);
+        break;
+    case 5:
+        run_window<5>(*query, accessor);
+        break;
+    case 9:
+        run_window<9>(*query, accessor);
+        break;
+    case 17:
+        run_window<17>(*query, accessor);
+        break;
+    default:
+        break;
     }
 }

@@ -6,11 +6,12 @@
  * the texels of the one before are on their way. The transform does the same operations in the same
  * order as the product's, so that both look up the same voxel.
  */
-#include "shadow_map16.h"
+#include "study/shadow_map16.h"
 
+#ifdef __AVX2__
 #include <immintrin.h>
 
-#define BLOCK 128U /* points transformed at a time; at least SHADOW_MAP_AHEAD_MAX */
+#define BLOCK 128U /* points transformed at a time; at least UMBT_MAP16_AHEAD_MAX */
 #define RING  (4U * BLOCK)
 
 struct ring {
@@ -34,7 +35,7 @@ static __m128i cell(__m256d v, double low, double high, int32_t add)
 }
 
 /* Four points from twelve floats. */
-static void transform_four(const struct shadow_map *map, const float *points, struct ring *ring,
+static void transform_four(const struct umbt_map16 *map, const float *points, struct ring *ring,
                            size_t at)
 {
     const __m128 a = _mm_loadu_ps(points), b = _mm_loadu_ps(points + 4);
@@ -48,17 +49,17 @@ static void transform_four(const struct shadow_map *map, const float *points, st
     const __m128 z01 = _mm_shuffle_ps(a, b, _MM_SHUFFLE(1, 1, 2, 2)); /* z0 z0 z1 z1 */
     const __m128 pz = _mm_shuffle_ps(z01, c, _MM_SHUFFLE(3, 0, 2, 0));
     const __m256d x = _mm256_cvtps_pd(px), y = _mm256_cvtps_pd(py), z = _mm256_cvtps_pd(pz);
-    const double border = SHADOW_MAP_PAD / 2, size = (double)map->size;
+    const double border = UMBT_MAP16_PAD / 2, size = (double)map->size;
     /* Beyond the padding's middle every window is lit, wherever it is. */
     _mm_storeu_si128((__m128i *)(void *)(ring->x + at),
-                     cell(transform(map->m[0], x, y, z), -border, size + border, SHADOW_MAP_PAD));
+                     cell(transform(map->m[0], x, y, z), -border, size + border, UMBT_MAP16_PAD));
     _mm_storeu_si128((__m128i *)(void *)(ring->y + at),
-                     cell(transform(map->m[1], x, y, z), -border, size + border, SHADOW_MAP_PAD));
+                     cell(transform(map->m[1], x, y, z), -border, size + border, UMBT_MAP16_PAD));
     _mm_storeu_si128((__m128i *)(void *)(ring->z + at),
                      cell(transform(map->m[2], x, y, z), -1.0, size - 1.0, 0));
 }
 
-static void block_transform(const struct shadow_map_query *query, size_t first, struct ring *ring)
+static void block_transform(const struct umbt_map16_query *query, size_t first, struct ring *ring)
 {
     const size_t last = first + BLOCK < query->count ? first + BLOCK : query->count;
     size_t i = first;
@@ -126,7 +127,7 @@ static __m128i column_mask(int32_t x0, int32_t x1, int32_t t)
 }
 
 /* Lit texels of a window over tiles, from its corner (x, y). A row of a tile is eight lanes. */
-static inline int tiles_count(const struct shadow_map *map, int32_t x, int32_t y, int taps,
+static inline int tiles_count(const struct umbt_map16 *map, int32_t x, int32_t y, int taps,
                               int32_t z)
 {
     const __m128i depth = _mm_set1_epi16((int16_t)z);
@@ -150,14 +151,14 @@ static inline int tiles_count(const struct shadow_map *map, int32_t x, int32_t y
     return row_lanes_sum(_mm256_inserti128_si256(_mm256_setzero_si256(), sum, 0), 16);
 }
 
-static inline const uint16_t *row_texel(const struct shadow_map *map, const struct ring *ring,
+static inline const uint16_t *row_texel(const struct umbt_map16 *map, const struct ring *ring,
                                         size_t at, int half)
 {
     return map->rows + (size_t)(ring->y[at] - half) * (size_t)map->side +
            (size_t)(ring->x[at] - half);
 }
 
-static inline void rows_prefetch(const struct shadow_map *map, const struct ring *ring, size_t at,
+static inline void rows_prefetch(const struct umbt_map16 *map, const struct ring *ring, size_t at,
                                  int taps)
 {
     const uint16_t *texel = row_texel(map, ring, at, taps / 2);
@@ -171,7 +172,7 @@ static inline void rows_prefetch(const struct shadow_map *map, const struct ring
     }
 }
 
-static inline void tiles_prefetch(const struct shadow_map *map, const struct ring *ring, size_t at,
+static inline void tiles_prefetch(const struct umbt_map16 *map, const struct ring *ring, size_t at,
                                   int taps)
 {
     const size_t across = (size_t)map->side >> 3;
@@ -184,26 +185,26 @@ static inline void tiles_prefetch(const struct shadow_map *map, const struct rin
     }
 }
 
-static inline int window_count(const struct shadow_map *map, const struct ring *ring, size_t at,
-                               int taps, enum shadow_map_way way)
+static inline int window_count(const struct umbt_map16 *map, const struct ring *ring, size_t at,
+                               int taps, enum umbt_map16_way way)
 {
     const int half = taps / 2;
-    if (way == SHADOW_MAP_TILES) {
+    if (way == UMBT_MAP16_TILES) {
         return tiles_count(map, ring->x[at] - half, ring->y[at] - half, taps, ring->z[at]);
     }
     const uint16_t *texel = row_texel(map, ring, at, half);
     if (taps == 1) {
         return (int32_t)texel[0] > ring->z[at];
     }
-    return way == SHADOW_MAP_PLAIN ? plain_count(texel, (size_t)map->side, taps, ring->z[at])
+    return way == UMBT_MAP16_PLAIN ? plain_count(texel, (size_t)map->side, taps, ring->z[at])
                                    : rows_count(texel, (size_t)map->side, taps, ring->z[at]);
 }
 
 /* Inlined once for each window and way, so that both are constants inside. */
-static inline __attribute__((always_inline)) void run(const struct shadow_map_query *query,
-                                                      int taps, enum shadow_map_way way)
+static inline __attribute__((always_inline)) void run(const struct umbt_map16_query *query,
+                                                      int taps, enum umbt_map16_way way)
 {
-    const struct shadow_map *map = query->map;
+    const struct umbt_map16 *map = query->map;
     const float scale = (float)(taps * taps);
     struct ring ring;
     block_transform(query, 0, &ring);
@@ -215,7 +216,7 @@ static inline __attribute__((always_inline)) void run(const struct shadow_map_qu
         for (size_t i = first; i < last; i++) {
             const size_t next = i + query->ahead;
             if (next < query->count) {
-                if (way == SHADOW_MAP_TILES) {
+                if (way == UMBT_MAP16_TILES) {
                     tiles_prefetch(map, &ring, next % RING, taps);
                 } else {
                     rows_prefetch(map, &ring, next % RING, taps);
@@ -226,18 +227,46 @@ static inline __attribute__((always_inline)) void run(const struct shadow_map_qu
     }
 }
 
-void shadow_map_run(const struct shadow_map_query *query)
+/* Each window by each way. */
+#define WAYS(TAPS)                                                                                 \
+    case TAPS:                                                                                     \
+        if (query->way == UMBT_MAP16_PLAIN) {                                                      \
+            run(query, TAPS, UMBT_MAP16_PLAIN);                                                    \
+        } else if (query->way == UMBT_MAP16_ROWS) {                                                \
+            run(query, TAPS, UMBT_MAP16_ROWS);                                                     \
+        } else {                                                                                   \
+            run(query, TAPS, UMBT_MAP16_TILES);                                                    \
+        }                                                                                          \
+        break
+
+void umbt_map16_run(const struct umbt_map16_query *query)
 {
-    const enum shadow_map_way way = query->way;
-    if (query->taps == 1) {
-        way == SHADOW_MAP_TILES ? run(query, 1, SHADOW_MAP_TILES) : run(query, 1, SHADOW_MAP_ROWS);
-    } else if (query->taps == 9) {
-        way == SHADOW_MAP_PLAIN  ? run(query, 9, SHADOW_MAP_PLAIN)
-        : way == SHADOW_MAP_ROWS ? run(query, 9, SHADOW_MAP_ROWS)
-                                 : run(query, 9, SHADOW_MAP_TILES);
-    } else {
-        way == SHADOW_MAP_PLAIN  ? run(query, 17, SHADOW_MAP_PLAIN)
-        : way == SHADOW_MAP_ROWS ? run(query, 17, SHADOW_MAP_ROWS)
-                                 : run(query, 17, SHADOW_MAP_TILES);
+    switch (query->taps) {
+        WAYS(1);
+        WAYS(3);
+        WAYS(5);
+        WAYS(9);
+        WAYS(17);
+    default:
+        break;
     }
 }
+
+int umbt_map16_supported(void)
+{
+    return __builtin_cpu_supports("avx2") != 0;
+}
+
+#else
+
+void umbt_map16_run(const struct umbt_map16_query *query)
+{
+    (void)query;
+}
+
+int umbt_map16_supported(void)
+{
+    return 0;
+}
+
+#endif

@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
+#define UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
+/*
+ * The peer that is a sparse volume: NanoVDB's mask grid over the voxels of an asset, as its users
+ * look things up in it.
+ *
+ * On is shadowed. Mixed blocks of 8^3 voxels are leaves of 64 bytes of mask; blocks and squares of
+ * blocks that are shadowed throughout are tiles. Written to win: points are transformed in blocks
+ * of 64 by vectors; single taps go through the tree or through an accessor, whichever is quicker;
+ * windows through an accessor tap by tap, or (UMBT_NANOVDB_LEAVES) leaf by leaf with a popcount a
+ * row, which is not how the library's interface is used but is what its layout allows.
+ */
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct umbt_nanovdb;
+
+/* 1 if the library was there when this was built; else (nanovdb_absent.c) no grid can be made. */
+int umbt_nanovdb_is_built(void);
+
+/* State of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed; then slices[k]
+ * is its slice at depth k, bit x + 8 * y lit. */
+typedef int (*umbt_nanovdb_block_fn)(const void *user, uint32_t x, uint32_t y, uint32_t z,
+                                     uint64_t slices[8]);
+
+/* A grid of 2^log2_size voxels a side; world: to voxels, from points relative to the asset's
+ * origin. NULL if the grid could not be made. */
+struct umbt_nanovdb *umbt_nanovdb_make(uint32_t log2_size, const double world[3][4],
+                                       umbt_nanovdb_block_fn block, const void *user);
+void umbt_nanovdb_destroy(struct umbt_nanovdb *peer);
+size_t umbt_nanovdb_bytes(const struct umbt_nanovdb *peer);
+
+enum umbt_nanovdb_way {
+    UMBT_NANOVDB_TREE = 0, /* from the root, for single taps */
+    UMBT_NANOVDB_ACCESSOR,
+    UMBT_NANOVDB_LEAVES, /* for windows */
+    UMBT_NANOVDB_WAYS,
+};
+
+/* answers[i] = share of the taps x taps window around point i that is lit. */
+struct umbt_nanovdb_query {
+    const struct umbt_nanovdb *peer;
+    const float *points; /* [3 * count] */
+    size_t count;
+    int taps; /* 1, 3, 5, 9 or 17 */
+    enum umbt_nanovdb_way way;
+    float *answers; /* [count] */
+};
+
+void umbt_nanovdb_run(const struct umbt_nanovdb_query *query);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
