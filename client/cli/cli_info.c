@@ -145,6 +145,10 @@ static void print_file_sizes(const struct umb_asset_info *info)
         umbc_format_bytes(info->front_bytes, file);
         (void)printf("front          %s of first occluders in closed solids\n", file);
     }
+    if (info->transmittance_bytes != 0) {
+        umbc_format_bytes(info->transmittance_bytes, file);
+        (void)printf("transmittance  %s of translucent casters\n", file);
+    }
     if (info->packed_bytes != 0) {
         umbc_format_bytes(info->packed_bytes, file);
         (void)printf("packed form    %s (%" PRIu64 " bytes)\n", file, info->packed_bytes);
@@ -216,6 +220,7 @@ static void json_sizes(struct umbc_json *json, const struct umb_asset_info *info
     umbc_json_integer(json, "node_bytes", info->node_bytes);
     umbc_json_integer(json, "brick_bytes", info->brick_bytes);
     umbc_json_integer(json, "front_bytes", info->front_bytes);
+    umbc_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
     umbc_json_begin(json, "level_nodes", '[');
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umbc_json_integer(json, NULL, info->level_nodes[level]);

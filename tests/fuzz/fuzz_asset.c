@@ -145,7 +145,7 @@ static void seal_mapped(uint8_t *file, size_t size)
     uint64_t head = umb__load64(file + UMB__HEAD_LENGTH);
     uint32_t count = umb__load32(file + UMB__HEAD_DIRECTORY_COUNT);
     umb__store64(file + UMB__HEAD_FILE_LENGTH, size);
-    if (head < UMB__HEAD_SIZE || head > size || canonical > head || count > 5 ||
+    if (head < UMB__HEAD_SIZE || head > size || canonical > head || count > 7 ||
         UMB__HEAD_SIZE + canonical + count * UMB__SECTION_ENTRY > head) {
         return;
     }

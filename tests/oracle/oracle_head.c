@@ -334,12 +334,13 @@ enum entry_tag {
     ENTRY_PLAN,
     ENTRY_BAKE,
     ENTRY_ROOT,
-    ENTRY_FRNT, /* may lack */
+    ENTRY_FRNT, /* these two may lack */
+    ENTRY_TRNS,
     ENTRY_COUNT,
 };
 
-static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS",
-                                                 "PLAN", "BAKE", "ROOT", "FRNT"};
+static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN",
+                                                 "BAKE", "ROOT", "FRNT", "TRNS"};
 
 static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
                         char error[ORACLE_ERROR_SIZE])
@@ -371,7 +372,7 @@ static int find_entries(const struct oracle *oracle, struct oracle_section found
         found[kind] = (struct oracle_section){data, length};
     }
     for (uint32_t kind = 0; kind < ENTRY_COUNT; kind++) {
-        if (found[kind].data == NULL && kind != ENTRY_FRNT) {
+        if (found[kind].data == NULL && kind < ENTRY_FRNT) {
             return oracle_refuse(error, "%s: missing", entry_names[kind]);
         }
     }
@@ -398,9 +399,10 @@ int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         return oracle_refuse(error, "BAKE: not key=value lines of UTF-8");
     }
     oracle->frnt = found[ENTRY_FRNT];
+    oracle->trns = found[ENTRY_TRNS];
     return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
            read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
            read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&
            read_roots(oracle, found[ENTRY_ROOT].data, found[ENTRY_ROOT].size, error) &&
-           check_ranges(oracle, error);
+           check_ranges(oracle, error) && oracle_read_transmittance(oracle, error);
 }

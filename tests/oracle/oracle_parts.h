@@ -26,8 +26,9 @@ const uint8_t *oracle_take_bytes(struct oracle_cursor *cursor, uint64_t size);
 int oracle_refuse(char error[ORACLE_ERROR_SIZE], const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
-int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);   /* section 2 */
-int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* section 3 */
+int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* section 2 */
+int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]); /* section 3 */
+int oracle_read_transmittance(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
 int oracle_read_pages(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* sections 4, 5 */
 int oracle_check_tree(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* canonical: 1 */
 int oracle_read_mapped(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]); /* section 6 */

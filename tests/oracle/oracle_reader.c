@@ -122,6 +122,7 @@ void oracle_close(struct oracle *oracle)
         free(oracle->nodes[l]);
     }
     free(oracle->bricks);
+    free(oracle->map_squares);
     free(oracle->frusta);
     free(oracle->lights);
     *oracle = (struct oracle){0};

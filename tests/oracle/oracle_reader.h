@@ -50,6 +50,8 @@ struct oracle_frustum {
     uint64_t grid_first;   /* mapped */
     uint32_t column_level; /* these three: mapped */
     uint64_t column_first, piece_first;
+    uint32_t map_level; /* of translucent casters: 2^map_level texels a side, or 0 */
+    uint64_t map_first; /* number of the map's first square */
 };
 
 /* A node of level 4 and up of a packed file; child[c] is a number among all of the level below. */
@@ -71,7 +73,7 @@ struct oracle {
     enum oracle_form form;
     const uint8_t *bytes;
     size_t size;
-    uint64_t head_size, block_size; /* block: the canonical block, from byte 128 */
+    uint64_t head_size, block_size;      /* block: the canonical block, from byte 128 */
     uint32_t directory_count, info_size; /* directory: blocks (packed) or sections (mapped) */
     uint32_t page_count;                 /* packed */
     uint64_t blocks_at;                  /* packed: the second block, or 0 */
@@ -81,8 +83,9 @@ struct oracle {
     uint32_t light_count;
     struct oracle_frustum *frusta;
     uint32_t frustum_count;
-    struct oracle_section frnt;     /* the canonical block's, or none */
-    uint64_t unique[ORACLE_LEVELS]; /* as CNTS states them */
+    struct oracle_section frnt, trns; /* the canonical block's, or none */
+    uint64_t *map_squares;            /* where squares begin in trns */
+    uint64_t unique[ORACLE_LEVELS];   /* as CNTS states them */
 
     struct oracle_node *nodes[ORACLE_LEVELS]; /* packed, levels 4..20 */
     struct oracle_brick *bricks;              /* packed */
@@ -108,6 +111,10 @@ int oracle_voxel(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint
 /* What the front says of `lit` of a texel: -1 if it leaves the answer to the tree, -2 if it is
  * malformed there. */
 int64_t oracle_front(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y);
+
+/* Light that translucent casters leave voxel (x, y, z), inside the frustum, in units of 2^-21. */
+int64_t oracle_light_left(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
+                          uint32_t z);
 
 void oracle_close(struct oracle *oracle);
 

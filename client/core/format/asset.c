@@ -172,6 +172,7 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
     info->brick_bytes = asset->view.brick_count * 64;
     info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes;
     info->front_bytes = content->front_words * 4;
+    info->transmittance_bytes = content->transmittance_bytes;
     info->light_count = content->light_count;
     info->frustum_count = content->frustum_count;
     memcpy(info->level_nodes, asset->canonical.counts, sizeof info->level_nodes);

@@ -6,6 +6,7 @@
  * covers. One encoder, one decoder.
  */
 #include "format/content.h"
+#include "format/transmittance.h"
 
 /* Where a frustum's root stands in a packed file. */
 struct umb__packed_root {
@@ -16,9 +17,10 @@ struct umb__packed_root {
 
 /* A decoded canonical block: content plus what only the reader needs. Owns everything. */
 struct umb__canonical {
-    struct umb_content content; /* notes stay NULL here */
+    struct umb_content content;         /* notes stay NULL here */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* decoded: each below UINT32_MAX */
-    struct umb__packed_root *roots; /* [frustum_count] */
+    struct umb__packed_root *roots;     /* [frustum_count] */
+    struct umb__trans trans;            /* decoded: the content's, expanded */
 };
 
 /*

@@ -38,6 +38,8 @@ struct umb_content {
     uint32_t curve_count;
     uint32_t *front;      /* [front_words] first occluders (format/front.h), or NULL */
     uint64_t front_words; /* 0 if not kept */
+    uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
+    uint64_t transmittance_bytes;
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */

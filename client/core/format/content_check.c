@@ -11,6 +11,7 @@
 #include "format/canonical.h"
 #include "format/front.h"
 #include "format/layout.h"
+#include "format/transmittance.h"
 #include "umbrage/curve.h"
 
 static bool all_finite(const double *values, size_t count)
@@ -231,6 +232,10 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
     }
     if (status == UMB_OK) {
         status = check_curve(content, error);
+    }
+    if (status == UMB_OK && content->transmittance != NULL) {
+        status = umb__trans_check(content->transmittance, content->transmittance_bytes,
+                                  content->frusta, content->frustum_count, error);
     }
     return status == UMB_OK && content->front != NULL
                ? umb__front_check(content->front, content->front_words, content->frusta,

@@ -30,4 +30,11 @@
 #define UMB__HAS_LEVELS 1
 #endif
 
+/* Translucent casters (transmittance_stage.c). */
+#ifdef UMB_WITHOUT_TRANSMITTANCE
+#define UMB__HAS_TRANSMITTANCE 0
+#else
+#define UMB__HAS_TRANSMITTANCE 1
+#endif
+
 #endif

@@ -4,6 +4,7 @@
 
 #include "query/perspective.h"
 #include "query/query_parts.h"
+#include "query/transmittance_stage.h"
 #include "query/voxel_tree.h"
 
 static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, uint64_t index)
@@ -97,17 +98,13 @@ static void add_normal(const struct umb__query *q, const struct umb_points *one,
     }
 }
 
-void umb_query_explain(const struct umb_query *query, const struct umb_points *points, size_t index,
-                       struct umb_explanation *explanation)
+/* What opaque casters answer of parallel light. */
+static void explain_parallel(const struct umb__query *query, const struct umb_points *points,
+                             size_t index, struct umb_explanation *explanation)
 {
-    struct umb_explanation e = {0};
-    struct umb__query q;
+    struct umb_explanation e = {.transmittance = 1};
+    struct umb__query q = *query;
     double p[3], start[3], size[3];
-    memcpy(&q, query->opaque, sizeof q);
-    if (q.face_count > 0) {
-        umb__perspective_explain(&q, points, index, explanation);
-        return;
-    }
     float value = 0;
     struct umb_points one = *points;
     size_t scalar = points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
@@ -163,4 +160,20 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         walk(&q, e.cell, &e);
     }
     *explanation = e;
+}
+
+void umb_query_explain(const struct umb_query *query, const struct umb_points *points, size_t index,
+                       struct umb_explanation *explanation)
+{
+    struct umb__query q;
+    memcpy(&q, query->opaque, sizeof q);
+    if (q.face_count > 0) {
+        umb__perspective_explain(&q, points, index, explanation);
+    } else {
+        explain_parallel(&q, points, index, explanation);
+    }
+    if (q.trans != NULL && explanation->answer > 0) {
+        explanation->transmittance = umb__transmittance_at(&q, points, index);
+        explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
+    }
 }

@@ -201,6 +201,7 @@ void umb__perspective_face(const struct umb__query *q, uint32_t face, struct umb
     face_query->faces = NULL;
     face_query->tops = NULL;
     face_query->face_count = 0;
+    face_query->trans = NULL;
     for (unsigned i = 0; i < 3; i++) {
         face_query->origin[i] = 0;
         face_query->direction[i] = i == 2;
@@ -283,7 +284,8 @@ void umb__perspective_explain(const struct umb__query *q, const struct umb_point
     const struct umb_points one = {.positions = s.voxel, .format = UMB_POINT_F64, .count = 1};
     umb_query_explain(&opaque, &one, 0, explanation);
     if (s.facing_away) {
-        *explanation = (struct umb_explanation){.facing_away = 1, .taps = explanation->taps};
+        *explanation = (struct umb_explanation){
+            .facing_away = 1, .taps = explanation->taps, .transmittance = 1};
     }
     explanation->bias_mode = q->bias_mode;
     explanation->has_normal = s.has_normal;

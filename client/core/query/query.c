@@ -9,6 +9,7 @@
 #include "query/effect_switches.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
+#include "query/transmittance_stage.h"
 #include "umbrage/curve.h"
 
 static umb__kernel_fn choose_kernel(void)
@@ -226,6 +227,12 @@ static void widen_steps(struct umb__query *q)
     }
 }
 
+/* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
+static double bias_without_normal(const struct umb__query *q, int32_t taps)
+{
+    return UMB__BIAS_SLACK * (2.0 * taps + 1.0) / (2.0 * sqrt(3.0)) * length3(q->voxel_step[2]);
+}
+
 static void set_bias(struct umb__query *q, const struct umb_query_settings *settings)
 {
     q->bias_mode = settings->bias_mode;
@@ -234,20 +241,19 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
     }
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
-        /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
-        q->no_normal_m =
-            UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * length3(q->voxel_step[2]);
+        q->no_normal_m = bias_without_normal(q, q->taps);
+        q->trans_no_normal_m = bias_without_normal(q, q->trans_bias_taps);
         break;
     case UMB_BIAS_VOXELS:
         q->bias_m =
             settings->bias *
             (length3(q->voxel_step[0]) + length3(q->voxel_step[1]) + length3(q->voxel_step[2])) /
             3.0;
-        q->no_normal_m = q->bias_m;
+        q->no_normal_m = q->trans_no_normal_m = q->bias_m;
         break;
     case UMB_BIAS_METRES:
         q->bias_m = settings->bias;
-        q->no_normal_m = q->bias_m;
+        q->no_normal_m = q->trans_no_normal_m = q->bias_m;
         break;
     case UMB_BIAS_NONE:
         break;
@@ -310,6 +316,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     memcpy(q.voxel_step, frustum->voxel_step, sizeof q.voxel_step);
     memcpy(q.direction, light->direction, sizeof q.direction);
     memcpy(q.origin, content->origin, sizeof q.origin);
+    if (UMB__HAS_TRANSMITTANCE && !settings->opaque_only) {
+        umb__transmittance_set(&q, asset, light);
+    }
     if (!UMB__HAS_FACES || light->kind == UMB_LIGHT_DIRECTIONAL) {
         set_bias(&q, settings);
         if (UMB__HAS_PENUMBRA && settings->filter == UMB_FILTER_PENUMBRA) {
@@ -403,7 +412,9 @@ void umb_query_run(const struct umb_query *query, const struct umb_points *point
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    if (UMB__HAS_FACES && q.face_count > 0) {
+    if (UMB__HAS_TRANSMITTANCE && q.trans != NULL) {
+        umb__transmittance_run(&q, points, first, count, answers);
+    } else if (UMB__HAS_FACES && q.face_count > 0) {
         umb__perspective_run(&q, points, first, count, answers);
     } else {
         q.kernel(&q, points, first, count, answers);

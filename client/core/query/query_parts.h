@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
+#include "format/transmittance.h"
 #include "format/view.h"
 #include "umbrage/query.h"
 
@@ -51,6 +52,11 @@ struct umb__query {
     uint32_t face_count;                  /* 0: a directional light */
     uint32_t first_face;                  /* its number in the asset */
     double position[3];                   /* of the light, relative to the asset's origin */
+    /* Translucent casters (transmittance_stage.h). */
+    const struct umb__trans *trans;       /* NULL: none; then the stage is left out */
+    int32_t trans_taps;                   /* voxels across that the light left is a mean over */
+    int32_t trans_bias_taps;              /* taps for whose bias points move before that look-up */
+    double trans_no_normal_m;             /* no_normal_m of that bias */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");

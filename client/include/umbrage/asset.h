@@ -110,6 +110,7 @@ struct umb_asset_info {
     uint64_t node_bytes;
     uint64_t brick_bytes;
     uint64_t front_bytes; /* of first occluders behind closed fronts, beside memory_bytes; or 0 */
+    uint64_t transmittance_bytes; /* of translucent casters, beside memory_bytes; or 0 */
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */

@@ -104,6 +104,10 @@ struct umb_query_settings {
     /* For UMB_FILTER_PENUMBRA: the light's angular diameter in radians, up to UMB_EXTENT_MAX;
      * 0: the asset's. */
     double light_extent;
+    /* 1: translucent casters of assets with the effect `transmittance` take nothing. 0: answers are
+     * multiplied by the light that they leave, a mean over a box as wide as the window, but no
+     * narrower than their map's texels (docs/effects.md). */
+    int opaque_only;
 };
 
 /*
@@ -237,6 +241,7 @@ struct umb_explanation {
     int64_t cell[3];                          /* voxel index after flooring and clamping of z */
     double voxel_size_m;                      /* mean edge of the voxel (cell) that answered, m */
     double answer;                            /* 0..1 */
+    double transmittance; /* what translucent casters left, a factor of the answer; 1: all */
     uint32_t level;                           /* where the look-up stopped; 0: at the voxel */
     uint32_t lit_taps, taps;                  /* of taps * taps; of coarse look-ups 1 if all lit */
     enum umb_bias_mode bias_mode;

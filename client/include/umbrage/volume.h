@@ -13,6 +13,7 @@
  *
  * All three answer for voxels as the asset holds them, exactly: they equal a march through every
  * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
+ * Translucent casters (effect `transmittance`) are no voxels and take no part.
  *
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;

@@ -1,46 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See canonical.h; entry layouts in docs/umb-format.md, "Canonical block". */
-#include "format/canonical.h"
-
-#include <stdbool.h>
+/* Decoding the canonical block (canonical.h); entry layouts in docs/umb-format.md, section 3. */
 #include <string.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/utf8.h"
+#include "format/canonical_parts.h"
 #include "format/front.h"
-#include "format/layout.h"
-
-/* The entries in their one order. */
-enum entry {
-    ENTRY_SCENE,
-    ENTRY_LIGHTS,
-    ENTRY_FRUSTA,
-    ENTRY_COUNTS,
-    ENTRY_PLAN,
-    ENTRY_SETTINGS,
-    ENTRY_ROOTS,
-    ENTRY_CURVE,
-    ENTRY_FRONT,
-    ENTRY_COUNT,
-};
-
-static const uint32_t entry_tags[ENTRY_COUNT] = {
-    UMB__TAG_SCENE,    UMB__TAG_LIGHTS, UMB__TAG_FRUSTA, UMB__TAG_COUNTS, UMB__TAG_PLAN,
-    UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,  UMB__TAG_FRONT,
-};
-
-/* Entries that need not be there: without bytes they are left out, and a reader that does not know
- * them skips them. */
-static bool is_optional(size_t entry)
-{
-    return entry == ENTRY_CURVE || entry == ENTRY_FRONT;
-}
-
-static uint32_t entry_flags(size_t entry)
-{
-    return is_optional(entry) ? 0 : UMB__MUST_UNDERSTAND;
-}
 
 static bool all_zero(const uint8_t *bytes, uint64_t count)
 {
@@ -50,183 +16,6 @@ static bool all_zero(const uint8_t *bytes, uint64_t count)
     }
     return any == 0;
 }
-
-static uint64_t padded(uint64_t length)
-{
-    return (length + 7) & ~(uint64_t)7;
-}
-
-/* --- encoding --------------------------------------------------------------------------------- */
-
-static void write_scene(uint8_t *at, const struct umb_content *content)
-{
-    for (size_t i = 0; i < 3; i++) {
-        umb__store_f64(at + 8 * i, content->origin[i]);
-        umb__store_f64(at + 24 + 8 * i, content->bounds.min[i]);
-        umb__store_f64(at + 48 + 8 * i, content->bounds.max[i]);
-    }
-    memcpy(at + 72, content->scene_hash, UMB_ID_BYTES);
-}
-
-static void write_light(uint8_t *at, const struct umb_light_info *light)
-{
-    umb__store32(at, (uint32_t)light->kind);
-    umb__store32(at + 4, light->first_frustum);
-    umb__store32(at + 8, light->frustum_count);
-    for (size_t i = 0; i < 3; i++) {
-        umb__store_f64(at + 16 + 8 * i, light->direction[i]);
-        umb__store_f64(at + 40 + 8 * i, light->position[i]);
-    }
-    umb__store_f64(at + 64, light->extent);
-    size_t length = strlen(light->name);
-    memcpy(at + 72, light->name, length);
-}
-
-static void write_frustum(uint8_t *at, const struct umb_frustum_info *frustum)
-{
-    umb__store32(at, frustum->log2_size);
-    umb__store32(at + 4, frustum->light);
-    umb__store32(at + 8, frustum->closed ? 1U : 0U);
-    for (size_t i = 0; i < 16; i++) {
-        umb__store_f64(at + 16 + 8 * i, frustum->world_to_voxel[i / 4][i % 4]);
-    }
-}
-
-static void write_counts(uint8_t *at, const struct umb__canonical *canonical)
-{
-    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        umb__store64(at + 8 * (level - UMB_LEVEL_BRICK), canonical->counts[level]);
-    }
-    umb__store64(at + UMB__COUNTS_SIZE - 8, canonical->content.bytes_2014);
-}
-
-static void write_curve(uint8_t *at, const struct umb_curve_record *record)
-{
-    umb__store32(at, record->light);
-    umb__store32(at + 4, record->level);
-    umb__store32(at + 8, record->taps);
-    umb__store32(at + 12, record->points);
-    umb__store64(at + 16, record->nodes);
-    umb__store64(at + 24, record->lines);
-    umb__store64(at + 32, record->squares);
-}
-
-static void write_entry(uint8_t *at, enum entry entry, const struct umb__canonical *canonical)
-{
-    const struct umb_content *content = &canonical->content;
-    switch (entry) {
-    case ENTRY_SCENE:
-        write_scene(at, content);
-        break;
-    case ENTRY_LIGHTS:
-        for (uint32_t i = 0; i < content->light_count; i++) {
-            write_light(at + (size_t)i * UMB__LIGHT_SIZE, &content->lights[i]);
-        }
-        break;
-    case ENTRY_FRUSTA:
-        for (uint32_t i = 0; i < content->frustum_count; i++) {
-            write_frustum(at + (size_t)i * UMB__FRUSTUM_SIZE, &content->frusta[i]);
-        }
-        break;
-    case ENTRY_COUNTS:
-        write_counts(at, canonical);
-        break;
-    case ENTRY_PLAN:
-        memcpy(at, content->plan, strlen(content->plan));
-        break;
-    case ENTRY_SETTINGS:
-        memcpy(at, content->settings, strlen(content->settings));
-        break;
-    case ENTRY_ROOTS:
-        for (uint32_t i = 0; i < content->frustum_count; i++) {
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE, canonical->roots[i].state);
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 4, canonical->roots[i].page);
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 8, canonical->roots[i].position);
-        }
-        break;
-    case ENTRY_CURVE:
-        for (uint32_t i = 0; i < content->curve_count; i++) {
-            write_curve(at + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
-        }
-        break;
-    case ENTRY_FRONT:
-        for (uint64_t i = 0; i < content->front_words; i++) {
-            umb__store32(at + 4 * i, content->front[i]);
-        }
-        break;
-    case ENTRY_COUNT:
-        break;
-    }
-}
-
-static enum umb_status text_length(const char *text, const char *field, uint64_t *length,
-                                   struct umb_error *error)
-{
-    if (!text) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: missing", field);
-    }
-    *length = strlen(text);
-    if (*length > UMB__TEXT_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: %llu bytes, at most %u", field,
-                        (unsigned long long)*length, UMB__TEXT_MAX);
-    }
-    if (!umb__utf8_valid((const uint8_t *)text, (size_t)*length)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: must be UTF-8 text", field);
-    }
-    return UMB_OK;
-}
-
-/* Bytes of an entry with its head; 0 for one that is left out. */
-static uint64_t entry_length(size_t entry, uint64_t length)
-{
-    return length == 0 && is_optional(entry) ? 0 : UMB__ENTRY_HEAD + padded(length);
-}
-
-enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
-                                      const struct umb_alloc *alloc, uint8_t **bytes,
-                                      uint64_t *length, struct umb_error *error)
-{
-    const struct umb_content *content = &canonical->content;
-    uint64_t lengths[ENTRY_COUNT] = {
-        [ENTRY_SCENE] = UMB__SCENE_SIZE,
-        [ENTRY_LIGHTS] = (uint64_t)content->light_count * UMB__LIGHT_SIZE,
-        [ENTRY_FRUSTA] = (uint64_t)content->frustum_count * UMB__FRUSTUM_SIZE,
-        [ENTRY_COUNTS] = UMB__COUNTS_SIZE,
-        [ENTRY_ROOTS] = (uint64_t)content->frustum_count * UMB__ROOT_SIZE,
-        [ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE,
-        [ENTRY_FRONT] = content->front_words * 4,
-    };
-    enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
-    if (status == UMB_OK) {
-        status = text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    *length = 0;
-    for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        *length += entry_length(i, lengths[i]);
-    }
-    *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
-    if (!*bytes) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory for %llu bytes",
-                        (unsigned long long)*length);
-    }
-    uint8_t *at = *bytes;
-    for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        if (entry_length(i, lengths[i]) == 0) {
-            continue;
-        }
-        umb__store32(at, entry_tags[i]);
-        umb__store32(at + 4, entry_flags(i));
-        umb__store64(at + 8, lengths[i]);
-        write_entry(at + UMB__ENTRY_HEAD, (enum entry)i, canonical);
-        at += entry_length(i, lengths[i]);
-    }
-    return UMB_OK;
-}
-
-/* --- decoding --------------------------------------------------------------------------------- */
 
 struct entries {
     const uint8_t *bytes[ENTRY_COUNT];
@@ -244,17 +33,17 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
         }
         uint32_t tag = umb__load32(head);
         uint64_t size = umb__load64(head + 8);
-        if (size > length || !umb__take(&at, end, 1, padded(size), &body)) {
+        if (size > length || !umb__take(&at, end, 1, umb__entry_padded(size), &body)) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "canonical block: entry %.4s of %llu bytes is cut", (const char *)head,
                             (unsigned long long)size);
         }
-        if (!all_zero(body + size, padded(size) - size)) {
+        if (!all_zero(body + size, umb__entry_padded(size) - size)) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "canonical block: entry %.4s: padding is not zero", (const char *)head);
         }
         size_t i = 0;
-        while (i < ENTRY_COUNT && entry_tags[i] != tag) {
+        while (i < ENTRY_COUNT && umb__entry_tags[i] != tag) {
             i++;
         }
         if (i == ENTRY_COUNT) {
@@ -264,7 +53,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
             }
             continue;
         }
-        if (umb__load32(head + 4) != entry_flags(i)) {
+        if (umb__load32(head + 4) != umb__entry_flags(i)) {
             return umb_fail(error, UMB_E_VERSION,
                             "canonical block: entry %.4s has flags 0x%x of a newer writer",
                             (const char *)head, umb__load32(head + 4));
@@ -277,9 +66,9 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
         entries->lengths[i] = size;
     }
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        if (!entries->bytes[i] && !is_optional(i)) {
+        if (!entries->bytes[i] && !umb__entry_is_optional(i)) {
             return umb_fail(error, UMB_E_CORRUPT, "canonical block: an entry (0x%08x) is missing",
-                            entry_tags[i]);
+                            umb__entry_tags[i]);
         }
     }
     return UMB_OK;
@@ -400,6 +189,31 @@ static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *can
     return UMB_OK;
 }
 
+/* In: canonical: its frusta checked. */
+static enum umb_status read_transmittance(const struct entries *entries,
+                                          const struct umb_alloc *alloc,
+                                          struct umb__canonical *canonical, struct umb_error *error)
+{
+    struct umb_content *content = &canonical->content;
+    const uint8_t *bytes = entries->bytes[ENTRY_TRANSMITTANCE];
+    const uint64_t length = entries->lengths[ENTRY_TRANSMITTANCE];
+    if (!bytes) {
+        return UMB_OK;
+    }
+    const enum umb_status status = umb__trans_load(
+        bytes, length, content->frusta, content->frustum_count, alloc, &canonical->trans, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    content->transmittance = umb__alloc(alloc, (size_t)length, 1);
+    if (!content->transmittance) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+    }
+    memcpy(content->transmittance, bytes, (size_t)length);
+    content->transmittance_bytes = length;
+    return UMB_OK;
+}
+
 static enum umb_status read_entries(const struct entries *entries, const struct umb_alloc *alloc,
                                     struct umb__canonical *canonical, struct umb_error *error)
 {
@@ -459,6 +273,9 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
         status = umb__content_check(content, error);
     }
     if (status == UMB_OK) {
+        status = read_transmittance(entries, alloc, canonical, error);
+    }
+    if (status == UMB_OK) {
         umb__content_derive(content);
     }
     return status;
@@ -490,6 +307,8 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
     umb__free(alloc, canonical->content.plan);
     umb__free(alloc, canonical->content.settings);
     umb__free(alloc, canonical->content.front);
+    umb__free(alloc, canonical->content.transmittance);
+    umb__trans_finish(&canonical->trans, alloc);
     umb__free(alloc, canonical->content.curve);
     umb__free(alloc, canonical->roots);
     memset(canonical, 0, sizeof *canonical);

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
+#define UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
+/* What writer and reader of the canonical block share: its entries, their order and flags. */
+#include <stdbool.h>
+#include "format/canonical.h"
+#include "format/layout.h"
+
+/* The entries in their one order. */
+enum umb__entry {
+    ENTRY_SCENE,
+    ENTRY_LIGHTS,
+    ENTRY_FRUSTA,
+    ENTRY_COUNTS,
+    ENTRY_PLAN,
+    ENTRY_SETTINGS,
+    ENTRY_ROOTS,
+    ENTRY_CURVE,
+    ENTRY_FRONT,
+    ENTRY_TRANSMITTANCE,
+    ENTRY_COUNT,
+};
+
+static const uint32_t umb__entry_tags[ENTRY_COUNT] = {
+    UMB__TAG_SCENE,    UMB__TAG_LIGHTS, UMB__TAG_FRUSTA, UMB__TAG_COUNTS, UMB__TAG_PLAN,
+    UMB__TAG_SETTINGS, UMB__TAG_ROOTS,  UMB__TAG_CURVE,  UMB__TAG_FRONT,  UMB__TAG_TRANSMITTANCE,
+};
+
+/* Entries that need not be there: without bytes they are left out. */
+static inline bool umb__entry_is_optional(size_t entry)
+{
+    return entry == ENTRY_CURVE || entry == ENTRY_FRONT || entry == ENTRY_TRANSMITTANCE;
+}
+
+/* A reader that does not know of translucent casters would answer that their shadows are lit; one
+ * that lacks the curve or the front answers less, and nothing wrong. */
+static inline uint32_t umb__entry_flags(size_t entry)
+{
+    return entry == ENTRY_CURVE || entry == ENTRY_FRONT ? 0 : UMB__MUST_UNDERSTAND;
+}
+
+/* Entries begin at multiples of 8. */
+static inline uint64_t umb__entry_padded(uint64_t length)
+{
+    return (length + 7) & ~(uint64_t)7;
+}
+
+#endif

@@ -1,0 +1,280 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading transmittance maps (transmittance.h): one walk checks and counts, and stores if there is
+ * room to. */
+#include "format/transmittance.h"
+
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+
+struct walk {
+    const uint8_t *at, *end;
+    uint32_t size;            /* voxels along the frustum */
+    struct umb__trans *trans; /* counts; arrays are filled where they are there */
+};
+
+/* The next number; false if it is cut, longer than need be, or beyond 32 bits. */
+static bool take_varint(struct walk *w, uint32_t *value)
+{
+    uint64_t sum = 0;
+    for (unsigned shift = 0; shift < 35 && w->at < w->end; shift += 7) {
+        const uint8_t byte = *w->at++;
+        sum |= (uint64_t)(byte & 0x7f) << shift;
+        if (byte < 0x80) {
+            *value = (uint32_t)sum;
+            return sum <= UINT32_MAX && (byte != 0 || shift == 0);
+        }
+    }
+    return false;
+}
+
+static bool take_mask(struct walk *w, uint64_t *mask)
+{
+    if (w->end - w->at < 8) {
+        return false;
+    }
+    *mask = umb__load64(w->at);
+    w->at += 8;
+    return true;
+}
+
+/* 0, 1, 2, 3 ... are 0, -1, 1, -2 ... */
+static int64_t unfold(uint32_t number)
+{
+    return number & 1 ? -(int64_t)(number >> 1) - 1 : (int64_t)(number >> 1);
+}
+
+/* In, out: first_z: of the list before, of this one. */
+static bool take_list(struct walk *w, int64_t *first_z)
+{
+    struct umb__trans *t = w->trans;
+    int64_t z = 0;
+    uint32_t lost = 0, step, drop;
+    if (t->starts) {
+        t->starts[t->list_count] = (uint32_t)t->step_count;
+    }
+    t->list_count++;
+    for (bool is_first = true;; is_first = false) {
+        if (!take_varint(w, &step) || !take_varint(w, &drop)) {
+            return false;
+        }
+        z = is_first ? *first_z + unfold(step >> 1) : z + (step >> 1) + 1;
+        if (z < 0 || z >= w->size || drop >= UMB__TRANS_ONE - lost) {
+            return false;
+        }
+        lost += drop + 1;
+        *first_z = is_first ? z : *first_z;
+        if (t->steps) {
+            t->steps[t->step_count] = (struct umb__trans_step){(uint32_t)z, lost};
+        }
+        t->step_count++;
+        if ((step & 1) == 0) {
+            return true;
+        }
+    }
+}
+
+static bool take_square(struct walk *w)
+{
+    struct umb__trans *t = w->trans;
+    int64_t first_z = 0;
+    uint64_t blocks, texels;
+    if (!take_mask(w, &blocks)) {
+        return false;
+    }
+    if (t->squares) {
+        t->squares[t->square_count] = (struct umb__trans_group){blocks, (uint32_t)t->block_count};
+    }
+    t->square_count++;
+    for (; blocks; blocks &= blocks - 1) {
+        if (!take_mask(w, &texels) || texels == 0) {
+            return false;
+        }
+        if (t->blocks) {
+            t->blocks[t->block_count] = (struct umb__trans_group){texels, (uint32_t)t->list_count};
+        }
+        t->block_count++;
+        for (; texels; texels &= texels - 1) {
+            if (!take_list(w, &first_z)) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+static enum umb_status take_map(struct walk *w, uint32_t frustum, uint32_t level,
+                                struct umb_error *error)
+{
+    const uint64_t squares = (uint64_t)1 << (2 * (level - UMB__TRANS_LEVEL_MIN));
+    for (uint64_t i = 0; i < squares; i++) {
+        if (!take_square(w)) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "transmittance: frustum %u, square %llu: cut, or a step that is out of "
+                            "order, outside the frustum, or takes more light than there is",
+                            frustum, (unsigned long long)i);
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status walk_entry(const uint8_t *bytes, uint64_t length,
+                                  const struct umb_frustum_info *frusta, uint32_t frustum_count,
+                                  struct umb__trans *trans, struct umb_error *error)
+{
+    struct walk w = {.end = bytes + length, .trans = trans};
+    trans->square_count = trans->block_count = trans->list_count = trans->step_count = 0;
+    if (length < frustum_count) {
+        return umb_fail(error, UMB_E_CORRUPT, "transmittance: %llu bytes for %u frusta",
+                        (unsigned long long)length, frustum_count);
+    }
+    w.at = bytes + frustum_count;
+    for (uint32_t i = 0; i < frustum_count; i++) {
+        const uint32_t level = bytes[i];
+        if (level != 0 && (level < UMB__TRANS_LEVEL_MIN || level > frusta[i].log2_size)) {
+            return umb_fail(error, UMB_E_CORRUPT,
+                            "transmittance: frustum %u has a map of 2^%u texels a side, allowed %u "
+                            "to %u, or 0",
+                            i, level, UMB__TRANS_LEVEL_MIN, frusta[i].log2_size);
+        }
+        if (trans->maps) {
+            trans->maps[i] = (struct umb__trans_map){level, (uint32_t)trans->square_count};
+        }
+        w.size = (uint32_t)1 << frusta[i].log2_size;
+        const enum umb_status status = level == 0 ? UMB_OK : take_map(&w, i, level, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return w.at == w.end ? UMB_OK
+                         : umb_fail(error, UMB_E_CORRUPT, "transmittance: %llu bytes too many",
+                                    (unsigned long long)(w.end - w.at));
+}
+
+enum umb_status umb__trans_check(const uint8_t *bytes, uint64_t length,
+                                 const struct umb_frustum_info *frusta, uint32_t frustum_count,
+                                 struct umb_error *error)
+{
+    struct umb__trans counts = {0};
+    return walk_entry(bytes, length, frusta, frustum_count, &counts, error);
+}
+
+enum umb_status umb__trans_load(const uint8_t *bytes, uint64_t length,
+                                const struct umb_frustum_info *frusta, uint32_t frustum_count,
+                                const struct umb_alloc *alloc, struct umb__trans *trans,
+                                struct umb_error *error)
+{
+    struct umb__trans counts = {0};
+    memset(trans, 0, sizeof *trans);
+    enum umb_status status = walk_entry(bytes, length, frusta, frustum_count, &counts, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    /* One more of each: an entry may have none. */
+    trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
+    trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
+    trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);
+    trans->starts = umb__alloc(alloc, (size_t)counts.list_count + 1, sizeof *trans->starts);
+    trans->steps = umb__alloc(alloc, (size_t)counts.step_count + 1, sizeof *trans->steps);
+    status = trans->maps && trans->squares && trans->blocks && trans->starts && trans->steps
+                 ? walk_entry(bytes, length, frusta, frustum_count, trans, error)
+                 : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: no memory for %llu steps",
+                            (unsigned long long)counts.step_count);
+    if (status != UMB_OK) {
+        umb__trans_finish(trans, alloc);
+        return status;
+    }
+    trans->starts[trans->list_count] = (uint32_t)trans->step_count;
+    return UMB_OK;
+}
+
+void umb__trans_finish(struct umb__trans *trans, const struct umb_alloc *alloc)
+{
+    umb__free(alloc, trans->maps);
+    umb__free(alloc, trans->squares);
+    umb__free(alloc, trans->blocks);
+    umb__free(alloc, trans->starts);
+    umb__free(alloc, trans->steps);
+    memset(trans, 0, sizeof *trans);
+}
+
+/* What a list takes before and at a voxel. */
+static uint32_t list_lost(const struct umb__trans *trans, uint32_t list, uint32_t z)
+{
+    const uint32_t begin = trans->starts[list];
+    uint32_t low = begin, high = trans->starts[list + 1];
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (trans->steps[middle].z <= z) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return low > begin ? trans->steps[low - 1].lost : 0;
+}
+
+static uint32_t least(uint32_t a, uint32_t b)
+{
+    return a < b ? a : b;
+}
+
+static uint32_t most(uint32_t a, uint32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* Voxels of v0..v1 that lie in a texel of 2^shift. */
+static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift)
+{
+    const uint32_t first = texel << shift, last = first + (((uint32_t)1 << shift) - 1);
+    return least(v1, last) - most(v0, first) + 1;
+}
+
+/* Bits t0..t1 of those that lie in block `block` of eight texels. */
+static uint32_t bits_in_block(uint32_t t0, uint32_t t1, uint32_t block)
+{
+    const uint32_t first = most(t0, 8 * block) & 7, last = least(t1, 8 * block + 7) & 7;
+    return (2U << last) - (1U << first);
+}
+
+static uint64_t below(unsigned bit)
+{
+    return ((uint64_t)1 << bit) - 1;
+}
+
+uint64_t umb__trans_lost(const struct umb__trans *trans, const struct umb__trans_map *map,
+                         uint32_t n, const struct umb__trans_window *w)
+{
+    const uint32_t shift = n - map->level, across = map->level - UMB__TRANS_LEVEL_MIN;
+    const uint32_t x0 = w->x0 >> shift, x1 = w->x1 >> shift;
+    const uint32_t y0 = w->y0 >> shift, y1 = w->y1 >> shift;
+    uint64_t sum = 0;
+    for (uint32_t by = y0 / 8; by <= y1 / 8; by++) {
+        const uint32_t rows = bits_in_block(y0, y1, by);
+        for (uint32_t bx = x0 / 8; bx <= x1 / 8; bx++) {
+            const struct umb__trans_group *square =
+                &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
+            const unsigned bit = (bx & 7) + 8 * (by & 7);
+            if (!(square->mask >> bit & 1)) {
+                continue;
+            }
+            const struct umb__trans_group *block =
+                &trans->blocks[square->first +
+                               (uint32_t)__builtin_popcountll(square->mask & below(bit))];
+            const uint64_t columns = bits_in_block(x0, x1, bx) * UINT64_C(0x0101010101010101);
+            for (uint64_t rest = block->mask & columns; rest; rest &= rest - 1) {
+                const unsigned texel = (unsigned)__builtin_ctzll(rest);
+                if (rows >> (texel >> 3) & 1) {
+                    const uint32_t list =
+                        block->first + (uint32_t)__builtin_popcountll(block->mask & below(texel));
+                    sum += (uint64_t)list_lost(trans, list, w->z) *
+                           overlap(w->x0, w->x1, 8 * bx + (texel & 7), shift) *
+                           overlap(w->y0, w->y1, 8 * by + (texel >> 3), shift);
+                }
+            }
+        }
+    }
+    return sum;
+}

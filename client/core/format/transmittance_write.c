@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writing transmittance maps (transmittance_write.h). */
+#include "format/transmittance_write.h"
+
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+
+#define STEP_BYTES_MAX 10U /* two varints */
+
+void umb_trans_bytes_finish(struct umb_trans_bytes *bytes)
+{
+    umb__free(bytes->alloc, bytes->data);
+    memset(bytes, 0, sizeof *bytes);
+}
+
+static enum umb_status reserve(struct umb_trans_bytes *bytes, size_t more, struct umb_error *error)
+{
+    return umb__grow(bytes->alloc, &bytes->data, &bytes->capacity, bytes->count + more, 1)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: no memory for %zu bytes",
+                          bytes->count + more);
+}
+
+static enum umb_status check_limit(const struct umb_trans_bytes *bytes, size_t max_bytes,
+                                   struct umb_error *error)
+{
+    return bytes->count <= max_bytes
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT, "transmittance: more than %zu bytes", max_bytes);
+}
+
+static void put_varint(struct umb_trans_bytes *bytes, uint32_t value)
+{
+    for (; value >= 0x80; value >>= 7) {
+        bytes->data[bytes->count++] = (uint8_t)(value | 0x80);
+    }
+    bytes->data[bytes->count++] = (uint8_t)value;
+}
+
+/* Room for a mask; returns where it stands. */
+static size_t put_mask(struct umb_trans_bytes *bytes, uint64_t mask)
+{
+    const size_t at = bytes->count;
+    umb__store64(bytes->data + at, mask);
+    bytes->count += 8;
+    return at;
+}
+
+static uint32_t fold(int64_t number)
+{
+    return (uint32_t)(number < 0 ? -2 * number - 1 : 2 * number);
+}
+
+/* Room for it is there. */
+static void put_list(struct umb_trans_bytes *bytes, const struct umb_trans_list *list,
+                     int64_t *first_z)
+{
+    for (uint32_t i = 0; i < list->count; i++) {
+        const uint32_t z = list->steps[i].z;
+        const uint32_t step = i == 0 ? fold((int64_t)z - *first_z) : z - list->steps[i - 1].z - 1;
+        put_varint(bytes, 2 * step + (i + 1 < list->count));
+        put_varint(bytes, list->steps[i].drop - 1);
+    }
+    *first_z = list->steps[0].z;
+}
+
+static const struct umb_trans_list *list_of(const struct umb_trans_list *lists, uint32_t block,
+                                            uint32_t texel)
+{
+    const size_t x = 8 * (block % 8) + texel % 8, y = 8 * (block / 8) + texel / 8;
+    return &lists[y * UMB_TRANS_SIDE + x];
+}
+
+static enum umb_status put_block(struct umb_trans_bytes *bytes, const struct umb_trans_list *lists,
+                                 uint32_t block, uint64_t texels, int64_t *first_z,
+                                 struct umb_error *error)
+{
+    enum umb_status status = reserve(bytes, 8, error);
+    if (status == UMB_OK) {
+        (void)put_mask(bytes, texels);
+    }
+    for (; texels && status == UMB_OK; texels &= texels - 1) {
+        const struct umb_trans_list *list =
+            list_of(lists, block, (uint32_t)__builtin_ctzll(texels));
+        status = reserve(bytes, (size_t)list->count * STEP_BYTES_MAX, error);
+        if (status == UMB_OK) {
+            put_list(bytes, list, first_z);
+        }
+    }
+    return status;
+}
+
+enum umb_status umb_trans_square(struct umb_trans_bytes *bytes, const struct umb_trans_list *lists,
+                                 size_t max_bytes, struct umb_error *error)
+{
+    uint64_t blocks = 0;
+    int64_t first_z = 0;
+    enum umb_status status = reserve(bytes, 8, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const size_t mask_at = put_mask(bytes, 0);
+    for (uint32_t block = 0; block < 64 && status == UMB_OK; block++) {
+        uint64_t texels = 0;
+        for (uint32_t texel = 0; texel < 64; texel++) {
+            texels |= (uint64_t)(list_of(lists, block, texel)->count > 0) << texel;
+        }
+        if (texels != 0) {
+            blocks |= (uint64_t)1 << block;
+            status = put_block(bytes, lists, block, texels, &first_z, error);
+        }
+    }
+    umb__store64(bytes->data + mask_at, blocks);
+    return status == UMB_OK ? check_limit(bytes, max_bytes, error) : status;
+}
+
+enum umb_status umb_trans_append(struct umb_trans_bytes *bytes, const void *data, size_t count,
+                                 size_t max_bytes, struct umb_error *error)
+{
+    const enum umb_status status = reserve(bytes, count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (count > 0) {
+        memcpy(bytes->data + bytes->count, data, count);
+        bytes->count += count;
+    }
+    return check_limit(bytes, max_bytes, error);
+}
