@@ -70,6 +70,8 @@ static void unlink_conn(struct umbd_conn *conn)
         conn->next->previous = conn->previous;
     }
     loop->conn_count--;
+    loop->held -= conn->held ? 1U : 0U;
+    conn->held = 0;
     atomic_fetch_sub(&loop->load, 1);
     atomic_fetch_sub(&loop->daemon->metrics.connections, 1);
 }

@@ -64,6 +64,7 @@ struct umbd_conn {
     int pump_due;                 /* streams wait for their turn */
     int paused;                   /* its turn was too long: it is read from again in the next */
     int was_long;                 /* so from now on it is read in small pieces */
+    int held;                     /* and it is paused until the workers' queue has room */
     int dirty;
     struct umbd_conn *next_dirty;
 };
@@ -84,6 +85,16 @@ int umbd_conn_read_start(struct umbd_conn *conn);
 
 /* Goes on reading if that was paused. May close the connection. */
 void umbd_conn_read_again(struct umbd_conn *conn);
+
+/*
+ * Stops reading until the workers' queue has room, at most a tick: one of its calls was refused for
+ * lack of it. To read a batch only to refuse it costs up to a third of answering it, which a client
+ * that asks on and on would have instead of answers. What it sends meanwhile waits in the kernel.
+ */
+void umbd_conn_hold(struct umbd_conn *conn);
+
+/* The end of that. May close the connection. */
+void umbd_conn_release(struct umbd_conn *conn);
 
 /* Closes now; why is logged at debug. Not from within nghttp2's call-backs. */
 void umbd_conn_close(struct umbd_conn *conn, const char *why);

@@ -271,9 +271,27 @@ int umbd_conn_read_start(struct umbd_conn *conn)
     return uv_read_start(&conn->socket.stream, on_alloc, on_read);
 }
 
+void umbd_conn_hold(struct umbd_conn *conn)
+{
+    if (!conn->held && !conn->closing) {
+        conn->held = conn->paused = 1;
+        conn->loop->held++;
+        uv_read_stop(&conn->socket.stream);
+    }
+}
+
+void umbd_conn_release(struct umbd_conn *conn)
+{
+    if (conn->held) {
+        conn->held = 0;
+        conn->loop->held--;
+        umbd_conn_read_again(conn);
+    }
+}
+
 void umbd_conn_read_again(struct umbd_conn *conn)
 {
-    if (conn->paused && !conn->closing) {
+    if (conn->paused && !conn->held && !conn->closing) {
         conn->paused = 0;
         if (umbd_conn_read_start(conn) != 0) {
             umbd_conn_close(conn, "cannot go on reading");

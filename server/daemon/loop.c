@@ -160,6 +160,16 @@ void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns)
     conn->turn_ns += loop->clock_ns - began_ns;
 }
 
+static void release_held(struct umbd_loop *loop)
+{
+    struct umbd_conn *conn = loop->first_conn;
+    while (conn != NULL) {
+        struct umbd_conn *next = conn->next;
+        umbd_conn_release(conn);
+        conn = next;
+    }
+}
+
 /* Takes what the workers finished; then sends, once a connection: what a flush leaves for later
  * comes with the next turn of the loop. */
 static void collect_done(struct umbd_loop *loop)
@@ -184,6 +194,9 @@ static void collect_done(struct umbd_loop *loop)
         umbd_conn_read_again(conn);
         conn = next;
     }
+    if (loop->held > 0 && umbd_pool_has_room(loop->daemon->pool)) {
+        release_held(loop);
+    }
 }
 
 static void on_wake(uv_async_t *async)
@@ -203,6 +216,7 @@ static void on_tick(uv_timer_t *timer)
     while (conn != NULL) {
         struct umbd_conn *next = conn->next;
         umbd_conn_tick(conn, now_ms);
+        umbd_conn_release(conn);
         conn = next;
     }
     umbd_listeners_tick(loop);

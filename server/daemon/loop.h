@@ -55,6 +55,7 @@ struct umbd_loop {
     struct umbd_handed *handed; /* sockets from the first loop, under done_mutex */
 
     struct umbd_conn *first_conn;
+    uint32_t held; /* connections that umbd_conn_hold stopped */
     struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
     size_t conn_count;
     struct umbd_listener *listeners;

@@ -368,3 +368,8 @@ size_t umbd_pool_depth(struct umbd_pool *pool)
     pthread_mutex_unlock(&pool->mutex);
     return depth;
 }
+
+int umbd_pool_has_room(struct umbd_pool *pool)
+{
+    return umbd_pool_depth(pool) <= pool->limit / 2;
+}

@@ -106,9 +106,10 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     return reply;
 }
 
-/* Refuses for lack of room; the client is told when to come again. */
+/* Refuses for lack of room; the client is told when to come again, and not heard until then. */
 static void shed(struct umbd_call *call, const struct umb_error *error)
 {
+    umbd_conn_hold(call->conn);
     umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
     umbd_call_fail_status(call, UMB_E_BUSY, error);
 }

@@ -180,6 +180,17 @@ with test.check("a greedy connection that fills the queue does not shut the othe
     greedy.close()
     daemon.stop()
 
+with test.check("a connection that was refused is heard again when the queue has room"):
+    daemon = test.daemon("--workers", 1, "--queue", 4)
+    greedy = connect(daemon)
+    streams = [upload(greedy, query(100000, taps=17)) for _ in range(40)]
+    replies = [greedy.reply(stream, 120) for stream in streams]
+    assert {reply.status for reply in replies} == {OK, EXHAUSTED}, replies
+    assert greedy.reply(upload(greedy, query(4096, taps=17)), 60).status == OK
+    assert greedy.call(QUERY, query(8)).status == OK
+    greedy.close()
+    daemon.stop()
+
 # --- connections -----------------------------------------------------------------------------
 
 with test.check("PINGs do not keep a connection without calls open"):
