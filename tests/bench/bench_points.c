@@ -11,16 +11,27 @@
 #include "study/point_sampler.h"
 #include "study/study_vec.h"
 
-#define WIDTH         1280U
-#define HEIGHT        720U
 #define PACKET_WIDE   4U
 #define PACKET_TALL   2U
 #define RANDOM_VOXELS 4.0
 #define FACING_SPARE  4U /* candidates a point: at least one in four faces the sun */
 #define SEED          7U
 #define SLACK         (65.0 / 64.0) /* as the product's automatic bias */
+#define EYE_FOV_DEG   50.0
 
 const int bench_taps[3] = {1, 9, 17};
+
+/* Where a camera is in a scene, and where it looks. */
+struct stand {
+    const char *scene;
+    double x, y, above_ground; /* metres */
+    double azimuth_deg, elevation_deg;
+};
+
+static const struct stand stands[] = {
+    {"city", 40.5, -27.0, 1.7, 255.0, 0.0},
+    {"terrain", 0.0, 0.0, 30.0, 310.0, -8.0},
+};
 
 /* Metres along a unit normal by which the automatic bias moves a point (query.h, UMB_BIAS_AUTO). */
 static double bias_m(const struct bench_scene *scene, const double normal[3], int taps)
@@ -76,12 +87,31 @@ static void surface_take(const struct bench_scene *scene, const double position[
     points->count++;
 }
 
-void bench_points_gbuffer(const struct bench_scene *scene, struct bench_points *points)
+/* A camera at eye height above the highest ground where the scene's stand is. */
+static void stand_take(const struct bench_scene *scene, struct umbt_camera_request *request)
 {
-    struct umbt_camera camera;
-    struct umbt_gbuffer buffer;
+    const struct stand *stand = stands;
+    while (strcmp(stand->scene, scene->name) != 0) {
+        stand++;
+    }
+    const double above[3] = {stand->x, stand->y, scene->study.box.max[2] + 1.0};
+    const double down[3] = {0.0, 0.0, -1.0};
+    double look[3];
+    struct umbr_hit ground;
+    umbr_nearest(scene->study.rays, above, down, 0.0, INFINITY, &ground);
+    umbt_along(above, ground.distance - stand->above_ground, down, request->eye);
+    umbt_compass_vector(stand->azimuth_deg, stand->elevation_deg, 1, look);
+    umbt_along(request->eye, 1.0, look, request->target);
+    request->has_eye = 1;
+    request->has_target = 1;
+    request->fov_deg = EYE_FOV_DEG;
+}
+
+static void camera_make(const struct bench_scene *scene, enum bench_view view, uint32_t width,
+                        uint32_t height, struct umbt_camera *camera)
+{
     struct umb_error error;
-    const struct umbt_camera_request request = {0};
+    struct umbt_camera_request request = {0};
     struct umbt_camera_subject subject = {
         .points = (const double(*)[3])scene->study.corners,
         .count = 3 * scene->study.count,
@@ -91,27 +121,41 @@ void bench_points_gbuffer(const struct bench_scene *scene, struct bench_points *
     for (int k = 0; k < 3; k++) {
         subject.to_light[k] = -scene->light.direction[k];
     }
-    bench_must(umbt_camera_make(&request, &subject, WIDTH, HEIGHT, &camera, &error), &error,
+    if (view == BENCH_VIEW_INSIDE) {
+        stand_take(scene, &request);
+    }
+    bench_must(umbt_camera_make(&request, &subject, width, height, camera, &error), &error,
                "camera");
-    bench_must(umbt_gbuffer_init(&buffer, WIDTH, 1, HEIGHT, &error), &error, "gbuffer");
-    bench_must(umbt_gbuffer_fill(&buffer, &scene->study, &camera, HEIGHT, 0, HEIGHT,
+}
+
+void bench_points_gbuffer(const struct bench_scene *scene, enum bench_view view,
+                          struct bench_points *points)
+{
+    const int inside = view == BENCH_VIEW_INSIDE;
+    const uint32_t width = inside ? 1920 : 1280, height = inside ? 1080 : 720;
+    struct umbt_camera camera;
+    struct umbt_gbuffer buffer;
+    struct umb_error error;
+    camera_make(scene, view, width, height, &camera);
+    bench_must(umbt_gbuffer_init(&buffer, width, 1, height, &error), &error, "gbuffer");
+    bench_must(umbt_gbuffer_fill(&buffer, &scene->study, &camera, height, 0, height,
                                  umbt_processor_count(), &error),
                &error, "gbuffer");
-    *points = (struct bench_points){.name = "gbuffer"};
+    *points = (struct bench_points){.name = inside ? "gbuffer" : "gbuffer-overview"};
     arrays_make(points, buffer.receiver_count);
-    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
+    for (uint32_t i = 0; i < width * height; i++) {
         const uint32_t packet = i / (PACKET_WIDE * PACKET_TALL);
-        const uint32_t across = WIDTH / PACKET_WIDE;
+        const uint32_t across = width / PACKET_WIDE;
         const uint32_t x = packet % across * PACKET_WIDE + i % PACKET_WIDE;
         const uint32_t y = packet / across * PACKET_TALL + i / PACKET_WIDE % PACKET_TALL;
-        const uint32_t slot = buffer.slots[y * WIDTH + x];
+        const uint32_t slot = buffer.slots[y * width + x];
         if (slot != UMBT_SKY) {
             surface_take(scene, &buffer.positions[3 * (size_t)slot],
                          &buffer.normals[3 * (size_t)slot], 0.0, points);
         }
     }
     umbt_gbuffer_finish(&buffer);
-    bench_say("%s gbuffer: %zu points", scene->name, points->count);
+    bench_say("%s %s: %zu points", scene->name, points->name, points->count);
 }
 
 void bench_points_random(const struct bench_scene *scene, size_t count, struct bench_points *points)

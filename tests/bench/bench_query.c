@@ -22,6 +22,7 @@
 #include "bench_report.h"
 #include "bench_scene.h"
 #include "embree_peer.h"
+#include "place_floor.h"
 #include "umbrage/query.h"
 
 #define BENCH         "query"
@@ -33,7 +34,7 @@ struct stage {
     struct bench_scene scene;
     struct umbt_map16 map; /* 16384 only */
     struct embree_peer *peer;
-    struct bench_points gbuffer, random;
+    struct bench_points gbuffer, overview, random;
     int has_map;
 };
 
@@ -50,6 +51,7 @@ struct race {
     float *answers, *other;
     struct bench_samples ours[3], map_ratios[3], map_s[3], ray_ratios[2], ray_s[2];
     struct bench_samples tiled_ratios[3], tiled_s[3];
+    struct bench_samples floor_s, floor_over_ray, map_over_ray; /* a ray over them; one tap */
 };
 
 static void *floats_make(size_t count)
@@ -73,6 +75,13 @@ static double map_run(const struct race *race, const struct umbt_map16_query *ma
 {
     const double start = bench_cpu_s();
     umbt_map16_run(map);
+    return (bench_cpu_s() - start) / (double)race->points->count;
+}
+
+static double floor_run(struct race *race)
+{
+    const double start = bench_cpu_s();
+    place_floor_run(&race->queries[0], &race->batches[0], race->answers);
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 
@@ -173,13 +182,16 @@ static void race_tune(struct race *race, int closed_rule)
 
 static void race_once(struct race *race)
 {
-    double point_s = 0.0;
+    double point_s = 0.0, map_point_s = 0.0;
+    const double floor_s = floor_run(race);
+    bench_add(&race->floor_s, floor_s);
     for (int t = 0; t < 3; t++) {
         const double ours = ours_run(race, t);
         bench_add(&race->ours[t], ours);
         point_s = t == 0 ? ours : point_s;
         if (race->stage->has_map) {
             const double map = map_run(race, &race->maps[t]);
+            map_point_s = t == 0 ? map : map_point_s;
             const double tiled = map_run(race, &race->tiled[t]);
             bench_add(&race->map_s[t], map);
             bench_add(&race->map_ratios[t], map / ours);
@@ -190,6 +202,10 @@ static void race_once(struct race *race)
             const double rays = rays_run(race, r);
             bench_add(&race->ray_s[r], rays);
             bench_add(&race->ray_ratios[r], rays / point_s);
+            if (r == 0) {
+                bench_add(&race->floor_over_ray, rays / floor_s);
+                bench_add(&race->map_over_ray, race->stage->has_map ? rays / map_point_s : 0.0);
+            }
         }
     }
 }
@@ -203,8 +219,19 @@ static int race_is_noisy(const struct race *race)
     return noisy;
 }
 
+/* What a shadow map and what no look-up at all would reach in the place of ours. */
+static void limits_report(const struct race *race)
+{
+    const char *rays = race->ray_races == 2 ? "occluded8" : "best_embree";
+    if (race->stage->has_map) {
+        bench_row(BENCH, race->name, bench_text("sm16_vs_%s", rays), "higher", &race->map_over_ray);
+    }
+    bench_row(BENCH, race->name, bench_text("floor_vs_%s", rays), "higher", &race->floor_over_ray);
+}
+
 static void race_report(const struct race *race)
 {
+    limits_report(race);
     if (race->ray_races == 2) {
         bench_row(BENCH, race->name, "tap1_vs_occluded8", "higher", &race->ray_ratios[0]);
         if (race->stage->has_map) {
@@ -221,13 +248,13 @@ static void race_report(const struct race *race)
         bench_row(BENCH, race->name, "pcf17_vs_sm16_tiled", "higher", &race->tiled_ratios[2]);
     }
     bench_say("%s: ns a point: ours %.1f %.1f %.1f, shadow map %.1f %.1f %.1f, tiled %.1f %.1f "
-              "%.1f, rays %.0f %.0f",
+              "%.1f, rays %.0f %.0f, floor %.1f",
               race->name, 1e9 * bench_median(&race->ours[0]), 1e9 * bench_median(&race->ours[1]),
               1e9 * bench_median(&race->ours[2]), 1e9 * bench_median(&race->map_s[0]),
               1e9 * bench_median(&race->map_s[1]), 1e9 * bench_median(&race->map_s[2]),
               1e9 * bench_median(&race->tiled_s[0]), 1e9 * bench_median(&race->tiled_s[1]),
               1e9 * bench_median(&race->tiled_s[2]), 1e9 * bench_median(&race->ray_s[0]),
-              1e9 * bench_median(&race->ray_s[1]));
+              1e9 * bench_median(&race->ray_s[1]), 1e9 * bench_median(&race->floor_s));
 }
 
 /* Half of a batch, answered by a thread of its own. */
@@ -279,7 +306,7 @@ static void threads_report(const struct race *race)
 static void race_run(const struct stage *stage, const struct bench_asset *asset, int closed_rule,
                      const struct bench_points *points, int thousands)
 {
-    const int gbuffer = strcmp(points->name, "gbuffer") == 0;
+    const int gbuffer = strncmp(points->name, "gbuffer", 7) == 0;
     struct race race = {.stage = stage, .points = points, .ray_races = gbuffer ? 2 : 1};
     race.name = bench_text("%s-%dk-%s-%s", stage->scene.name, thousands,
                            closed_rule ? "closed" : "open", points->name);
@@ -300,7 +327,8 @@ static void stage_make(struct stage *stage, const char *name, uint32_t log2_size
     memset(stage, 0, sizeof *stage);
     bench_scene_make(&stage->scene, name, log2_size, assets);
     bench_scene_trace(&stage->scene);
-    bench_points_gbuffer(&stage->scene, &stage->gbuffer);
+    bench_points_gbuffer(&stage->scene, BENCH_VIEW_INSIDE, &stage->gbuffer);
+    bench_points_gbuffer(&stage->scene, BENCH_VIEW_OVERVIEW, &stage->overview);
     bench_points_random(&stage->scene, RANDOM_POINTS, &stage->random);
     umbr_rays_destroy(stage->scene.study.rays); /* the peer builds its own */
     stage->scene.study.rays = NULL;
@@ -314,6 +342,7 @@ static void stage_make(struct stage *stage, const char *name, uint32_t log2_size
 static void stage_finish(struct stage *stage)
 {
     bench_points_finish(&stage->gbuffer);
+    bench_points_finish(&stage->overview);
     bench_points_finish(&stage->random);
     embree_peer_destroy(stage->peer);
     umbt_map16_finish(&stage->map);
@@ -330,6 +359,7 @@ static void scene_run(const char *name, uint32_t log2_size, const char *assets)
         bench_asset_make(&stage.scene, closed_rule, 0, &asset);
         (void)bench_pin(0);
         race_run(&stage, &asset, closed_rule, &stage.gbuffer, thousands);
+        race_run(&stage, &asset, closed_rule, &stage.overview, thousands);
         if (stage.has_map) {
             race_run(&stage, &asset, closed_rule, &stage.random, thousands);
         }

@@ -3,10 +3,15 @@
 #define UMB__KERNEL umb__kernel_avx2
 #if defined(__AVX2__)
 #include "query/kernel_place_avx2.h"
-#define UMB__PLACE umb__place_block_avx2
-#define UMB__GRID  umb__grid_block_avx2
+#include "query/kernel_runs_avx2.h"
+#define UMB__PLACE         umb__place_block_avx2
+#define UMB__GRID          umb__grid_block_avx2
+#define UMB__BRICK_CHANGES umb__brick_changes_avx2
+#define UMB__READ_RUNS     umb__read_runs_avx2
 #else
-#define UMB__PLACE umb__place_block
-#define UMB__GRID  umb__grid_block
+#define UMB__PLACE         umb__place_block
+#define UMB__GRID          umb__grid_block
+#define UMB__BRICK_CHANGES umb__brick_changes
+#define UMB__READ_RUNS     umb__read_runs
 #endif
 #include "query/kernel_body.h"

@@ -1,24 +1,42 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
- * (UMB__KERNEL) and the two stages that vector instructions are worth writing by hand for
- * (UMB__PLACE, UMB__GRID). No guard: each includes it once.
+ * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for (UMB__PLACE,
+ * UMB__GRID, UMB__BRICK_CHANGES, UMB__READ_RUNS). No guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
  * point; a stage visits the bits that are set and makes the next stage's word without branching on
  * data. So no branch is mispredicted, where a walk point by point mispredicts one or two, and each
  * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
- * waits once a point and stage (docs/performance.md has what that gives).
+ * waits once a point and stage (docs/performance.md has what that gives). Points in one brick share
+ * a look-up (kernel_runs.h).
  *
  * One tap is kernel_points.h. A window is found by the level-5 cells (32 voxels) it touches, four
  * at most: each is looked up once, all its bricks are taken from that one node ("share",
  * reference/core.md section 3). Within a brick the window is a rectangle of the slice at depth z:
  * one mask, one popcount (Sintorn et al. 2014, section 6.2). Cells and bricks that are lit or
- * shadowed throughout stand as constants in the place of nodes and slices, so that a stage need not
+ * shadowed throughout stand as constants in the place of nodes and bricks, so that a stage need not
  * tell them apart.
  */
 #include "query/kernel_points.h"
+
+/* Texels of a slice that lie in a window which begins at texel 0..7 of its first brick: of bricks 0
+ * to 2 from there, by columns and by rows. */
+struct window_masks {
+    uint64_t columns[8][3], rows[8][3];
+};
+
+static void make_masks(int32_t taps, struct window_masks *masks)
+{
+    for (uint32_t at = 0; at < 8; at++) {
+        uint32_t window = (((uint32_t)1 << taps) - 1) << at;
+        for (uint32_t k = 0; k < 3; k++) {
+            masks->columns[at][k] = (window >> 8 * k & 0xff) * UMB__EVERY_BYTE;
+            masks->rows[at][k] = umb__spread(window >> 8 * k & 0xff);
+        }
+    }
+}
 
 /* Lists the level-5 cells that the windows touch, each once. */
 static uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
@@ -117,12 +135,11 @@ static void settle_slabs(const struct umb__query *q, struct umb__block *block,
     block->todo = unsettled;
 }
 
-/* Finds the slices of all bricks that the windows touch, `side` each way; slot 16 * point + brick.
- */
-static inline __attribute__((always_inline)) void find_slices(const struct umb__query *q,
+/* Finds all bricks that the windows touch, `side` each way; slot 16 * point + brick. */
+static inline __attribute__((always_inline)) void find_bricks(const struct umb__query *q,
                                                               const struct umb__block *block,
                                                               const struct umb__cells *cells,
-                                                              uint32_t side, const uint64_t **slice,
+                                                              uint32_t side, const uint64_t **brick,
                                                               struct umb_query_stats *stats)
 {
     const uint32_t *child[9 * UMB__BLOCK];
@@ -140,7 +157,7 @@ static inline __attribute__((always_inline)) void find_slices(const struct umb__
                 uint32_t bx = umb__least((x >> 3) + c, (x + reach) >> 3);
                 const uint64_t *node = row[(bx >> 2) - (x >> 5)];
                 uint32_t bit = (bx & 3) | row_bit, to = 16 * i + side * r + c;
-                slice[to] = umb__uniform_slices + (node[1] >> bit & 1);
+                brick[to] = umb__uniform_bricks[node[1] >> bit & 1];
                 slot[left] = (uint16_t)to;
                 child[left] = umb__child_place(node, bit);
                 UMB__PREFETCH(child[left]);
@@ -150,57 +167,93 @@ static inline __attribute__((always_inline)) void find_slices(const struct umb__
     }
     stats->bricks += left;
     for (uint32_t k = 0; k < left; k++) {
-        int32_t z = block->z[slot[k] / 16];
-        slice[slot[k]] = q->bricks[*child[k]] + (z & 7);
-        UMB__PREFETCH(slice[slot[k]]);
+        brick[slot[k]] = q->bricks[*child[k]];
+        UMB__PREFETCH(brick[slot[k]]);
     }
 }
 
-/* Adds up the windows from the slices of their bricks. */
-static inline __attribute__((always_inline)) void count_slices(const struct umb__query *q,
-                                                               struct umb__block *block,
-                                                               uint32_t side,
-                                                               const uint64_t *const *slice)
+/* Adds up the windows of all runs from the slices of their bricks. */
+static inline __attribute__((always_inline)) void
+count_slices(const struct window_masks *masks, struct umb__block *block, uint64_t heads,
+             const struct umb__runs *runs, uint32_t side, const uint64_t *const *brick)
 {
-    uint32_t window = ((uint32_t)1 << q->taps) - 1;
-    for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest), lit = 0;
-        uint32_t columns = window << (block->x[i] & 7), rows = window << (block->y[i] & 7);
-        for (uint32_t r = 0; r < side; r++) {
-            uint64_t row_mask = umb__spread(rows >> 8 * r & 0xff);
-            for (uint32_t c = 0; c < side; c++) {
-                uint64_t mask = row_mask & (columns >> 8 * c & 0xff) * UMB__EVERY_BYTE;
-                lit += (uint32_t)__builtin_popcountll(*slice[16 * i + side * r + c] & mask);
+    for (uint64_t rest = heads; rest; rest &= rest - 1) {
+        uint32_t h = umb__first_bit(rest);
+        const uint64_t *const *of_head = brick + 16 * h;
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
+            const uint64_t *columns = masks->columns[block->x[i] & 7];
+            const uint64_t *rows = masks->rows[block->y[i] & 7];
+            uint32_t lit = 0, z = (uint32_t)block->z[i] & 7;
+            for (uint32_t r = 0; r < side; r++) {
+                for (uint32_t c = 0; c < side; c++) {
+                    uint64_t slice = of_head[side * r + c][z];
+                    lit += umb__count_bits(slice & columns[c] & rows[r]);
+                }
             }
+            block->lit[i] = lit;
         }
-        block->lit[i] = lit;
     }
 }
 
-/* `idle`: blocks for which settle_slabs is left out, because it settled next to nothing. */
-static void count_windows(const struct umb__query *q, struct umb__block *block, uint32_t *idle,
+/* Windows whose heads were settled answer as these. */
+static void spread_settled(struct umb__block *block, const struct umb__block *heads,
+                           uint64_t settled, const struct umb__runs *runs)
+{
+    for (uint64_t rest = settled; rest; rest &= rest - 1) {
+        uint32_t h = umb__first_bit(rest);
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
+            block->lit[i] = heads->lit[h];
+        }
+    }
+}
+
+/* Blocks for which the two stages that settle windows early are left out, because they settled next
+ * to nothing. */
+struct idle_stages {
+    uint32_t grid, slabs;
+};
+
+/* Whether a stage is to be tried on this block. */
+static bool stage_is_due(uint32_t *idle)
+{
+    *idle -= *idle > 0;
+    return *idle == 0;
+}
+
+static uint32_t idle_after(uint64_t before, uint64_t after)
+{
+    uint32_t count = umb__count_bits(before);
+    return umb__count_bits(after) >= count - count / 8 ? UMB__IDLE_BLOCKS + 1 : 0;
+}
+
+static void count_windows(const struct umb__query *q, const struct window_masks *masks,
+                          struct umb__block *block, struct idle_stages *idle,
                           struct umb_query_stats *stats)
 {
     struct umb__cells cells;
-    uint32_t values[UMB__BLOCK];
-    uint64_t looked_up = block->todo;
-    UMB__GRID(q, block, values);
-    stats->nodes += umb__count_bits(looked_up & ~block->todo);
-    find_cells(q, block, list_cells(q, block, &cells), &cells, stats);
-    if (*idle > 0) {
-        --*idle;
-    } else {
-        uint64_t before = umb__count_bits(block->todo);
-        settle_slabs(q, block, &cells);
-        *idle = umb__count_bits(block->todo) > before - before / 8 ? UMB__IDLE_BLOCKS : 0;
+    struct umb__block heads;
+    struct umb__runs runs;
+    umb__take_heads(q, block, umb__run_starts(block, UMB__BRICK_CHANGES(block)), &heads, &runs);
+    uint64_t looked_up = heads.todo;
+    if (stage_is_due(&idle->grid)) {
+        UMB__GRID(q, &heads);
+        stats->nodes += umb__count_bits(looked_up & ~heads.todo);
+        idle->grid = idle_after(looked_up, heads.todo);
     }
-    const uint64_t *slice[16 * UMB__BLOCK];
+    find_cells(q, &heads, list_cells(q, &heads, &cells), &cells, stats);
+    if (stage_is_due(&idle->slabs)) {
+        uint64_t before = heads.todo;
+        settle_slabs(q, &heads, &cells);
+        idle->slabs = idle_after(before, heads.todo);
+    }
+    spread_settled(block, &heads, looked_up & ~heads.todo, &runs);
+    const uint64_t *brick[16 * UMB__BLOCK];
     if (q->taps <= 9) {
-        find_slices(q, block, &cells, 2, slice, stats);
-        count_slices(q, block, 2, slice);
+        find_bricks(q, &heads, &cells, 2, brick, stats);
+        count_slices(masks, block, heads.todo, &runs, 2, brick);
     } else {
-        find_slices(q, block, &cells, 3, slice, stats);
-        count_slices(q, block, 3, slice);
+        find_bricks(q, &heads, &cells, 3, brick, stats);
+        count_slices(masks, block, heads.todo, &runs, 3, brick);
     }
 }
 
@@ -208,15 +261,19 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
                  size_t count, struct umb_answers *answers)
 {
     struct umb__block block;
+    struct window_masks masks;
     struct umb_query_stats stats = {.points = count};
-    uint32_t idle = 0;
+    struct idle_stages idle = {0, 0};
+    if (query->taps > 1) {
+        make_masks(query->taps, &masks);
+    }
     for (size_t end = first + count; first < end; first += block.size) {
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(query, points, first, &block, &stats);
         if (query->taps == 1) {
             umb__count_points(query, &block, &stats);
         } else {
-            count_windows(query, &block, &idle, &stats);
+            count_windows(query, &masks, &block, &idle, &stats);
         }
         umb__store_block(query, &block, first, answers->values);
     }

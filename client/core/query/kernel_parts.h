@@ -5,18 +5,22 @@
 #include "query/query_parts.h"
 
 #define UMB__BLOCK       64 /* points in flight: a bit of a word each */
+#define UMB__BEHIND      8  /* lanes behind them: eight may be read from any point on */
 #define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
 #define UMB__IDLE_BLOCKS 15 /* blocks before a stage that settled nothing is tried again */
 #define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
 
 /* A block of points on its way through the stages. */
 struct umb__block {
-    uint32_t size;         /* points, at most UMB__BLOCK */
-    uint64_t todo;         /* bit i: point i is still to be looked up */
-    int32_t x[UMB__BLOCK]; /* first texel of the window; the window lies in the frustum */
-    int32_t y[UMB__BLOCK]; /* (0, 0, 0 for points that are not to be looked up) */
-    int32_t z[UMB__BLOCK];
-    uint32_t lit[UMB__BLOCK]; /* lit texels of the window; final where todo's bit is 0 */
+    uint32_t size; /* points, at most UMB__BLOCK */
+    uint64_t todo; /* bit i: point i is still to be looked up */
+    /* First texel of the window, which lies in the frustum; 0, 0, 0 for points that are not to be
+     * looked up. */
+    int32_t x[UMB__BLOCK + UMB__BEHIND];
+    int32_t y[UMB__BLOCK + UMB__BEHIND];
+    int32_t z[UMB__BLOCK + UMB__BEHIND];
+    /* Lit texels of the window; final where todo's bit is 0. */
+    uint32_t lit[UMB__BLOCK + UMB__BEHIND];
 };
 
 /* The level-5 cells of a block's windows: slot 4 * point + right + 2 * down. */
@@ -31,9 +35,8 @@ struct umb__voxel {
     int32_t x, y, z;
 };
 
-/* Nodes without mixed children, all shadowed and all lit; slices likewise. */
+/* Nodes without mixed children, all shadowed and all lit. */
 static const uint64_t umb__uniform_nodes[4] = {0, 0, 0, UINT64_MAX};
-static const uint64_t umb__uniform_slices[2] = {0, UINT64_MAX};
 
 static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t level, uint32_t g)
 {
@@ -176,10 +179,9 @@ static inline void umb__place_block(const struct umb__query *q, const struct umb
 
 /*
  * The grid stage: settles windows whose cells are all lit or all shadowed, and takes them out of
- * todo. For one tap, value[i] of the others becomes their cell's value.
+ * todo.
  */
-static inline void umb__grid_block(const struct umb__query *q, struct umb__block *block,
-                                   uint32_t value[UMB__BLOCK])
+static inline void umb__grid_block(const struct umb__query *q, struct umb__block *block)
 {
     uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2;
     uint32_t total = (uint32_t)(q->taps * q->taps);
@@ -197,7 +199,6 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
         size_t down = ((size_t)((y + reach) >> level) - (size_t)(y >> level)) << g;
         uint32_t differ =
             (cell[0] ^ cell[right]) | (cell[0] ^ cell[down]) | (cell[0] ^ cell[right + down]);
-        value[i] = cell[0];
         block->lit[i] = (cell[0] & 1) * total;
         mixed |= (uint64_t)((cell[0] >= UMB__CELL_FIRST) | (differ != 0)) << i;
     }

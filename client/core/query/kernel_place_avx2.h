@@ -232,8 +232,7 @@ static inline __m256i umb__gather_eight(const struct umb__query *q, __m256i x, _
 }
 
 /* umb__grid_block, eight points at a time. */
-static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__block *block,
-                                        uint32_t value[UMB__BLOCK])
+static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__block *block)
 {
     const __m128i level = _mm_cvtsi32_si128((int)(q->log2_size - q->grid_log2));
     const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
@@ -247,16 +246,13 @@ static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__
         __m256i lit = _mm256_loadu_si256((const __m256i *)(const void *)(block->lit + i));
         z = _mm256_srl_epi32(z, level);
         __m256i cx = _mm256_srl_epi32(x, level), cy = _mm256_srl_epi32(y, level);
-        __m256i cell = umb__gather_eight(q, cx, cy, z), same = _mm256_set1_epi32(-1);
-        if (q->taps > 1) {
-            __m256i right = _mm256_srl_epi32(_mm256_add_epi32(x, reach), level);
-            __m256i down = _mm256_srl_epi32(_mm256_add_epi32(y, reach), level);
-            same = _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, cy, z));
-            same =
-                _mm256_and_si256(same, _mm256_cmpeq_epi32(cell, umb__gather_eight(q, cx, down, z)));
-            same = _mm256_and_si256(same,
-                                    _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, down, z)));
-        }
+        __m256i cell = umb__gather_eight(q, cx, cy, z);
+        __m256i right = _mm256_srl_epi32(_mm256_add_epi32(x, reach), level);
+        __m256i down = _mm256_srl_epi32(_mm256_add_epi32(y, reach), level);
+        __m256i same = _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, cy, z));
+        same = _mm256_and_si256(same, _mm256_cmpeq_epi32(cell, umb__gather_eight(q, cx, down, z)));
+        same =
+            _mm256_and_si256(same, _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, down, z)));
         __m256i uniform = _mm256_cmpeq_epi32(_mm256_min_epu32(cell, two), cell);
         uniform = _mm256_andnot_si256(_mm256_cmpeq_epi32(cell, two), uniform);
         unsigned todo = (unsigned)(block->todo >> i & 0xff);
@@ -266,7 +262,6 @@ static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__
         /* A uniform cell's value is 1 if lit, else 0. */
         lit = _mm256_blendv_epi8(lit, _mm256_mullo_epi32(cell, total), settled);
         _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), lit);
-        _mm256_storeu_si256((__m256i *)(void *)(value + i), cell);
         unsigned done = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(settled));
         mixed |= (uint64_t)(todo & ~done) << i;
     }

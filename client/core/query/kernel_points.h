@@ -9,7 +9,9 @@
  * data. What a stage needs of a point's position, it computes for the whole block beforehand, in
  * loops that compilers make vectors of.
  */
-#include "query/kernel_parts.h"
+#include "query/kernel_runs.h"
+
+#define UMB__RUNS_MAX 40 /* of a block: with more, every point goes down for itself */
 
 /* Points on their way down, and the node or brick that each has reached. */
 struct umb__descent {
@@ -114,20 +116,51 @@ static inline void umb__read_bricks(const struct umb__query *q, struct umb__bloc
     }
 }
 
+/* From columns to bricks, level by level; points settled on the way leave the list. */
+static inline void umb__descend(const struct umb__query *q, struct umb__block *block,
+                                struct umb__descent *points, struct umb_query_stats *stats)
+{
+    uint32_t level = q->column_level;
+    stats->nodes += umb__count_bits(block->todo);
+    umb__enter_columns(q, block, points);
+    while (level > UMB_LEVEL_BRICK && points->count > 0) {
+        level -= 2;
+        stats->nodes += points->count;
+        umb__enter_children(q, block, level, points);
+    }
+    stats->bricks += points->count;
+}
+
+/* Answers a block whose points share bricks: only the heads of its runs go down. */
+static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
+                                   uint64_t starts, struct umb_query_stats *stats)
+{
+    struct umb__block heads;
+    struct umb__runs runs;
+    struct umb__descent points;
+    const uint64_t *brick[UMB__BLOCK];
+    umb__take_heads(q, block, starts, &heads, &runs);
+    umb__descend(q, &heads, &points, stats);
+    for (uint32_t h = 0; h < runs.count; h++) {
+        brick[h] = umb__uniform_bricks[heads.lit[h] & 1];
+    }
+    for (uint32_t k = 0; k < points.count; k++) {
+        brick[points.slot[k]] = q->bricks[points.number[k]];
+    }
+    UMB__READ_RUNS(block, &heads, &runs, brick);
+}
+
 static inline void umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb_query_stats *stats)
 {
     struct umb__descent points;
-    uint32_t level = q->column_level;
-    stats->nodes += umb__count_bits(block->todo);
-    umb__enter_columns(q, block, &points);
-    while (level > UMB_LEVEL_BRICK && points.count > 0) {
-        level -= 2;
-        stats->nodes += points.count;
-        umb__enter_children(q, block, level, &points);
+    uint64_t starts = umb__run_starts(block, UMB__BRICK_CHANGES(block));
+    if (umb__count_bits(starts) <= UMB__RUNS_MAX) {
+        umb__count_runs(q, block, starts, stats);
+    } else {
+        umb__descend(q, block, &points, stats);
+        umb__read_bricks(q, block, &points);
     }
-    stats->bricks += points.count;
-    umb__read_bricks(q, block, &points);
 }
 
 #endif

@@ -90,6 +90,25 @@ static uint32_t lit_alone(const struct umb__query *q, const struct umb_points *p
                           : window.outside + umb__count_window(q, &window, &stats);
 }
 
+/* Points in the order of a picture whose pixels lie closer than voxels: most are in the brick of
+ * the point before, many in its voxel; some jump, some face away, some are outside. */
+static void make_picture(uint32_t size, double pixel_voxels, uint64_t *seed)
+{
+    double at[3] = {0.5 * size, 0.5 * size, 0.45 * size};
+    for (size_t i = 0; i < POINTS; i++) {
+        const int jumps = i % 211 == 0;
+        for (size_t k = 0; k < 3; k++) {
+            const double step = (random_unit(seed) - 0.4) * pixel_voxels;
+            at[k] = jumps ? random_unit(seed) * size : at[k] + step;
+            at[k] = at[k] > 1.01 * size ? 0.3 * size : at[k];
+            doubles[i][k] = at[k] * voxel_m;
+            floats[i][k] = (float)doubles[i][k];
+            normals[i][k] =
+                (float)(random_unit(seed) - (k == 2 ? 1.0 - (double)(i / 40 % 3 == 0) : 0.5));
+        }
+    }
+}
+
 static void check_batch(const struct umb_query *query, const struct umb_points *points)
 {
     static float values[2][POINTS];
@@ -146,6 +165,8 @@ static void check_frusta(const struct ground *ground, uint32_t frusta, uint32_t 
     for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
         make_points(ground->size, taps % 4 == 1 ? 0.9 : 1.2, &seed);
         check_asset(asset, frusta - 1, taps);
+        make_picture(ground->size, taps % 4 == 1 ? 0.4 : 1.6, &seed);
+        check_asset(asset, frusta - 1, taps);
     }
     umb_asset_close(asset);
     bytes_finish(&file);
@@ -167,6 +188,43 @@ static void kernels_agree_where_wide_nodes_stand_above_level_five(void **state)
 {
     (void)state;
     check_frusta(&(struct ground){128, 32, 2}, 8, 7);
+}
+
+/* Shared look-ups are read once; nobody's answer tells. */
+static void neighbours_in_one_brick_share_a_look_up(void **state)
+{
+    (void)state;
+    struct ground ground = {256, 256, 3};
+    struct voxels voxels = {stepped, &ground, 8, 1};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_asset *asset;
+    struct kernel kernels[2];
+    uint64_t seed = 11;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    static double mixed[POINTS][3];
+    make_picture(ground.size, 0.2, &seed);
+    for (size_t i = 0; i < POINTS; i++) {
+        memcpy(mixed[i], doubles[i * 1009 % POINTS], sizeof mixed[i]);
+    }
+    struct umb_points picture = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    memcpy(picture.origin, origin, sizeof origin);
+    struct umb_points shuffled = picture;
+    shuffled.positions = mixed;
+    for (uint32_t taps = 1; taps <= 17; taps += 8) {
+        struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
+        struct umb_query query;
+        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+        const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+        for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
+            static float values[POINTS];
+            struct umb_answers far = {.values = values}, near = {.values = values};
+            kernels[k].run(q, &picture, 0, POINTS, &near);
+            kernels[k].run(q, &shuffled, 0, POINTS, &far);
+            assert_true(4 * near.stats.nodes < far.stats.nodes);
+        }
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
 }
 
 /* Leaves what looks like voxels far away where the next call has its variables. */
@@ -216,6 +274,7 @@ int main(void)
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_bricks),
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_level_five),
         cmocka_unit_test(kernels_agree_where_wide_nodes_stand_above_level_five),
+        cmocka_unit_test(neighbours_in_one_brick_share_a_look_up),
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_H
+#define UMBRAGE_CORE_QUERY_KERNEL_RUNS_H
+/*
+ * Neighbours that share their way down. Where pixels lie closer than voxels, most points of a
+ * picture are in the brick of the point before. So a block is cut into runs of points in one brick,
+ * the first of each run, its head, is looked up for all of them, and each point is answered from
+ * the brick that its head has reached. A block of heads is a block like any other: the stages do
+ * not know the difference.
+ *
+ * The runs of a window's block: windows that begin in one brick touch the same bricks, or fewer.
+ */
+#include "query/kernel_parts.h"
+
+struct umb__runs {
+    uint32_t count;
+    uint8_t first[UMB__BLOCK + 1]; /* point that a run begins with; behind the last: the size */
+};
+
+static const uint64_t umb__uniform_bricks[2][8] = {
+    {0},
+    {UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX,
+     UINT64_MAX},
+};
+
+/* Bit i is set if point i is in another brick than the one before. */
+static inline uint64_t umb__brick_changes(const struct umb__block *block)
+{
+    uint64_t changes = 0;
+    for (uint32_t i = 1; i < block->size; i++) {
+        uint32_t differ = (uint32_t)(block->x[i] ^ block->x[i - 1]) |
+                          (uint32_t)(block->y[i] ^ block->y[i - 1]) |
+                          (uint32_t)(block->z[i] ^ block->z[i - 1]);
+        changes |= (uint64_t)(differ > 7) << i;
+    }
+    return changes;
+}
+
+/* Bit i is set if a run begins with point i. Points that are not to be looked up have runs of their
+ * own. */
+static inline uint64_t umb__run_starts(const struct umb__block *block, uint64_t changes)
+{
+    uint64_t inside = UINT64_MAX >> (UMB__BLOCK - block->size);
+    return (1 | changes | (block->todo ^ block->todo << 1)) & inside;
+}
+
+/* Makes the block of heads. A head that stands for several points takes the last place of its brick
+ * where a window may begin, so that it touches all bricks that any of them does. */
+static inline void umb__take_heads(const struct umb__query *q, const struct umb__block *block,
+                                   uint64_t starts, struct umb__block *heads,
+                                   struct umb__runs *runs)
+{
+    int32_t last = ((int32_t)1 << q->log2_size) - q->taps;
+    uint32_t count = 0;
+    heads->todo = 0;
+    while (starts) {
+        uint32_t i = umb__first_bit(starts);
+        starts &= starts - 1;
+        uint32_t next = starts ? umb__first_bit(starts) : block->size;
+        int32_t within = next - i > 1 ? 7 : 0;
+        int32_t x = block->x[i] | within, y = block->y[i] | within;
+        heads->x[count] = x < last ? x : last;
+        heads->y[count] = y < last ? y : last;
+        heads->z[count] = block->z[i];
+        heads->todo |= (block->todo >> i & 1) << count;
+        runs->first[count] = (uint8_t)i;
+        count++;
+    }
+    runs->first[count] = (uint8_t)block->size;
+    runs->count = count;
+    heads->size = count;
+    umb__pad_block(heads);
+}
+
+/* One tap: answers the points of all runs from the bricks of their heads. */
+static inline void umb__read_runs(struct umb__block *block, const struct umb__block *heads,
+                                  const struct umb__runs *runs,
+                                  const uint64_t *const brick[UMB__BLOCK])
+{
+    for (uint64_t rest = heads->todo; rest; rest &= rest - 1) {
+        uint32_t h = umb__first_bit(rest);
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
+            uint32_t bit = ((uint32_t)block->x[i] & 7) | ((uint32_t)block->y[i] & 7) << 3;
+            block->lit[i] = (uint32_t)(brick[h][block->z[i] & 7] >> bit & 1);
+        }
+    }
+}
+
+#endif

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX2_H
+#define UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX2_H
+/* The steps of kernel_runs.h eight points at a time with AVX2; the same integers. */
+#include <immintrin.h>
+#include "query/kernel_runs.h"
+
+static inline __m256i umb__load_eight(const int32_t *at)
+{
+    return _mm256_loadu_si256((const __m256i *)(const void *)at);
+}
+
+static inline uint64_t umb__brick_changes_avx2(const struct umb__block *block)
+{
+    uint64_t same = 0;
+    for (uint32_t i = 0; i < block->size; i += 8) {
+        __m256i x =
+            _mm256_xor_si256(umb__load_eight(block->x + i), umb__load_eight(block->x + i + 1));
+        __m256i y =
+            _mm256_xor_si256(umb__load_eight(block->y + i), umb__load_eight(block->y + i + 1));
+        __m256i z =
+            _mm256_xor_si256(umb__load_eight(block->z + i), umb__load_eight(block->z + i + 1));
+        __m256i differ = _mm256_srli_epi32(_mm256_or_si256(_mm256_or_si256(x, y), z), 3);
+        __m256i equal = _mm256_cmpeq_epi32(differ, _mm256_setzero_si256());
+        same |= (uint64_t)(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(equal)) << i;
+    }
+    return ~same << 1; /* bits beyond the block's points are its caller's business */
+}
+
+/*
+ * Brick words are taken from registers: of 32 bits they are two a slice, the lower for y & 4 == 0.
+ * Eight points are written whatever a run has; what is too much the next run overwrites.
+ */
+static inline void umb__read_runs_avx2(struct umb__block *block, const struct umb__block *heads,
+                                       const struct umb__runs *runs,
+                                       const uint64_t *const brick[UMB__BLOCK])
+{
+    const __m256i one = _mm256_set1_epi32(1), three = _mm256_set1_epi32(3);
+    const __m256i seven = _mm256_set1_epi32(7);
+    const uint64_t settled = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
+    uint32_t kept[UMB__BLOCK];
+    (void)heads;
+    if (settled) {
+        memcpy(kept, block->lit, sizeof kept);
+    }
+    for (uint32_t h = 0; h < runs->count; h++) {
+        const __m256i *words = (const __m256i *)(const void *)brick[h];
+        const __m256i low = _mm256_loadu_si256(words), high = _mm256_loadu_si256(words + 1);
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
+            __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
+            __m256i z = umb__load_eight(block->z + i);
+            /* The lowest three bits choose within half a brick, the highest one the half. */
+            __m256i which = _mm256_or_si256(_mm256_add_epi32(z, z),
+                                            _mm256_and_si256(_mm256_srli_epi32(y, 2), one));
+            __m256 word =
+                _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(low, which)),
+                                 _mm256_castsi256_ps(_mm256_permutevar8x32_epi32(high, which)),
+                                 _mm256_castsi256_ps(_mm256_slli_epi32(z, 29)));
+            __m256i bit = _mm256_or_si256(_mm256_and_si256(x, seven),
+                                          _mm256_slli_epi32(_mm256_and_si256(y, three), 3));
+            __m256i lit = _mm256_srlv_epi32(_mm256_castps_si256(word), bit);
+            _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_and_si256(lit, one));
+        }
+    }
+    for (uint64_t rest = settled; rest; rest &= rest - 1) {
+        uint32_t i = umb__first_bit(rest);
+        block->lit[i] = kept[i];
+    }
+}
+
+#endif

@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_PLACE_FLOOR_H
+#define UMBRAGE_TESTS_PLACE_FLOOR_H
+/*
+ * The floor under every structure that answers shadows: points are read, moved to voxel space by
+ * the product's own steps, and answers are written; nothing is looked up. What a ray costs over
+ * this is the most that any data structure could reach.
+ */
+#include "umbrage/query.h"
+
+/* One tap, answers as floats; they mean nothing. */
+void place_floor_run(const struct umb_query *query, const struct umb_points *points,
+                     float *answers);
+
+#endif

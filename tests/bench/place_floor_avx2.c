@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See place_floor.h. */
+#include "place_floor.h"
+
+#include "query/kernel_place_avx2.h"
+
+void place_floor_run(const struct umb_query *query, const struct umb_points *points, float *answers)
+{
+    const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
+    struct umb_query_stats stats = {0};
+    struct umb__block block;
+    for (size_t first = 0; first < points->count; first += block.size) {
+        const size_t left = points->count - first;
+        block.size = left < UMB__BLOCK ? (uint32_t)left : UMB__BLOCK;
+        umb__place_block_avx2(q, points, first, &block, &stats);
+        for (uint32_t i = 0; i < block.size; i++) {
+            block.lit[i] = (uint32_t)(block.x[i] ^ block.y[i] ^ block.z[i]) & 1;
+        }
+        umb__store_block(q, &block, first, answers);
+    }
+}
