@@ -39,6 +39,14 @@ const struct umbt_technique_row umbt_technique_rows[] = {
     {"msm-u16", UMBT_BOX, MAP(MSM), .settings.format = UMB_MAP_U16},
     {"msm-f32", UMBT_BOX, MAP(MSM)},
     {"msm-sat", UMBT_BOX, MAP(MSM), .settings.access = UMB_MAP_SAT},
+    {"pssm-map-2", UMBT_POINT, MAP(PCF), .cascades = 2, .fit = UMB_CASCADE_SCENE},
+    {"pssm-map-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_SCENE},
+    {"pssm-map-8", UMBT_POINT, MAP(PCF), .cascades = 8, .fit = UMB_CASCADE_SCENE},
+    {"pssm-lispsm-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_LISPSM},
+    {"pssm-vsm-2", UMBT_BOX, MAP(VSM), .cascades = 2, .fit = UMB_CASCADE_SCENE},
+    {"pssm-vsm-4", UMBT_BOX, MAP(VSM), .cascades = 4, .fit = UMB_CASCADE_SCENE},
+    {"pssm-evsm-4", UMBT_BOX, MAP(EVSM), .settings.exponent = 42, .settings.negative_exponent = 5.4,
+     .settings.linear = 1, .cascades = 4, .fit = UMB_CASCADE_SCENE},
 };
 
 const size_t umbt_technique_row_count = sizeof umbt_technique_rows / sizeof umbt_technique_rows[0];

@@ -10,56 +10,84 @@
 #include "study/shading.h"
 #include "study/study_progress.h"
 #include "study/study_vec.h"
-#include "study/traced_shadow.h"
+#include "study/technique_cascades.h"
 
 #define DISC_RAYS  64U
 #define AREA_RAYS  11U  /* a side */
 #define LIFT_SHARE 2e-6 /* of the scene's diagonal: off the surface, above Embree's rounding */
 
+/* A layer on its way. */
+struct layer {
+    const struct umbr_rays *rays;
+    const struct umb_map_frustum *frustum;
+    float *depth;
+};
+
 static enum umb_status layer_block(void *user, size_t first, size_t count, struct umb_error *error)
 {
-    struct umbt_technique_view *view = user;
+    const struct layer *layer = user;
+    const uint32_t width = layer->frustum->width;
     (void)error;
     for (size_t i = first; i < first + count; i++) {
-        const double x = (double)(i % view->resolution) + 0.5;
-        const double y = (double)(i / view->resolution) + 0.5;
+        const double x = (double)(i % width) + 0.5, y = (double)(i / width) + 0.5;
         double start[3], end[3], direction[3];
         struct umbr_hit hit;
-        view->depth[i] = 1.0F;
-        if (!umb_map_frustum_point(&view->frustum, x, y, 0.0, start) ||
-            !umb_map_frustum_point(&view->frustum, x, y, 1.0, end)) {
+        layer->depth[i] = 1.0F;
+        if (!umb_map_frustum_point(layer->frustum, x, y, 0.0, start) ||
+            !umb_map_frustum_point(layer->frustum, x, y, 1.0, end)) {
             continue;
         }
         umbt_subtract(end, start, direction);
         const double length = umbt_normalize(direction);
-        umbr_nearest(view->scene->rays, start, direction, 0.0, length, &hit);
+        umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
         if (hit.distance >= 0.0) {
-            view->depth[i] = (float)fmin(hit.distance / length, 0.99999994);
+            layer->depth[i] = (float)fmin(hit.distance / length, 0.99999994);
         }
     }
     return UMB_OK;
 }
 
+enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
+                                     const struct umb_map_frustum *frustum, float *depth,
+                                     struct umb_error *error)
+{
+    struct layer layer = {view->scene->rays, frustum, depth};
+    return umbt_parallel_for(view->threads, (size_t)frustum->width * frustum->height, 4096,
+                             layer_block, &layer, error);
+}
+
 /* The map's texels as voxels of one depth step each, for the traced references. */
-static void truth_frustum(const struct umbt_technique_view *view, struct umbt_truth *truth)
+void umbt_technique_truth(const struct umbt_technique_view *view,
+                          const struct umb_map_frustum *frustum, struct umbt_truth *truth)
 {
     memset(truth, 0, sizeof *truth);
     truth->rays = view->scene->rays;
+    truth->kind = UMBT_TRUTH_AREA;
     truth->settings.taps = view->taps;
     truth->samples = AREA_RAYS;
     truth->diagonal_m = view->scene->diagonal_m;
     memcpy(truth->to_light, view->to_light, sizeof truth->to_light);
-    memcpy(truth->origin, view->frustum.origin, sizeof truth->origin);
+    memcpy(truth->origin, frustum->origin, sizeof truth->origin);
     for (int i = 0; i < 3; i++) {
-        memcpy(truth->frustum.world_to_voxel[i], view->frustum.world_to_map[i],
+        memcpy(truth->frustum.world_to_voxel[i], frustum->world_to_map[i],
                sizeof truth->frustum.world_to_voxel[i]);
-        const double *row = view->frustum.world_to_map[i];
+        const double *row = frustum->world_to_map[i];
         const double square = umbt_dot(row, row);
         for (int k = 0; k < 3 && i < 2; k++) {
             truth->frustum.voxel_step[i][k] = row[k] / square;
         }
     }
     truth->frustum.world_to_voxel[3][3] = 1.0;
+}
+
+float umbt_technique_traced(const struct umbt_technique_view *view, const struct umbt_truth *truth,
+                            size_t i)
+{
+    double normal[3];
+    for (size_t k = 0; k < 3; k++) {
+        normal[k] = (double)view->buffer.normals[3 * i + k];
+    }
+    return umbt_truth_visibility(truth, &view->buffer.positions[3 * i], normal);
 }
 
 /* Share of the light's disc that a point sees. */
@@ -92,20 +120,20 @@ static enum umb_status truth_block(void *user, size_t first, size_t count, struc
 {
     struct umbt_technique_view *view = user;
     double disc[DISC_RAYS][2];
-    struct umbt_truth truth;
+    struct umbt_truth box, surface;
     (void)error;
     umb__poisson_disc(disc, DISC_RAYS);
-    truth_frustum(view, &truth);
+    umbt_technique_truth(view, &view->frustum, &box);
+    surface = box;
+    surface.kind = UMBT_TRUTH_SURFACE;
     for (size_t i = first; i < first + count; i++) {
         const double *point = &view->buffer.positions[3 * i];
         double normal[3];
         for (size_t k = 0; k < 3; k++) {
             normal[k] = (double)view->buffer.normals[3 * i + k];
         }
-        truth.kind = UMBT_TRUTH_AREA;
-        view->truth[UMBT_BOX][i] = umbt_truth_visibility(&truth, point, normal);
-        truth.kind = UMBT_TRUTH_SURFACE;
-        view->truth[UMBT_POINT][i] = umbt_truth_visibility(&truth, point, normal);
+        view->truth[UMBT_BOX][i] = umbt_technique_traced(view, &box, i);
+        view->truth[UMBT_POINT][i] = umbt_technique_traced(view, &surface, i);
         view->truth[UMBT_PENUMBRA][i] =
             disc_visibility(view, (const double(*)[2])disc, point, normal);
     }
@@ -125,7 +153,7 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
                      : umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     }
     if (status == UMB_OK) {
-        status = umbt_parallel_for(view->threads, texels, 4096, layer_block, view, error);
+        status = umbt_technique_layer(view, &view->frustum, view->depth, error);
     }
     if (status == UMB_OK) {
         status = umbt_gbuffer_fill(&view->buffer, view->scene, &view->camera, view->height, 0,
@@ -181,9 +209,8 @@ void umbt_technique_compare(const struct umbt_technique_view *view, const float 
     result->over_half = (double)over / count;
 }
 
-/* The row's filter with what the view sets. */
-static struct umb_map_filter filter_of(const struct umbt_technique_view *view,
-                                       const struct umbt_technique_row *row)
+struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
+                                            const struct umbt_technique_row *row)
 {
     struct umb_map_filter filter = row->filter;
     filter.width = row->truth == UMBT_POINT ? 1.0 : (double)view->taps;
@@ -201,17 +228,27 @@ static struct umb_map_filter filter_of(const struct umbt_technique_view *view,
     return filter;
 }
 
-enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
-                                   const struct umbt_technique_row *row, float *values,
-                                   struct umbt_technique_result *result, struct umb_error *error)
+struct umb_map_settings umbt_technique_settings(const struct umbt_technique_view *view,
+                                                const struct umbt_technique_row *row)
 {
-    memset(result, 0, sizeof *result);
     struct umb_map_settings settings = row->settings;
     if (settings.technique != UMB_MAP_PCF && settings.access == UMB_MAP_BASE) {
         settings.blur = view->taps;
     }
+    return settings;
+}
+
+enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
+                                   const struct umbt_technique_row *row, float *values,
+                                   struct umbt_technique_result *result, struct umb_error *error)
+{
+    if (row->cascades > 0) {
+        return umbt_technique_cascades_run(view, row, values, result, error);
+    }
+    memset(result, 0, sizeof *result);
+    const struct umb_map_settings settings = umbt_technique_settings(view, row);
     const struct umb_map_layer layer = {.depth = view->depth};
-    const struct umb_map_filter filter = filter_of(view, row);
+    const struct umb_map_filter filter = umbt_technique_filter(view, row);
     struct umb_map *map;
     struct umb_map_query query;
     const double start = umbt_cpu_s();

@@ -11,6 +11,7 @@
 #include "study/gbuffer.h"
 #include "study/picture.h"
 #include "study/technique_rows.h"
+#include "study/traced_shadow.h"
 
 struct umbt_technique_view {
     const struct umbt_scene *scene;
@@ -38,6 +39,19 @@ UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view 
                                                      struct umb_error *error);
 void umbt_technique_view_finish(struct umbt_technique_view *view);
 
+/* A frustum's layer of depths, traced. depth: float[frustum->width * frustum->height]. */
+UMB_CHECKED enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
+                                                 const struct umb_map_frustum *frustum,
+                                                 float *depth, struct umb_error *error);
+
+/* The truth of the view's filter on an affine frustum: rays over its box. */
+void umbt_technique_truth(const struct umbt_technique_view *view,
+                          const struct umb_map_frustum *frustum, struct umbt_truth *truth);
+
+/* Visibility of receiver i by a truth. */
+float umbt_technique_traced(const struct umbt_technique_view *view, const struct umbt_truth *truth,
+                            size_t i);
+
 /* How one technique answered. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
@@ -50,6 +64,14 @@ struct umbt_technique_result {
  * result. truth, values: float[receivers]. */
 void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
                             const float *values, struct umbt_technique_result *result);
+
+/* The row's filter with what the view sets. */
+struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
+                                            const struct umbt_technique_row *row);
+
+/* The row's settings, likewise. */
+struct umb_map_settings umbt_technique_settings(const struct umbt_technique_view *view,
+                                                const struct umbt_technique_row *row);
 
 /* Builds, asks and compares one row. values: float[receivers], out. */
 UMB_CHECKED enum umb_status umbt_technique_run(const struct umbt_technique_view *view,

@@ -12,7 +12,7 @@
 #include "common/json_text.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
-#include "study/technique_view.h"
+#include "study/technique_dag.h"
 #include "study/view_options.h"
 
 #define COLUMNS 5U
@@ -27,6 +27,7 @@ static const char help[] =
     "\n"
     "  -o, --output FILE   all views side by side, PNG: the three truths first, then the table's\n"
     "                      rows from left to right, five a row\n"
+    "  --asset FILE        two rows more: an asset baked for the same sun\n"
     "  --resolution N      texels a side, a power of two, 64 to 4096 (default 1024)\n"
     "  --taps N            width of the filter in texels, odd, 1 to 17 (default 9)\n"
     "  --light-size DEG    the sun's diameter for penumbrae, above 0 to 20 (default 0.53)\n"
@@ -44,7 +45,7 @@ static const char help[] =
     "temporary.\n";
 
 struct study {
-    const char *scene_path, *output;
+    const char *scene_path, *output, *asset_path;
     const char *light_size;
     struct umbt_view_options options;
     uint64_t resolution, taps, threads;
@@ -53,7 +54,9 @@ struct study {
     struct umbt_technique_view view;
     struct umbt_picture sheet;
     float *values;
-    struct umbt_technique_result *results; /* [umbt_technique_row_count] */
+    struct umb_asset *asset;               /* NULL: none */
+    size_t row_count;                      /* of techniques, then of the asset */
+    struct umbt_technique_result *results; /* [row_count] */
 };
 
 static enum umb_status options_check(struct study *study, struct umb_error *error)
@@ -90,6 +93,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     const struct umbt_option table[] = {
         {"-o", UMBT_TEXT, &study->output, 0, 0},
         {"--output", UMBT_TEXT, &study->output, 0, 0},
+        {"--asset", UMBT_TEXT, &study->asset_path, 0, 0},
         {"--resolution", UMBT_COUNT, &study->resolution, 64, 4096},
         {"--taps", UMBT_COUNT, &study->taps, 1, 17},
         {"--light-size", UMBT_TEXT, &study->light_size, 0, 0},
@@ -145,13 +149,25 @@ static void tile_draw(struct study *study, size_t tile, const float *values)
     }
 }
 
+/* Row i: a technique, or the asset. */
+static enum umb_status row_run(struct study *study, size_t i, struct umb_error *error)
+{
+    struct umbt_technique_result *result = &study->results[i];
+    if (i < umbt_technique_row_count) {
+        return umbt_technique_run(&study->view, &umbt_technique_rows[i], study->values, result,
+                                  error);
+    }
+    return umbt_dag_run(&study->view, study->asset, (uint32_t)(i - umbt_technique_row_count),
+                        study->values, result, error);
+}
+
 static enum umb_status rows_run(struct study *study, struct umb_error *error)
 {
-    const size_t tiles = UMBT_TECHNIQUE_TRUTHS + umbt_technique_row_count;
+    const size_t tiles = UMBT_TECHNIQUE_TRUTHS + study->row_count;
     const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
     enum umb_status status = UMB_OK;
     study->values = malloc(study->view.buffer.receiver_count * sizeof *study->values);
-    study->results = calloc(umbt_technique_row_count, sizeof *study->results);
+    study->results = calloc(study->row_count, sizeof *study->results);
     if (study->values == NULL || study->results == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "answers do not fit in memory");
     }
@@ -162,9 +178,8 @@ static enum umb_status rows_run(struct study *study, struct umb_error *error)
     for (size_t i = 0; i < UMBT_TECHNIQUE_TRUTHS && status == UMB_OK; i++) {
         tile_draw(study, i, study->view.truth[i]);
     }
-    for (size_t i = 0; i < umbt_technique_row_count && status == UMB_OK; i++) {
-        status = umbt_technique_run(&study->view, &umbt_technique_rows[i], study->values,
-                                    &study->results[i], error);
+    for (size_t i = 0; i < study->row_count && status == UMB_OK; i++) {
+        status = row_run(study, i, error);
         tile_draw(study, UMBT_TECHNIQUE_TRUTHS + i, study->values);
     }
     if (status == UMB_OK && study->output != NULL) {
@@ -173,7 +188,23 @@ static enum umb_status rows_run(struct study *study, struct umb_error *error)
     return status;
 }
 
-static const char *const truth_names[] = {"box", "point", "penumbra"};
+/* What row i is called, and what it is held against. */
+static const char *row_name(const struct study *study, size_t i, char *buffer, size_t size)
+{
+    if (i < umbt_technique_row_count) {
+        return umbt_technique_rows[i].name;
+    }
+    const int box = umbt_dag_truths[i - umbt_technique_row_count] == UMBT_BOX;
+    (void)snprintf(buffer, size, "dag-%u", box ? study->view.taps : 1U);
+    return buffer;
+}
+
+static const char *row_truth(size_t i)
+{
+    static const char *const names[] = {"box", "point", "penumbra"};
+    return names[i < umbt_technique_row_count ? umbt_technique_rows[i].truth
+                                              : umbt_dag_truths[i - umbt_technique_row_count]];
+}
 
 static void report_text(const struct study *study)
 {
@@ -182,11 +213,12 @@ static void report_text(const struct study *study)
            study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
     printf("%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean", "lighter",
            "darker", "over 0.5", "bytes", "build s", "ns/point");
-    for (size_t i = 0; i < umbt_technique_row_count; i++) {
+    for (size_t i = 0; i < study->row_count; i++) {
         const struct umbt_technique_result *r = &study->results[i];
+        char name[16];
         printf("%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
-               umbt_technique_rows[i].name, truth_names[umbt_technique_rows[i].truth], r->mean,
-               r->lighter, r->darker, 100.0 * r->over_half, r->info.bytes, r->build_s, r->query_ns);
+               row_name(study, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
+               100.0 * r->over_half, r->info.bytes, r->build_s, r->query_ns);
     }
 }
 
@@ -197,14 +229,15 @@ static void report_json(const struct study *study)
     umbs_json_text(stdout, study->scene_path);
     printf(",\"triangles\":%zu,\"resolution\":%u,\"taps\":%u,\"points\":%zu,\"techniques\":[",
            study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
-    for (size_t i = 0; i < umbt_technique_row_count; i++) {
+    for (size_t i = 0; i < study->row_count; i++) {
         const struct umbt_technique_result *r = &study->results[i];
+        char name[16];
         printf("%s{\"name\":\"%s\",\"truth\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g"
                ",\"darker\":%.9g,\"over_half\":%.9g,\"bytes\":%" PRIu64
                ",\"slack\":%.9g,\"build_s\":%.6f,\"query_ns\":%.1f}",
-               i > 0 ? "," : "", umbt_technique_rows[i].name,
-               truth_names[umbt_technique_rows[i].truth], r->mean, r->lighter, r->darker,
-               r->over_half, r->info.bytes, r->info.slack, r->build_s, r->query_ns);
+               i > 0 ? "," : "", row_name(study, i, name, sizeof name), row_truth(i), r->mean,
+               r->lighter, r->darker, r->over_half, r->info.bytes, r->info.slack, r->build_s,
+               r->query_ns);
     }
     printf("]}\n");
 }
@@ -222,6 +255,11 @@ int umbt_techniques_command(int argc, char **argv)
     if (status == UMB_OK) {
         status = view_open(&study, &error);
     }
+    study.row_count = umbt_technique_row_count;
+    if (status == UMB_OK && study.asset_path != NULL) {
+        study.row_count += UMBT_DAG_ROWS;
+        status = umbt_dag_open(&study.view, study.asset_path, &study.asset, &error);
+    }
     if (status == UMB_OK) {
         status = rows_run(&study, &error);
     }
@@ -232,6 +270,7 @@ int umbt_techniques_command(int argc, char **argv)
     }
     free(study.values);
     free(study.results);
+    umb_asset_close(study.asset);
     umbt_picture_finish(&study.sheet);
     umbt_technique_view_finish(&study.view);
     umbt_view_close(&study.opened);

@@ -51,6 +51,30 @@ with test.check("errors fall as the parameter rises"):
         means = [rows[name]["mean"] for name in family]
         assert means == sorted(means, reverse=True), (family, means)
 
+with test.check("from within the scene, more slices of the view are nearer to the truth than one map"):
+    run = study("--resolution", "256", "--size", "96x64", "--taps", "5", "--camera",
+                "eye=2,2,2,target=20,0,20,fov=60", "--json")
+    near = {row["name"]: row["mean"] for row in json.loads(run.stdout)["techniques"]}
+    for family in (("map-f32", "pssm-map-2", "pssm-map-4"), ("pssm-map-2", "pssm-lispsm-4"),
+                   ("pssm-vsm-2", "pssm-vsm-4", "pssm-evsm-4")):
+        means = [near[name] for name in family]
+        assert means == sorted(means, reverse=True), (family, means)
+
+with test.check("an asset is two rows more, the nearer to the truth the finer it is"):
+    means = []
+    for resolution in ("256", "2048"):
+        asset = os.path.join(test.folder, "arch.umb")
+        subprocess.run([ut.program("umbrage-bake"), scene, "-o", asset, "--resolution", resolution,
+                        "--verify", "0", "--quiet"], check=True)
+        run = study("--resolution", "256", "--size", "96x64", "--taps", "5", "--asset", asset,
+                    "--json")
+        dag = {row["name"]: row for row in json.loads(run.stdout)["techniques"]}
+        assert dag["dag-1"]["bytes"] == dag["dag-5"]["bytes"] > 0, dag
+        means.append((dag["dag-1"]["mean"], dag["dag-5"]["mean"]))
+    assert means[1][0] < means[0][0] and means[1][1] < means[0][1], means
+    wrong = study("--asset", asset, "--sun", "10,20")
+    assert wrong.returncode == 2 and b"--asset" in wrong.stderr, wrong
+
 with test.check("the same points give the same errors again, on one thread"):
     again = study("--resolution", "256", "--size", "96x64", "--taps", "5", "--threads", "1", "--json")
     for row in json.loads(again.stdout)["techniques"]:

@@ -65,8 +65,11 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
         return 0; /* a wall along the light and across the rows: every crossing is the same */
     }
     coverage->odd = odd;
-    double gx = (uz * wy - uy * wz) / area;
-    double gy = (ux * wz - uz * wx) / area;
+    double gx = 0.0, gy = 0.0;
+    if (area != 0.0) {
+        gx = (uz * wy - uy * wz) / area;
+        gy = (ux * wz - uz * wx) / area;
+    }
     if (!isfinite(gx) || !isfinite(gy)) { /* a sliver beyond doubles: take its anchor's depth */
         gx = 0.0;
         gy = 0.0;

@@ -47,7 +47,7 @@ int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_
         sum += weight[k];
     }
     for (int k = 0; k < 3; k++) {
-        weight[k] = unit(weight[k] / sum);
+        weight[k] = sum != 0.0 ? unit(weight[k] / sum) : (weight[k] > 0.0 ? 1.0 : 0.0);
     }
     sum = weight[0] + weight[1] + weight[2];
     if (!(sum > 0.0)) { /* seen edge on, beyond doubles: its first corner stands for it */
