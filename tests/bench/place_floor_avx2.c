@@ -9,10 +9,12 @@ void place_floor_run(const struct umb_query *query, const struct umb_points *poi
     const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
     struct umb_query_stats stats = {0};
     struct umb__block block;
+    struct umb__placer_avx2 placer;
+    umb__placer_init_avx2(q, points, &placer);
     for (size_t first = 0; first < points->count; first += block.size) {
         const size_t left = points->count - first;
         block.size = left < UMB__BLOCK ? (uint32_t)left : UMB__BLOCK;
-        umb__place_block_avx2(q, points, first, &block, &stats);
+        umb__place_block_avx2(&placer, first, &block, &stats);
         for (uint32_t i = 0; i < block.size; i++) {
             block.lit[i] = (uint32_t)(block.x[i] ^ block.y[i] ^ block.z[i]) & 1;
         }

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
- * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for (UMB__PLACE,
- * UMB__GRID, UMB__BRICK_CHANGES, UMB__READ_RUNS). No guard: each includes it once.
+ * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for: placing
+ * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__BRICK_CHANGES, UMB__READ_RUNS. No
+ * guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
@@ -264,12 +265,14 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
     struct window_masks masks;
     struct umb_query_stats stats = {.points = count};
     struct idle_stages idle = {0, 0};
+    struct UMB__PLACER placer;
+    UMB__PLACER_INIT(query, points, &placer);
     if (query->taps > 1) {
         make_masks(query->taps, &masks);
     }
     for (size_t end = first + count; first < end; first += block.size) {
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
-        UMB__PLACE(query, points, first, &block, &stats);
+        UMB__PLACE(&placer, first, &block, &stats);
         if (query->taps == 1) {
             umb__count_points(query, &block, &stats);
         } else {

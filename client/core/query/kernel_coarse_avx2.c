@@ -3,8 +3,12 @@
 #define UMB__COARSE umb__kernel_coarse_avx2
 #if defined(__AVX2__)
 #include "query/kernel_place_avx2.h"
-#define UMB__PLACE umb__place_block_avx2
+#define UMB__PLACER      umb__placer_avx2
+#define UMB__PLACER_INIT umb__placer_init_avx2
+#define UMB__PLACE       umb__place_block_avx2
 #else
-#define UMB__PLACE umb__place_block
+#define UMB__PLACER      umb__placer
+#define UMB__PLACER_INIT umb__placer_init
+#define UMB__PLACE       umb__place_block
 #endif
 #include "query/kernel_coarse_body.h"

@@ -2,7 +2,8 @@
 /*
  * The body of the coarse kernel: look-ups that stop at cells of 1 << level voxels
  * (umb_query_settings .level). Included by kernel_coarse.c and kernel_coarse_avx2.c, which name the
- * function (UMB__COARSE) and how points are placed (UMB__PLACE). No guard: each includes it once.
+ * function (UMB__COARSE) and how points are placed (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE). No
+ * guard: each includes it once.
  *
  * As in kernel_body.h a block of 64 points goes stage by stage: place, grid, one stage for each
  * level of wide nodes above the wanted one. What is still mixed then answers one half; no brick is
@@ -64,9 +65,11 @@ void UMB__COARSE(const struct umb__query *query, const struct umb_points *points
     struct umb__block block;
     uint32_t number[UMB__BLOCK];
     struct umb_query_stats stats = {.points = count};
+    struct UMB__PLACER placer;
+    UMB__PLACER_INIT(query, points, &placer);
     for (size_t end = first + count; first < end; first += block.size) {
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
-        UMB__PLACE(query, points, first, &block, &stats);
+        UMB__PLACE(&placer, first, &block, &stats);
         for (uint32_t i = 0; i < block.size; i++) {
             block.lit[i] *= HALVES; /* of those that placing settled */
         }

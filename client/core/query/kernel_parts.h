@@ -165,15 +165,35 @@ static inline void umb__pad_block(struct umb__block *block)
     }
 }
 
+/* What places the points of a batch. */
+struct umb__placer {
+    const struct umb__query *query;
+    const struct umb_points *points;
+};
+
+static inline void umb__placer_init(const struct umb__query *q, const struct umb_points *points,
+                                    struct umb__placer *placer)
+{
+    placer->query = q;
+    placer->points = points;
+}
+
+/* Places points index .. as lanes low .. high - 1 of a block whose todo has none of them yet. */
+static inline void umb__place_points(const struct umb__placer *placer, size_t index,
+                                     struct umb__block *block, uint32_t low, uint32_t high,
+                                     struct umb_query_stats *stats)
+{
+    for (uint32_t i = low; i < high; i++) {
+        umb__place_point(placer->query, placer->points, index + (i - low), block, i, stats);
+    }
+}
+
 /* Places the points first .. first + block->size - 1. */
-static inline void umb__place_block(const struct umb__query *q, const struct umb_points *points,
-                                    size_t first, struct umb__block *block,
-                                    struct umb_query_stats *stats)
+static inline void umb__place_block(const struct umb__placer *placer, size_t first,
+                                    struct umb__block *block, struct umb_query_stats *stats)
 {
     block->todo = 0;
-    for (uint32_t i = 0; i < block->size; i++) {
-        umb__place_point(q, points, first + i, block, i, stats);
-    }
+    umb__place_points(placer, first, block, 0, block->size, stats);
     umb__pad_block(block);
 }
 

@@ -15,22 +15,25 @@ struct umb__four {
     __m256d axis[3];
 };
 
-/* What placing needs of a query and its points, once for a block: four equal lanes each. */
-struct umb__placer {
-    const struct umb__query *query;
-    const struct umb_points *points;
+/* What placing needs of a query and its points, once for a batch: equal lanes each. */
+struct umb__placer_avx2 {
+    struct umb__placer plain;
+    bool fits;
     __m256d offset[3]; /* the batch's origin less the asset's */
     __m256d push[3];   /* towards the light, for points without a normal */
     __m256d to_voxel[3][4];
     __m256d voxel_step[3][3]; /* these two: only if the points have normals */
     __m256d direction[3];
+    __m256i half, reach; /* texels before a window's centre, and from its first to its last */
+    __m128i log2_size;
 };
 
-static inline void umb__placer_init(const struct umb__query *q, const struct umb_points *points,
-                                    struct umb__placer *placer)
+static inline void umb__placer_init_avx2(const struct umb__query *q,
+                                         const struct umb_points *points,
+                                         struct umb__placer_avx2 *placer)
 {
-    placer->query = q;
-    placer->points = points;
+    umb__placer_init(q, points, &placer->plain);
+    placer->fits = umb__stages_fit(q);
     for (unsigned axis = 0; axis < 3; axis++) {
         placer->offset[axis] = _mm256_set1_pd(points->origin[axis] - q->origin[axis]);
         placer->push[axis] = _mm256_set1_pd(q->direction[axis] * q->no_normal_m);
@@ -42,6 +45,9 @@ static inline void umb__placer_init(const struct umb__query *q, const struct umb
             placer->voxel_step[axis][k] = _mm256_set1_pd(q->voxel_step[axis][k]);
         }
     }
+    placer->half = _mm256_set1_epi32(q->taps / 2);
+    placer->reach = _mm256_set1_epi32(q->taps - 1);
+    placer->log2_size = _mm_cvtsi32_si128((int)q->log2_size);
 }
 
 static inline __m256d umb__dot_four(const struct umb__four *v, const __m256d w[3])
@@ -67,9 +73,14 @@ static inline struct umb__four umb__load_four_f32(const uint8_t *at)
     return four;
 }
 
-static inline struct umb__four umb__load_four(const struct umb_points *points, size_t i)
+/* The two forms that a batch has, constants where they are used. */
+struct umb__form {
+    bool f32, normals;
+};
+
+static inline struct umb__four umb__load_four(const struct umb_points *points, size_t i, bool f32)
 {
-    if (points->format == UMB_POINT_F32) {
+    if (f32) {
         return umb__load_four_f32((const uint8_t *)points->positions + 12 * i);
     }
     struct umb__four four;
@@ -82,11 +93,12 @@ static inline struct umb__four umb__load_four(const struct umb_points *points, s
 }
 
 /* umb__move for points with normals; returns the lanes whose normal faces away. */
-static inline unsigned umb__move_four(const struct umb__placer *placer, size_t i,
+static inline unsigned umb__move_four(const struct umb__placer_avx2 *placer, size_t i,
                                       struct umb__four *p)
 {
-    const struct umb__query *q = placer->query;
-    struct umb__four n = umb__load_four_f32((const uint8_t *)placer->points->normals + 12 * i);
+    const struct umb__query *q = placer->plain.query;
+    const uint8_t *normals = placer->plain.points->normals;
+    struct umb__four n = umb__load_four_f32(normals + 12 * i);
     __m256d length2 = _mm256_mul_pd(n.axis[0], n.axis[0]), scale;
     length2 = _mm256_add_pd(length2, _mm256_mul_pd(n.axis[1], n.axis[1]));
     length2 = _mm256_add_pd(length2, _mm256_mul_pd(n.axis[2], n.axis[2]));
@@ -123,14 +135,14 @@ struct umb__placed_four {
 };
 
 static inline __attribute__((always_inline)) struct umb__placed_four
-umb__place_four(const struct umb__placer *placer, size_t index)
+umb__place_four(const struct umb__placer_avx2 *placer, size_t index, struct umb__form form)
 {
-    struct umb__four p = umb__load_four(placer->points, index), v;
+    struct umb__four p = umb__load_four(placer->plain.points, index, form.f32), v;
     struct umb__placed_four to = {.away = 0};
     for (unsigned axis = 0; axis < 3; axis++) {
         p.axis[axis] = _mm256_add_pd(placer->offset[axis], p.axis[axis]);
     }
-    if (placer->points->normals) {
+    if (form.normals) {
         to.away = umb__move_four(placer, index, &p);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
@@ -147,77 +159,94 @@ umb__place_four(const struct umb__placer *placer, size_t index)
     return to;
 }
 
-static inline void umb__store_eight(int32_t to[8], __m128i low, __m128i high, __m256i less,
-                                    __m256i which)
+static inline __m256i umb__join_fours(__m128i low, __m128i high)
 {
-    __m256i both = _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
-    both = _mm256_and_si256(_mm256_sub_epi32(both, less), which);
-    _mm256_storeu_si256((__m256i *)(void *)to, both);
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
+}
+
+/* Voxel 0, 0, 0 in the lanes of points that are not to be looked up. */
+static inline void umb__clear_lanes(__m256i v[3], unsigned away)
+{
+    const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+    __m256i cleared = _mm256_and_si256(_mm256_set1_epi32((int)away), bits);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        v[axis] = _mm256_andnot_si256(_mm256_cmpeq_epi32(cleared, bits), v[axis]);
+    }
 }
 
 /*
- * Points index .. index + 7, as lanes i .. i + 7 of the block. Returns false, having done nothing
- * that counts, if one of them is not plainly inside and does not face away: a window lies inside if
- * no bit from the frustum's size up is set in any of its ends.
+ * Points index .. index + 7, as lanes i .. i + 7 of the block. Returns the lanes to be looked up in
+ * the low byte, in the next those that face away. If they are not all eight, a point is neither
+ * plainly inside nor faces away, and what stands in the block means nothing: a window lies inside
+ * if no bit from the frustum's size up is set in any of its ends.
  */
-static inline bool umb__place_eight(const struct umb__placer *placer, size_t index,
-                                    struct umb__block *block, uint32_t i,
-                                    struct umb_query_stats *stats)
+static inline __attribute__((always_inline)) unsigned
+umb__place_eight(const struct umb__placer_avx2 *placer, size_t index, struct umb__form form,
+                 struct umb__block *block, uint32_t i)
 {
-    const struct umb__query *q = placer->query;
-    const struct umb__placed_four a = umb__place_four(placer, index);
-    const struct umb__placed_four b = umb__place_four(placer, index + 4);
-    const __m128i half = _mm_set1_epi32(q->taps / 2);
-    __m128i ends[2] = {a.axis[2], b.axis[2]};
+    const struct umb__placed_four a = umb__place_four(placer, index, form);
+    const struct umb__placed_four b = umb__place_four(placer, index + 4, form);
+    __m256i v[3], ends;
+    v[2] = ends = umb__join_fours(a.axis[2], b.axis[2]);
     for (unsigned axis = 0; axis < 2; axis++) {
-        ends[0] = _mm_or_si128(ends[0], _mm_or_si128(_mm_sub_epi32(a.axis[axis], half),
-                                                     _mm_add_epi32(a.axis[axis], half)));
-        ends[1] = _mm_or_si128(ends[1], _mm_or_si128(_mm_sub_epi32(b.axis[axis], half),
-                                                     _mm_add_epi32(b.axis[axis], half)));
+        /* The window's first texel, not its centre. */
+        v[axis] = _mm256_sub_epi32(umb__join_fours(a.axis[axis], b.axis[axis]), placer->half);
+        ends = _mm256_or_si256(ends, v[axis]);
+        ends = _mm256_or_si256(ends, _mm256_add_epi32(v[axis], placer->reach));
     }
-    __m256i beyond = _mm256_inserti128_si256(_mm256_castsi128_si256(ends[0]), ends[1], 1);
-    beyond = _mm256_srl_epi32(beyond, _mm_cvtsi32_si128((int)q->log2_size));
+    __m256i beyond = _mm256_srl_epi32(ends, placer->log2_size);
     __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
     unsigned away = a.away | b.away << 4;
     unsigned look = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(inside)) &
                     ~(a.negative | b.negative << 4) & ~away;
-    if ((look | away) != 0xff) {
-        return false;
-    }
-    /* All bits where a point is to be looked up. */
-    __m256i which = _mm256_set1_epi32(-1);
     if (away) {
-        __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-        which = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32((int)look), bits), bits);
+        umb__clear_lanes(v, away);
     }
-    __m256i corner = _mm256_set1_epi32(q->taps / 2); /* the window's first texel, not its centre */
-    umb__store_eight(block->x + i, a.axis[0], b.axis[0], corner, which);
-    umb__store_eight(block->y + i, a.axis[1], b.axis[1], corner, which);
-    umb__store_eight(block->z + i, a.axis[2], b.axis[2], _mm256_setzero_si256(), which);
+    _mm256_storeu_si256((__m256i *)(void *)(block->x + i), v[0]);
+    _mm256_storeu_si256((__m256i *)(void *)(block->y + i), v[1]);
+    _mm256_storeu_si256((__m256i *)(void *)(block->z + i), v[2]);
     _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_setzero_si256());
-    block->todo |= (uint64_t)look << i;
-    stats->facing_away += (uint64_t)__builtin_popcount(away);
-    return true;
+    return look | away << 8;
 }
 
-static inline void umb__place_block_avx2(const struct umb__query *q,
-                                         const struct umb_points *points, size_t first,
+static inline __attribute__((always_inline)) void
+umb__place_eights(const struct umb__placer_avx2 *placer, size_t first, struct umb__form form,
+                  struct umb__block *block, struct umb_query_stats *stats)
+{
+    const struct umb__placer *plain = &placer->plain;
+    uint64_t todo = 0;
+    uint32_t i = 0;
+    for (; i + 8 <= block->size; i += 8) {
+        unsigned lanes = umb__place_eight(placer, first + i, form, block, i);
+        unsigned look = lanes & 0xff, away = lanes >> 8;
+        if ((look | away) != 0xff) {
+            block->todo = 0;
+            umb__place_points(plain, first + i, block, i, i + 8, stats);
+            look = (unsigned)(block->todo >> i);
+        } else {
+            stats->facing_away += umb__count_bits(away);
+        }
+        todo |= (uint64_t)look << i;
+    }
+    block->todo = todo;
+    umb__place_points(plain, first + i, block, i, block->size, stats);
+}
+
+static inline void umb__place_block_avx2(const struct umb__placer_avx2 *placer, size_t first,
                                          struct umb__block *block, struct umb_query_stats *stats)
 {
-    const bool fits = umb__stages_fit(q);
-    struct umb__placer placer;
-    uint32_t i = 0;
-    umb__placer_init(q, points, &placer);
-    block->todo = 0;
-    for (; i + 8 <= block->size; i += 8) {
-        if (!fits || !umb__place_eight(&placer, first + i, block, i, stats)) {
-            for (uint32_t lane = i; lane < i + 8; lane++) {
-                umb__place_point(q, points, first + lane, block, lane, stats);
-            }
-        }
+    const struct umb_points *points = placer->plain.points;
+    const bool f32 = points->format == UMB_POINT_F32, normals = points->normals != NULL;
+    if (!placer->fits) {
+        umb__place_block(&placer->plain, first, block, stats);
+        return;
     }
-    for (; i < block->size; i++) {
-        umb__place_point(q, points, first + i, block, i, stats);
+    if (f32 && !normals) {
+        umb__place_eights(placer, first, (struct umb__form){true, false}, block, stats);
+    } else if (f32) {
+        umb__place_eights(placer, first, (struct umb__form){true, true}, block, stats);
+    } else {
+        umb__place_eights(placer, first, (struct umb__form){false, normals}, block, stats);
     }
     umb__pad_block(block);
 }
