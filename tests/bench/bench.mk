@@ -70,6 +70,13 @@ $$(BUILD)/kernel_count_without_$(1): $$(BUILD)/tests/bench/kernel_count.o $$(WIT
 endef
 $(foreach effect,$(EFFECT_SWITCHES),$(eval $(call without_effect,$(effect))))
 
+$(BUILD)/failure_pictures: $(BUILD)/tests/bench/failure_pictures.o $(HARNESS_OBJ) $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -lcmocka -o $@
+failure-pictures: $(BUILD)/failure_pictures ## how shadow maps fail and what helps: docs/pictures/failures.png
+	@$< docs/pictures/failures.png
+.PHONY: failure-pictures
+
 bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
 	@$(BUILD)/bench_bake --size $(SIZE)
 
