@@ -93,6 +93,9 @@ accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false sha
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
+study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal errors, times within 15 %
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_twice.py "$(SCENE)" $(STUDY_OPTIONS)
+
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 

@@ -99,17 +99,32 @@ static enum umb_status traced_block(void *user, size_t first, size_t count, stru
     return UMB_OK;
 }
 
-static enum umb_status ask(struct cascades *c, const struct umbt_technique_row *row, float *values,
-                           struct umbt_technique_result *result, struct umb_error *error)
+/* All points of the view by all slices. */
+struct asking {
+    const struct cascades *cascades;
+    const struct umb_points *points;
+    float *values;
+};
+
+static void ask(void *user)
+{
+    const struct asking *asking = user;
+    const struct cascades *c = asking->cascades;
+    umb_cascades_run(&c->plan, c->queries, asking->points, 0, asking->points->count,
+                     asking->values);
+}
+
+static enum umb_status answer(struct cascades *c, const struct umbt_technique_row *row,
+                              float *values, struct umbt_technique_result *result,
+                              struct umb_error *error)
 {
     const struct umbt_technique_view *view = c->view;
     const struct umb_points points = {.positions = view->buffer.positions,
                                       .format = UMB_POINT_F64,
                                       .normals = view->buffer.normals,
                                       .count = view->buffer.receiver_count};
-    const double start = umbt_cpu_s();
-    umb_cascades_run(&c->plan, c->queries, &points, 0, points.count, values);
-    result->query_ns = 1e9 * (umbt_cpu_s() - start) / (double)points.count;
+    struct asking asking = {c, &points, values};
+    result->query = umbt_steady_time(ask, &asking, points.count, UMBT_TECHNIQUE_STEADY);
     const float *truth = view->truth[row->truth];
     if (row->truth == UMBT_BOX) {
         const enum umb_status status =
@@ -140,7 +155,7 @@ enum umb_status umbt_technique_cascades_run(const struct umbt_technique_view *vi
         status = slice_make(&c, row, i, result, error);
     }
     if (status == UMB_OK) {
-        status = ask(&c, row, values, result, error);
+        status = answer(&c, row, values, result, error);
     }
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
         umb_map_destroy(c.maps[i]);

@@ -69,6 +69,19 @@ static enum umb_status box_make(const struct umbt_technique_view *view,
                             : status;
 }
 
+/* All points of the view. */
+struct asking {
+    const struct umb_query *query;
+    const struct umb_points *points;
+    struct umb_answers answers;
+};
+
+static void ask(void *user)
+{
+    struct asking *asking = user;
+    umb_query_run(asking->query, asking->points, 0, asking->points->count, &asking->answers);
+}
+
 enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struct umb_asset *asset,
                              uint32_t row, float *values, struct umbt_technique_result *result,
                              struct umb_error *error)
@@ -79,7 +92,6 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
                                       .format = UMB_POINT_F64,
                                       .normals = view->buffer.normals,
                                       .count = view->buffer.receiver_count};
-    struct umb_answers answers = {.values = values};
     struct umb_asset_info info;
     struct umb_query query;
     memset(result, 0, sizeof *result);
@@ -89,9 +101,8 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
     if (status != UMB_OK) {
         return status;
     }
-    const double start = umbt_cpu_s();
-    umb_query_run(&query, &points, 0, points.count, &answers);
-    result->query_ns = 1e9 * (umbt_cpu_s() - start) / (double)points.count;
+    struct asking asking = {&query, &points, {.values = values}};
+    result->query = umbt_steady_time(ask, &asking, points.count, UMBT_TECHNIQUE_STEADY);
     float *traced = box ? malloc(points.count * sizeof *traced) : NULL;
     if (box) {
         status = traced != NULL

@@ -228,6 +228,19 @@ struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *vi
     return filter;
 }
 
+/* All points of the view by one map. */
+struct asking {
+    const struct umb_map_query *query;
+    struct umb_points points;
+    float *values;
+};
+
+static void ask(void *user)
+{
+    const struct asking *asking = user;
+    umb_map_run(asking->query, &asking->points, 0, asking->points.count, asking->values);
+}
+
 struct umb_map_settings umbt_technique_settings(const struct umbt_technique_view *view,
                                                 const struct umbt_technique_row *row)
 {
@@ -259,13 +272,13 @@ enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
     result->build_s = umbt_cpu_s() - start;
     status = umb_map_prepare(map, &filter, &query, error);
     if (status == UMB_OK) {
-        const struct umb_points points = {.positions = view->buffer.positions,
-                                          .format = UMB_POINT_F64,
-                                          .normals = view->buffer.normals,
-                                          .count = view->buffer.receiver_count};
-        const double asked = umbt_cpu_s();
-        umb_map_run(&query, &points, 0, points.count, values);
-        result->query_ns = 1e9 * (umbt_cpu_s() - asked) / (double)points.count;
+        struct asking asking = {.query = &query,
+                                .points = {.positions = view->buffer.positions,
+                                           .format = UMB_POINT_F64,
+                                           .normals = view->buffer.normals,
+                                           .count = view->buffer.receiver_count},
+                                .values = values};
+        result->query = umbt_steady_time(ask, &asking, asking.points.count, UMBT_TECHNIQUE_STEADY);
         umb_map_get_info(map, &result->info);
         umbt_technique_compare(view, view->truth[row->truth], values, result);
     }

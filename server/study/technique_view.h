@@ -10,6 +10,7 @@
  */
 #include "study/gbuffer.h"
 #include "study/picture.h"
+#include "study/steady_time.h"
 #include "study/technique_rows.h"
 #include "study/traced_shadow.h"
 
@@ -52,10 +53,13 @@ void umbt_technique_truth(const struct umbt_technique_view *view,
 float umbt_technique_traced(const struct umbt_technique_view *view, const struct umbt_truth *truth,
                             size_t i);
 
+#define UMBT_TECHNIQUE_STEADY 0.15 /* spread of runs that is good enough */
+
 /* How one technique answered. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
-    double build_s, query_ns;     /* CPU time; a point, on one thread */
+    double build_s; /* CPU time */
+    struct umbt_steady_time query;
     double mean, lighter, darker; /* of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
 };

@@ -218,7 +218,7 @@ static void report_text(const struct study *study)
         char name[16];
         printf("%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
                row_name(study, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
-               100.0 * r->over_half, r->info.bytes, r->build_s, r->query_ns);
+               100.0 * r->over_half, r->info.bytes, r->build_s, r->query.ns);
     }
 }
 
@@ -237,7 +237,7 @@ static void report_json(const struct study *study)
                ",\"slack\":%.9g,\"build_s\":%.6f,\"query_ns\":%.1f}",
                i > 0 ? "," : "", row_name(study, i, name, sizeof name), row_truth(i), r->mean,
                r->lighter, r->darker, r->over_half, r->info.bytes, r->info.slack, r->build_s,
-               r->query_ns);
+               r->query.ns);
     }
     printf("]}\n");
 }

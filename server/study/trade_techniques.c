@@ -20,36 +20,17 @@
 #define RESOLUTION_QUICK 512
 #define RESOLUTION_FULL  1024
 #define SUN_RAD          (0.53 * 3.14159265358979323846 / 180.0)
-#define RUNS             3
 #define BOX_RAYS         11 /* a side, as technique_view.c takes them */
 #define BLOCK            512
-
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* Median of the runs, and how far they are apart. */
-static void take_times(struct umbt_trade_technique *technique, double ns[RUNS])
-{
-    qsort(ns, RUNS, sizeof *ns, by_size);
-    technique->ns = ns[RUNS / 2];
-    technique->spread = ns[RUNS / 2] > 0.0 ? (ns[RUNS - 1] - ns[0]) / ns[RUNS / 2] : 0.0;
-}
 
 static enum umb_status row_measure(const struct umbt_technique_view *view,
                                    const struct umbt_technique_row *row, float *values,
                                    struct umbt_trade_technique *technique, struct umb_error *error)
 {
     struct umbt_technique_result result;
-    double ns[RUNS];
-    for (int run = 0; run < RUNS; run++) {
-        const enum umb_status status = umbt_technique_run(view, row, values, &result, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        ns[run] = result.query_ns;
+    const enum umb_status status = umbt_technique_run(view, row, values, &result, error);
+    if (status != UMB_OK) {
+        return status;
     }
     (void)snprintf(technique->name, sizeof technique->name, "%s", row->name);
     technique->truth = row->truth == UMBT_BOX ? "box" : row->truth == UMBT_POINT ? "point" : "disc";
@@ -59,7 +40,8 @@ static enum umb_status row_measure(const struct umbt_technique_view *view,
     technique->lighter = result.lighter;
     technique->darker = result.darker;
     technique->over_half = result.over_half;
-    take_times(technique, ns);
+    technique->ns = result.query.ns;
+    technique->spread = result.query.spread;
     return UMB_OK;
 }
 
@@ -105,6 +87,20 @@ static enum umb_status dag_truth(const struct umbt_trade *trade, const struct um
                              &tracing, error);
 }
 
+/* All points of the view by one asset. */
+struct asking {
+    const struct umb_query *query;
+    const struct umb_points *points;
+    float *values;
+};
+
+static void ask(void *user)
+{
+    const struct asking *asking = user;
+    struct umb_answers answers = {.values = asking->values};
+    umb_query_run(asking->query, asking->points, 0, asking->points->count, &answers);
+}
+
 /* The DAG of one asset as one more technique. truth, values: float[receivers], scratch. */
 static enum umb_status dag_measure(struct umbt_trade *trade, const struct umbt_trade_bake *bake,
                                    const struct umbt_technique_view *view, float *truth,
@@ -118,26 +114,24 @@ static enum umb_status dag_measure(struct umbt_trade *trade, const struct umbt_t
     struct umbt_trade_technique *technique = &trade->techniques[trade->technique_count];
     struct umbt_technique_result result = {0};
     struct umb_query query;
-    double ns[RUNS];
+    struct asking asking = {&query, &points, values};
     enum umb_status status = umb_query_prepare(bake->asset, &settings, &query, error);
     if (status == UMB_OK) {
         status = dag_truth(trade, bake, view, truth, error);
     }
-    for (int run = 0; run < RUNS && status == UMB_OK; run++) {
-        struct umb_answers answers = {.values = values};
-        const double start = umbt_cpu_s();
-        umb_query_run(&query, &points, 0, points.count, &answers);
-        ns[run] = 1e9 * (umbt_cpu_s() - start) / (double)points.count;
-    }
     if (status != UMB_OK) {
         return status;
     }
+    const struct umbt_steady_time time =
+        umbt_steady_time(ask, &asking, points.count, UMBT_TRADE_SPREAD_MAX);
     umbt_technique_compare(view, truth, values, &result);
     *technique = (struct umbt_trade_technique){
         .truth = "box",
         .is_dag = 1,
         .bytes = bake->info.memory_bytes,
         .build_s = bake->cpu_s,
+        .ns = time.ns,
+        .spread = time.spread,
         .mean = result.mean,
         .lighter = result.lighter,
         .darker = result.darker,
@@ -147,7 +141,6 @@ static enum umb_status dag_measure(struct umbt_trade *trade, const struct umbt_t
                                    overlap */
     (void)snprintf(name, sizeof name, "dag %s", bake->name);
     memcpy(technique->name, name, sizeof name);
-    take_times(technique, ns);
     trade->technique_count++;
     return UMB_OK;
 }

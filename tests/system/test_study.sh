@@ -83,6 +83,23 @@ if [ -n "$browser" ]; then
         --dump-dom "file://$PWD/first/report.html" >dom 2>log || true
     same "a browser finds no error" "" "$(grep -E 'Uncaught|CONSOLE.*(E|e)rror' log)"
     check "a browser draws every chart" [ "$(grep -o '<svg' dom | wc -l)" -ge 4 ]
+    # Each mark has its sentence, with what it is and its units.
+    { cat first/report.html; cat <<'PAGE'
+<script>
+const dots = [...document.querySelectorAll("#charts .dot")];
+const told = dots.filter(dot => {
+  dot.dispatchEvent(new MouseEvent("mouseenter"));
+  const text = tip.style.display === "block" ? tip.textContent : "";
+  return /edges off by .* m .*ns a point.* MB in memory/s.test(text);
+});
+document.title = `told ${told.length === dots.length && dots.length > 50} fronts ` +
+  `${[...document.querySelectorAll("#charts .front")].every(line => line.getAttribute("points").includes(","))}`;
+</script>
+PAGE
+    } >first/hover.html
+    timeout 60 "$browser" --headless --no-sandbox --disable-gpu --virtual-time-budget=2000 \
+        --dump-dom "file://$PWD/first/hover.html" >hover 2>/dev/null || true
+    check "a browser explains every mark and draws the fronts" grep -q "<title>told true fronts true</title>" hover
     check "a browser lists every setting" [ "$(grep -o '<tr' dom | wc -l)" -gt 55 ]
 fi
 
