@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <sysexits.h>
 
 #include "common/scene_text.h"
 
@@ -108,6 +109,13 @@ static void on_progress(void *user, const char *line)
     umbj_try_tell(try, &report);
 }
 
+/* 1 if a write met the limit that the process was given: that comes again with every try. The
+ * program says the system's error, in the C locale. */
+static int met_size_limit(const struct umbj_try *try, const struct umbj_process_end *end)
+{
+    return end->exit_code == EX_IOERR && strstr(try->said, "File too large") != NULL;
+}
+
 enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process_end *end)
 {
     const enum umbj_failure failure = umbj_process_judge(end);
@@ -118,6 +126,12 @@ enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process
     if (end->signal != 0) {
         return umbj_try_fail(try, failure, "signal %d (%s) ended the bake", end->signal,
                              umbj_failure_name(failure));
+    }
+    if (met_size_limit(try, end)) {
+        return umbj_try_fail(try, UMBJ_REJECTED,
+                             "a file of the bake is over the server's limit of %llu bytes "
+                             "(--max-asset)",
+                             (unsigned long long)try->options->max_output_bytes);
     }
     if (failure != UMBJ_NO_FAILURE && try->said[0] == '\0') {
         return umbj_try_fail(try, failure, "the bake ended with %d", end->exit_code);

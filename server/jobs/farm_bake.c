@@ -6,8 +6,8 @@
  * does not know any more and that left no end is submitted again, one that ran twice wrote the same
  * bytes twice.
  *
- * The loops end: each submission of a task counts, each stage has the try's time, and a farm that
- * does not answer is given up.
+ * The loops end: each submission of a task counts, each stage has the try's time, in which waiting
+ * for a place in the queue does not count, and a farm that does not answer is given up.
  */
 #include "jobs/bake_try.h"
 
@@ -39,8 +39,10 @@ struct stage {
     uint8_t *done, *wanted, *known, *tries, *unknown, *asked; /* [count] of one block */
     uint32_t done_count, found_count;
     uint64_t texels; /* of one task */
-    int64_t start_ms, ask_ms, answered_ms, orphans_ms;
-    int64_t refused_ms; /* since then it has taken nothing; 0: it does */
+    int64_t ask_ms, answered_ms, orphans_ms;
+    int64_t ran_ms;     /* as long as some of its tasks ran */
+    int64_t refused_ms; /* since then it has taken nothing that it told of; 0: it does */
+    int heard;          /* the farm answered the last question */
     char folder[4300], name[80];
 };
 
@@ -182,8 +184,8 @@ static void note_taken(struct stage *stage)
     }
 }
 
-/* The farm refused `first` and maybe more: it is asked again later, also for long, if there are
- * tasks of ours whose place it may be waiting for. */
+/* The farm refused `first` and maybe more, or its answer was lost: it is asked again later, also
+ * for long, if there are tasks of ours whose place it may be waiting for. */
 static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
                                       const struct umb_error *error)
 {
@@ -195,6 +197,12 @@ static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum 
                    now_ms() - stage->refused_ms > PATIENCE_MS
                ? umbj_try_fail_status(stage->try, status, error)
                : UMBJ_NO_FAILURE;
+}
+
+static int is_stopped(const struct stage *stage, int wait_ms)
+{
+    struct pollfd stop = {.fd = stage->try->stop, .events = POLLIN};
+    return poll(&stop, 1, wait_ms) > 0;
 }
 
 /* Submits what is wanted. */
@@ -223,7 +231,7 @@ static enum umbj_failure submit(struct stage *stage)
         stage->refused_ms = 0;
     }
     note_taken(stage);
-    return status == UMB_OK
+    return status == UMB_OK || is_stopped(stage, 0)
                ? UMBJ_NO_FAILURE
                : note_refusal(stage, (uint32_t)(first - stage->wanted), status, &error);
 }
@@ -234,14 +242,22 @@ static enum umbj_failure ask(struct stage *stage)
     struct umbj_farm *farm = stage->try->options->farm;
     struct umb_error error = {0};
     const enum umb_status status = farm->status(farm, &stage->farm, stage->known, &error);
+    stage->heard = status == UMB_OK;
     if (status != UMB_OK) {
         return now_ms() - stage->answered_ms > PATIENCE_MS
                    ? umbj_try_fail_status(stage->try, status, &error)
                    : UMBJ_NO_FAILURE;
     }
+    if (memchr(stage->known, UMBJ_TASK_RUNS, stage->farm.count) != NULL) {
+        stage->ran_ms += now_ms() - stage->answered_ms;
+    }
     stage->answered_ms = now_ms();
     tell_count(stage);
     for (uint32_t i = 0; i < stage->farm.count; i++) {
+        if (stage->refused_ms != 0 && stage->wanted[i] && stage->known[i]) {
+            stage->wanted[i] = 0; /* taken, and the answer was lost */
+            stage->tries[i]++;
+        }
         const int missing = !stage->done[i] && !stage->known[i] && !stage->wanted[i];
         stage->unknown[i] = (uint8_t)(missing ? stage->unknown[i] + 1 : 0);
         if (stage->unknown[i] >= LOST_LOOKS) {
@@ -258,7 +274,8 @@ static void end_orphans(struct stage *stage)
     const struct umbj_try_options *options = stage->try->options;
     struct umb_error ignored;
     if (now_ms() >= stage->orphans_ms &&
-        options->farm->reconcile(options->farm, options->work, &ignored) == UMB_OK) {
+        options->farm->reconcile(options->farm, options->work, stage->try->stop, &ignored) ==
+            UMB_OK) {
         stage->orphans_ms = now_ms() + ORPHANS_MS;
     }
 }
@@ -275,14 +292,14 @@ static int step(struct stage *stage, enum umbj_failure *failure)
     if (*failure != UMBJ_NO_FAILURE || stage->done_count == stage->farm.count) {
         return 1;
     }
-    if (now_ms() - stage->start_ms > (int64_t)try->options->timeout_ms) {
+    if (stage->ran_ms > (int64_t)try->options->timeout_ms) {
         *failure = umbj_try_fail(try, UMBJ_TIMEOUT,
                                  "the bake took longer than the server allows (--job-time)");
         return 1;
     }
     if (now_ms() >= stage->ask_ms) {
         *failure = ask(stage);
-        if (*failure == UMBJ_NO_FAILURE) {
+        if (*failure == UMBJ_NO_FAILURE && stage->heard) { /* else some may be there already */
             *failure = submit(stage);
         }
         end_orphans(stage);
@@ -298,9 +315,7 @@ static enum umbj_failure run_stage(struct stage *stage)
     const int look_ms = (int)(interval / 4 < LOOK_MS ? interval / 4 : LOOK_MS);
     stage->ask_ms = now_ms() + interval;
     while (failure == UMBJ_NO_FAILURE && !step(stage, &failure)) {
-        struct pollfd stop = {.fd = stage->try->stop, .events = POLLIN};
-        (void)poll(&stop, 1, look_ms);
-        if (stop.revents != 0) {
+        if (is_stopped(stage, look_ms)) {
             return umbj_try_fail(stage->try, UMBJ_CANCELLED, "stopped");
         }
     }
@@ -320,7 +335,6 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
                           .kind = kind,
                           .is_array = texels > 0,
                           .texels = texels,
-                          .start_ms = now_ms(),
                           .answered_ms = now_ms()};
     uint8_t *block = calloc(count, 6);
     enum umbj_failure failure = UMBJ_NO_FAILURE;
@@ -344,7 +358,9 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
                                               .folder = stage.folder,
                                               .words = words->list,
                                               .threads = try->options->threads,
-                                              .count = count};
+                                              .count = count,
+                                              .max_output_bytes = try->options->max_output_bytes,
+                                              .stop = try->stop};
         failure = run_stage(&stage);
     }
     umbj_words_finish(words);

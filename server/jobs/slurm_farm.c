@@ -18,27 +18,30 @@
 #include "jobs/command_words.h"
 #include "jobs/worker_process.h"
 
-#define ARRAY_MOST 1000 /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
-#define IDS_MOST   500  /* tasks that one scancel ends: a command line has its limit, CALL_MS too */
+#define ARRAY_MOST 1000  /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
+#define IDS_MOST   500   /* that one command names: a command line has its limit, CALL_MS too */
 #define CALL_MS    30000 /* a command of Slurm: several times its MessageTimeout */
+#define LAST_MS    5000  /* of those that end a try's tasks: a daemon that stops waits for them */
+#define BLOCK      512   /* bytes, of the shell's ulimit */
 #define TAG_SIZE   24
 #define NAME_SIZE  128
+#define ID_SIZE    64
 #define WORD_MOST  4096
 
 /* Slurm copies it to the nodes. The environment is Slurm's; the command is told in words. */
 static const char script[] =
     "#!/bin/sh\n"
-    "# A task of a bake that umbraged submitted: FOLDER OFFSET ARRAY COMMAND...\n"
+    "# A task of a bake that umbraged submitted: FOLDER OFFSET ARRAY BLOCKS COMMAND...\n"
     "# Its end is a file in FOLDER (server/jobs/farm.h); it ends itself when that is gone.\n"
     "set -u\n"
-    "folder=$1 offset=$2 array=$3\n"
-    "shift 3\n"
+    "folder=$1 offset=$2 array=$3 blocks=$4\n"
+    "shift 4\n"
     "number=$((offset + ${SLURM_ARRAY_TASK_ID:-0}))\n"
     "serial=${SLURM_JOB_ID:-0}-${SLURM_RESTART_COUNT:-0}\n"
     "[ -d \"$folder\" ] && [ ! -e \"$folder/done.$number\" ] || exit 0\n"
     "[ \"$array\" = 0 ] || set -- \"$@\" \"--only=$number\"\n"
     "log=$folder/log.$number.$serial\n"
-    "\"$@\" >\"$log\" 2>&1 </dev/null &\n"
+    "(ulimit -f \"$blocks\"; exec \"$@\") >\"$log\" 2>&1 </dev/null &\n"
     "child=$!\n"
     "(\n"
     "    while [ -d \"$folder\" ]; do sleep 1; done\n"
@@ -57,6 +60,12 @@ struct slurm {
     struct umbj_farm interface;
     char tag[TAG_SIZE];                   /* "umbrage-TAG-" */
     char *words, *search, *configuration; /* may be NULL */
+};
+
+/* How long a command may take: so many milliseconds, and no longer than until it shall end. */
+struct patience {
+    uint64_t ms;
+    int stop; /* as umbj_process.stop */
 };
 
 /* A command's last words, or each of its lines. */
@@ -95,7 +104,8 @@ static void begin_words(const struct slurm *slurm, struct umbj_words *words)
 }
 
 /* Runs a command of Slurm; finishes words. */
-static enum umb_status call(struct umbj_words *words, struct talk *talk, struct umb_error *error)
+static enum umb_status call(struct umbj_words *words, struct patience patience, struct talk *talk,
+                            struct umb_error *error)
 {
     struct umbj_process_end end = {.exit_code = -1};
     const struct umbj_process process = {
@@ -103,8 +113,8 @@ static enum umb_status call(struct umbj_words *words, struct talk *talk, struct 
         .arguments = words->list,
         .folder = "/",
         .max_output_bytes = (uint64_t)1 << 62, /* sbatch hands its limits on to the tasks */
-        .timeout_ms = CALL_MS,
-        .stop = -1,
+        .timeout_ms = patience.ms,
+        .stop = patience.stop,
         .said = on_said,
         .progress = on_line,
         .user = talk,
@@ -112,7 +122,10 @@ static enum umb_status call(struct umbj_words *words, struct talk *talk, struct 
     enum umb_status status = words->failed
                                  ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a command")
                                  : umbj_process_run(&process, &end, error);
-    if (status == UMB_OK && end.exit_code != 0) {
+    if (status == UMB_OK && (end.stopped || end.timed_out)) {
+        status = umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %.100s %s", words->list[5],
+                          end.stopped ? "was stopped" : "did not answer in time");
+    } else if (status == UMB_OK && end.exit_code != 0) {
         status = umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %.100s ended with %d: %.300s",
                           words->list[5], end.exit_code, talk->last);
     }
@@ -169,10 +182,11 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
     umbj_words_add(&words, "%s", stage->folder);
     umbj_words_add(&words, "%u", offset);
     umbj_words_add(&words, "%d", array != NULL);
+    umbj_words_add(&words, "%llu", (unsigned long long)(stage->max_output_bytes / BLOCK + 1));
     for (size_t i = 0; stage->words[i] != NULL; i++) {
         umbj_words_add(&words, "%s", stage->words[i]);
     }
-    return call(&words, &talk, error);
+    return call(&words, (struct patience){CALL_MS, stage->stop}, &talk, error);
 }
 
 /* Writes the wanted numbers of one submission as Slurm has them: "0-15,17". Returns the number that
@@ -228,7 +242,7 @@ static enum umb_status slurm_submit_merge(struct umbj_farm *self,
 
 /* A line of the queue. */
 struct task {
-    char id[64];          /* 17_3 */
+    char id[ID_SIZE];     /* 17_3 */
     char index[16];       /* 3, or N/A */
     char state[16];       /* PD, R, ... */
     char name[NAME_SIZE]; /* without the tag */
@@ -238,11 +252,12 @@ struct task {
 /* Hears of our tasks: who looks, and what is done with them. */
 struct look {
     const struct slurm *slurm;
+    struct patience patience;
     void (*task)(struct look *look, const struct task *task);
     const struct umbj_farm_stage *stage; /* status */
     uint8_t *known;
     const char *name, *work;  /* cancel; reconcile */
-    struct umbj_words ending; /* ids to be cancelled */
+    struct umbj_words ending; /* numbers of arrays to be cancelled */
     struct umbj_words held;   /* ids that wait for their time only */
 };
 
@@ -270,49 +285,55 @@ static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
     umbj_words_add(&words, "--array");
     umbj_words_add(&words, "--me");
     umbj_words_add(&words, "--format=%%i %%K %%t %%j %%r");
-    return call(&words, &talk, error);
+    return call(&words, look->patience, &talk, error);
 }
 
-/* Runs a command of Slurm with ids behind it. */
-static enum umb_status run_on(const struct slurm *slurm, const char *const *command,
-                              char *const *ids, size_t count)
+/* What cannot be reached is left: tasks end by themselves. Finishes the ids. */
+static void end_tasks(struct look *look)
 {
-    struct umbj_words words = {0};
-    struct talk talk = {0};
+    const struct umbj_words *ids = &look->ending;
+    enum umb_status status = UMB_OK;
     struct umb_error ignored;
-    begin_words(slurm, &words);
-    for (size_t i = 0; command[i] != NULL; i++) {
-        umbj_words_add(&words, "%s", command[i]);
-    }
-    for (size_t i = 0; i < count; i++) {
-        umbj_words_add(&words, "%s", ids[i]);
-    }
-    return call(&words, &talk, &ignored);
-}
-
-/* Finishes ids. What cannot be reached is left: tasks end by themselves. */
-static void end_tasks(const struct slurm *slurm, struct umbj_words *ids)
-{
-    static const char *const scancel[] = {"scancel", "--quiet", NULL};
-    enum umb_status status = UMB_OK;
     for (size_t from = 0; status == UMB_OK && from < ids->count; from += IDS_MOST) {
-        const size_t left = ids->count - from;
-        status = run_on(slurm, scancel, ids->list + from, left < IDS_MOST ? left : IDS_MOST);
+        struct umbj_words words = {0};
+        struct talk talk = {0};
+        begin_words(look->slurm, &words);
+        umbj_words_add(&words, "scancel");
+        umbj_words_add(&words, "--quiet");
+        for (size_t i = from; i < ids->count && i < from + IDS_MOST; i++) {
+            umbj_words_add(&words, "%s", ids->list[i]);
+        }
+        status = call(&words, look->patience, &talk, &ignored);
     }
-    umbj_words_finish(ids);
+    umbj_words_finish(&look->ending);
 }
 
-/* Lets tasks start that only wait for their time; finishes ids. */
-static void start_tasks(const struct slurm *slurm, struct umbj_words *ids)
+/* Lets tasks start that only wait for their time. A list of them fails if one of it has just
+ * started, and the others are started all the same; the next look tells. Finishes the ids. */
+static void start_tasks(struct look *look)
 {
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < ids->count; i++) {
-        char id[80];
-        snprintf(id, sizeof id, "JobId=%s", ids->list[i]);
-        const char *const start[] = {"scontrol", "update", id, "StartTime=now", NULL};
-        status = run_on(slurm, start, NULL, 0);
+    const struct umbj_words *ids = &look->held;
+    struct umb_error ignored;
+    char *list = malloc(IDS_MOST * ID_SIZE);
+    for (size_t from = 0; list != NULL && from < ids->count; from += IDS_MOST) {
+        struct umbj_words words = {0};
+        struct talk talk = {0};
+        size_t used = 0;
+        for (size_t i = from; i < ids->count && i < from + IDS_MOST; i++) {
+            used += (size_t)snprintf(list + used, IDS_MOST * ID_SIZE - used, "%s%s",
+                                     used > 0 ? "," : "", ids->list[i]);
+        }
+        begin_words(look->slurm, &words);
+        umbj_words_add(&words, "scontrol");
+        umbj_words_add(&words, "update");
+        umbj_words_add(&words, "JobId=%s", list);
+        umbj_words_add(&words, "StartTime=now");
+        if (call(&words, look->patience, &talk, &ignored) != UMB_OK && from == 0) {
+            break; /* perhaps the controller is gone: it is not asked for each list */
+        }
     }
-    umbj_words_finish(ids);
+    free(list);
+    umbj_words_finish(&look->held);
 }
 
 static void note_known(struct look *look, const struct task *task)
@@ -327,8 +348,11 @@ static void note_known(struct look *look, const struct task *task)
         index = 0; /* the merge */
     }
     if (offset < look->stage->count && index < look->stage->count - offset) {
-        look->known[offset + index] = 1;
-        if (strcmp(task->state, "PD") == 0 && strcmp(task->reason, "BeginTime") == 0) {
+        const int waits = strcmp(task->state, "PD") == 0;
+        const uint8_t state = waits ? UMBJ_TASK_WAITS : UMBJ_TASK_RUNS;
+        uint8_t *known = &look->known[offset + index];
+        *known = state > *known ? state : *known; /* of twins */
+        if (waits && strcmp(task->reason, "BeginTime") == 0) {
             umbj_words_add(&look->held, "%s", task->id);
         }
     }
@@ -337,28 +361,43 @@ static void note_known(struct look *look, const struct task *task)
 static enum umb_status slurm_status(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                                     uint8_t *known, struct umb_error *error)
 {
-    struct look look = {
-        .slurm = (struct slurm *)self, .task = note_known, .stage = stage, .known = known};
+    struct look look = {.slurm = (struct slurm *)self,
+                        .patience = {CALL_MS, stage->stop},
+                        .task = note_known,
+                        .stage = stage,
+                        .known = known};
     memset(known, 0, stage->count);
     const enum umb_status status = look_at_queue(&look, error);
-    start_tasks(look.slurm, &look.held);
+    start_tasks(&look);
     return status;
+}
+
+/* All tasks of an array are of one try: its number ends them together. */
+static void end_array_of(struct look *look, const struct task *task)
+{
+    struct umbj_words *ids = &look->ending;
+    char id[ID_SIZE];
+    snprintf(id, sizeof id, "%.*s", (int)strcspn(task->id, "_"), task->id);
+    if (ids->count == 0 || strcmp(ids->list[ids->count - 1], id) != 0) {
+        umbj_words_add(ids, "%s", id);
+    }
 }
 
 static void note_try(struct look *look, const struct task *task)
 {
     const size_t length = strlen(look->name);
     if (strncmp(task->name, look->name, length) == 0 && task->name[length] == '.') {
-        umbj_words_add(&look->ending, "%s", task->id);
+        end_array_of(look, task);
     }
 }
 
 static void slurm_cancel(struct umbj_farm *self, const char *name)
 {
-    struct look look = {.slurm = (struct slurm *)self, .task = note_try, .name = name};
+    struct look look = {
+        .slurm = (struct slurm *)self, .patience = {LAST_MS, -1}, .task = note_try, .name = name};
     struct umb_error ignored;
     (void)!look_at_queue(&look, &ignored);
-    end_tasks(look.slurm, &look.ending); /* those that were heard of */
+    end_tasks(&look); /* those that were heard of */
 }
 
 static void note_orphan(struct look *look, const struct task *task)
@@ -368,17 +407,20 @@ static void note_orphan(struct look *look, const struct task *task)
     if (sscanf(task->name, "%39[0-9a-f].%llu.", job, &epoch) == 2) {
         snprintf(path, sizeof path, "%s/%s.%llu", look->work, job, epoch);
         if (access(path, F_OK) != 0 && errno == ENOENT) {
-            umbj_words_add(&look->ending, "%s", task->id);
+            end_array_of(look, task);
         }
     }
 }
 
-static enum umb_status slurm_reconcile(struct umbj_farm *self, const char *work,
+static enum umb_status slurm_reconcile(struct umbj_farm *self, const char *work, int stop,
                                        struct umb_error *error)
 {
-    struct look look = {.slurm = (struct slurm *)self, .task = note_orphan, .work = work};
+    struct look look = {.slurm = (struct slurm *)self,
+                        .patience = {CALL_MS, stop},
+                        .task = note_orphan,
+                        .work = work};
     const enum umb_status status = look_at_queue(&look, error);
-    end_tasks(look.slurm, &look.ending);
+    end_tasks(&look);
     return status;
 }
 

@@ -136,7 +136,7 @@ def squeue():
 
 def scancel(words):
     for task in list(tasks()):
-        if task["id"] in words:
+        if task["id"] in words or task["number"] in words:
             if os.path.exists(path("task." + task["id"])):
                 os.unlink(path("task." + task["id"]))
             if task["pid"]:
@@ -149,7 +149,7 @@ def scancel(words):
 def scontrol(words):
     assert words[0] == "update" and words[2] == "StartTime=now", words
     for task in list(tasks()):
-        if "JobId=" + task["id"] == words[1]:
+        if task["id"] in words[1].removeprefix("JobId=").split(","):
             write({**task, "held": False})
 
 

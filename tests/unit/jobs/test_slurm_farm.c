@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -66,8 +67,13 @@ static int setup(void **state)
     snprintf(f->search, sizeof f->search, "%s:/usr/bin:/bin", f->folder);
     const struct umbj_slurm_options options = {.tag_of = "/jobs", .search = f->search};
     assert_int_equal(umbj_slurm_farm_create(&options, &f->farm, &f->error), UMB_OK);
-    f->stage = (struct umbj_farm_stage){
-        .name = NAME ".tile", .folder = f->folder, .words = words, .threads = 1, .count = COUNT};
+    f->stage = (struct umbj_farm_stage){.name = NAME ".tile",
+                                        .folder = f->folder,
+                                        .words = words,
+                                        .threads = 1,
+                                        .count = COUNT,
+                                        .max_output_bytes = 1 << 20,
+                                        .stop = -1};
     memset(f->wanted, 1, sizeof f->wanted);
     *state = f;
     return 0;
@@ -116,17 +122,87 @@ static void put_full_queue(struct fixture *f, const char *reason)
     assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
 }
 
-static void many_tasks_are_ended_some_at_a_time(void **state)
+static void the_tasks_of_a_try_are_ended_by_the_number_of_their_array(void **state)
 {
     struct fixture *f = *state;
     put_full_queue(f, "Resources");
     put_command(f, "scancel", "");
-    f->farm->cancel(f->farm, NAME);
-    assert_int_equal(count_calls(f, "scancel"), 5);
-    assert_int_equal(count_calls(f, "7_0 7_1 "), 1);
-    assert_int_equal(count_calls(f, "7_2499"), 1);
     f->farm->cancel(f->farm, "00ff.11"); /* not its tasks */
-    assert_int_equal(count_calls(f, "scancel"), 5);
+    assert_int_equal(count_calls(f, "scancel"), 0);
+    f->farm->cancel(f->farm, NAME);
+    assert_int_equal(count_calls(f, "scancel --quiet 7\n"), 1);
+}
+
+static void tasks_that_are_held_back_are_started_together(void **state)
+{
+    struct fixture *f = *state;
+    put_full_queue(f, "BeginTime");
+    put_command(f, "scontrol", "");
+    assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_OK);
+    assert_int_equal(count_calls(f, "scontrol update JobId="), COUNT / 500);
+    assert_int_equal(count_calls(f, "JobId=7_0,7_1,"), 1);
+    assert_int_equal(count_calls(f, ",7_2499 StartTime=now"), 1);
+}
+
+static void tasks_that_wait_are_told_from_those_that_run(void **state)
+{
+    struct fixture *f = *state;
+    put_full_queue(f, "Resources");
+    assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_OK);
+    assert_int_equal(f->known[5], UMBJ_TASK_WAITS);
+    put_command(
+        f, "squeue",
+        "tag=$(sed -n 's/.*--job-name=\\(umbrage-[0-9a-f]*-\\).*/\\1/p' calls | head -n 1)\n"
+        "echo 7_5 5 R ${tag}" NAME ".tile.0 None\n"
+        "echo 8_5 5 PD ${tag}" NAME ".tile.0 Resources");
+    assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_OK);
+    assert_int_equal(f->known[5], UMBJ_TASK_RUNS); /* one of two that are the same */
+    assert_int_equal(f->known[6], UMBJ_TASK_UNKNOWN);
+}
+
+static void commands_are_left_when_the_try_shall_end(void **state)
+{
+    struct fixture *f = *state;
+    const uint64_t one = 1;
+    put_command(f, "sbatch", "exec sleep 600");
+    put_command(f, "squeue", "exec sleep 600");
+    f->stage.stop = eventfd(0, EFD_CLOEXEC);
+    assert_true(f->stage.stop >= 0);
+    assert_int_equal(write(f->stage.stop, &one, sizeof one), sizeof one);
+    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error),
+                     UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(f->error.message, "sbatch was stopped"));
+    assert_int_equal(f->wanted[0], 1);
+    assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(f->error.message, "squeue was stopped"));
+    assert_int_equal(f->farm->reconcile(f->farm, f->folder, f->stage.stop, &f->error),
+                     UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(f->error.message, "was stopped"));
+    close(f->stage.stop);
+}
+
+static void a_task_writes_no_longer_files_than_it_may(void **state)
+{
+    struct fixture *f = *state;
+    static char shell[] = "/bin/sh", option[] = "-c";
+    char command[200], path[128];
+    struct stat facts;
+    char *words[] = {shell, option, command, NULL};
+    snprintf(command, sizeof command, "head -c 100000 /dev/zero >%s/big", f->folder);
+    f->stage.words = words;
+    f->stage.max_output_bytes = 5000;
+    /* What sbatch would run elsewhere is run at once. */
+    put_command(f, "sbatch",
+                "while [ \"${1#--}\" != \"$1\" ]; do shift; done\nSLURM_JOB_ID=3 sh \"$@\"");
+    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    snprintf(path, sizeof path, "%s/big", f->folder);
+    assert_int_equal(stat(path, &facts), 0);
+    assert_in_range(facts.st_size, 5000, 5000 + 512);
+    snprintf(path, sizeof path, "%s/done.0", f->folder);
+    assert_int_not_equal(stat(path, &facts), 0);
+    f->stage.max_output_bytes = 100000;
+    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    assert_int_equal(stat(path, &facts), 0);
 }
 
 static void a_controller_that_is_gone_is_not_asked_for_each_task(void **state)
@@ -147,7 +223,11 @@ int main(void)
 #define SLURM_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
     const struct CMUnitTest tests[] = {
         SLURM_TEST(what_was_taken_before_a_refusal_is_not_wanted_any_more),
-        SLURM_TEST(many_tasks_are_ended_some_at_a_time),
+        SLURM_TEST(the_tasks_of_a_try_are_ended_by_the_number_of_their_array),
+        SLURM_TEST(tasks_that_are_held_back_are_started_together),
+        SLURM_TEST(tasks_that_wait_are_told_from_those_that_run),
+        SLURM_TEST(commands_are_left_when_the_try_shall_end),
+        SLURM_TEST(a_task_writes_no_longer_files_than_it_may),
         SLURM_TEST(a_controller_that_is_gone_is_not_asked_for_each_task),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
