@@ -33,10 +33,13 @@ static double length_of(const double v[3])
 static bool scale_to(double v[3], double length)
 {
     const double now = length_of(v);
+    if (!(now > 0 && isfinite(now))) {
+        return false;
+    }
     for (unsigned i = 0; i < 3; i++) {
         v[i] *= length / now;
     }
-    return now > 0 && isfinite(now);
+    return true;
 }
 
 static bool make_axes(const struct umb_picture *picture, struct axes *axes)

@@ -16,8 +16,10 @@ struct ranges {
 struct count {
     const struct umb__slice *slice;
     uint32_t z;
-    struct ranges in; /* inside the frustum */
+    struct ranges in; /* inside the frustum; 0 is what is walked through */
     uint64_t lit[4];  /* window k: column k % 2, row k / 2 */
+    bool counts;      /* 1: lit texels are added up; 0: the walk ends at the wanted state */
+    bool wanted;
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -52,6 +54,12 @@ static uint64_t row_mask(int32_t at, int32_t low, int32_t high)
     return first <= last ? (UINT64_MAX << (8 * first)) & (UINT64_MAX >> (8 * (7 - last))) : 0;
 }
 
+static uint64_t slice_bits(struct count *c, uint32_t brick)
+{
+    c->slice->stats->bricks++;
+    return c->slice->tree->bricks[brick][c->z & 7];
+}
+
 static void add_uniform(struct count *c, const struct square *s)
 {
     uint64_t columns[2], rows[2];
@@ -66,8 +74,7 @@ static void add_uniform(struct count *c, const struct square *s)
 
 static void add_brick(struct count *c, const struct square *s, uint32_t number)
 {
-    const uint64_t bits = c->slice->tree->bricks[number][c->z & 7];
-    c->slice->stats->bricks++;
+    const uint64_t bits = slice_bits(c, number);
     for (unsigned k = 0; k < 4; k++) {
         const uint64_t columns = byte_mask(s->x, c->in.x0[k % 2], c->in.x1[k % 2]);
         const uint64_t rows = row_mask(s->y, c->in.y0[k / 2], c->in.y1[k / 2]);
@@ -76,17 +83,33 @@ static void add_brick(struct count *c, const struct square *s, uint32_t number)
     }
 }
 
-static void add_link(struct count *c, const struct square *s, struct umb__link link)
+/* Adds up what is lit. */
+static bool add_leaf(struct count *c, const struct square *s, struct umb__link link)
+{
+    if (link.mixed) {
+        add_brick(c, s, link.number);
+    } else if (link.lit) {
+        add_uniform(c, s);
+    }
+    return false;
+}
+
+/* Ends the walk where the wanted state is met. */
+static bool find_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (!link.mixed) {
-        if (link.lit) {
-            add_uniform(c, s);
-        }
-        return;
+        return link.lit == c->wanted;
     }
-    if (s->level == UMB_LEVEL_BRICK) {
-        add_brick(c, s, link.number);
-        return;
+    const uint64_t bits = slice_bits(c, link.number);
+    return ((c->wanted ? bits : ~bits) &
+            (byte_mask(s->x, c->in.x0[0], c->in.x1[0]) * UINT64_C(0x0101010101010101)) &
+            row_mask(s->y, c->in.y0[0], c->in.y1[0])) != 0;
+}
+
+static bool walk_link(struct count *c, const struct square *s, struct umb__link link)
+{
+    if (!link.mixed || s->level == UMB_LEVEL_BRICK) {
+        return c->counts ? add_leaf(c, s, link) : find_leaf(c, s, link);
     }
     const uint32_t level = s->level - 2;
     const int32_t side = (int32_t)1 << level, end = 4 * side - 1;
@@ -97,49 +120,29 @@ static void add_link(struct count *c, const struct square *s, struct umb__link l
              x += side) {
             const struct square child = {x, y, level};
             const unsigned bit = umb__child_at(level, (uint32_t)x, (uint32_t)y, c->z);
-            add_link(c, &child, umb__tree_child(c->slice->tree, link.number, bit));
+            if (walk_link(c, &child, umb__tree_child(c->slice->tree, link.number, bit))) {
+                return true;
+            }
         }
     }
+    return false;
 }
 
-/* Calls for each grid cell of the outer window. */
-static void count_windows(struct count *c)
+/* Walks through the grid's cells of the outer window, if it has any texel. */
+static bool walk(struct count *c)
 {
     const struct umb__tree *tree = c->slice->tree;
     const uint32_t level = umb__tree_cell_level(tree);
+    if (c->in.x0[0] > c->in.x1[0] || c->in.y0[0] > c->in.y1[0]) {
+        return false;
+    }
     for (int32_t y = c->in.y0[0] >> level; y <= c->in.y1[0] >> level; y++) {
         for (int32_t x = c->in.x0[0] >> level; x <= c->in.x1[0] >> level; x++) {
             const struct square cell = {(int32_t)((uint32_t)x << level),
                                         (int32_t)((uint32_t)y << level), level};
             c->slice->stats->nodes++;
-            add_link(c, &cell, umb__tree_cell(tree, (uint32_t)x, (uint32_t)y, c->z >> level));
-        }
-    }
-}
-
-/* Whether a state is met in a square; see umb__slice_has. */
-static bool link_has(const struct count *c, const struct square *s, struct umb__link link, bool lit)
-{
-    if (!link.mixed) {
-        return link.lit == lit;
-    }
-    if (s->level == UMB_LEVEL_BRICK) {
-        const uint64_t bits = c->slice->tree->bricks[link.number][c->z & 7];
-        c->slice->stats->bricks++;
-        return ((lit ? bits : ~bits) &
-                (byte_mask(s->x, c->in.x0[0], c->in.x1[0]) * UINT64_C(0x0101010101010101)) &
-                row_mask(s->y, c->in.y0[0], c->in.y1[0])) != 0;
-    }
-    const uint32_t level = s->level - 2;
-    const int32_t side = (int32_t)1 << level, end = 4 * side - 1;
-    c->slice->stats->nodes++;
-    for (int32_t y = most(c->in.y0[0], s->y) & -side; y <= least(c->in.y1[0], s->y + end);
-         y += side) {
-        for (int32_t x = most(c->in.x0[0], s->x) & -side; x <= least(c->in.x1[0], s->x + end);
-             x += side) {
-            const struct square child = {x, y, level};
-            const unsigned bit = umb__child_at(level, (uint32_t)x, (uint32_t)y, c->z);
-            if (link_has(c, &child, umb__tree_child(c->slice->tree, link.number, bit), lit)) {
+            if (walk_link(c, &cell,
+                          umb__tree_cell(tree, (uint32_t)x, (uint32_t)y, c->z >> level))) {
                 return true;
             }
         }
@@ -165,30 +168,12 @@ bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, b
     if (slice->z < 0) {
         return lit;
     }
-    struct count c = {.slice = slice, .z = clamp_depth(slice, size)};
+    struct count c = {.slice = slice, .z = clamp_depth(slice, size), .wanted = lit};
     clip(texels.x0, texels.x1, size, &c.in.x0[0], &c.in.x1[0]);
     clip(texels.y0, texels.y1, size, &c.in.y0[0], &c.in.y1[0]);
     const bool cut = c.in.x0[0] != texels.x0 || c.in.x1[0] != texels.x1 ||
                      c.in.y0[0] != texels.y0 || c.in.y1[0] != texels.y1;
-    if (cut && lit) {
-        return true;
-    }
-    const uint32_t level = umb__tree_cell_level(slice->tree);
-    for (int32_t y = c.in.y0[0] >> level; y <= c.in.y1[0] >> level && c.in.y0[0] <= c.in.y1[0];
-         y++) {
-        for (int32_t x = c.in.x0[0] >> level; x <= c.in.x1[0] >> level && c.in.x0[0] <= c.in.x1[0];
-             x++) {
-            const struct square cell = {(int32_t)((uint32_t)x << level),
-                                        (int32_t)((uint32_t)y << level), level};
-            slice->stats->nodes++;
-            if (link_has(&c, &cell,
-                         umb__tree_cell(slice->tree, (uint32_t)x, (uint32_t)y, c.z >> level),
-                         lit)) {
-                return true;
-            }
-        }
-    }
-    return false;
+    return (cut && lit) || walk(&c);
 }
 
 /* One axis of a box: texels wholly covered, those covered at all, and the part of the latter. */
@@ -219,7 +204,7 @@ double umb__slice_share(const struct umb__slice *slice, const struct umb__real_b
         return 1;
     }
     const struct span x = span_of(box->x, box->width), y = span_of(box->y, box->height);
-    struct count c = {.slice = slice, .z = clamp_depth(slice, size)};
+    struct count c = {.slice = slice, .z = clamp_depth(slice, size), .counts = true};
     for (unsigned i = 0; i < 2; i++) {
         clip(x.low[i], x.high[i], size, &c.in.x0[i], &c.in.x1[i]);
         clip(y.low[i], y.high[i], size, &c.in.y0[i], &c.in.y1[i]);
@@ -232,9 +217,7 @@ double umb__slice_share(const struct umb__slice *slice, const struct umb__real_b
         c.lit[k] =
             (uint64_t)(all[k] - length(c.in.x0[i], c.in.x1[i]) * length(c.in.y0[j], c.in.y1[j]));
     }
-    if (c.in.x0[0] <= c.in.x1[0] && c.in.y0[0] <= c.in.y1[0]) {
-        count_windows(&c);
-    }
+    (void)walk(&c);
     double lit = 0, total = 0;
     for (unsigned k = 0; k < 4; k++) {
         const double weight = x.weight[k % 2] * y.weight[k / 2];

@@ -173,21 +173,34 @@ static size_t fetch_slots(const struct finder *f, size_t first, size_t end,
     return count;
 }
 
-/* Pairs the edges of the front faces of a job. */
-static void pair_job(void *user, uint32_t job, unsigned thread)
+/* What is done with an edge of a front face whose search begins at a slot. */
+typedef void (*edge_fn)(struct finder *f, size_t triangle, size_t edge, size_t at);
+
+/* Visits the edges of the front faces of a job. */
+static void visit_edges(struct finder *f, uint32_t job, edge_fn visit)
 {
-    (void)thread;
-    struct finder *f = user;
     const size_t end = job_end(f->casters, job);
     size_t at[FETCH_TRIANGLES][3];
     for (size_t first = job * JOB_TRIANGLES; first < end; first += FETCH_TRIANGLES) {
         const size_t count = fetch_slots(f, first, end, at);
         for (size_t i = 0; i < count; i++) {
             for (size_t edge = 0; edge < 3 && f->marks[first + i] != 0; edge++) {
-                add_half_edge(f, (uint32_t)(4 * (first + i) + edge), at[i][edge]);
+                visit(f, first + i, edge, at[i][edge]);
             }
         }
     }
+}
+
+static void pair_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
+{
+    add_half_edge(f, (uint32_t)(4 * triangle + edge), at);
+}
+
+/* Pairs the edges of the front faces of a job. */
+static void pair_job(void *user, uint32_t job, unsigned thread)
+{
+    (void)thread;
+    visit_edges(user, job, pair_edge);
 }
 
 /* Marks the front faces of a job. */
@@ -223,24 +236,19 @@ static int is_waiting(const struct finder *f, uint32_t half_edge, size_t at)
     }
 }
 
+static void mark_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
+{
+    if (is_waiting(f, (uint32_t)(4 * triangle + edge), at)) {
+        f->marks[triangle] |= (uint8_t)(1U << edge);
+    }
+}
+
 /* Marks the borders of the front faces of a job. Of edges that are the same, which one waits is
  * chance; all of them are borders then, so that the marks are not. */
 static void border_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;
-    struct finder *f = user;
-    const size_t end = job_end(f->casters, job);
-    size_t at[FETCH_TRIANGLES][3];
-    for (size_t first = job * JOB_TRIANGLES; first < end; first += FETCH_TRIANGLES) {
-        const size_t count = fetch_slots(f, first, end, at);
-        for (size_t i = 0; i < count; i++) {
-            for (size_t edge = 0; edge < 3 && f->marks[first + i] != 0; edge++) {
-                if (is_waiting(f, (uint32_t)(4 * (first + i) + edge), at[i][edge])) {
-                    f->marks[first + i] |= (uint8_t)(1U << edge);
-                }
-            }
-        }
-    }
+    visit_edges(user, job, mark_edge);
 }
 
 enum umb_status umbb_front_marks_make(const struct umbb_casters *casters, enum umbb_prove prove,
