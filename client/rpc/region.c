@@ -14,7 +14,7 @@
 #include "rpc_sha256.h"
 
 enum {
-    FIRST_BYTES = 64 << 10,
+    FIRST_BYTES = 32 << 10,
     ROUND_BYTES_MIN = 512 << 10,
     ROUND_ITEMS_MAX = 4096,
     BLOCK_BYTES = 4096, /* of the directory, at most */
@@ -298,7 +298,7 @@ static size_t list_blocks(struct umb_region *region, uint64_t bytes)
     struct umb_partial_stats stats;
     umb_partial_get_stats(region->partial, &stats);
     const uint64_t missing = stats.block_count - stats.blocks_held;
-    const bool all = missing * BLOCK_BYTES <= bytes / 4;
+    const bool all = missing * BLOCK_BYTES <= bytes / 16;
     const uint64_t most = bytes / BLOCK_BYTES;
     return umb_partial_missing_blocks(region->partial, all, region->items,
                                       most < ROUND_ITEMS_MAX / 2 ? (size_t)most

@@ -98,3 +98,12 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
 .PHONY: bench-overload bench bench-bake bench-query bench-service
+
+# The depth map of one view, for tests/bench/streaming_figures.py.
+$(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+
+streaming-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/streaming.md: bytes and seconds until a view is known (SIZE=quick|full)
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/streaming_figures.py --size $(SIZE)
+.PHONY: streaming-figures

@@ -126,10 +126,9 @@ enum {
 
 #define UMB__PAGE_ENCODING   1U
 #define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
-/* Where the writer closes a page: those of the lowest levels are most of a file, and a thin client
- * needs a few nodes of each (docs/streaming.md has what other sizes cost). */
-#define UMB__PAGE_RAW_TARGET (32U << 10)
-#define UMB__PAGE_LOW_TARGET (8U << 10)
+/* Estimated bytes at which the writer closes a page: a thin client needs a few nodes of each
+ * (docs/streaming.md has what other sizes cost). */
+#define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)
 #define UMB__TEXT_MAX        (4U << 20) /* plan, settings */

@@ -258,6 +258,9 @@ static enum umb_status check_memory(const struct builder *b, uint64_t max_memory
         (uint64_t)octree->root_count * (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
         const struct umb_octree_level *level = &octree->level[l];
+        if (level->count == 0) {
+            continue;
+        }
         bytes += (uint64_t)level->count * (sizeof *level->masks + sizeof *level->first) +
                  sizeof *level->first + (uint64_t)level->first[level->count] * 4;
         bytes += l <= b->level_highest ? (uint64_t)level->count * sizeof(uint32_t) : 0;

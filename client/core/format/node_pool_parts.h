@@ -41,4 +41,25 @@ UMB_CHECKED enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t 
                                                 const struct umb__node_key *key, uint64_t hash,
                                                 uint32_t *ref, struct umb_error *error);
 
+/* Nodes or bricks that are looked up together. */
+#define UMB__POOL_GROUP 32U
+
+/* A group of one level's nodes: the caller sets keys. */
+struct umb__node_group {
+    struct umb__node_key keys[UMB__POOL_GROUP];
+    uint64_t hashes[UMB__POOL_GROUP];
+    uint32_t numbers[UMB__POOL_GROUP];
+};
+
+/*
+ * Find or add a group, each step asking for the memory that the next one reads.
+ * In: count: at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb_pool_brick.
+ */
+UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb_pool *pool,
+                                                  const uint64_t (*bricks)[8], uint32_t count,
+                                                  uint32_t *refs, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
+                                                 struct umb__node_group *group, uint32_t count,
+                                                 uint32_t *refs, struct umb_error *error);
+
 #endif

@@ -23,7 +23,7 @@ enum umb_node_state {
     UMB_NODE_MIXED = 2, /* 3 is never valid */
 };
 
-/* The unique nodes of one level, 4 and up. */
+/* The unique nodes of one level, 4 and up; arrays may be NULL if there are none. */
 struct umb_octree_level {
     uint32_t count;
     uint16_t *masks;    /* [count], 2 bits a child */

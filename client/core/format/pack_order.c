@@ -19,6 +19,9 @@ enum {
     STACK_MAX = 8 * UMB_LEVEL_MAX + 8, /* at most 8 pending children a level */
 };
 
+/* Of a node that a band above has met: a page number that no page can have. */
+#define PAGE_WAITING (UINT32_MAX - 1)
+
 /* A growing list of nodes. */
 struct node_list {
     struct umb__node_ref *nodes;
@@ -48,10 +51,8 @@ static enum umb_status no_memory(struct umb_error *error)
 static enum umb_status allocate(const struct umb_octree *octree, struct umb__pack_order *order,
                                 struct umb_error *error)
 {
-    size_t total = 0;
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         size_t count = umb__octree_level_count(octree, level);
-        total += count;
         struct umb__node_place *places = umb__alloc_large(order->alloc, count, sizeof *places);
         order->places[level] = places;
         if (!places) {
@@ -59,8 +60,7 @@ static enum umb_status allocate(const struct umb_octree *octree, struct umb__pac
         }
         memset(places, 0xff, count * sizeof *places);
     }
-    order->sequence = umb__alloc(order->alloc, total, sizeof *order->sequence);
-    return order->sequence ? UMB_OK : no_memory(error);
+    return UMB_OK;
 }
 
 /* Ends the open page, if it holds anything. */
@@ -70,8 +70,8 @@ static enum umb_status close_page(struct traversal *t)
     if (t->page_bytes == 0) {
         return UMB_OK;
     }
-    if (order->page_count == UINT32_MAX - 1) {
-        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", UINT32_MAX - 1);
+    if (order->page_count == PAGE_WAITING) {
+        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGE_WAITING);
     }
     if (!umb__grow(order->alloc, &order->page_first, &order->page_capacity,
                    (size_t)order->page_count + 2, sizeof *order->page_first)) {
@@ -85,7 +85,8 @@ static enum umb_status close_page(struct traversal *t)
     return UMB_OK;
 }
 
-/* What a node will take in a page, roughly; only where pages end depends on it. */
+/* What a node will take in a page, roughly; only where pages end depends on it. Children of the
+ * lowest band stand beside their parents. */
 static size_t estimate(const struct traversal *t, struct umb__node_ref node)
 {
     if (node.level == UMB_LEVEL_BRICK) {
@@ -99,7 +100,7 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
     const struct umb_octree_level *level = &t->octree->level[node.level];
     uint32_t children = level->first[node.index + 1] - level->first[node.index];
     size_t bytes = 2 + (size_t)children;
-    for (uint32_t i = 0; i < children; i++) {
+    for (uint32_t i = 0; i < children && t->band_low > UMB_LEVEL_BRICK; i++) {
         uint32_t child = level->children[level->first[node.index] + i];
         uint32_t page = t->order->places[node.level - 1][child].page;
         bytes += page != UINT32_MAX && page != t->order->page_count ? 8 : 0;
@@ -111,17 +112,21 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
 static enum umb_status place(struct traversal *t, struct umb__node_ref node)
 {
     struct umb__pack_order *order = t->order;
-    size_t bytes = estimate(t, node);
-    order->places[node.level][node.index] = (struct umb__node_place){
+    struct umb__node_place *place = &order->places[node.level][node.index];
+    if (!umb__grow(order->alloc, &order->sequence, &order->sequence_capacity, order->node_count + 1,
+                   sizeof *order->sequence)) {
+        return no_memory(t->error);
+    }
+    t->page_bytes += estimate(t, node);
+    order->counts[node.level] += place->page >= PAGE_WAITING;
+    *place = (struct umb__node_place){
         .page = order->page_count,
         .position = t->page_level_counts[node.level]++,
     };
     order->sequence[order->node_count++] = node;
-    order->counts[node.level]++;
-    t->page_bytes += bytes;
-    const size_t target =
-        t->band_low == UMB_LEVEL_BRICK ? UMB__PAGE_LOW_TARGET : UMB__PAGE_RAW_TARGET;
-    return t->page_bytes >= target ? close_page(t) : UMB_OK;
+    /* In the lowest band a page ends between the trees of two roots. */
+    return t->band_low > UMB_LEVEL_BRICK && t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t)
+                                                                                  : UMB_OK;
 }
 
 /* Proves that a node exists, has a possible mask, and leads to nodes that exist: whatever order
@@ -157,14 +162,14 @@ static enum umb_status check_node(const struct traversal *t, struct umb__node_re
     return UMB_OK;
 }
 
-/* Marks a node of a lower band as waiting, once. The mark is a page number no page can have. */
+/* Marks a node of a lower band as waiting, once. */
 static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref node)
 {
     uint32_t *page = &t->order->places[node.level][node.index].page;
     if (*page != UINT32_MAX) {
         return UMB_OK;
     }
-    *page = UINT32_MAX - 1;
+    *page = PAGE_WAITING;
     if (!umb__grow(t->order->alloc, &t->waiting.nodes, &t->waiting.capacity, t->waiting.count + 1,
                    sizeof *t->waiting.nodes)) {
         return no_memory(t->error);
@@ -173,9 +178,11 @@ static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_
     return UMB_OK;
 }
 
+/* True if a node stands where it is needed: anywhere, or in the lowest band in the open page. */
 static bool is_placed(const struct traversal *t, struct umb__node_ref node)
 {
-    return t->order->places[node.level][node.index].page < UINT32_MAX - 1;
+    const uint32_t page = t->order->places[node.level][node.index].page;
+    return t->band_low == UMB_LEVEL_BRICK ? page == t->order->page_count : page < PAGE_WAITING;
 }
 
 /* Asks for what visiting a node, which exists, will read of it first. */
@@ -230,6 +237,17 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
     return UMB_OK;
 }
 
+/* Visits a root of the band: those of the lowest one are not cut by the end of a page. */
+static enum umb_status visit_root(struct traversal *t, struct umb__node_ref root)
+{
+    if (t->order->places[root.level][root.index].page < PAGE_WAITING) {
+        return UMB_OK; /* stands below another root, or is the root of two frusta */
+    }
+    enum umb_status status = visit(t, root);
+    const bool ends = t->band_low == UMB_LEVEL_BRICK && t->page_bytes >= UMB__PAGE_RAW_TARGET;
+    return status == UMB_OK && ends ? close_page(t) : status;
+}
+
 static enum umb_status visit_band(struct traversal *t, uint32_t band_high)
 {
     struct node_list roots = t->waiting;
@@ -241,11 +259,11 @@ static enum umb_status visit_band(struct traversal *t, uint32_t band_high)
             root->level <= band_high) {
             struct umb__node_ref node = {root->level, root->index};
             status = check_node(t, node);
-            status = status == UMB_OK ? visit(t, node) : status;
+            status = status == UMB_OK ? visit_root(t, node) : status;
         }
     }
     for (size_t i = 0; i < roots.count && status == UMB_OK; i++) {
-        status = visit(t, roots.nodes[i]);
+        status = visit_root(t, roots.nodes[i]);
     }
     umb__free(t->order->alloc, roots.nodes);
     return status == UMB_OK ? close_page(t) : status;
@@ -261,6 +279,7 @@ enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pac
     uint32_t band_high = UMB_LEVEL_MAX;
     for (size_t band = 0; band < BAND_COUNT && status == UMB_OK; band++) {
         t.band_low = band_lows[band];
+        order->whole_from = order->page_count;
         status = visit_band(&t, band_high);
         band_high = t.band_low - 1;
     }

@@ -2,14 +2,17 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_ORDER_H
 #define UMBRAGE_CORE_FORMAT_PACK_ORDER_H
 /*
- * The canonical order of a packed file: which page each node stands in, and at which position.
+ * The canonical order of a packed file: which pages each node stands in, and at which position.
  *
  * Levels are cut into bands (13 and up, 8 to 12, 3 to 7). Band after band, from the top, the nodes
  * are visited depth first from the roots of the band in the order in which the band above first met
  * them; a node is written where it is first visited, and a page is closed when its estimated size
- * reaches the target. So a reader of the first pages has all coarse levels, and a subtree of 128^3
- * voxels stands in few neighbouring pages. The order depends on the tree's content only, never on
- * its numbering: equal trees give equal files.
+ * reaches the target. So a reader of the first pages has all coarse levels.
+ *
+ * Pages of the lowest band refer to no other page: each holds whole trees of 128^3 voxels, and a
+ * node that trees of several pages share stands in each of them. A copy takes hardly more room than
+ * a reference to another page would, and whoever needs one tree needs one page. The order depends
+ * on the tree's content only, never on its numbering: equal trees give equal files.
  */
 #include "format/octree.h"
 
@@ -18,20 +21,22 @@ struct umb__node_ref {
     uint32_t index; /* in the octree's numbering */
 };
 
-/* Where a node stands. */
+/* Where a node stands; one of several in the lowest band, the only one of the roots of a band. */
 struct umb__node_place {
     uint32_t page;     /* UINT32_MAX: not reached */
     uint32_t position; /* among the page's nodes of the level */
 };
 
 struct umb__pack_order {
-    size_t node_count;
+    size_t node_count;              /* copies included */
     struct umb__node_ref *sequence; /* [node_count], in the order of the file */
+    size_t sequence_capacity;
     uint32_t page_count;
-    size_t *page_first; /* [page_count + 1], in sequence */
+    uint32_t whole_from; /* pages from here on refer to no other: the lowest band */
+    size_t *page_first;  /* [page_count + 1], in sequence */
     size_t page_capacity;
     struct umb__node_place *places[UMB_LEVEL_MAX + 1]; /* [count of the level] */
-    uint64_t counts[UMB_LEVEL_MAX + 1];                /* reached nodes of each level */
+    uint64_t counts[UMB_LEVEL_MAX + 1];                /* distinct reached nodes of each level */
     const struct umb_alloc *alloc;
 };
 

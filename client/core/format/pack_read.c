@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_read.h. Two passes: all pages are uncompressed and parsed, which gives every node its
- * number (level by level, in the order of the file); then nodes are filled in and references to
- * other pages resolved. The counts announced in the canonical block must be those found.
+ * See pack_read.h. Two passes: all pages are uncompressed and parsed, which tells how many nodes
+ * each has; then nodes go into a pool, level by level from the bricks up, so that copies of a node
+ * in several pages become one again. Numbers follow the order of the file. The counts announced in
+ * the canonical block must be those found, or more where a writer had merged less.
  *
  * The file may be a map that somebody else overwrites meanwhile: an entry of the directory is
  * loaded once for a use and checked against the memory there is; nodes are only taken from the
@@ -19,6 +20,7 @@
 #include "base/memory.h"
 #include "format/directory.h"
 #include "format/layout.h"
+#include "format/node_pool_parts.h"
 
 enum {
     BRICK_BYTES = 64,
@@ -35,7 +37,9 @@ struct reader {
     ZSTD_DCtx *zstd;
     uint8_t *raw;            /* all pages, uncompressed, one after the other */
     struct umb__page *pages; /* [page count], pointing into raw */
-    page_numbers *first;     /* [page count], number of a page's first node of a level */
+    page_numbers *first;     /* [page count], where numbers of a page's nodes of a level begin */
+    uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* in the pool, of the nodes of all pages */
+    struct umb_pool pool;
 };
 
 /* True if an entry still lies in the file and its page fits the `room` bytes left for it. */
@@ -99,37 +103,29 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
     return UMB_OK;
 }
 
-static enum umb_status allocate_octree(const struct reader *r, const uint64_t *totals,
-                                       uint32_t root_count, struct umb_octree *octree)
+static enum umb_status wrong_counts(struct umb_error *error)
 {
-    octree->alloc = r->alloc;
-    octree->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
-    octree->bricks = umb__alloc_large(r->alloc, octree->brick_count, sizeof *octree->bricks);
-    octree->root_count = root_count;
-    octree->roots = umb__alloc_zeroed(r->alloc, root_count, sizeof *octree->roots);
-    bool ok = octree->bricks && octree->roots;
-    for (size_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
-        struct umb_octree_level *level = &octree->level[l];
-        uint64_t references = 0;
-        for (uint32_t page = 0; page < r->head->page_count; page++) {
-            references += r->pages[page].reference_count[l];
-        }
-        if (references >= UINT32_MAX) {
-            return umb_fail(r->error, UMB_E_CORRUPT, "level %zu: too many children", l);
-        }
-        level->count = (uint32_t)totals[l];
-        level->masks = umb__alloc(r->alloc, level->count, sizeof *level->masks);
-        level->first = umb__alloc(r->alloc, (size_t)level->count + 1, sizeof *level->first);
-        level->children = umb__alloc(r->alloc, (size_t)references, sizeof *level->children);
-        ok = ok && level->masks && level->first && level->children;
-        if (ok) {
-            level->first[0] = 0;
-        }
-    }
-    return ok ? UMB_OK : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for the nodes");
+    return umb_fail(error, UMB_E_CORRUPT, "counts: not the nodes that the pages hold");
 }
 
-/* The number of a node in another page. */
+/* In: totals: nodes of all pages, copies included: what is counted is not more. */
+static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
+                                        const uint64_t *totals)
+{
+    for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        if (canonical->counts[level] > totals[level]) {
+            return wrong_counts(r->error);
+        }
+        r->numbers[level] =
+            umb__alloc_large(r->alloc, (size_t)totals[level], sizeof *r->numbers[level]);
+        if (!r->numbers[level]) {
+            return umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for the nodes");
+        }
+    }
+    return UMB_OK;
+}
+
+/* The number of a node in any page; all of its level are in the pool. */
 static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
                                uint32_t position, uint32_t *number)
 {
@@ -137,89 +133,176 @@ static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t 
         return umb_fail(r->error, UMB_E_CORRUPT, "node %u of level %u in page %u: not there",
                         position, level, page);
     }
-    *number = r->first[page][level] + position;
+    *number = r->numbers[level][r->first[page][level] + position];
     return UMB_OK;
 }
 
-static enum umb_status fill_nodes(const struct reader *r, uint32_t p, uint32_t l,
-                                  struct umb_octree_level *level)
+/* The keys of some nodes of a page. In: at: where their references begin; moved on. */
+static enum umb_status read_keys(const struct reader *r, uint32_t p, uint32_t l, uint32_t first,
+                                 uint32_t count, uint64_t *at, struct umb__node_group *group)
 {
     const struct umb__page *page = &r->pages[p];
-    uint32_t at = level->first[r->first[p][l]];
-    uint32_t local = page->node_count[l - 1];
-    for (uint32_t i = 0; i < page->node_count[l]; i++) {
-        uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)i);
-        uint32_t node = r->first[p][l] + i;
-        level->masks[node] = mask;
-        level->first[node + 1] = level->first[node] + umb_mask_mixed_count(mask);
-    }
-    for (uint64_t i = 0; i < page->reference_count[l]; i++) {
-        unsigned width = page->width[l];
-        uint32_t reference = umb__load_narrow(page->references[l] + i * width, width);
-        uint32_t number = r->first[p][l - 1] + reference;
-        if (reference >= local) {
-            size_t k = reference - local;
-            enum umb_status status =
-                resolve(r, l - 1, umb__load32(page->external_pages[l] + 4 * k),
-                        umb__load32(page->external_positions[l] + 4 * k), &number);
+    const uint32_t local = page->node_count[l - 1];
+    const unsigned width = page->width[l];
+    for (uint32_t i = 0; i < count; i++) {
+        struct umb__node_key *key = &group->keys[i];
+        const uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)(first + i));
+        key->words[0] = mask;
+        key->child_count = umb_mask_mixed_count(mask);
+        for (uint32_t c = 0; c < key->child_count; c++, ++*at) {
+            const uint32_t reference = umb__load_narrow(page->references[l] + *at * width, width);
+            uint32_t in = p, position = reference;
+            if (reference >= local) {
+                const size_t k = reference - local;
+                in = umb__load32(page->external_pages[l] + 4 * k);
+                position = umb__load32(page->external_positions[l] + 4 * k);
+            }
+            enum umb_status status = resolve(r, l - 1, in, position, &key->words[1 + c]);
             if (status != UMB_OK) {
                 return umb__in_page(r->error, p, status);
             }
         }
-        level->children[at + i] = number;
     }
     return UMB_OK;
 }
 
-static void fill_bricks(const struct reader *r, uint32_t p, uint64_t (*bricks)[8])
+static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
+{
+    struct umb__node_group group;
+    const uint32_t nodes = r->pages[p].node_count[l];
+    uint32_t *numbers = r->numbers[l] + r->first[p][l];
+    enum umb_status status = UMB_OK;
+    uint64_t at = 0;
+    for (uint32_t i = 0; i < nodes && status == UMB_OK; i += UMB__POOL_GROUP) {
+        const uint32_t left = nodes - i, count = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
+        status = read_keys(r, p, l, i, count, &at, &group);
+        if (status == UMB_OK) {
+            status = umb__pool_find_nodes(&r->pool, l, &group, count, numbers + i, r->error);
+        }
+    }
+    return status;
+}
+
+static enum umb_status add_bricks(struct reader *r, uint32_t p)
 {
     const struct umb__page *page = &r->pages[p];
-    const uint8_t *number = page->leaf_numbers;
-    for (uint32_t i = 0; i < page->node_count[UMB_LEVEL_BRICK]; i++) {
-        umb__page_brick(page, i, &number, bricks[r->first[p][UMB_LEVEL_BRICK] + i]);
+    const uint32_t bricks = page->node_count[UMB_LEVEL_BRICK];
+    uint32_t *numbers = r->numbers[UMB_LEVEL_BRICK] + r->first[p][UMB_LEVEL_BRICK];
+    const uint8_t *leaf = page->leaf_numbers;
+    uint64_t group[UMB__POOL_GROUP][8];
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < bricks && status == UMB_OK; i += UMB__POOL_GROUP) {
+        const uint32_t left = bricks - i, count = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
+        for (uint32_t k = 0; k < count; k++) {
+            umb__page_brick(page, i + k, &leaf, group[k]);
+        }
+        status = umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, count, numbers + i,
+                                       r->error);
     }
+    return status;
 }
 
-static enum umb_status fill_octree(const struct reader *r, const struct umb__canonical *canonical,
+/*
+ * In: most: nodes that the canonical block counts. All nodes of a canonical tree differ, so that
+ * there are as many; of another tree, which readers take as well, there may be fewer.
+ */
+static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64_t most)
+{
+    enum umb_status status = l == UMB_LEVEL_BRICK ? add_bricks(r, p) : add_nodes(r, p, l);
+    const uint64_t found = l == UMB_LEVEL_BRICK ? r->pool.brick_count : r->pool.level[l].count;
+    if (status == UMB_E_LIMIT) {
+        return umb_fail(r->error, UMB_E_TOO_LARGE,
+                        "asset: expanding its nodes takes more than the %zu bytes left, the limit "
+                        "is on pages and nodes together",
+                        r->pool.max_bytes);
+    }
+    return status == UMB_OK && found > most ? wrong_counts(r->error) : status;
+}
+
+/* Second pass. Whatever the pages say, the pool never holds more than the counts and a page. */
+static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *canonical)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t l = UMB_LEVEL_BRICK; l <= UMB_LEVEL_MAX; l++) {
+        for (uint32_t p = 0; p < r->head->page_count && status == UMB_OK; p++) {
+            status = add_page(r, p, l, canonical->counts[l]);
+        }
+    }
+    return status;
+}
+
+/* Hands the pool over with its roots. */
+static enum umb_status take_octree(struct reader *r, const struct umb__canonical *canonical,
                                    struct umb_octree *octree)
 {
-    for (uint32_t p = 0; p < r->head->page_count; p++) {
-        for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
-            enum umb_status status = fill_nodes(r, p, l, &octree->level[l]);
-            if (status != UMB_OK) {
-                return status;
-            }
-        }
-        fill_bricks(r, p, octree->bricks);
+    const uint32_t count = canonical->content.frustum_count;
+    enum umb_status status = UMB_OK;
+    uint32_t *refs = umb__alloc(r->alloc, count, 2 * sizeof *refs);
+    if (!refs) {
+        return umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for the roots");
     }
-    for (uint32_t i = 0; i < octree->root_count; i++) {
-        const struct umb__packed_root *packed = &canonical->roots[i];
-        struct umb_octree_root *root = &octree->roots[i];
-        root->state = (enum umb_node_state)packed->state;
-        root->level = canonical->content.frusta[i].log2_size;
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        const struct umb__packed_root *root = &canonical->roots[i];
+        refs[count + i] = canonical->content.frusta[i].log2_size;
+        refs[i] = root->state == UMB_NODE_LIT ? UMB_REF_LIT : UMB_REF_SHADOWED;
         if (root->state == UMB_NODE_MIXED) {
-            enum umb_status status =
-                resolve(r, root->level, packed->page, packed->position, &root->index);
-            if (status != UMB_OK) {
-                return status;
-            }
+            status = resolve(r, refs[count + i], root->page, root->position, &refs[i]);
         }
     }
-    return UMB_OK;
+    if (status == UMB_OK) {
+        status = umb_pool_take(&r->pool, refs, refs + count, count, octree, r->error);
+    }
+    umb__free(r->alloc, refs);
+    return status;
 }
 
-/* Bytes that expanding takes at its peak: the pages, parsed, and the octree, whose nodes have at
- * most eight children each. The counts are below 2^32 each, so that nothing overflows. */
-static uint64_t peak_bytes(const struct umb__canonical *canonical, uint64_t page_count,
-                           uint64_t raw_total)
+/* Bytes of all but the pool: the pages, parsed, the numbers of their nodes, and the roots. */
+static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
-    uint64_t bytes = raw_total + page_count * (sizeof(struct umb__page) + sizeof(page_numbers));
-    bytes += (uint64_t)canonical->content.frustum_count * sizeof(struct umb_octree_root);
-    bytes += canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
+    uint64_t bytes =
+        raw_total + head->page_count * (uint64_t)(sizeof(struct umb__page) + sizeof(page_numbers));
+    for (uint32_t page = 0; page < head->page_count; page++) {
+        bytes += sizeof(uint32_t) * (uint64_t)umb__directory_load(head, page).records;
+    }
+    return bytes + root_count * (sizeof(struct umb_octree_root) + 2 * (uint64_t)sizeof(uint32_t));
+}
+
+/* Bytes of nodes that have eight children each, the most. The counts are below 2^32 each, so that
+ * nothing overflows. */
+static uint64_t node_bytes(const struct umb__canonical *canonical)
+{
+    uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
     for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
         bytes += canonical->counts[level] * NODE_BYTES_MAX + sizeof(uint32_t);
     }
     return bytes;
+}
+
+/* Refuses what cannot fit; sets the pool's budget. */
+static enum umb_status plan_memory(struct reader *r, const struct umb__canonical *canonical,
+                                   uint64_t raw_total, uint64_t max_memory_bytes)
+{
+    const uint64_t pages = page_bytes(r->head, canonical->content.frustum_count, raw_total);
+    const uint64_t nodes = node_bytes(canonical);
+    if (pages + nodes > max_memory_bytes) {
+        return umb_fail(r->error, UMB_E_TOO_LARGE,
+                        "asset: expanding takes up to %llu bytes, the limit is %llu",
+                        (unsigned long long)(pages + nodes), (unsigned long long)max_memory_bytes);
+    }
+    umb_pool_init(&r->pool, r->alloc, (size_t)(max_memory_bytes - pages));
+    return UMB_OK;
+}
+
+static void reader_finish(struct reader *r)
+{
+    umb_pool_finish(&r->pool);
+    ZSTD_freeDCtx(r->zstd);
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(r->alloc, r->numbers[level]);
+    }
+    umb__free(r->alloc, r->raw);
+    umb__free(r->alloc, r->pages);
+    umb__free(r->alloc, r->first);
 }
 
 enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
@@ -227,38 +310,27 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
                                uint64_t max_memory_bytes, const struct umb_alloc *alloc,
                                struct umb_octree *octree, struct umb_error *error)
 {
-    struct reader r = {.file = file, .head = head, .alloc = alloc, .error = error};
+    struct reader r = {
+        .file = file, .head = head, .alloc = alloc, .error = error, .pool = {.alloc = alloc}};
     uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
     memset(octree, 0, sizeof *octree);
     enum umb_status status = umb__directory_check(head, &raw_total, error);
     if (status == UMB_OK) {
-        uint64_t peak = peak_bytes(canonical, head->page_count, raw_total);
-        if (peak > max_memory_bytes) {
-            status = umb_fail(error, UMB_E_TOO_LARGE,
-                              "asset: expanding takes up to %llu bytes, the limit is %llu",
-                              (unsigned long long)peak, (unsigned long long)max_memory_bytes);
-        }
+        status = plan_memory(&r, canonical, raw_total, max_memory_bytes);
     }
     if (status == UMB_OK) {
         status = parse_pages(&r, check, raw_total, totals);
     }
-    if (status == UMB_OK && memcmp(totals, canonical->counts, sizeof totals) != 0) {
-        status = umb_fail(error, UMB_E_CORRUPT, "counts: not the nodes that the pages hold");
+    if (status == UMB_OK) {
+        status = allocate_numbers(&r, canonical, totals);
     }
     if (status == UMB_OK) {
-        status = allocate_octree(&r, totals, canonical->content.frustum_count, octree);
+        status = fill_pool(&r, canonical);
     }
     if (status == UMB_OK) {
-        status = fill_octree(&r, canonical, octree);
+        status = take_octree(&r, canonical, octree);
     }
-    ZSTD_freeDCtx(r.zstd);
-    umb__free(alloc, r.raw);
-    umb__free(alloc, r.pages);
-    umb__free(alloc, r.first);
-    if (status != UMB_OK) {
-        octree->alloc = alloc;
-        umb_octree_finish(octree);
-    }
+    reader_finish(&r);
     return status;
 }
 

@@ -10,7 +10,7 @@
  * Expands all pages of a packed file.
  *
  * In:    check: verify each page's XXH3 as well (structure is always checked).
- *        max_memory_bytes: of pages and octree together; checked before they are allocated.
+ *        max_memory_bytes: of pages and octree together. Copies of a node become one.
  * Out:   octree: numbered in the file's order; finish with umb_octree_finish.
  * Fails: E_CORRUPT, E_TRUNCATED, E_TOO_LARGE, E_NO_MEMORY.
  * Trust: safe on hostile bytes.

@@ -44,8 +44,8 @@ struct umb__page {
  * leaf numbers. References to other pages are checked by the reader of the whole file.
  * Trust: safe on hostile bytes. Fails: E_CORRUPT.
  */
-UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size,
-                                            struct umb__page *page, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__page *page,
+                                            struct umb_error *error);
 
 /* What encoding a page needs, kept from one page to the next. Start zeroed. */
 struct umb__page_encoder {
@@ -56,6 +56,7 @@ struct umb__page_encoder {
     uint32_t *references; /* of a level */
     size_t references_capacity;
     struct umb__value_set table; /* a level's nodes in other pages, or leaves */
+    struct umb__value_set own;   /* the page's nodes of a level, by their number in the octree */
 };
 
 /*

@@ -144,20 +144,43 @@ static bool sort_table(struct writer *w)
 /* Marks a reference to the table; the page's own nodes are numbered by position. */
 #define IN_TABLE 0x80000000U
 
-/* Lists a level's references: positions in the page, or numbers in the table. */
+/* Lists the children of a level's nodes, in their order. */
 static void list_children(struct writer *w, uint32_t node_level)
 {
     const struct umb_octree_level *level = &w->octree->level[node_level];
-    const struct umb__node_place *places = w->order->places[node_level - 1];
     const uint32_t *nodes = w->e->nodes + w->node_first[node_level];
-    const size_t count = w->reference_count[node_level];
-    uint32_t *references = w->e->references;
     size_t n = 0;
     for (uint32_t i = 0; i < w->node_count[node_level]; i++) {
         for (uint32_t c = level->first[nodes[i]]; c < level->first[nodes[i] + 1]; c++) {
-            references[n++] = level->children[c];
+            w->e->references[n++] = level->children[c];
         }
     }
+}
+
+/* Turns children into positions in the page, where all of them stand: the set numbers nodes as it
+ * meets them, which is their order in the page. False: out of memory. */
+static bool number_own(struct writer *w, uint32_t node_level)
+{
+    struct umb__value_set *own = &w->e->own;
+    const uint32_t *below = w->e->nodes + w->node_first[node_level - 1];
+    if (!umb__value_set_begin(own, w->order->alloc, w->node_count[node_level - 1])) {
+        return false;
+    }
+    for (uint32_t i = 0; i < w->node_count[node_level - 1]; i++) {
+        (void)umb__value_set_add(own, below[i]);
+    }
+    for (size_t i = 0; i < w->reference_count[node_level]; i++) {
+        w->e->references[i] = umb__value_set_add(own, w->e->references[i]);
+    }
+    return true;
+}
+
+/* Turns children into positions in the page, or numbers in the table of those in others. */
+static void number_all(struct writer *w, uint32_t node_level)
+{
+    const struct umb__node_place *places = w->order->places[node_level - 1];
+    const size_t count = w->reference_count[node_level];
+    uint32_t *references = w->e->references;
     for (size_t i = 0; i < count; i++) {
         if (i + AHEAD < count) {
             __builtin_prefetch(places + references[i + AHEAD]);
@@ -176,6 +199,11 @@ static void write_nodes(struct writer *w, uint32_t node_level)
         return;
     }
     list_children(w, node_level);
+    if (w->page >= w->order->whole_from) {
+        w->failed = !number_own(w, node_level);
+    } else {
+        number_all(w, node_level);
+    }
     if (!sort_table(w)) {
         return;
     }
@@ -270,5 +298,6 @@ void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct um
     umb__free(alloc, encoder->nodes);
     umb__free(alloc, encoder->references);
     umb__value_set_finish(&encoder->table, alloc);
+    umb__value_set_finish(&encoder->own, alloc);
     memset(encoder, 0, sizeof *encoder);
 }

@@ -9,7 +9,7 @@
 #include "base/memory.h"
 #include "format/node_pool_parts.h"
 
-#define GROUP  32U
+#define GROUP  UMB__POOL_GROUP
 #define NOBODY UINT32_MAX
 
 /* Asks for the line that a look-up begins with. */
@@ -36,58 +36,33 @@ static uint32_t slot_number(const struct umb_hash_slots *slots, uint64_t hash)
     return NOBODY;
 }
 
-static enum umb_status merge_bricks(struct umb_pool *pool, const struct umb_pool *from,
-                                    uint32_t *refs, struct umb_error *error)
+enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*bricks)[8],
+                                      uint32_t count, uint32_t *refs, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    for (uint32_t first = 0; first < from->brick_count && status == UMB_OK; first += GROUP) {
-        const uint32_t left = from->brick_count - first, n = left < GROUP ? left : GROUP;
-        uint64_t hashes[GROUP];
-        for (uint32_t i = 0; i < n; i++) {
-            hashes[i] = umb__brick_hash(from->bricks[first + i]);
-            slot_ahead(&pool->brick_slots, hashes[i]);
+    uint64_t hashes[GROUP];
+    for (uint32_t i = 0; i < count; i++) {
+        hashes[i] = umb__brick_hash(bricks[i]);
+        slot_ahead(&pool->brick_slots, hashes[i]);
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t number = slot_number(&pool->brick_slots, hashes[i]);
+        if (number != NOBODY) {
+            __builtin_prefetch(pool->bricks[number]);
         }
-        for (uint32_t i = 0; i < n; i++) {
-            const uint32_t number = slot_number(&pool->brick_slots, hashes[i]);
-            if (number != NOBODY) {
-                __builtin_prefetch(pool->bricks[number]);
-            }
-        }
-        for (uint32_t i = 0; i < n && status == UMB_OK; i++) {
-            status = umb__pool_find_brick(pool, from->bricks[first + i], hashes[i],
-                                          &refs[first + i], error);
-        }
+    }
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        status = umb__pool_find_brick(pool, bricks[i], hashes[i], &refs[i], error);
     }
     return status;
 }
 
-/* A group of a level's nodes under way. */
-struct node_group {
-    struct umb__node_key keys[GROUP];
-    uint64_t hashes[GROUP];
-    uint32_t numbers[GROUP];
-};
-
-/* Keys with the children's new numbers. */
-static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_t n,
-                      const uint32_t *below, struct node_group *group)
-{
-    for (uint32_t i = 0; i < n; i++) {
-        struct umb__node_key *key = &group->keys[i];
-        const uint32_t *children = from->children + from->first[first + i];
-        key->words[0] = from->masks[first + i];
-        key->child_count = from->first[first + i + 1] - from->first[first + i];
-        for (uint32_t c = 0; c < key->child_count; c++) {
-            key->words[1 + c] = below[children[c]];
-        }
-        group->hashes[i] = umb__key_hash(key);
-    }
-}
-
 /* Asks for all lines that looking a group up will read. */
-static void nodes_ahead(const struct umb_pool_level *level, struct node_group *group, uint32_t n)
+static void nodes_ahead(const struct umb_pool_level *level, struct umb__node_group *group,
+                        uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++) {
+        group->hashes[i] = umb__key_hash(&group->keys[i]);
         slot_ahead(&level->slots, group->hashes[i]);
     }
     for (uint32_t i = 0; i < n; i++) {
@@ -104,22 +79,58 @@ static void nodes_ahead(const struct umb_pool_level *level, struct node_group *g
     }
 }
 
+enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
+                                     struct umb__node_group *group, uint32_t count, uint32_t *refs,
+                                     struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    nodes_ahead(&pool->level[level], group, count);
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        status =
+            umb__pool_find_node(pool, level, &group->keys[i], group->hashes[i], &refs[i], error);
+    }
+    return status;
+}
+
+static enum umb_status merge_bricks(struct umb_pool *pool, const struct umb_pool *from,
+                                    uint32_t *refs, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t first = 0; first < from->brick_count && status == UMB_OK; first += GROUP) {
+        const uint32_t left = from->brick_count - first;
+        status = umb__pool_find_bricks(pool, (const uint64_t(*)[8])from->bricks + first,
+                                       left < GROUP ? left : GROUP, refs + first, error);
+    }
+    return status;
+}
+
+/* Keys with the children's new numbers. */
+static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_t n,
+                      const uint32_t *below, struct umb__node_group *group)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        struct umb__node_key *key = &group->keys[i];
+        const uint32_t *children = from->children + from->first[first + i];
+        key->words[0] = from->masks[first + i];
+        key->child_count = from->first[first + i + 1] - from->first[first + i];
+        for (uint32_t c = 0; c < key->child_count; c++) {
+            key->words[1 + c] = below[children[c]];
+        }
+    }
+}
+
 /* In: below: new numbers of the level below. */
 static enum umb_status merge_nodes(struct umb_pool *pool, const struct umb_pool *from,
                                    uint32_t level, struct umb_pool_numbers *numbers,
                                    struct umb_error *error)
 {
     const struct umb_pool_level *nodes = &from->level[level];
-    struct node_group group;
+    struct umb__node_group group;
     enum umb_status status = UMB_OK;
     for (uint32_t first = 0; first < nodes->count && status == UMB_OK; first += GROUP) {
         const uint32_t left = nodes->count - first, n = left < GROUP ? left : GROUP;
         read_keys(nodes, first, n, numbers->below, &group);
-        nodes_ahead(&pool->level[level], &group, n);
-        for (uint32_t i = 0; i < n && status == UMB_OK; i++) {
-            status = umb__pool_find_node(pool, level, &group.keys[i], group.hashes[i],
-                                         &numbers->refs[first + i], error);
-        }
+        status = umb__pool_find_nodes(pool, level, &group, n, numbers->refs + first, error);
     }
     return status;
 }

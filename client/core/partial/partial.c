@@ -232,7 +232,8 @@ static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint
     return UMB_OK;
 }
 
-/* What others expect of the page, and what the asset says there is in all. */
+/* What others expect of the page, and what the asset says there is in all: of a node, a page has
+ * one copy at most. */
 static enum umb_status check_counts(const struct umb_partial *p, uint32_t number,
                                     const struct umb__page *page, struct umb_error *error)
 {
@@ -243,7 +244,7 @@ static enum umb_status check_counts(const struct umb_partial *p, uint32_t number
                             "page %u of the file: has %u nodes of level %u, others refer to %u",
                             number, page->node_count[level], level, links->needed[level]);
         }
-        if (p->totals[level] + page->node_count[level] > p->canonical.counts[level]) {
+        if (page->node_count[level] > p->canonical.counts[level]) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "page %u of the file: more nodes of level %u than the asset has",
                             number, level);
@@ -284,9 +285,6 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     }
     memcpy(copy, stored, entry->stored_length);
     memcpy(links->count, page->node_count, sizeof links->count);
-    for (size_t level = 0; level < UMB__LEVELS; level++) {
-        p->totals[level] += links->count[level];
-    }
     p->pages[entry->page].stored = copy;
     p->held_count++;
     p->held_bytes += entry->stored_length;
@@ -362,9 +360,6 @@ void umb_partial_drop(struct umb_partial *p, uint32_t page)
     struct umb__held *held = page < p->head.page_count ? &p->pages[page] : NULL;
     if (!held || !held->stored) {
         return;
-    }
-    for (size_t level = 0; level < UMB__LEVELS; level++) {
-        p->totals[level] -= held->links->count[level];
     }
     p->held_bytes -= umb__directory_load(&p->head, page).stored_length;
     p->held_count--;

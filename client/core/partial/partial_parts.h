@@ -42,8 +42,7 @@ struct umb_partial {
     uint32_t block_count; /* of those */
     struct umb__head head;
     struct umb__canonical canonical;
-    struct umb__held *pages;      /* [head.page_count] */
-    uint64_t totals[UMB__LEVELS]; /* nodes of the pages here */
+    struct umb__held *pages; /* [head.page_count] */
     uint32_t held_count;
     uint64_t held_bytes;
     uint64_t dropped, builds;

@@ -4,7 +4,7 @@
 /*
  * libumbrage: streaming the part of an asset that one needs, and evaluating it here.
  *
- *     umb_region_open(&source, &options, &region, &error);      64 KiB: coarse answers everywhere
+ *     umb_region_open(&source, &options, &region, &error);      32 KiB: coarse answers everywhere
  *     umb_region_update(region, &request, &error);              fetches what a camera sees
  *     umb_region_query(region, &settings, &points, &answers, &error);
  *     umb_region_close(region);
@@ -59,7 +59,7 @@ struct umb_region_source {
 struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES] to insist on; NULL: any */
     uint64_t max_memory_bytes; /* of everything the region keeps; 0 = 1 GiB */
-    uint64_t first_bytes;      /* how much to read at first; 0 = 64 KiB */
+    uint64_t first_bytes;      /* how much to read at first; 0 = 32 KiB */
 };
 
 /* What has come so far; see umb_region_request. */

@@ -8,6 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <zstd.h>
+
+#include "format/asset_parts.h"
+#include "format/directory.h"
 #include "make_asset.h"
 
 static const double origin[3] = {84616.5, 447423.25, -3};
@@ -122,6 +126,54 @@ static void equal_trees_under_other_numbers_give_equal_files(void **state)
 }
 
 /* Three helpers that take the pages from the last to the first. */
+/* Bumps that come again every 128 voxels, and some that do not. */
+static int repeated(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    uint64_t bump = (uint64_t)(x % 64) << 32 | (y % 128) << 1 | 1, own = x / 32 * 8 + y / 32 + 1;
+    return z < 100 + frustum + next_random(&bump) % 40 + next_random(&own) % 3;
+}
+
+static void pages_with_bricks_stand_alone_and_their_copies_become_one_node_again(void **state)
+{
+    const struct voxels voxels = {repeated, NULL, 8, 2};
+    struct bytes file = make_packed(&voxels, 0.5, origin);
+    struct umb__head head;
+    struct umb_asset *asset;
+    struct umb_octree octree;
+    struct umb_content content;
+    uint64_t found[UMB_LEVEL_MAX + 1] = {0};
+    uint8_t raw[UMB__PAGE_RAW_MAX / 4];
+    ZSTD_DCtx *zstd = ZSTD_createDCtx();
+    (void)state;
+    assert_int_equal(umb__head_parse(file.data, file.size, &head, NULL), UMB_OK);
+    for (uint32_t number = 0; number < head.page_count; number++) {
+        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        struct umb__page page;
+        assert_true(entry.raw_length <= sizeof raw);
+        assert_int_equal(umb__page_expand(zstd, file.data + entry.offset, &entry, raw, NULL),
+                         UMB_OK);
+        assert_int_equal(umb__page_open(raw, &entry, &page, NULL), UMB_OK);
+        for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+            assert_true(page.level_low > UMB_LEVEL_BRICK || page.external_count[level] == 0);
+            found[level] += page.node_count[level];
+        }
+    }
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    const uint64_t *counts = asset->canonical.counts;
+    assert_true(found[UMB_LEVEL_BRICK] > counts[UMB_LEVEL_BRICK]); /* there are copies ... */
+    assert_int_equal(found[7], counts[7]);                         /* ... but of no root */
+    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(octree.brick_count, counts[UMB_LEVEL_BRICK]);
+    for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
+        assert_int_equal(octree.level[level].count, counts[level]);
+    }
+    umb_octree_finish(&octree);
+    umb_asset_close(asset);
+    ZSTD_freeDCtx(zstd);
+    bytes_finish(&file);
+}
+
 static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), void *job_user,
                           uint32_t jobs)
 {
@@ -517,6 +569,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
+        cmocka_unit_test(pages_with_bricks_stand_alone_and_their_copies_become_one_node_again),
         cmocka_unit_test(helpers_in_any_order_write_the_same_bytes),
         cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
         cmocka_unit_test(packing_only_reads_what_it_is_given),

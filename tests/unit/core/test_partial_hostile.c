@@ -133,12 +133,16 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, &error),
                          UMB_OK);
         assert_int_equal(umb__page_open(raw, &entry, &page, &error), UMB_OK);
-        if (page.external_count[4] == 0) {
+        uint32_t level = UMB_LEVEL_MAX;
+        while (level > UMB_LEVEL_BRICK && page.external_count[level] == 0) {
+            level--;
+        }
+        if (level == UMB_LEVEL_BRICK) {
             free(raw);
             continue;
         }
-        *target = umb__load32(page.external_pages[4]);
-        const size_t at = (size_t)(page.external_positions[4] - raw);
+        *target = umb__load32(page.external_pages[level]);
+        const size_t at = (size_t)(page.external_positions[level] - raw);
         const uint32_t target_records = umb__directory_load(&head, *target).records;
         umb__store32(raw + at, target_records - 1); /* of another level, or beyond this one's */
         const size_t room = ZSTD_compressBound(entry.raw_length);
@@ -174,7 +178,7 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         seal_asset(file, true);
         return number;
     }
-    fail_msg("no page refers to bricks of another");
+    fail_msg("no page refers to another");
     return 0;
 }
 
