@@ -21,6 +21,7 @@
 #include "bake/import/assimp_textures.h"
 #include "bake/import/face_builder.h"
 #include "bake/import/gltf_guard.h"
+#include "bake/import/gltf_texcoords.h"
 #include "common/scene_text.h"
 
 /* Parts of a scene that the validator must not see. */
@@ -124,6 +125,8 @@ struct conversion {
     struct umbb_faces faces;
     struct umbb_texture_table textures;
     struct umbb_uv_mapping *mappings; /* [mNumMaterials] */
+    uint32_t *sets;                   /* [mNumMaterials] see gltf_texcoords.h */
+    enum umbb_kind kind;
     int has_materials;
     unsigned bare; /* meshes whose material has a texture in which they have no place */
 };
@@ -162,6 +165,9 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
         umbb_assimp_texture(c->scene, source, &c->textures, &material, &c->mappings[number], error);
     if (status != UMB_OK) {
         return status;
+    }
+    if (material.texture != UMBS_NO_INDEX && c->sets[number] != UMBS_NO_INDEX) {
+        c->mappings[number].set = c->sets[number];
     }
     return umbs_scene_add_material(builder, &material, error);
 }
@@ -305,9 +311,12 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
     struct umbs_scene_builder *builder = c->faces.scene;
     uint32_t *mesh_of = calloc(scene->mNumMeshes, sizeof(*mesh_of));
     c->mappings = calloc((size_t)scene->mNumMaterials + 1, sizeof(*c->mappings));
+    c->sets = calloc((size_t)scene->mNumMaterials + 1, sizeof(*c->sets));
     enum umb_status status = UMB_OK;
-    if (mesh_of == NULL || c->mappings == NULL) {
+    if (mesh_of == NULL || c->mappings == NULL || c->sets == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+    } else if (c->has_materials) {
+        umbb_gltf_texcoords(c->textures.job, c->kind, c->sets, scene->mNumMaterials);
     }
     for (unsigned i = 0; status == UMB_OK && c->has_materials && i < scene->mNumMaterials; i++) {
         status = add_material(c, i, error);
@@ -327,6 +336,7 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
     }
     free(mesh_of);
     free(c->mappings);
+    free(c->sets);
     return status;
 }
 
@@ -347,7 +357,8 @@ enum umb_status umbb_assimp_read(struct umbb_import *job, enum umbb_kind kind,
         status = load(&files, name, &scene, error);
     }
     if (status == UMB_OK) {
-        struct conversion conversion = {.scene = scene, .has_materials = kind != UMBB_KIND_STL};
+        struct conversion conversion = {
+            .scene = scene, .kind = kind, .has_materials = kind != UMBB_KIND_STL};
         umbb_faces_init(&conversion.faces, &job->scene);
         umbb_texture_table_init(&conversion.textures, job);
         status = convert(&conversion, error);

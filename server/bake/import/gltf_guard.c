@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What Assimp overlooks in glTF (gltf_guard.h). The little JSON scanner here only finds members and
- * passes over values; every step takes at least one byte, nothing recurses, so it ends on anything.
- * Sources: RFC 8259; glTF 2.0 specification, sections 3.6.2.2 and 3.12.
+ * What Assimp overlooks in glTF (gltf_guard.h).
+ * Source: glTF 2.0 specification, sections 3.6.2.2 and 3.12.
  */
 #include "bake/import/gltf_guard.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/import/text_number.h"
+#include "bake/import/json_scan.h"
 #include "common/scene_text.h"
 
 #define COMPONENT_FLOAT 5126
@@ -22,123 +21,22 @@ struct accessor {
     int has_view; /* without one, Assimp gives zeros, also where `sparse` says otherwise */
 };
 
-/* A text inside the JSON, without its quotes, escapes as written. */
-struct text {
-    const char *at;
-    size_t length;
-};
-
-static int is_text(struct text text, const char *word)
-{
-    return text.length == strlen(word) && memcmp(text.at, word, text.length) == 0;
-}
-
-/* Passes over a string; the cursor is at its opening quote. */
-static struct text take_string(struct umbb_cursor *json)
-{
-    struct text text = {++json->at, 0};
-    while (json->at < json->end && *json->at != '"') {
-        json->at += *json->at == '\\' && json->end - json->at > 1 ? 2 : 1;
-    }
-    text.length = (size_t)(json->at - text.at);
-    json->at += json->at < json->end;
-    return text;
-}
-
-/* Passes over one value of any kind: up to the next ',' or closing bracket of this level. */
-static void skip_value(struct umbb_cursor *json)
-{
-    size_t depth = 0;
-    while (json->at < json->end) {
-        char c = *json->at;
-        if (c == '"') {
-            (void)take_string(json);
-            continue;
-        }
-        if (depth == 0 && (c == ',' || c == '}' || c == ']')) {
-            return;
-        }
-        depth += c == '{' || c == '[';
-        depth -= c == '}' || c == ']';
-        json->at++;
-    }
-}
-
-/* Enters an object or array; otherwise passes over the value and returns 0. */
-static int enter(struct umbb_cursor *json, char bracket)
-{
-    if (umbb_skip_blanks(json) && *json->at == bracket) {
-        json->at++;
-        return 1;
-    }
-    skip_value(json);
-    return 0;
-}
-
-/* Moves to the next item of the array; 0 at its end. */
-static int next_item(struct umbb_cursor *json)
-{
-    while (umbb_skip_blanks(json)) {
-        if (*json->at != ',') {
-            int more = *json->at != ']' && *json->at != '}';
-            json->at += !more;
-            return more;
-        }
-        json->at++;
-    }
-    return 0;
-}
-
-/* Moves to the value of the object's next member; 0 at its end. */
-static int next_member(struct umbb_cursor *json, struct text *key)
-{
-    while (next_item(json)) {
-        if (*json->at == '"') {
-            *key = take_string(json);
-            if (umbb_skip_blanks(json) && *json->at == ':') {
-                json->at++;
-                return 1;
-            }
-        } else {
-            json->at++; /* no JSON: look for something that is */
-        }
-    }
-    return 0;
-}
-
-static int64_t take_number(struct umbb_cursor *json, int64_t otherwise)
-{
-    int64_t number = otherwise;
-    (void)umbb_skip_blanks(json);
-    if (!umbb_take_integer(json, &number)) {
-        number = otherwise;
-    }
-    skip_value(json); /* what is left of it */
-    return number;
-}
-
-static int starts_with(struct text text, const char *prefix)
-{
-    size_t length = strlen(prefix);
-    return text.length >= length && memcmp(text.at, prefix, length) == 0;
-}
-
 /* The version decides which of Assimp's importers reads the file: only that of 2.x is wanted. */
 static enum umb_status check_asset(struct umbb_cursor *json, int *has_version,
                                    struct umb_error *error)
 {
-    struct text key;
-    if (!enter(json, '{')) {
+    struct umbb_json_text key;
+    if (!umbb_json_enter(json, '{')) {
         return UMB_OK;
     }
-    while (next_member(json, &key)) {
-        if (!is_text(key, "version") || !umbb_skip_blanks(json) || *json->at != '"') {
-            skip_value(json);
+    while (umbb_json_member(json, &key)) {
+        if (!umbb_json_is(key, "version") || !umbb_skip_blanks(json) || *json->at != '"') {
+            umbb_json_skip(json);
             continue;
         }
-        struct text version = take_string(json);
+        struct umbb_json_text version = umbb_json_string(json);
         *has_version = 1;
-        if (!starts_with(version, "2.")) {
+        if (!umbb_json_starts(version, "2.")) {
             char shown[16];
             umbs_text_clean(shown, sizeof(shown), version.at, version.length);
             return umb_fail(error, UMB_E_BAD_SCENE, "glTF version '%s' is not supported (2.x is)",
@@ -149,21 +47,21 @@ static enum umb_status check_asset(struct umbb_cursor *json, int *has_version,
 }
 
 /* Extensions that change nothing about the shape of a scene, or that Assimp knows. */
-static int is_harmless(struct text name)
+static int is_harmless(struct umbb_json_text name)
 {
-    return is_text(name, "KHR_lights_punctual") || starts_with(name, "KHR_materials_") ||
-           starts_with(name, "KHR_texture_") || starts_with(name, "EXT_texture_") ||
-           is_text(name, "KHR_xmp") || is_text(name, "KHR_xmp_json_ld");
+    return umbb_json_is(name, "KHR_lights_punctual") || umbb_json_starts(name, "KHR_materials_") ||
+           umbb_json_starts(name, "KHR_texture_") || umbb_json_starts(name, "EXT_texture_") ||
+           umbb_json_is(name, "KHR_xmp") || umbb_json_is(name, "KHR_xmp_json_ld");
 }
 
 static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_error *error)
 {
-    if (!enter(json, '[')) {
+    if (!umbb_json_enter(json, '[')) {
         return UMB_OK;
     }
-    while (next_item(json)) {
+    while (umbb_json_item(json)) {
         if (*json->at == '"') {
-            struct text name = take_string(json);
+            struct umbb_json_text name = umbb_json_string(json);
             if (!is_harmless(name)) {
                 char shown[80];
                 umbs_text_clean(shown, sizeof(shown), name.at, name.length);
@@ -172,7 +70,7 @@ static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_err
                                 shown);
             }
         }
-        skip_value(json);
+        umbb_json_skip(json);
     }
     return UMB_OK;
 }
@@ -180,32 +78,32 @@ static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_err
 /* Extensions that a reader may pass over, at the price of things that cast shadows. */
 static void warn_of_extensions(struct umbs_scene_builder *scene, struct umbb_cursor json)
 {
-    if (!enter(&json, '[')) {
+    if (!umbb_json_enter(&json, '[')) {
         return;
     }
-    while (next_item(&json)) {
+    while (umbb_json_item(&json)) {
         if (*json.at == '"') {
-            struct text name = take_string(&json);
-            if (is_text(name, "EXT_mesh_gpu_instancing")) {
+            struct umbb_json_text name = umbb_json_string(&json);
+            if (umbb_json_is(name, "EXT_mesh_gpu_instancing")) {
                 umbs_scene_warn(scene, "EXT_mesh_gpu_instancing is not read: of its instances only "
                                        "one is there");
             }
         }
-        skip_value(&json);
+        umbb_json_skip(&json);
     }
 }
 
 static void read_accessor(struct umbb_cursor *json, struct accessor *accessor)
 {
-    struct text key;
-    while (next_member(json, &key)) {
-        if (is_text(key, "componentType")) {
-            accessor->component = (int32_t)(take_number(json, NO_TYPE) & 0xffff);
-        } else if (is_text(key, "type") && umbb_skip_blanks(json) && *json->at == '"') {
-            accessor->is_vec3 = is_text(take_string(json), "VEC3");
+    struct umbb_json_text key;
+    while (umbb_json_member(json, &key)) {
+        if (umbb_json_is(key, "componentType")) {
+            accessor->component = (int32_t)(umbb_json_number(json, NO_TYPE) & 0xffff);
+        } else if (umbb_json_is(key, "type") && umbb_skip_blanks(json) && *json->at == '"') {
+            accessor->is_vec3 = umbb_json_is(umbb_json_string(json), "VEC3");
         } else {
-            accessor->has_view |= is_text(key, "bufferView");
-            skip_value(json);
+            accessor->has_view |= umbb_json_is(key, "bufferView");
+            umbb_json_skip(json);
         }
     }
 }
@@ -213,17 +111,17 @@ static void read_accessor(struct umbb_cursor *json, struct accessor *accessor)
 /* Lists all accessors. Returns 0 without memory. */
 static int read_accessors(struct umbb_cursor *json, struct umbs_array *accessors)
 {
-    if (!enter(json, '[')) {
+    if (!umbb_json_enter(json, '[')) {
         return 1;
     }
-    while (next_item(json)) {
+    while (umbb_json_item(json)) {
         struct accessor *accessor = umbs_array_reserve(accessors, 1, sizeof(*accessor));
         if (accessor == NULL) {
             return 0;
         }
         *accessor = (struct accessor){.component = NO_TYPE};
         accessors->count++;
-        if (enter(json, '{')) {
+        if (umbb_json_enter(json, '{')) {
             read_accessor(json, accessor);
         }
     }
@@ -258,16 +156,16 @@ static enum umb_status check_position(const struct umbs_array *accessors, int64_
 static enum umb_status check_attributes(struct umbb_cursor *json,
                                         const struct umbs_array *accessors, struct umb_error *error)
 {
-    struct text key;
+    struct umbb_json_text key;
     enum umb_status status = UMB_OK;
-    if (!enter(json, '{')) {
+    if (!umbb_json_enter(json, '{')) {
         return UMB_OK;
     }
-    while (status == UMB_OK && next_member(json, &key)) {
-        if (is_text(key, "POSITION")) {
-            status = check_position(accessors, take_number(json, -1), error);
+    while (status == UMB_OK && umbb_json_member(json, &key)) {
+        if (umbb_json_is(key, "POSITION")) {
+            status = check_position(accessors, umbb_json_number(json, -1), error);
         } else {
-            skip_value(json);
+            umbb_json_skip(json);
         }
     }
     return status;
@@ -277,76 +175,58 @@ static enum umb_status check_attributes(struct umbb_cursor *json,
 static enum umb_status check_members(struct umbb_cursor *json, const char *const *path,
                                      const struct umbs_array *accessors, struct umb_error *error)
 {
-    struct text key;
+    struct umbb_json_text key;
     enum umb_status status = UMB_OK;
     if (*path == NULL) {
         return check_attributes(json, accessors, error);
     }
-    if (!enter(json, '[')) {
+    if (!umbb_json_enter(json, '[')) {
         return UMB_OK;
     }
-    while (status == UMB_OK && next_item(json)) {
-        if (!enter(json, '{')) {
+    while (status == UMB_OK && umbb_json_item(json)) {
+        if (!umbb_json_enter(json, '{')) {
             continue;
         }
-        while (status == UMB_OK && next_member(json, &key)) {
-            if (is_text(key, *path)) {
+        while (status == UMB_OK && umbb_json_member(json, &key)) {
+            if (umbb_json_is(key, *path)) {
                 status = check_members(json, path + 1, accessors, error);
             } else {
-                skip_value(json);
+                umbb_json_skip(json);
             }
         }
     }
     return status;
 }
 
-/* Finds the JSON: the file, or the first chunk of a GLB. */
-static struct umbb_cursor find_json(const struct umbb_import *job, enum umbb_kind kind)
-{
-    const struct umbb_file *file = &job->file;
-    struct umbb_cursor json = {file->bytes, file->bytes + file->size};
-    if (kind == UMBB_KIND_GLB) {
-        json.end = json.at;
-        if (file->size >= 20 && memcmp(file->bytes + 16, "JSON", 4) == 0) {
-            size_t length = umbb_load_u32(file->bytes + 12);
-            json.at += 20;
-            json.end = json.at + (length < file->size - 20 ? length : file->size - 20);
-        }
-    } else if (file->size >= 3 && memcmp(file->bytes, "\xef\xbb\xbf", 3) == 0) {
-        json.at += 3;
-    }
-    return json;
-}
-
 enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
                                 struct umb_error *error)
 {
     static const char *const path[] = {"primitives", "attributes", NULL};
-    struct umbb_cursor json = find_json(job, kind);
+    struct umbb_cursor json = umbb_gltf_json(job, kind);
     struct umbb_cursor meshes = {NULL, NULL};
     struct umbs_array accessors = {0};
-    struct text key;
+    struct umbb_json_text key;
     enum umb_status status = UMB_OK;
     int has_version = 0;
-    if (!enter(&json, '{')) {
+    if (!umbb_json_enter(&json, '{')) {
         return umb_fail(error, UMB_E_BAD_SCENE, "the file has no JSON object");
     }
-    while (status == UMB_OK && next_member(&json, &key)) {
-        if (is_text(key, "asset")) {
+    while (status == UMB_OK && umbb_json_member(&json, &key)) {
+        if (umbb_json_is(key, "asset")) {
             status = check_asset(&json, &has_version, error);
-        } else if (is_text(key, "extensionsRequired")) {
+        } else if (umbb_json_is(key, "extensionsRequired")) {
             status = check_extensions(&json, error);
-        } else if (is_text(key, "accessors")) {
+        } else if (umbb_json_is(key, "accessors")) {
             if (!read_accessors(&json, &accessors)) {
                 status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
             }
         } else {
-            if (is_text(key, "meshes")) {
+            if (umbb_json_is(key, "meshes")) {
                 meshes = json; /* read when the accessors are known */
-            } else if (is_text(key, "extensionsUsed")) {
+            } else if (umbb_json_is(key, "extensionsUsed")) {
                 warn_of_extensions(&job->scene, json);
             }
-            skip_value(&json);
+            umbb_json_skip(&json);
         }
     }
     if (status == UMB_OK && !has_version) {

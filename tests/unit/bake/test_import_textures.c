@@ -148,6 +148,33 @@ static void texture_transforms_scale_then_turn_then_move(void **state)
     }
 }
 
+/* The second set by the extension's word, which goes before the texture's own; nonsense does not.
+ */
+static void a_texture_transform_may_name_the_set_of_coordinates(void **state)
+{
+    (void)state;
+    static const double first[3][2] = {{0.125, 0.75}, {0.75, 0.75}, {0.125, 0.0}};
+    static const double second[3][2] = {{0.5, 0.5}, {0.25, 0.5}, {0.5, 1.0}};
+    static const struct {
+        const char *info;
+        int is_second;
+    } cases[] = {
+        {",\"extensions\":{\"KHR_texture_transform\":{\"texCoord\":1}}", 1},
+        {",\"texCoord\":1,\"extensions\":{\"KHR_texture_transform\":{\"texCoord\":0}}", 0},
+        {",\"extensions\":{\"EXT_other\":{\"texCoord\":1},\"KHR_texture_transform\":{}}", 0},
+        {",\"extensions\":{\"KHR_texture_transform\":{\"texCoord\":-1}}", 0},
+        {",\"texCoord\":1,\"extensions\":{\"KHR_texture_transform\":{\"extras\":{\"texCoord\":0}}}",
+         1},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbs_scene *scene =
+            import_with_png("leaf.gltf", gltf(cases[i].info, PLAIN
+                                              "\"extensionsUsed\":[\"KHR_texture_transform\"],"));
+        expect_uvs(&scene->view, cases[i].is_second ? second : first);
+        umbs_scene_destroy(scene);
+    }
+}
+
 static void images_in_buffers_are_read_too(void **state)
 {
     (void)state;
@@ -264,6 +291,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(a_mask_material_keeps_the_alpha_of_its_texture),
         cmocka_unit_test(samplers_and_sets_of_coordinates_are_obeyed),
         cmocka_unit_test(texture_transforms_scale_then_turn_then_move),
+        cmocka_unit_test(a_texture_transform_may_name_the_set_of_coordinates),
         cmocka_unit_test(images_in_buffers_are_read_too),
         cmocka_unit_test(images_that_cannot_be_read_are_warnings),
         cmocka_unit_test(obj_maps_cut_by_alpha_and_say_what_is_not_read),
