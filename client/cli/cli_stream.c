@@ -279,8 +279,12 @@ static int run(struct stream *s)
     if (status == UMB_OK) {
         status = fetch(s, &error);
     }
-    if (status == UMB_OK && s->o.output) {
-        status = save(s, &error);
+    if (s->region && s->o.output) { /* after a failure too: --resume goes on from what came */
+        struct umb_error unsaved = {0};
+        const enum umb_status saved = save(s, &unsaved);
+        if (saved != UMB_OK && status == UMB_OK) {
+            return umbc_complain(&unsaved);
+        }
     }
     if (status != UMB_OK) {
         return umbc_complain(&error);

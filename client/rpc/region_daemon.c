@@ -196,6 +196,34 @@ static enum umb_status hand_over(const struct gathering *g, const struct umb_ran
     return status;
 }
 
+/* True if all calls that bytes are of have brought what they were asked for. */
+static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
+                 size_t call_count)
+{
+    for (size_t i = 0; i < call_count; i++) {
+        if (calls[i].place < bytes + size && bytes < calls[i].place + calls[i].wanted &&
+            calls[i].got < calls[i].wanted) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* After a failure: hands over the ranges that came whole, so that nobody asks for them again. */
+static void hand_over_rest(const struct gathering *g, const struct umb_range *ranges, size_t count,
+                           const struct gather_call *calls, size_t call_count, umb_range_fn got,
+                           void *got_user)
+{
+    const uint8_t *at = g->bytes;
+    for (size_t i = 0; i < count; i++) {
+        if (came(at, ranges[i].length, calls, call_count) &&
+            got(got_user, i, at, (size_t)ranges[i].length) != UMB_OK) {
+            return;
+        }
+        at += ranges[i].length;
+    }
+}
+
 static enum umb_status read_ranges(void *user, const struct umb_range *ranges, size_t count,
                                    umb_range_fn got, void *got_user, struct umb_error *error)
 {
@@ -217,9 +245,15 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
     if (status == UMB_OK) {
         (void)cut(ranges, count, &g, list);
         status = run_calls(&g, list, calls, error);
-    }
-    if (status == UMB_OK) {
-        status = hand_over(&g, ranges, count, list, calls, got, got_user);
+        if (status == UMB_OK) {
+            status = hand_over(&g, ranges, count, list, calls, got, got_user);
+        } else {
+            const struct umb_error first = g.error; /* `got` may write into *error */
+            hand_over_rest(&g, ranges, count, list, calls, got, got_user);
+            if (error) {
+                *error = first;
+            }
+        }
     }
     free(g.bytes);
     free(list);

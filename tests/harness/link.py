@@ -8,7 +8,8 @@ A slow link on loopback, and a small web server that serves ranges.
 
 All connections share one link: a byte leaves when those before it have left, and arrives half a round
 trip later; a new connection takes a round trip before its first byte, as a TCP handshake does. Congestion
-control and loss are not simulated. `cut()` breaks every connection at once.
+control and loss are not simulated. `cut()` breaks every connection at once; with `cut_after` the link does so
+itself, once, when so many bytes have gone to the client.
 """
 import asyncio
 import http.server
@@ -69,7 +70,8 @@ class RangeServer:
 class Link:
     """A proxy in front of a port (or a Unix socket) of this machine."""
 
-    def __init__(self, target, mbit, rtt_ms):
+    def __init__(self, target, mbit, rtt_ms, cut_after=None):
+        self.cut_after = cut_after
         self.target, self.bytes_s, self.half_s = target, mbit * 1e6 / 8, rtt_ms / 2000
         self.sent = self.received = self.connections = 0
         self.free_at = {"up": 0.0, "down": 0.0}
@@ -125,6 +127,10 @@ class Link:
                 left_at = max(time.monotonic(), self.free_at[way]) + len(piece) / self.bytes_s
                 self.free_at[way] = left_at
                 if way == "down":
+                    if self.cut_after is not None and self.sent + len(piece) > self.cut_after:
+                        self.cut_after = None
+                        self.cut()
+                        break
                     self.sent += len(piece)
                 else:
                     self.received += len(piece)

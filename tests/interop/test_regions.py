@@ -5,6 +5,7 @@ Regions.Stream and Follow for a client that nobody here wrote (python3-grpcio): 
 the packed file, every refusal names the field, and a replaced file is told.
 """
 import os
+import queue
 import shutil
 import sys
 
@@ -62,6 +63,18 @@ with test.check("a followed camera gets a reply for each request, in order, the 
     pieces = [(at, 3000) for at in range(0, len(whole), 3000)]
     replies = [r.data for r in follow(iter([ask(piece) for piece in pieces]), timeout=120)]
     assert b"".join(replies) == whole, (len(replies), len(pieces))
+
+with test.check("when the camera moves, what is asked then comes next, and of the old view nothing more"):
+    asked, waiting = queue.Queue(), [(at, 3000) for at in range(0, len(whole) // 2, 3000)]
+    replies = follow(iter(asked.get, None), timeout=120)
+    for piece in waiting[:3]:
+        asked.put(ask(piece))
+        assert next(replies).data == whole[piece[0]:piece[0] + piece[1]]
+    moved = [(len(whole) - 3000 * i, 3000) for i in (1, 2, 3)]
+    for piece in moved:
+        asked.put(ask(piece))
+    asked.put(None)
+    assert [r.data for r in replies] == [whole[at:at + size] for at, size in moved]
 
 with test.check("what cannot be is refused with the field's name"):
     refused(Code.NOT_FOUND, "nope", ask((0, 1), asset="nope"))

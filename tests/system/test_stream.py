@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -81,6 +82,73 @@ with test.check("over a path of 20 reconnects no byte comes twice"):
     for before, after in zip(seen, seen[1:]):
         # The first read ends inside a page, which then comes whole.
         assert before[1] < after[0] or before[0] == 0, (before, after)
+
+def held_pages(part):
+    """Numbers of the pages in a partial file (docs/umb-format.md, section 7)."""
+    with open(part, "rb") as file:
+        data = file.read()
+    count, head = struct.unpack_from("<I", data, 12)[0], struct.unpack_from("<Q", data, 16)[0]
+    return list(struct.unpack_from(f"<{count}I", data, 40 + head))
+
+
+def page_places():
+    """Where each page of the city stands: (first byte, one behind the last)."""
+    with open(asset, "rb") as file:
+        data = file.read()
+    head, pages = struct.unpack_from("<Q", data, 24)[0], struct.unpack_from("<I", data, 80)[0]
+    blocks = struct.unpack_from("<Q", data, 88)[0]
+    for page in range(pages):
+        entry = head + 64 * page if page < 64 else blocks + 64 * (page - 64)
+        offset, length = struct.unpack_from("<QI", data, entry)
+        yield offset, offset + length
+
+
+def walk_with_cuts(source_of, target, check):
+    """A walk over a link that breaks 20 times in mid-transfer; `check` sees the pages held before each try."""
+    part, places, cuts, step, sent = test.path("cut.part"), list(page_places()), 0, 0, 0
+    while cuts < 20 or step < 12:
+        before = held_pages(part) if os.path.exists(part) else []
+        cut_after = 6000 + 7919 * (cuts + step) % 30000 if cuts < 20 else None
+        slow = link.Link(target, 200, 2, cut_after=cut_after)
+        camera = f"eye={-60 + 12 * step},1.7,1,target={40 + 12 * step},1.7,9,fov=60,far=60"
+        resume = ["--resume", part] if before else []
+        done = ut.run("umbrage", "stream", *source_of(slow.port), "--camera", camera, "--round", "32K", "-o", part,
+                      *resume, "--quiet", code=None)
+        assert done.returncode in (0, 69), done.stderr
+        check(before, places)
+        after = held_pages(part) if os.path.exists(part) else []
+        assert set(before) <= set(after) and len(after) == len(set(after)), (before, after)
+        cuts += slow.cut_after is None and cut_after is not None
+        step += done.returncode == 0
+        sent += slow.sent
+    os.remove(part)
+    return sent, sum(places[page][1] - places[page][0] for page in after), len(after)
+
+
+def never_again(before, places):
+    """No range that the web server was asked for meets a page that had come."""
+    for first, last in server.ranges:
+        if first > 0:
+            again = [page for page in before if places[page][0] <= last and first < places[page][1]]
+            assert not again, (first, last, again)
+    del server.ranges[:]
+
+
+with test.check("20 connections cut in mid-transfer: what came is kept, and never asked for again"):
+    del server.ranges[:]
+    _, _, pages = walk_with_cuts(lambda port: ["--from-url", f"http://127.0.0.1:{port}/city.umb"], server.port,
+                                 never_again)
+    assert pages > 12, pages
+
+with test.check("the same from a daemon, whose replies carry many pages each"):
+    os.mkdir(test.path("store"))
+    shutil.copy(asset, test.path("store/city.umb"))
+    daemon = test.daemon("--workers", 2)
+    sent, kept, pages = walk_with_cuts(lambda port: ["city", "--address", f"tcp:127.0.0.1:{port}"],
+                                       daemon.grpc_unix.removeprefix("unix:"), lambda *_: None)
+    # Lost with a connection: replies that were under way (a round of 32 KiB and blocks), tried twice.
+    assert pages > 12 and sent < kept + 22 * (2 * (64 << 10)), (sent, kept, pages)
+    daemon.stop()
 
 with test.check("a memory budget holds over a path, and every point is still answered"):
     path = os.path.join(folder, "path.txt")

@@ -5,6 +5,7 @@
 
 #include "base/memory.h"
 #include "partial/partial_parts.h"
+#include "partial/partial_space.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 
@@ -48,7 +49,9 @@ static uint32_t place_of(const struct umb__query *q, const struct umb_points *po
 /* What point i misses: its window, looked up in the graph. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
-    double edges[3], voxel[3];
+    static const struct umb_partial_view no_view;
+    struct umb__space space;
+    double voxel[3];
     const uint32_t frustum = place_of(&b->q, b->points, i, voxel);
     const struct umb_frustum_info *f = &b->p->canonical.content.frusta[frustum];
     const double size = (double)(1U << f->log2_size), half = b->q.taps / 2;
@@ -59,8 +62,9 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
         high[axis] = clamp_voxel(floor(voxel[axis]) + reach, size);
     }
     const struct umb__lack lack = umb__partial_look(b->p, frustum, low, high, b->want);
-    umb_frustum_voxel_edges(f, edges);
-    *error_m = fmax(edges[0], fmax(edges[1], edges[2])) * (double)(1U << lack.level);
+    /* All missing cubes are cut at one depth: the largest in voxels reaches furthest. */
+    umb__space_init(&space, &b->p->canonical.content, frustum, &no_view);
+    *error_m = umb__space_edge(&space, lack.level, low[2] >> lack.level << lack.level);
     return lack;
 }
 

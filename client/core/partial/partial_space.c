@@ -253,13 +253,25 @@ static void see_camera(const struct umb__sight *sight, const double low[3], cons
     }
 }
 
+double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t z)
+{
+    const double count = (double)(1U << level), *edges = space->edges;
+    double across = fmax(edges[0], edges[1]);
+    if (space->perspective) { /* edges are those at W where Z is the number of voxels */
+        const double size = (double)(1U << space->log2_size);
+        across *=
+            (space->w0 + space->w_step * ((double)z + count)) / (space->w0 + space->w_step * size);
+    }
+    return fmax(across, edges[2]) * count;
+}
+
 struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
                                       const struct umb__space *space, uint32_t level, uint32_t x,
                                       uint32_t y, uint32_t z)
 {
     const struct umb_partial_view *view = sight->view;
     const double longest = fmax(space->edges[0], fmax(space->edges[1], space->edges[2]));
-    struct umb__seen_cube cube = {.whole = true, .edge_m = longest * (double)(1U << level)};
+    struct umb__seen_cube cube = {.whole = true, .edge_m = umb__space_edge(space, level, z)};
     double low[3], high[3];
     if (view->has_box || view->has_camera) {
         bound_cube(space, level, (const uint32_t[3]){x, y, z}, low, high);

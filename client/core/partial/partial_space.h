@@ -43,6 +43,10 @@ UMB_CHECKED enum umb_status umb__sight_init(struct umb__sight *sight,
 void umb__space_init(struct umb__space *space, const struct umb_content *content, uint32_t frustum,
                      const struct umb_partial_view *view);
 
+/* The longest edge in metres of a cube of voxels whose first is at depth z: of a perspective
+ * frustum that of its far side. What lies behind the last voxel counts as there. */
+double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t z);
+
 /* In: x, y, z: the cube's first voxel; level: its edge is 1 << level voxels. */
 struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
                                       const struct umb__space *space, uint32_t level, uint32_t x,

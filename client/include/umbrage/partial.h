@@ -193,7 +193,8 @@ UMB_API const struct umb_asset *umb_partial_upper(const struct umb_partial *part
 struct umb_partial_answers {
     float *values;     /* best guess, within [low, high] */
     float *low, *high; /* the truth lies between; equal where it is known */
-    float *error_m;    /* 0 where exact, else the widest edge of a cube that is not there, metres */
+    float *error_m;    /* 0 where exact, else the widest edge of a cube that is not there, metres:
+                          its far side's, where rays part */
     uint64_t exact;    /* out: points whose low and high are equal */
     double worst_error_m;         /* out: greatest of error_m */
     struct umb_query_stats stats; /* of the lower asset, added to */

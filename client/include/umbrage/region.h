@@ -47,7 +47,7 @@ typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *by
 struct umb_region_source {
     /*
      * Reads ranges, in their order or any other, several at once if it likes, and gives each to
-     * `got` exactly once.
+     * `got` exactly once; on failure those that came whole, which are then not asked for again.
      *
      * Fails: E_UNAVAILABLE, E_NO_INPUT, E_IO, E_PROTOCOL, E_DEADLINE, or what got returned.
      */
