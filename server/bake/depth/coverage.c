@@ -65,6 +65,7 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
         return 0; /* a wall along the light and across the rows: every crossing is the same */
     }
     coverage->odd = odd;
+    coverage->facing = (area < 0.0) != odd;
     double gx = 0.0, gy = 0.0;
     if (area != 0.0) {
         gx = (uz * wy - uy * wz) / area;
@@ -87,4 +88,14 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
     coverage->z_min = clamp(fmin(fmin(v[0][2], v[1][2]), v[2][2]), 0.0, size);
     coverage->z_max = clamp(fmax(fmax(v[0][2], v[1][2]), v[2][2]), 0.0, size);
     return 1;
+}
+
+void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
+                        int32_t size, struct umbb_coverage *coverages)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!umbb_coverage_prepare(corners[triangles[i]], size, &coverages[i])) {
+            coverages[i] = (struct umbb_coverage){.row_first = 0, .row_last = -1};
+        }
+    }
 }

@@ -30,6 +30,7 @@
  * A triangle of zero projected area covers nothing, except where rounding holds its crossings
  * apart: there its neighbours' spans end at them.
  */
+#include <stddef.h>
 #include <stdint.h>
 
 /* A coordinate of a corner must be finite and of at most this magnitude (voxels). */
@@ -43,7 +44,9 @@ struct umbb_coverage {
     double gradient_x, gradient_y;
     double z_min, z_max;         /* of the triangle, kept within 0..size */
     int32_t row_first, row_last; /* rows of centres that it meets: none if row_first > row_last */
-    int odd;                     /* 1 if canonical order turned the original winding around */
+    int32_t odd;                 /* 1 if canonical order turned the original winding around */
+    int32_t facing; /* 1 if it seems to face the light: by the sign of its area, which rounding can
+                     * turn around. umbb_coverage_row decides row by row */
 };
 
 /*
@@ -54,6 +57,23 @@ struct umbb_coverage {
  * Cost:  four divisions, no allocation.
  */
 int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_coverage *coverage);
+
+/*
+ * Prepares several triangles; one that covers no texel centre gets row_first > row_last.
+ *
+ * In: corners: [..] as above. triangles: uint32[count], which of them.
+ * Out: coverages: [count].
+ */
+typedef void (*umbb_prepare_fn)(const double (*corners)[3][3], const uint32_t *triangles,
+                                size_t count, int32_t size, struct umbb_coverage *coverages);
+
+/* One after the other, by umbb_coverage_prepare: the definition. */
+void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
+                        int32_t size, struct umbb_coverage *coverages);
+
+/* Eight at a time, the same bits wherever there are rows; NULL if this build or this processor
+ * lacks AVX-512 (F, VL, BW, DQ). */
+umbb_prepare_fn umbb_prepare_avx512(void);
 
 /*
  * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.

@@ -23,6 +23,8 @@ struct umbb_canvas {
     /* For each 8x8 block of front and back a number that none of its texels exceeds, [n/8 * n/8];
      * the same if the layers are. A kernel may leave out what lies behind, and lower them. */
     int32_t *front_far, *back_far;
+    int fresh; /* 1: so little is there that whole bands of rows are hardly ever hidden, and a
+                * kernel need not ask; only the time depends on it */
 };
 
 /* Sets each block's number to its greatest texel. */

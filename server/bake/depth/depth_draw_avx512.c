@@ -395,12 +395,15 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
     return row - ((row - canvas->y0) & 7);
 }
 
-/* Bits of the bands of a triangle that it may change. */
+/* Bits of the bands of a triangle that it may change: at most UMBB_CANVAS_MAX / 8. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_canvas *canvas)
 {
     uint32_t seen = 0;
     int32_t last;
     const int32_t row = rows_of(k->coverage, canvas, &last);
+    if (canvas->fresh) {
+        return row > last ? 0 : UINT32_MAX >> (31 - ((last - row) >> 3));
+    }
     for (int32_t at = row; at <= last; at += 64) {
         seen |= bands_seen(k, canvas, at, last) << ((at - row) >> 3);
     }

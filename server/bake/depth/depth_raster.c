@@ -25,7 +25,8 @@
 #define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
 #define LAYER_FAR     (LAYER_TEXELS / 64)
 #define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
-#define AHEAD         ((size_t)8) /* triangles that are fetched before they are drawn */
+#define AHEAD         ((size_t)32)   /* triangles that are fetched before they are drawn */
+#define FAR_MAX       ((size_t)2048) /* far sides of a block that wait for near ones */
 #define CACHE_LINE    ((size_t)64)
 
 _Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
@@ -39,6 +40,7 @@ struct raster {
     struct umbb_casters marked;
     uint8_t *marks;
     struct umbb_depth_options options;
+    umbb_prepare_fn prepare;
     umbb_draw_fn draw;
     umbb_far_fn find_far;
     umbb_store_fn store;
@@ -103,13 +105,13 @@ struct layers {
     size_t count;
 };
 
-/* Points a canvas at the layers that a triangle belongs to. */
-static void choose_layers(const struct umbb_casters *casters, uint32_t triangle,
+/* Points a canvas at the layers that triangles of a kind belong to. */
+static void choose_layers(const struct umbb_casters *casters, uint8_t kind,
                           const struct layers *layers, struct umbb_canvas *canvas)
 {
     enum umbb_layer front = UMBB_LAYER_OPEN, back = UMBB_LAYER_OPEN;
-    if (casters->closed_rule && casters->kinds[triangle] != UMBB_CASTER_OPEN) {
-        const int flipped = casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED;
+    if (casters->closed_rule && kind != UMBB_CASTER_OPEN) {
+        const int flipped = kind == UMBB_CASTER_CLOSED_FLIPPED;
         front = flipped ? UMBB_LAYER_BACK : UMBB_LAYER_FRONT;
         back = flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
     }
@@ -119,25 +121,54 @@ static void choose_layers(const struct umbb_casters *casters, uint32_t triangle,
     canvas->back_far = layers->far + (size_t)back * LAYER_FAR;
 }
 
-/* Whether a triangle seems to be the near side of something; only the time depends on it. */
-static int is_near_side(const struct umbb_casters *casters, uint32_t triangle)
-{
-    const double(*v)[3] = casters->corners[triangle];
-    const double area =
-        (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[1][1] - v[0][1]) * (v[2][0] - v[0][0]);
-    return (area < 0.0) != (casters->kinds[triangle] == UMBB_CASTER_CLOSED_FLIPPED);
-}
-
-/* Triangles of one kind that are ready to be drawn. */
+/* Triangles of one kind. */
 struct batch {
+    uint32_t triangles[UMBB_DRAW_MAX];
     struct umbb_coverage coverages[UMBB_DRAW_MAX];
     size_t count;
-    struct umbb_canvas *canvas;
+    uint8_t kind;
 };
 
-static void batch_draw(const struct raster *raster, struct batch *batch)
+/*
+ * Triangles that look away from the light, to be drawn when those that face it are there: far sides
+ * lie behind near sides, and most of them then need not be drawn.
+ */
+struct far_sides {
+    uint32_t triangles[FAR_MAX];
+    size_t count;
+};
+
+/* Whether a prepared triangle seems to be the near side of something; only the time depends on
+ * it. */
+static int is_near_side(const struct umbb_coverage *coverage, uint8_t kind)
 {
-    raster->draw(batch->coverages, batch->count, batch->canvas);
+    return coverage->facing != (kind == UMBB_CASTER_CLOSED_FLIPPED);
+}
+
+/* Draws a batch, but for the far sides that `later` has room for (NULL: none). */
+static void batch_draw(const struct raster *raster, const struct layers *layers,
+                       struct batch *batch, struct far_sides *later, struct umbb_canvas *canvas)
+{
+    const struct umbb_casters *casters = raster->casters;
+    size_t drawn = 0;
+    if (batch->count == 0) {
+        return;
+    }
+    raster->prepare(casters->corners, batch->triangles, batch->count, casters->size,
+                    batch->coverages);
+    for (size_t i = 0; i < batch->count; i++) {
+        const struct umbb_coverage *coverage = &batch->coverages[i];
+        if (coverage->row_first > coverage->row_last) {
+            continue;
+        }
+        if (later != NULL && later->count < FAR_MAX && !is_near_side(coverage, batch->kind)) {
+            later->triangles[later->count++] = batch->triangles[i];
+        } else {
+            batch->coverages[drawn++] = *coverage;
+        }
+    }
+    choose_layers(casters, batch->kind, layers, canvas);
+    raster->draw(batch->coverages, drawn, canvas);
     batch->count = 0;
 }
 
@@ -147,40 +178,35 @@ static void draw_cut(const struct umbb_casters *casters, uint32_t triangle,
 {
     struct umbb_coverage coverage;
     if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
-        choose_layers(casters, triangle, layers, canvas);
+        choose_layers(casters, casters->kinds[triangle], layers, canvas);
         umbb_cut_draw(casters->cuts, umbb_cut_of(casters->cuts, triangle), &coverage, canvas);
     }
 }
 
-/* Draws the triangles of a list: those of the near side or the others. */
-static void draw_list(const struct raster *raster, const uint32_t *list, size_t count, int near,
-                      const struct layers *layers, struct umbb_canvas *canvas)
+/* Draws the triangles of a list, but for the far sides that `later` has room for (NULL: none). */
+static void draw_list(const struct raster *raster, const uint32_t *list, size_t count,
+                      const struct layers *layers, struct far_sides *later,
+                      struct umbb_canvas *canvas)
 {
     const struct umbb_casters *casters = raster->casters;
-    struct batch batch = {.count = 0, .canvas = canvas};
-    uint8_t kind = UMBB_CASTER_OPEN;
+    struct batch batch;
+    batch.count = 0;
+    batch.kind = UMBB_CASTER_OPEN;
     for (size_t i = 0; i < count; i++) {
         const uint32_t triangle = list[i];
-        __builtin_prefetch(casters->corners[list[i + AHEAD < count ? i + AHEAD : i]]);
-        if (is_near_side(casters, triangle) != near) {
-            continue;
-        }
         const int has_holes = umbb_cut_of(casters->cuts, triangle) != UMBS_CUT_NONE;
-        if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != kind || has_holes) {
-            batch_draw(raster, &batch);
-            kind = casters->kinds[triangle];
+        __builtin_prefetch(casters->corners[list[i + AHEAD < count ? i + AHEAD : i]]);
+        if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != batch.kind || has_holes) {
+            batch_draw(raster, layers, &batch, later, canvas);
+            batch.kind = casters->kinds[triangle];
         }
         if (has_holes) {
             draw_cut(casters, triangle, layers, canvas);
-            continue;
+        } else {
+            batch.triangles[batch.count++] = triangle;
         }
-        if (batch.count == 0) {
-            choose_layers(casters, triangle, layers, canvas);
-        }
-        batch.count += (size_t)umbb_coverage_prepare(casters->corners[triangle], casters->size,
-                                                     &batch.coverages[batch.count]);
     }
-    batch_draw(raster, &batch);
+    batch_draw(raster, layers, &batch, later, canvas);
 }
 
 static void fill(int32_t *layer, size_t count, int32_t value)
@@ -205,12 +231,14 @@ static void draw_square(const struct raster *raster, unsigned thread, struct umb
     fill(layers.texels, (casters->closed_rule ? UMBB_LAYER_COUNT : 1) * layers.count,
          casters->size);
     fill(layers.far, UMBB_LAYER_COUNT * LAYER_FAR, casters->size);
-    struct umbb_canvas canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n};
-    /* Far sides lie behind near sides: most of them need not be drawn once those are there. */
-    draw_list(raster, list, count, 1, &layers, &canvas);
+    struct umbb_canvas canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n, .fresh = 1};
+    struct far_sides later;
+    later.count = 0;
+    draw_list(raster, list, count, &layers, &later, &canvas);
     raster->find_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
                      layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
-    draw_list(raster, list, count, 0, &layers, &canvas);
+    canvas.fresh = 0;
+    draw_list(raster, later.triangles, later.count, &layers, NULL, &canvas);
     raster->store(layers.texels, n, tile, x, y);
 }
 
@@ -293,6 +321,8 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     raster->options = *options;
     raster->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
     raster->draw = options->plain ? umbb_draw_plain : umbb_draw_quickest();
+    const umbb_prepare_fn quick_prepare = options->plain ? NULL : umbb_prepare_avx512();
+    raster->prepare = quick_prepare != NULL ? quick_prepare : umbb_prepare_plain;
     const umbb_far_fn quick_far = options->plain ? NULL : umbb_far_avx2();
     raster->find_far = quick_far != NULL ? quick_far : umbb_canvas_far;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();

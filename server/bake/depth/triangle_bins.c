@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Binning by counting: one pass counts the entries of each cell, a second writes them. Both are cut
- * into chunks of triangles for as many threads; the lists do not depend on that.
+ * into chunks of triangles for as many threads; the lists do not depend on that. Most triangles lie
+ * in one cell: the first pass keeps its number, so that the second need not read their corners.
  *
  * A triangle that spans several rows and columns of cells is cut into the rows' strips, so that a
  * sliver across the map is listed along its length and not all over its bounding box.
@@ -149,30 +150,6 @@ static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_in
     return UMB_OK;
 }
 
-/* Counts the triangles from..to of the input in each cell, or, with entries, writes each at its
- * cell's next place. */
-static void walk(const struct umbb_bins_input *input, size_t from, size_t to, uint64_t *cells,
-                 uint32_t *entries)
-{
-    struct cell_range r;
-    int32_t x, x1;
-    for (size_t i = from; i < to; i++) {
-        const uint32_t triangle = input->all ? (uint32_t)i : input->list[i];
-        if (!triangle_cells(input, triangle, &r)) {
-            continue;
-        }
-        for (int32_t y = r.y0; y <= r.y1; y++) {
-            for (strip_columns(input, triangle, &r, y, &x, &x1); x <= x1; x++) {
-                uint64_t *cell = &cells[(size_t)y * input->cells_x + (size_t)x];
-                if (entries != NULL) {
-                    entries[*cell] = triangle;
-                }
-                ++*cell;
-            }
-        }
-    }
-}
-
 /* Fewer triangles than this are not worth another chunk, nor are more numbers than this. */
 #define CHUNK_TRIANGLES ((size_t)4096)
 #define CHUNK_NUMBERS   ((size_t)1 << 20)
@@ -183,15 +160,80 @@ struct fill {
     const struct umbb_bins_input *input;
     size_t count, chunks, cells;
     uint64_t *numbers; /* [chunks][cells]: counts, then places */
-    uint32_t *entries; /* NULL while counting */
+    uint32_t *only;    /* [count] the one cell of a triangle, CELL_NONE or CELL_MANY */
+    uint32_t *entries; /* written in the second pass */
 };
 
-static void fill_job(void *user, uint32_t chunk, unsigned thread)
+#define CELL_NONE UINT32_MAX
+#define CELL_MANY (UINT32_MAX - 1U)
+
+static inline uint32_t triangle_at(const struct umbb_bins_input *input, size_t i)
+{
+    return input->all ? (uint32_t)i : input->list[i];
+}
+
+/* Where a chunk begins; chunk `chunks`: the end. */
+static size_t chunk_first(const struct fill *fill, uint32_t chunk)
+{
+    return fill->count * chunk / fill->chunks;
+}
+
+/* Counts a triangle in each of its cells, or, with entries, writes it at each one's next place. */
+static void add_to_cells(const struct umbb_bins_input *input, uint32_t triangle,
+                         const struct cell_range *r, uint64_t *cells, uint32_t *entries)
+{
+    int32_t x, x1;
+    for (int32_t y = r->y0; y <= r->y1; y++) {
+        for (strip_columns(input, triangle, r, y, &x, &x1); x <= x1; x++) {
+            uint64_t *cell = &cells[(size_t)y * input->cells_x + (size_t)x];
+            if (entries != NULL) {
+                entries[*cell] = triangle;
+            }
+            ++*cell;
+        }
+    }
+}
+
+static void count_job(void *user, uint32_t chunk, unsigned thread)
 {
     (void)thread;
     const struct fill *fill = user;
-    walk(fill->input, fill->count * chunk / fill->chunks, fill->count * (chunk + 1) / fill->chunks,
-         fill->numbers + chunk * fill->cells, fill->entries);
+    const struct umbb_bins_input *input = fill->input;
+    uint64_t *cells = fill->numbers + chunk * fill->cells;
+    const size_t end = chunk_first(fill, chunk + 1);
+    for (size_t i = chunk_first(fill, chunk); i < end; i++) {
+        const uint32_t triangle = triangle_at(input, i);
+        struct cell_range r;
+        fill->only[i] = CELL_NONE;
+        if (!triangle_cells(input, triangle, &r)) {
+            continue;
+        }
+        if ((r.x0 == r.x1) & (r.y0 == r.y1)) {
+            fill->only[i] = (uint32_t)r.y0 * input->cells_x + (uint32_t)r.x0;
+            cells[fill->only[i]]++;
+        } else {
+            fill->only[i] = CELL_MANY;
+            add_to_cells(input, triangle, &r, cells, NULL);
+        }
+    }
+}
+
+static void write_job(void *user, uint32_t chunk, unsigned thread)
+{
+    (void)thread;
+    const struct fill *fill = user;
+    const struct umbb_bins_input *input = fill->input;
+    uint64_t *places = fill->numbers + chunk * fill->cells;
+    const size_t end = chunk_first(fill, chunk + 1);
+    for (size_t i = chunk_first(fill, chunk); i < end; i++) {
+        const uint32_t triangle = triangle_at(input, i), cell = fill->only[i];
+        struct cell_range r;
+        if (cell < CELL_MANY) {
+            fill->entries[places[cell]++] = triangle;
+        } else if (cell == CELL_MANY && triangle_cells(input, triangle, &r)) {
+            add_to_cells(input, triangle, &r, places, fill->entries);
+        }
+    }
 }
 
 /* Turns counts into places, and says where each cell's list starts. */
@@ -249,18 +291,23 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
                         .cells = (size_t)input->cells_x * input->cells_x};
     fill.chunks = chunk_count(input, fill.count, fill.cells);
     fill.numbers = calloc(fill.chunks * fill.cells, sizeof *fill.numbers);
-    if (fill.numbers == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "triangle bins: memory for %zu cells refused",
-                        fill.cells);
+    fill.only = malloc((fill.count + 1) * sizeof *fill.only);
+    if (fill.numbers == NULL || fill.only == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY,
+                          "triangle bins: memory for %zu triangles in %zu cells refused",
+                          fill.count, fill.cells);
+        goto done;
     }
-    umbb_workers_run(input->workers, fill_job, &fill, (uint32_t)fill.chunks);
+    umbb_workers_run(input->workers, count_job, &fill, (uint32_t)fill.chunks);
     places_find(&fill, bins->first);
     status = reserve(bins, input, bins->first[fill.cells], error);
     if (status == UMB_OK && bins->first[fill.cells] > 0) {
         fill.entries = bins->entries;
-        umbb_workers_run(input->workers, fill_job, &fill, (uint32_t)fill.chunks);
+        umbb_workers_run(input->workers, write_job, &fill, (uint32_t)fill.chunks);
     }
+done:
     free(fill.numbers);
+    free(fill.only);
     return status;
 }
 

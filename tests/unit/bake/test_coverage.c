@@ -166,7 +166,9 @@ static void answers_do_not_depend_on_corner_order(void **state)
             assert_int_equal(umbb_coverage_prepare((const double(*)[3])w, SIZE, &other), covers);
             if (covers) {
                 assert_int_equal(other.odd, k < 3 ? first.odd : !first.odd);
+                assert_int_equal(other.facing, k < 3 ? first.facing : !first.facing);
                 other.odd = first.odd;
+                other.facing = first.facing;
                 assert_memory_equal(&other, &first, sizeof first);
             }
         }
@@ -353,6 +355,7 @@ static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, 
         .back = drawing->texels[one_layer ? 0 : 1],
         .front_far = drawing->far[0],
         .back_far = drawing->far[one_layer ? 0 : 1],
+        .fresh = round % 7 == 0,
     };
     draw(c, count, &canvas);
 }
