@@ -4,18 +4,18 @@
 #if defined(__AVX2__)
 #include "query/kernel_place_avx2.h"
 #include "query/kernel_runs_avx2.h"
-#define UMB__PLACER        umb__placer_avx2
-#define UMB__PLACER_INIT   umb__placer_init_avx2
-#define UMB__PLACE         umb__place_block_avx2
-#define UMB__GRID          umb__grid_block_avx2
-#define UMB__BRICK_CHANGES umb__brick_changes_avx2
-#define UMB__READ_RUNS     umb__read_runs_avx2
+#define UMB__PLACER         umb__placer_avx2
+#define UMB__PLACER_INIT    umb__placer_init_avx2
+#define UMB__PLACE          umb__place_block_avx2
+#define UMB__GRID           umb__grid_block_avx2
+#define UMB__COMPARE_POINTS umb__compare_points_avx2
+#define UMB__READ_RUNS      umb__read_runs_avx2
 #else
-#define UMB__PLACER        umb__placer
-#define UMB__PLACER_INIT   umb__placer_init
-#define UMB__PLACE         umb__place_block
-#define UMB__GRID          umb__grid_block
-#define UMB__BRICK_CHANGES umb__brick_changes
-#define UMB__READ_RUNS     umb__read_runs
+#define UMB__PLACER         umb__placer
+#define UMB__PLACER_INIT    umb__placer_init
+#define UMB__PLACE          umb__place_block
+#define UMB__GRID           umb__grid_block
+#define UMB__COMPARE_POINTS umb__compare_points
+#define UMB__READ_RUNS      umb__read_runs
 #endif
 #include "query/kernel_body.h"

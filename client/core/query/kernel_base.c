@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The query kernel compiled for the baseline instruction set of the target. */
-#define UMB__KERNEL        umb__kernel_base
-#define UMB__PLACER        umb__placer
-#define UMB__PLACER_INIT   umb__placer_init
-#define UMB__PLACE         umb__place_block
-#define UMB__GRID          umb__grid_block
-#define UMB__BRICK_CHANGES umb__brick_changes
-#define UMB__READ_RUNS     umb__read_runs
+#define UMB__KERNEL         umb__kernel_base
+#define UMB__PLACER         umb__placer
+#define UMB__PLACER_INIT    umb__placer_init
+#define UMB__PLACE          umb__place_block
+#define UMB__GRID           umb__grid_block
+#define UMB__COMPARE_POINTS umb__compare_points
+#define UMB__READ_RUNS      umb__read_runs
 #include "query/kernel_body.h"

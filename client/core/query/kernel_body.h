@@ -2,7 +2,7 @@
 /*
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
  * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for: placing
- * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__BRICK_CHANGES, UMB__READ_RUNS. No
+ * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__COMPARE_POINTS, UMB__READ_RUNS. No
  * guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
@@ -208,6 +208,10 @@ static void spread_settled(struct umb__block *block, const struct umb__block *he
     }
 }
 
+#define GRID_IDLE_BLOCKS  3U /* the grid is tried often: what it settles costs least */
+#define SLABS_IDLE_BLOCKS 15U
+#define WINDOW_RUNS_MAX   56U /* as UMB__RUNS_MAX; a window's way down costs more than a point's */
+
 /* Blocks for which the two stages that settle windows early are left out, because they settled next
  * to nothing. */
 struct idle_stages {
@@ -221,40 +225,59 @@ static bool stage_is_due(uint32_t *idle)
     return *idle == 0;
 }
 
-static uint32_t idle_after(uint64_t before, uint64_t after)
+/* For how many blocks a stage is left out: for `blocks` if it settled at most `few` windows. */
+static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
-    uint32_t count = umb__count_bits(before);
-    return umb__count_bits(after) >= count - count / 8 ? UMB__IDLE_BLOCKS + 1 : 0;
+    bool idle = before != 0 && umb__count_bits(before & ~after) <= few;
+    return idle ? blocks + 1 : 0;
 }
+
+/* Every point is a run. */
+#define FOUR(i)    (i), (i) + 1, (i) + 2, (i) + 3
+#define SIXTEEN(i) FOUR(i), FOUR((i) + 4), FOUR((i) + 8), FOUR((i) + 12)
+static const struct umb__runs each_alone = {
+    UMB__BLOCK,
+    {SIXTEEN(0), SIXTEEN(16), SIXTEEN(32), SIXTEEN(48), UMB__BLOCK},
+};
 
 static void count_windows(const struct umb__query *q, const struct window_masks *masks,
                           struct umb__block *block, struct idle_stages *idle,
                           struct umb_query_stats *stats)
 {
     struct umb__cells cells;
-    struct umb__block heads;
-    struct umb__runs runs;
-    umb__take_heads(q, block, umb__run_starts(block, UMB__BRICK_CHANGES(block)), &heads, &runs);
-    uint64_t looked_up = heads.todo;
+    struct umb__block own, *heads = block;
+    struct umb__runs found;
+    const struct umb__runs *runs = &each_alone;
+    struct umb__closeness close = UMB__COMPARE_POINTS(block, q->column_level);
+    uint64_t starts = umb__run_starts(block, close.changes);
+    if (umb__count_bits(starts) <= WINDOW_RUNS_MAX) {
+        umb__take_heads(q, block, starts, &own, &found);
+        heads = &own;
+        runs = &found;
+    }
+    uint64_t looked_up = heads->todo;
     if (stage_is_due(&idle->grid)) {
-        UMB__GRID(q, &heads);
-        stats->nodes += umb__count_bits(looked_up & ~heads.todo);
-        idle->grid = idle_after(looked_up, heads.todo);
+        UMB__GRID(q, heads);
+        stats->nodes += umb__count_bits(looked_up & ~heads->todo);
+        idle->grid = idle_after(looked_up, heads->todo, 0, GRID_IDLE_BLOCKS);
     }
-    find_cells(q, &heads, list_cells(q, &heads, &cells), &cells, stats);
+    find_cells(q, heads, list_cells(q, heads, &cells), &cells, stats);
     if (stage_is_due(&idle->slabs)) {
-        uint64_t before = heads.todo;
-        settle_slabs(q, &heads, &cells);
-        idle->slabs = idle_after(before, heads.todo);
+        uint64_t before = heads->todo;
+        settle_slabs(q, heads, &cells);
+        uint32_t few = umb__count_bits(before) / 8;
+        idle->slabs = idle_after(before, heads->todo, few, SLABS_IDLE_BLOCKS);
     }
-    spread_settled(block, &heads, looked_up & ~heads.todo, &runs);
+    if (heads != block) {
+        spread_settled(block, heads, looked_up & ~heads->todo, runs);
+    }
     const uint64_t *brick[16 * UMB__BLOCK];
     if (q->taps <= 9) {
-        find_bricks(q, &heads, &cells, 2, brick, stats);
-        count_slices(masks, block, heads.todo, &runs, 2, brick);
+        find_bricks(q, heads, &cells, 2, brick, stats);
+        count_slices(masks, block, heads->todo, runs, 2, brick);
     } else {
-        find_bricks(q, &heads, &cells, 3, brick, stats);
-        count_slices(masks, block, heads.todo, &runs, 3, brick);
+        find_bricks(q, heads, &cells, 3, brick, stats);
+        count_slices(masks, block, heads->todo, runs, 3, brick);
     }
 }
 

@@ -7,7 +7,6 @@
 #define UMB__BLOCK       64 /* points in flight: a bit of a word each */
 #define UMB__BEHIND      8  /* lanes behind them: eight may be read from any point on */
 #define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
-#define UMB__IDLE_BLOCKS 15 /* blocks before a stage that settled nothing is tried again */
 #define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
 
 /* A block of points on its way through the stages. */
@@ -225,15 +224,33 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
     block->todo = mixed;
 }
 
+/* Answers of one tap as floats: nothing to divide. */
+static inline void umb__store_taps(const struct umb__block *block, uint8_t *to)
+{
+    for (uint32_t i = 0; i < block->size; i++) {
+        float value = (float)(int32_t)block->lit[i];
+        memcpy(to + i * sizeof value, &value, sizeof value);
+    }
+}
+
+static inline void umb__store_shares(const struct umb__block *block, float total, uint8_t *to)
+{
+    for (uint32_t i = 0; i < block->size; i++) {
+        float value = (float)(int32_t)block->lit[i] / total;
+        memcpy(to + i * sizeof value, &value, sizeof value);
+    }
+}
+
 static inline void umb__store_block(const struct umb__query *q, const struct umb__block *block,
                                     size_t first, void *values)
 {
     uint32_t total = (uint32_t)(q->taps * q->taps);
     if (q->format == UMB_ANSWER_F32) {
         uint8_t *to = (uint8_t *)values + first * sizeof(float);
-        for (uint32_t i = 0; i < block->size; i++) {
-            float value = (float)(int32_t)block->lit[i] / (float)(int32_t)total;
-            memcpy(to + i * sizeof value, &value, sizeof value);
+        if (total == 1) {
+            umb__store_taps(block, to);
+        } else {
+            umb__store_shares(block, (float)(int32_t)total, to);
         }
         return;
     }

@@ -19,6 +19,7 @@ struct umb__four {
 struct umb__placer_avx2 {
     struct umb__placer plain;
     bool fits;
+    bool still;        /* offset and push are 0 */
     __m256d offset[3]; /* the batch's origin less the asset's */
     __m256d push[3];   /* towards the light, for points without a normal */
     __m256d to_voxel[3][4];
@@ -34,7 +35,9 @@ static inline void umb__placer_init_avx2(const struct umb__query *q,
 {
     umb__placer_init(q, points, &placer->plain);
     placer->fits = umb__stages_fit(q);
+    placer->still = q->no_normal_m == 0;
     for (unsigned axis = 0; axis < 3; axis++) {
+        placer->still &= points->origin[axis] == q->origin[axis];
         placer->offset[axis] = _mm256_set1_pd(points->origin[axis] - q->origin[axis]);
         placer->push[axis] = _mm256_set1_pd(q->direction[axis] * q->no_normal_m);
         placer->direction[axis] = _mm256_set1_pd(q->direction[axis]);
@@ -73,9 +76,10 @@ static inline struct umb__four umb__load_four_f32(const uint8_t *at)
     return four;
 }
 
-/* The two forms that a batch has, constants where they are used. */
+/* What forms a batch has, constants where they are used. `still`: points are relative to the
+ * asset's origin and nothing pushes them, so that they are what is transformed. */
 struct umb__form {
-    bool f32, normals;
+    bool f32, normals, still;
 };
 
 static inline struct umb__four umb__load_four(const struct umb_points *points, size_t i, bool f32)
@@ -139,12 +143,12 @@ umb__place_four(const struct umb__placer_avx2 *placer, size_t index, struct umb_
 {
     struct umb__four p = umb__load_four(placer->plain.points, index, form.f32), v;
     struct umb__placed_four to = {.away = 0};
-    for (unsigned axis = 0; axis < 3; axis++) {
+    for (unsigned axis = 0; axis < 3 && !form.still; axis++) {
         p.axis[axis] = _mm256_add_pd(placer->offset[axis], p.axis[axis]);
     }
     if (form.normals) {
         to.away = umb__move_four(placer, index, &p);
-    } else {
+    } else if (!form.still) {
         for (unsigned axis = 0; axis < 3; axis++) {
             p.axis[axis] = _mm256_sub_pd(p.axis[axis], placer->push[axis]);
         }
@@ -241,12 +245,12 @@ static inline void umb__place_block_avx2(const struct umb__placer_avx2 *placer, 
         umb__place_block(&placer->plain, first, block, stats);
         return;
     }
-    if (f32 && !normals) {
-        umb__place_eights(placer, first, (struct umb__form){true, false}, block, stats);
+    if (f32 && !normals && placer->still) {
+        umb__place_eights(placer, first, (struct umb__form){true, false, true}, block, stats);
     } else if (f32) {
-        umb__place_eights(placer, first, (struct umb__form){true, true}, block, stats);
+        umb__place_eights(placer, first, (struct umb__form){true, normals, false}, block, stats);
     } else {
-        umb__place_eights(placer, first, (struct umb__form){false, normals}, block, stats);
+        umb__place_eights(placer, first, (struct umb__form){false, normals, false}, block, stats);
     }
     umb__pad_block(block);
 }

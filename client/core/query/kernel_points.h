@@ -11,8 +11,6 @@
  */
 #include "query/kernel_runs.h"
 
-#define UMB__RUNS_MAX 40 /* of a block: with more, every point goes down for itself */
-
 /* Points on their way down, and the node or brick that each has reached. */
 struct umb__descent {
     uint32_t count;
@@ -131,6 +129,25 @@ static inline void umb__descend(const struct umb__query *q, struct umb__block *b
     stats->bricks += points->count;
 }
 
+/* Answers a block whose points are all in one cube of the columns' level, if that is uniform. */
+static inline bool umb__settle_cube(const struct umb__query *q, struct umb__block *block,
+                                    struct umb_query_stats *stats)
+{
+    const uint32_t c = q->column_level, row = q->log2_size - c;
+    uint64_t column;
+    memcpy(&column, q->columns + ((uint32_t)block->x[0] >> c) + ((uint32_t)block->y[0] >> c << row),
+           sizeof column);
+    const uint32_t value = q->pieces[umb__piece_of(column, (uint32_t)block->z[0] >> c)];
+    if (value >= UMB__CELL_FIRST) {
+        return false;
+    }
+    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+        block->lit[i] = value;
+    }
+    stats->nodes++;
+    return true;
+}
+
 /* Answers a block whose points share bricks: only the heads of its runs go down. */
 static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
                                    uint64_t starts, struct umb_query_stats *stats)
@@ -154,7 +171,11 @@ static inline void umb__count_points(const struct umb__query *q, struct umb__blo
                                      struct umb_query_stats *stats)
 {
     struct umb__descent points;
-    uint64_t starts = umb__run_starts(block, UMB__BRICK_CHANGES(block));
+    struct umb__closeness close = UMB__COMPARE_POINTS(block, q->column_level);
+    if (close.one_cube && umb__settle_cube(q, block, stats)) {
+        return;
+    }
+    uint64_t starts = umb__run_starts(block, close.changes);
     if (umb__count_bits(starts) <= UMB__RUNS_MAX) {
         umb__count_runs(q, block, starts, stats);
     } else {

@@ -12,6 +12,8 @@
  */
 #include "query/kernel_parts.h"
 
+#define UMB__RUNS_MAX 40 /* of a block: with more, every point goes down for itself */
+
 struct umb__runs {
     uint32_t count;
     uint8_t first[UMB__BLOCK + 1]; /* point that a run begins with; behind the last: the size */
@@ -23,17 +25,26 @@ static const uint64_t umb__uniform_bricks[2][8] = {
      UINT64_MAX},
 };
 
-/* Bit i is set if point i is in another brick than the one before. */
-static inline uint64_t umb__brick_changes(const struct umb__block *block)
+/* Where the points of a block lie beside one another. */
+struct umb__closeness {
+    uint64_t changes; /* bit i: point i is in another brick than the one before */
+    bool one_cube;    /* the block is full, and no cube of the level asked for is left */
+};
+
+static inline struct umb__closeness umb__compare_points(const struct umb__block *block,
+                                                        uint32_t level)
 {
-    uint64_t changes = 0;
+    struct umb__closeness close = {0};
+    uint32_t any = 0;
     for (uint32_t i = 1; i < block->size; i++) {
         uint32_t differ = (uint32_t)(block->x[i] ^ block->x[i - 1]) |
                           (uint32_t)(block->y[i] ^ block->y[i - 1]) |
                           (uint32_t)(block->z[i] ^ block->z[i - 1]);
-        changes |= (uint64_t)(differ > 7) << i;
+        any |= differ;
+        close.changes |= (uint64_t)(differ > 7) << i;
     }
-    return changes;
+    close.one_cube = block->todo == UINT64_MAX && any >> level == 0;
+    return close;
 }
 
 /* Bit i is set if a run begins with point i. Points that are not to be looked up have runs of their

@@ -10,9 +10,15 @@ static inline __m256i umb__load_eight(const int32_t *at)
     return _mm256_loadu_si256((const __m256i *)(const void *)at);
 }
 
-static inline uint64_t umb__brick_changes_avx2(const struct umb__block *block)
+static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *block,
+                                                             uint32_t level)
 {
+    const uint32_t behind = block->size - 1;
+    __m256i any = _mm256_setzero_si256();
     uint64_t same = 0;
+    block->x[behind + 1] = block->x[behind];
+    block->y[behind + 1] = block->y[behind];
+    block->z[behind + 1] = block->z[behind];
     for (uint32_t i = 0; i < block->size; i += 8) {
         __m256i x =
             _mm256_xor_si256(umb__load_eight(block->x + i), umb__load_eight(block->x + i + 1));
@@ -20,11 +26,15 @@ static inline uint64_t umb__brick_changes_avx2(const struct umb__block *block)
             _mm256_xor_si256(umb__load_eight(block->y + i), umb__load_eight(block->y + i + 1));
         __m256i z =
             _mm256_xor_si256(umb__load_eight(block->z + i), umb__load_eight(block->z + i + 1));
-        __m256i differ = _mm256_srli_epi32(_mm256_or_si256(_mm256_or_si256(x, y), z), 3);
-        __m256i equal = _mm256_cmpeq_epi32(differ, _mm256_setzero_si256());
+        __m256i differ = _mm256_or_si256(_mm256_or_si256(x, y), z);
+        __m256i equal = _mm256_cmpeq_epi32(_mm256_srli_epi32(differ, 3), _mm256_setzero_si256());
+        any = _mm256_or_si256(any, differ);
         same |= (uint64_t)(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(equal)) << i;
     }
-    return ~same << 1; /* bits beyond the block's points are its caller's business */
+    __m256i far = _mm256_srl_epi32(any, _mm_cvtsi32_si128((int)level));
+    /* Bits beyond the block's points are the caller's business. */
+    return (struct umb__closeness){~same << 1,
+                                   block->todo == UINT64_MAX && _mm256_testz_si256(far, far)};
 }
 
 /*
