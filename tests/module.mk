@@ -91,7 +91,11 @@ same-bits: ## the same bits by gcc and clang, at -O0 and -O3, with and without A
 # False shadow and false light at full size.
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
+
+budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py
 
 study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal errors, times within 15 %
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_twice.py "$(SCENE)" $(STUDY_OPTIONS)

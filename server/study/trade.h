@@ -104,7 +104,9 @@ struct umbt_trade_result {
     /* (largest - least) / median of each one's runs, without the outermost of each side. Above
      * UMBT_TRADE_SPREAD_MAX a time is not told. */
     double spread, spread_free, spread_all;
-    double nodes, bricks; /* read a point, view */
+    double nodes, bricks;  /* read a point, view; of assets */
+    double bound_m, lines; /* of the asset's own curve: how far from a point an answer can be, in
+                              space; cache lines a point of its sample reads. NaN: has none */
 };
 
 /* Rays, asked about the same points. */

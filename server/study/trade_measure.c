@@ -124,6 +124,23 @@ static void list_asset(struct umbt_trade *trade, uint32_t b, const uint32_t *tap
     }
 }
 
+/* Bound and cache lines as the asset states them. */
+static void curve_read(const struct umbt_trade *trade, struct umbt_trade_result *result)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    const size_t count = result->method == UMBT_TRADE_DAG
+                             ? umb_curve_get(trade->bakes[result->bake].asset, 0, rows)
+                             : 0;
+    result->bound_m = (double)NAN;
+    result->lines = (double)NAN;
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].taps == result->taps && rows[i].level == result->level) {
+            result->bound_m = rows[i].bound_m;
+            result->lines = rows[i].lines;
+        }
+    }
+}
+
 static void list_peer(struct umbt_trade *trade, const struct umbt_peer *peer, const uint32_t *taps,
                       size_t count)
 {
@@ -163,6 +180,9 @@ static void list_settings(struct umbt_trade *trade, const struct umbt_peers *pee
         for (uint32_t i = first; i < trade->result_count; i++) {
             peer_of[i] = &peers->list[p];
         }
+    }
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        curve_read(trade, &trade->results[i]);
     }
 }
 

@@ -54,7 +54,7 @@ struct column {
     double value;
 };
 
-#define COLUMNS 22
+#define COLUMNS 24
 
 /* A time whose runs differ too much is not told. */
 static double told(double ns, double spread)
@@ -86,6 +86,8 @@ static void columns_of(const struct umbt_trade_result *r, struct column columns[
         {"spread_all", r->spread_all},
         {"nodes", r->nodes},
         {"bricks", r->bricks},
+        {"lines", r->lines},
+        {"bound_m", r->bound_m},
         {"undefined", (double)r->undefined},
     };
     memcpy(columns, all, sizeof all);

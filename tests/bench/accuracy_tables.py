@@ -38,6 +38,36 @@ def machine():
     return f"{names[0] if names else platform.machine()}, {len(names) or os.cpu_count()} processors"
 
 
+def source():
+    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"],
+                            capture_output=True, text=True).stdout.strip() or "unknown"
+    return f"Commit {commit}, {machine()}"
+
+
+def scenes_in(folder):
+    """Names and files of the scenes that are there; the generated ones are made in a folder."""
+    scenes = []
+    for name, kind, size in GENERATED:
+        path = os.path.join(folder, kind + ".glb")
+        run("scenegen", kind, "--size", size, "-o", path)
+        scenes.append((name, path))
+    for name, path in REAL:
+        path = os.path.join(SCENES, path)
+        if os.path.exists(path):
+            scenes.append((name, path))
+        else:
+            print(f"skipped: {name}, no file {path}")
+    return scenes
+
+
+def replace(begin, end, text):
+    """Puts a text between two markers of the page."""
+    with open(PAGE, encoding="utf-8") as page:
+        before, rest = page.read().split(begin)
+    with open(PAGE, "w", encoding="utf-8") as page:
+        page.write(before + begin + text + end + rest.split(end)[1])
+
+
 def measure(scene, folder):
     asset = os.path.join(folder, "asset.umb")
     baked = json.loads(run("umbrage-bake", scene, "-o", asset, "--resolution", RESOLUTION, "--sun",
@@ -60,33 +90,19 @@ def rows_of(name, got):
 
 
 def main():
-    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"],
-                            capture_output=True, text=True).stdout.strip() or "unknown"
-    text = [f"Commit {commit}, {machine()}; {RESOLUTION} voxels a side, sun {SUN}, `--closed auto`;"
+    text = [f"{source()}; {RESOLUTION} voxels a side, sun {SUN}, `--closed auto`;"
             f" {POINTS} points on surfaces, those that face the light\nare compared.\n\n",
             "| scene | level | taps | bound, m | visibility error | cache lines | compared | differ "
             "from a ray | undefined | beyond the bound |\n|---|---|---|---|---|---|---|---|---|---|\n"]
     broken = 0
     with tempfile.TemporaryDirectory() as folder:
-        scenes = []
-        for name, kind, size in GENERATED:
-            path = os.path.join(folder, kind + ".glb")
-            run("scenegen", kind, "--size", size, "-o", path)
-            scenes.append((name, path))
-        scenes += [(name, os.path.join(SCENES, path)) for name, path in REAL]
-        for name, path in scenes:
-            if not os.path.exists(path):
-                print(f"skipped: {name}, no file {path}")
-                continue
+        for name, path in scenes_in(folder):
             got = measure(path, folder)
             broken += sum(row["beyond"] for row in got["checked"])
             text += rows_of(name, got)
             print(f"{name}: {got['bytes']} bytes, "
                   f"{sum(row['beyond'] for row in got['checked'])} beyond their bound", flush=True)
-    with open(PAGE, encoding="utf-8") as page:
-        before, rest = page.read().split(BEGIN)
-    with open(PAGE, "w", encoding="utf-8") as page:
-        page.write(before + BEGIN + "".join(text) + END + rest.split(END)[1])
+    replace(BEGIN, END, "".join(text))
     return 1 if broken else 0
 
 
