@@ -136,7 +136,7 @@ static void near_occluder(void)
         {"evsm 40, both warps",
          {.technique = UMB_MAP_EVSM, .exponent = 40, .negative_exponent = 40, .blur = TAPS},
          {.width = 1}},
-        {NULL},
+        {0},
     };
     fill(occluder, 0.5F);
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
@@ -158,7 +158,7 @@ static void behind_occluder(void)
         {"convolution 16, damping 2",
          {.technique = UMB_MAP_CONVOLUTION, .terms = 16, .damping = 2, .blur = TAPS},
          {.width = 1}},
-        {NULL},
+        {0},
     };
     fill(occluder, 0.3F);
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
