@@ -88,6 +88,19 @@ same-bits: ## the same bits by gcc and clang, at -O0 and -O3, with and without A
 	@echo "$$(wc -l <build/same-gcc-debug/bits) digests agree"
 .PHONY: numerics same-bits
 
+# Kernels, slices and threads at 16384 voxels a side, 10^7 points of a scene for each window.
+$(BUILD)/kernel_bits: $(BUILD)/tests/agreement/kernel_bits.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+KERNEL_BITS ?= 10000000
+kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits by all kernels, slices and threads: 10^7 points a scene
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	$(BUILD)/scenegen terrain --size 1024 --format ply -o "$$folder/terrain.ply" && $(BUILD)/scenegen city --size 59 --format ply -o "$$folder/city.ply" && \
+	for scene in terrain city; do for rule in on off; do \
+		$(BUILD)/umbrage-bake "$$folder/$$scene.ply" -o "$$folder/$$scene-$$rule.umb" --closed $$rule --sun 27,45 --quiet --verify 0 || exit 1; done; done && \
+	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
+.PHONY: kernel-bits
+
 # False shadow and false light at full size.
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py

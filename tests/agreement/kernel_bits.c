@@ -1,0 +1,205 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Bit-equality of the query kernels, the long form: `make kernel-bits`.
+ *
+ *     kernel_bits COUNT FILE...
+ *
+ * COUNT points of every asset's first light, near its surfaces: half of them far from one another,
+ * half in the order of a picture whose pixels lie closer than voxels. For 1, 9 and 17 taps the
+ * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
+ * the same bits, and every 64th answer must be that of the walk which looks up a window alone.
+ * Prints what it compared; 1 where two differ.
+ */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "query/query_parts.h"
+
+#define CHUNK   65536U
+#define THREADS 4U
+#define STRIDE  997U /* points of a slice: no multiple of a block */
+
+struct way {
+    const char *name;
+    umb__kernel_fn run;
+};
+
+static double points[CHUNK][3];
+static float answers[2][CHUNK];
+
+static uint64_t next_random(uint64_t *state)
+{
+    *state = *state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return *state >> 33;
+}
+
+static double unit(uint64_t *state)
+{
+    return (double)next_random(state) / (double)(UINT64_C(1) << 31);
+}
+
+/* A voxel among those that the columns of a place list: near a surface. */
+static void near_surface(const struct umb__query *q, uint64_t *state, double v[3])
+{
+    const uint32_t c = q->column_level, row = q->log2_size - c;
+    const double size = (double)((uint32_t)1 << q->log2_size);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        v[axis] = unit(state) * size;
+    }
+    const struct umb__column column =
+        q->columns[((uint32_t)v[0] >> c) + ((uint32_t)v[1] >> c << row)];
+    v[2] = (column.low + (column.high - column.low + 1.0) * unit(state)) * (double)(1U << c);
+}
+
+/* Frames are orthogonal: a voxel's place is the sum of its steps from the frame's corner. */
+static void put_point(const struct umb__query *q, const double v[3], double p[3])
+{
+    memset(p, 0, 3 * sizeof *p);
+    for (unsigned k = 0; k < 3; k++) {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            p[axis] += (v[k] - q->world_to_voxel[k][3]) * q->voxel_step[k][axis];
+        }
+    }
+}
+
+static void make_points(const struct umb__query *q, int picture, uint64_t *state)
+{
+    double v[3] = {0, 0, 0};
+    for (uint32_t i = 0; i < CHUNK; i++) {
+        if (!picture || i % 512 == 0) {
+            near_surface(q, state, v);
+        } else {
+            for (unsigned axis = 0; axis < 3; axis++) {
+                v[axis] += unit(state) - 0.45;
+            }
+        }
+        put_point(q, v, points[i]);
+    }
+}
+
+static struct umb_points batch_of(const struct umb__query *q)
+{
+    struct umb_points batch = {.positions = points, .format = UMB_POINT_F64, .count = CHUNK};
+    memcpy(batch.origin, q->origin, sizeof batch.origin);
+    return batch;
+}
+
+/* Thread k answers the slices k, k + THREADS, ... */
+struct share {
+    const struct umb_query *query;
+    const struct umb_points *batch;
+    size_t first;
+};
+
+static void *share_run(void *user)
+{
+    const struct share *share = user;
+    struct umb_answers own = {.values = answers[1]};
+    for (size_t at = share->first * STRIDE; at < CHUNK; at += THREADS * STRIDE) {
+        const size_t left = CHUNK - at;
+        umb_query_run(share->query, share->batch, at, left < STRIDE ? left : STRIDE, &own);
+    }
+    return NULL;
+}
+
+static int threads_run(const struct umb_query *query, const struct umb_points *batch)
+{
+    struct share shares[THREADS];
+    pthread_t ids[THREADS];
+    size_t count = 0;
+    for (; count < THREADS; count++) {
+        shares[count] = (struct share){query, batch, count};
+        if (pthread_create(&ids[count], NULL, share_run, &shares[count]) != 0) {
+            break;
+        }
+    }
+    for (size_t k = 0; k < count; k++) {
+        (void)pthread_join(ids[k], NULL);
+    }
+    return count == THREADS;
+}
+
+/* Differences of every 64th answer to the walk. */
+static int compare_walk(const struct umb__query *q)
+{
+    const uint32_t total = (uint32_t)(q->taps * q->taps);
+    int wrong = 0;
+    for (uint32_t i = 0; i < CHUNK; i += 64) {
+        struct umb_query_stats stats = {0};
+        double v[3];
+        umb__to_voxel(q, points[i], v);
+        const struct umb__window window = umb__window_at(q, v, &stats);
+        const uint32_t lit =
+            window.all_lit ? total : window.outside + umb__count_window(q, &window, &stats);
+        wrong += answers[0][i] != (float)lit / (float)total;
+    }
+    return wrong;
+}
+
+static int check_chunk(const struct umb_query *query, const struct way *ways, size_t way_count)
+{
+    const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
+    const struct umb_points batch = batch_of(q);
+    int wrong = 0;
+    for (size_t w = 0; w < way_count; w++) {
+        struct umb_answers to = {.values = answers[w > 0]};
+        memset(answers[w > 0], 0xff, sizeof answers[0]);
+        ways[w].run(q, &batch, 0, CHUNK, &to);
+        wrong += memcmp(answers[0], answers[w > 0], sizeof answers[0]) != 0;
+    }
+    memset(answers[1], 0xff, sizeof answers[1]);
+    wrong += !threads_run(query, &batch) || memcmp(answers[0], answers[1], sizeof answers[0]) != 0;
+    return wrong + compare_walk(q);
+}
+
+static int check_asset(const char *path, size_t count)
+{
+    struct way ways[2] = {{"base", umb__kernel_base}};
+    size_t way_count = 1;
+    uint64_t state = 20261121;
+    struct umb_asset *asset;
+    struct umb_error error;
+    int wrong = 0;
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
+        ways[way_count++] = (struct way){"avx2", umb__kernel_avx2};
+    }
+#endif
+    if (umb_asset_open_file(path, NULL, &asset, &error) != UMB_OK) {
+        (void)fprintf(stderr, "%s: %s\n", path, error.message);
+        return 1;
+    }
+    for (uint32_t taps = 1; taps <= 17; taps += 8) {
+        const struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
+        struct umb_query query;
+        if (umb_query_prepare(asset, &settings, &query, &error) != UMB_OK) {
+            (void)fprintf(stderr, "%s: %s\n", path, error.message);
+            return 1;
+        }
+        for (size_t done = 0, picture = 0; done < count; done += CHUNK, picture ^= 1) {
+            make_points((const struct umb__query *)(const void *)query.opaque, (int)picture,
+                        &state);
+            wrong += check_chunk(&query, ways, way_count);
+        }
+    }
+    umb_asset_close(asset);
+    printf("%s: 1, 9 and 17 taps, %zu points each, %s and %s, slices of %u by %u threads: %s\n",
+           path, (count + CHUNK - 1) / CHUNK * CHUNK, ways[0].name, ways[way_count - 1].name,
+           STRIDE, THREADS, wrong ? "DIFFERENT" : "equal bits");
+    return wrong != 0;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 3) {
+        (void)fprintf(stderr, "usage: kernel_bits COUNT FILE...\n");
+        return 2;
+    }
+    int failed = 0;
+    for (int i = 2; i < argc; i++) {
+        failed |= check_asset(argv[i], strtoul(argv[1], NULL, 10));
+    }
+    return failed;
+}
