@@ -79,9 +79,9 @@ while read -r name scene; do
     say "asking for $POINTS surface points of $name, verifying, drawing"
     "$BUILD/umbrage" points "$scene" --count "$POINTS" --normals --format f32 -o "$work/points" --quiet
     "$BUILD/umbrage" query "$work/store/$name.umb" --points "$work/points" --format f32 --normals --taps 9 \
-        --encoding u8 --out "$work/file.u8" --json --quiet >"$work/$name.file"
+        --encoding u8 --output "$work/file.u8" --json --quiet >"$work/$name.file"
     "$BUILD/umbrage" query "$name" --points "$work/points" --format f32 --normals --taps 9 \
-        --encoding u8 --out "$work/grpc.u8" --json --quiet >"$work/$name.grpc"
+        --encoding u8 --output "$work/grpc.u8" --json --quiet >"$work/$name.grpc"
     cmp "$work/file.u8" "$work/grpc.u8" # the same bits from file and service
     "$BUILD/umbrage" verify "$work/store/$name.umb" --scene "$scene" --points 200000 --json >"$work/$name.verify"
     "$BUILD/umbrage" render "$scene" --asset "$name" -o "$OUT/$name.png" --quiet

@@ -370,6 +370,17 @@ static size_t common_folder(const struct umbc_bundle *bundle)
     return length;
 }
 
+static bool is_scene(const char *path)
+{
+    static const char *const endings[] = {".gltf", ".glb", ".obj", ".ply", ".stl"};
+    for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++) {
+        if (ends_in(path, endings[i])) {
+            return true;
+        }
+    }
+    return false;
+}
+
 enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bundle *bundle,
                                    struct umb_error *error)
 {
@@ -389,6 +400,11 @@ enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bun
     }
     if (!S_ISREG(info.st_mode) || !normalise(path) || strlen(path) >= PATH_SIZE) {
         return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", scene);
+    }
+    if (!is_scene(scene)) { /* as the server would say, which a client must not need for it */
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "'%.200s': not a scene that can be baked (.gltf .glb .obj .ply .stl)",
+                        scene);
     }
     (void)snprintf(g.folder, sizeof g.folder, "%.*s", (int)(strrchr(path, '/') - path), path);
     enum umb_status status = add_path(&g, path);

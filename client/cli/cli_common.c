@@ -98,6 +98,10 @@ static int find_long(const struct umbc_command *command, const char *text, const
     const char *equals = strchr(text, '=');
     size_t length = equals == NULL ? strlen(text) : (size_t)(equals - text);
     *value = equals == NULL ? NULL : equals + 1;
+    if (length == 3 && strncmp(text, "out", length) == 0) {
+        text = "output"; /* what `query` had it called at first */
+        length = strlen(text);
+    }
     for (size_t i = 0; i < count_options(command); i++) {
         const char *name = option_at(command, i)->name;
         if (strlen(name) == length && strncmp(name, text, length) == 0) {
@@ -181,11 +185,22 @@ int umbc_parse(const struct umbc_command *command, int argc, char **argv,
     return -1;
 }
 
+/* 1 for what the store would take as a name, and for ids. */
+static bool may_be_asset(const char *word)
+{
+    static const char allowed[] =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
+    const size_t folder = strspn(word, allowed);
+    const char *name = word[folder] == '/' ? word + folder + 1 : word;
+    return word[0] != '.' && word[0] != '/' && name[0] != '.' && name[0] != '\0' &&
+           name[strspn(name, allowed)] == '\0';
+}
+
 bool umbc_is_file(const char *word)
 {
     struct stat info;
     size_t length = strlen(word);
-    if (strchr(word, '/') != NULL || (length > 4 && strcmp(word + length - 4, ".umb") == 0) ||
+    if (!may_be_asset(word) || (length > 4 && strcmp(word + length - 4, ".umb") == 0) ||
         (length > 5 && strcmp(word + length - 5, ".umbm") == 0)) {
         return true;
     }

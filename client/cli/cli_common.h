@@ -75,7 +75,10 @@ int umbc_complain_as(enum umb_status status, const char *format, ...) UMB_PRINTF
 /* Prints a usage error and returns 2. */
 int umbc_usage_error(const char *format, ...) UMB_PRINTF(1, 2);
 
-/* True if an argument means a file: it exists as one, has a '/', or ends in .umb or .umbm. */
+/*
+ * True if an argument means a file: it exists as one, ends in .umb or .umbm, begins with '/' or
+ * '.', or cannot be an asset's name, which is NAME or FOLDER/NAME of [A-Za-z0-9._-].
+ */
 bool umbc_is_file(const char *word);
 
 /* Opens a file to be read, which messages name. Fails: E_NO_INPUT if there is none or it is a

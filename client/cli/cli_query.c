@@ -8,6 +8,7 @@
  * client waits for that thread, so that slots may be freed after it.
  */
 #include "cli_query_options.h"
+#include "cli_option_names.h"
 
 #include <inttypes.h>
 #include <pthread.h>
@@ -448,7 +449,7 @@ int umbc_query(int argc, char **argv)
     close_job(job);
     if (status != UMB_OK) {
         error.status = status;
-        return bad_file ? umbc_complain_file(options.target, &error) : umbc_complain(&error);
+        return bad_file ? umbc_complain_file(options.target, &error) : umbc_complain_query(&error);
     }
     if (!options.quiet) {
         print_summary(&total);

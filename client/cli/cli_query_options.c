@@ -26,7 +26,7 @@ enum query_option {
     OPTION_BUDGET,
     OPTION_BIAS,
     OPTION_BATCH,
-    OPTION_OUT,
+    OPTION_OUTPUT,
     OPTION_ENCODING,
     OPTION_EXPLAIN,
     OPTION_JSON,
@@ -70,7 +70,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
                       0},
-    [OPTION_OUT] = {"out", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
+    [OPTION_OUTPUT] = {"output", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
     [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},
     [OPTION_JSON] = {"json", NULL,
@@ -421,7 +421,7 @@ static int check_together(const struct umbc_query_options *options)
 {
     if (options->json && options->encoding != UMBC_ENCODING_TEXT &&
         strcmp(options->out, "-") == 0) {
-        return umbc_usage_error("query: --json with raw answers needs --out FILE for them");
+        return umbc_usage_error("query: --json with raw answers needs --output FILE for them");
     }
     if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
         return umbc_usage_error("query: --explain needs --encoding text");
@@ -447,7 +447,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     }
     options->target = parsed.words[0];
     memcpy(options->session, parsed.session, sizeof options->session);
-    options->out = parsed.values[OPTION_OUT] != NULL ? parsed.values[OPTION_OUT] : "-";
+    options->out = parsed.values[OPTION_OUTPUT] != NULL ? parsed.values[OPTION_OUTPUT] : "-";
     options->explain = parsed.values[OPTION_EXPLAIN] != NULL;
     options->json = parsed.values[OPTION_JSON] != NULL;
     options->quiet = parsed.values[OPTION_QUIET] != NULL;

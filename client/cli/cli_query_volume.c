@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Segments, columns and boxes from a file; see cli_query_volume.h. */
 #include "cli_query_volume.h"
+#include "cli_option_names.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -359,7 +360,7 @@ int umbc_query_volume(const struct umbc_query_options *options)
     close_job(job);
     if (status != UMB_OK) {
         error.status = status;
-        return bad_file ? umbc_complain_file(options->target, &error) : umbc_complain(&error);
+        return bad_file ? umbc_complain_file(options->target, &error) : umbc_complain_query(&error);
     }
     return umbc_finish_stdout(0);
 }

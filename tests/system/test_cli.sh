@@ -153,6 +153,11 @@ try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
 try 73 umbrage-bake bad.ply -o .
 
 # --- info, verify, pack, unpack ---
+try 66 umbrage info .
+one_sentence "not a regular file"
+echo text >notes.txt
+try 65 umbrage submit notes.txt --address unix:none
+one_sentence ".gltf .glb .obj .ply .stl"
 try 0 umbrage info city.umb
 check "info says the id" grep -qE '^asset +[0-9a-f]{64}$' out
 try 0 umbrage info city.umb --json
@@ -199,6 +204,11 @@ same "three points, three answers" 3 "$(wc -l <out | tr -d ' ')"
 check "--quiet says nothing" test ! -s err
 try 0 umbrage query city.umb --points points
 check "the summary is talk, not data" test "$(wc -l <out)" -eq 3 -a -s err
+try 0 umbrage query city.umb --points points --quiet --output by_output
+try 0 umbrage query city.umb --points points --quiet --out by_out
+check "  --out is --output" cmp by_output by_out
+try 2 umbrage query city.umb --points points --footprint 1e9
+one_sentence "--footprint: 1e+09"
 try 0 umbrage query city.umb --points points --json
 same "query --json names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
     "$(json out "['asset']")"
@@ -309,9 +319,9 @@ for dial in "--max-error 30" "--max-error 0.3vis" "--level 3"; do
     done
 done
 try 2 umbrage query city --points points --max-error 0.0001
-one_sentence "max_error: 0.0001 m: this light's asset reaches"
+one_sentence "--max-error: 0.0001 m: this light's asset reaches"
 try 2 umbrage query city --points points --max-error 0.0001vis
-one_sentence "max_error: visibility 0.0001: this light's asset reaches"
+one_sentence "--max-error: visibility 0.0001: this light's asset reaches"
 try 66 umbrage query nobody --points points
 one_sentence nobody
 try 66 umbrage info nobody

@@ -161,6 +161,8 @@ with test.check("a link in a folder further down is an alias that moves in one s
     os.symlink("v2.umb", os.path.join(store, "city", ".next"))
     os.rename(os.path.join(store, "city", ".next"), os.path.join(store, "city", "latest.umb"))
     becomes("city/latest", ids["c"])
+    assert ut.run("umbrage", "info", "city/latest", "--quiet", "--address",
+                  daemon.tcp).stdout.decode().strip() == ids["c"], "as people type it"
     shutil.rmtree(os.path.join(store, "city"))
     becomes("city/latest", Code.NOT_FOUND)
 with test.check("a removed file is NOT_FOUND"):

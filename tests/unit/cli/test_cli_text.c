@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "../../../client/cli/cli_answers.h"
+#include "../../../client/cli/cli_option_names.h"
 
 static char *text; /* of the memory stream */
 static size_t text_size;
@@ -176,6 +177,41 @@ static void outputs_appear_whole_or_not_at_all(void **state)
     assert_int_equal(rmdir(folder), 0); /* no temporary is left */
 }
 
+static void words_mean_files_or_assets(void **state)
+{
+    (void)state;
+    static const char *const files[] = {".",        "..",        "./city",    "/city", "../a/city",
+                                        "city.umb", "city.umbm", "my city",   "",      "city/",
+                                        "city/.a",  "a/b/c",     "city/x.umb"};
+    static const char *const assets[] = {"city", "city/latest", "a-1_x.v2"};
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        assert_true(umbc_is_file(files[i]));
+    }
+    for (size_t i = 0; i < sizeof assets / sizeof assets[0]; i++) {
+        assert_false(umbc_is_file(assets[i]));
+    }
+}
+
+static void errors_name_the_options_that_people_type(void **state)
+{
+    (void)state;
+    static const char *const pairs[][2] = {
+        {"footprint_m: 7, too wide", "--footprint: 7, too wide"},
+        {"max_error, budget: no curve", "--max-error, --budget: no curve"},
+        {"taps, other: x", "--taps, other: x"},
+        {"light_extent: 2 rad", "--light-size: 2 rad"},
+        {"footprint_metres: 7", "footprint_metres: 7"},
+        {"light 3 is not calibrated", "light 3 is not calibrated"},
+        {"", ""},
+    };
+    for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++) {
+        struct umb_error error;
+        assert_int_equal(umb_fail(&error, UMB_E_ARGUMENT, "%s", pairs[i][0]), UMB_E_ARGUMENT);
+        umbc_name_options(&error);
+        assert_string_equal(error.message, pairs[i][1]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -185,6 +221,8 @@ int main(void)
         cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
         cmocka_unit_test(several_lights_stand_side_by_side),
         cmocka_unit_test(outputs_appear_whole_or_not_at_all),
+        cmocka_unit_test(words_mean_files_or_assets),
+        cmocka_unit_test(errors_name_the_options_that_people_type),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
