@@ -99,3 +99,10 @@ void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles
         }
     }
 }
+
+umbb_prepare_fn umbb_prepare_quickest(void)
+{
+    umbb_prepare_fn prepare = umbb_prepare_avx512();
+    prepare = prepare != NULL ? prepare : umbb_prepare_avx2();
+    return prepare != NULL ? prepare : umbb_prepare_plain;
+}

@@ -71,9 +71,15 @@ typedef void (*umbb_prepare_fn)(const double (*corners)[3][3], const uint32_t *t
 void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
                         int32_t size, struct umbb_coverage *coverages);
 
-/* Eight at a time, the same bits wherever there are rows; NULL if this build or this processor
- * lacks AVX-512 (F, VL, BW, DQ). */
+/* Four at a time, the same bits wherever there are rows; NULL if this build or this processor
+ * lacks AVX2. */
+umbb_prepare_fn umbb_prepare_avx2(void);
+
+/* Eight at a time; NULL if this build or this processor lacks AVX-512 (F, VL, BW, DQ). */
 umbb_prepare_fn umbb_prepare_avx512(void);
+
+/* The quickest of them here. */
+umbb_prepare_fn umbb_prepare_quickest(void);
 
 /*
  * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.

@@ -321,8 +321,7 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     raster->options = *options;
     raster->options.max_bytes = options->max_bytes > 0 ? options->max_bytes : SIZE_MAX;
     raster->draw = options->plain ? umbb_draw_plain : umbb_draw_quickest();
-    const umbb_prepare_fn quick_prepare = options->plain ? NULL : umbb_prepare_avx512();
-    raster->prepare = quick_prepare != NULL ? quick_prepare : umbb_prepare_plain;
+    raster->prepare = options->plain ? umbb_prepare_plain : umbb_prepare_quickest();
     const umbb_far_fn quick_far = options->plain ? NULL : umbb_far_avx2();
     raster->find_far = quick_far != NULL ? quick_far : umbb_canvas_far;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();

@@ -53,14 +53,8 @@ static void random_triangle(double v[3][3])
 
 /* Ordinary triangles, slivers, ties between corners and triangles without rows, in batches of every
  * length; what is compared is everything that a coverage with rows says. */
-static void preparing_with_avx512_gives_the_bits_of_the_plain_way(void **state)
+static void the_bits_of_the_plain_way_come_from(umbb_prepare_fn quick)
 {
-    (void)state;
-    const umbb_prepare_fn quick = umbb_prepare_avx512();
-    if (quick == NULL) {
-        print_message("skipped: no AVX-512 on this processor\n");
-        skip();
-    }
     seed(8);
     static double v[64][3][3];
     static struct umbb_coverage coverages[2][UMBB_DRAW_MAX];
@@ -96,9 +90,30 @@ static void preparing_with_avx512_gives_the_bits_of_the_plain_way(void **state)
     assert_true(with_rows > 10000 && without > 10000); /* else nothing was tested */
 }
 
+static void preparing_with_avx2_gives_the_bits_of_the_plain_way(void **state)
+{
+    (void)state;
+    if (umbb_prepare_avx2() == NULL) {
+        print_message("skipped: no AVX2 on this processor\n");
+        skip();
+    }
+    the_bits_of_the_plain_way_come_from(umbb_prepare_avx2());
+}
+
+static void preparing_with_avx512_gives_the_bits_of_the_plain_way(void **state)
+{
+    (void)state;
+    if (umbb_prepare_avx512() == NULL) {
+        print_message("skipped: no AVX-512 on this processor\n");
+        skip();
+    }
+    the_bits_of_the_plain_way_come_from(umbb_prepare_avx512());
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(preparing_with_avx2_gives_the_bits_of_the_plain_way),
         cmocka_unit_test(preparing_with_avx512_gives_the_bits_of_the_plain_way),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
