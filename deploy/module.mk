@@ -38,14 +38,17 @@ $(UNIT): deploy/systemd/umbraged.service.in FORCE
 	@mkdir -p $(@D)
 	$(Q)sed -e 's|@bindir@|$(bindir)|; s|@sysconfdir@|$(sysconfdir)|' $< >$@
 
-install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
-	install -d $(DESTDIR)$(bindir) $(DESTDIR)$(libdir) $(DESTDIR)$(includedir)/umbrage $(DESTDIR)$(docdir)
+# The pages lie to one another as they do here, with what they link to, so that every link leads
+# somewhere.
+DOC_FILES = README.md LICENSE $(wildcard docs/*.md docs/decisions/* docs/pictures/* docs/examples/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
+install-docs:
+	for file in $(DOC_FILES); do install -D -m 0644 $$file $(DESTDIR)$(docdir)/$$file || exit 1; done
+
+install: all man $(UNIT) install-docs ## install everything under DESTDIR and PREFIX
+	install -d $(DESTDIR)$(bindir) $(DESTDIR)$(libdir) $(DESTDIR)$(includedir)/umbrage
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	install -m 0644 $(CORE_LIB) $(RPC_LIB) $(WIRE_LIB) $(DESTDIR)$(libdir)
 	install -m 0644 client/include/umbrage/*.h $(DESTDIR)$(includedir)/umbrage
-	install -m 0644 README.md LICENSE $(wildcard docs/*.md) $(DESTDIR)$(docdir)
-	install -d $(DESTDIR)$(docdir)/examples
-	install -m 0644 $(wildcard docs/examples/*) $(DESTDIR)$(docdir)/examples
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
 	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
 	install -D -m 0644 deploy/systemd/umbraged.socket $(DESTDIR)$(unitdir)/umbraged.socket
@@ -61,4 +64,4 @@ install: all man $(UNIT) ## install everything under DESTDIR and PREFIX
 
 FORCE:
 
-.PHONY: deps deps-full demo man install FORCE
+.PHONY: deps deps-full demo man install install-docs FORCE

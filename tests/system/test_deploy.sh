@@ -26,6 +26,13 @@ for file in bin/umbraged bin/umbrage bin/umbrage-bake bin/umbrage-study lib/libu
     lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/proto/umbrage/v1/shadows.proto share/umbrage/umbrage-alerts.yml ../etc/umbraged/umbraged.conf; do
     [ -s "$installed/$file" ] || bad "$file is installed" ""
 done
+find "$installed/share/doc/umbrage" -name '*.md' | while read -r page; do
+    grep -oE '(\]\(|src=")[^)"#: ]+' "$page" | sed -E 's/^(\]\(|src=")//' | while read -r link; do
+        [ -e "$(dirname "$page")/$link" ] || echo "$(basename "$page"): $link"
+    done
+done >"$folder/dangling"
+check "the installed pages are there" test -s "$installed/share/doc/umbrage/docs/operations.md"
+same "each of their links leads somewhere" "" "$(head -n 5 "$folder/dangling")"
 echo changed >>"$folder/root/etc/umbraged/umbraged.conf"
 "$@" >/dev/null 2>&1
 same "a configuration that is there stays" changed "$(tail -n 1 "$folder/root/etc/umbraged/umbraged.conf")"
