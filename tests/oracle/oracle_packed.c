@@ -273,11 +273,6 @@ static int decode_level(const struct decoder *decoder, uint32_t l)
 {
     struct page *page = decoder->page;
     uint64_t other_count = page->others[l];
-    if (page->low == 3 && other_count > 0) {
-        return oracle_refuse(decoder->error,
-                             "page %" PRIu32 ": has bricks and refers to other pages",
-                             decoder->number);
-    }
     const uint8_t *others = oracle_take_bytes(&page->cursor, 8 * other_count);
     const uint8_t *masks = oracle_take_bytes(&page->cursor, 2 * (uint64_t)page->count[l]);
     if (page->cursor.overrun) {

@@ -19,6 +19,10 @@ enum {
     STACK_MAX = 8 * UMB_LEVEL_MAX + 8, /* at most 8 pending children a level */
 };
 
+/* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
+ * fifth larger (docs/streaming.md), as references, which copies make unnecessary, take the most. */
+#define COPIES_MAX_FIFTHS 12U
+
 /* Of a node that a band above has met: a page number that no page can have. */
 #define PAGE_WAITING (UINT32_MAX - 1)
 
@@ -36,6 +40,8 @@ struct traversal {
     uint32_t page_level_counts[UMB_LEVEL_MAX + 1];
     struct node_list waiting; /* roots of the next band */
     uint32_t band_low;
+    bool alone;                       /* the band's pages refer to no other */
+    uint64_t copied_bytes, own_bytes; /* estimates of such pages; of their nodes, each once */
 };
 
 uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level)
@@ -85,8 +91,7 @@ static enum umb_status close_page(struct traversal *t)
     return UMB_OK;
 }
 
-/* What a node will take in a page, roughly; only where pages end depends on it. Children of the
- * lowest band stand beside their parents. */
+/* What a node will take in a page, roughly. */
 static size_t estimate(const struct traversal *t, struct umb__node_ref node)
 {
     if (node.level == UMB_LEVEL_BRICK) {
@@ -100,7 +105,7 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
     const struct umb_octree_level *level = &t->octree->level[node.level];
     uint32_t children = level->first[node.index + 1] - level->first[node.index];
     size_t bytes = 2 + (size_t)children;
-    for (uint32_t i = 0; i < children && t->band_low > UMB_LEVEL_BRICK; i++) {
+    for (uint32_t i = 0; i < children && !t->alone; i++) {
         uint32_t child = level->children[level->first[node.index] + i];
         uint32_t page = t->order->places[node.level - 1][child].page;
         bytes += page != UINT32_MAX && page != t->order->page_count ? 8 : 0;
@@ -117,16 +122,19 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
                    sizeof *order->sequence)) {
         return no_memory(t->error);
     }
-    t->page_bytes += estimate(t, node);
-    order->counts[node.level] += place->page >= PAGE_WAITING;
+    const size_t bytes = estimate(t, node);
+    const bool first = place->page >= PAGE_WAITING;
+    t->page_bytes += bytes;
+    t->copied_bytes += t->alone ? bytes : 0;
+    t->own_bytes += t->alone && first ? bytes : 0;
+    order->counts[node.level] += first;
     *place = (struct umb__node_place){
         .page = order->page_count,
         .position = t->page_level_counts[node.level]++,
     };
     order->sequence[order->node_count++] = node;
-    /* In the lowest band a page ends between the trees of two roots. */
-    return t->band_low > UMB_LEVEL_BRICK && t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t)
-                                                                                  : UMB_OK;
+    /* Pages that stand alone end between the trees of two roots. */
+    return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
 }
 
 /* Proves that a node exists, has a possible mask, and leads to nodes that exist: whatever order
@@ -178,11 +186,11 @@ static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_
     return UMB_OK;
 }
 
-/* True if a node stands where it is needed: anywhere, or in the lowest band in the open page. */
+/* True if a node stands where it is needed: anywhere, or in the open page if that stands alone. */
 static bool is_placed(const struct traversal *t, struct umb__node_ref node)
 {
     const uint32_t page = t->order->places[node.level][node.index].page;
-    return t->band_low == UMB_LEVEL_BRICK ? page == t->order->page_count : page < PAGE_WAITING;
+    return t->alone ? page == t->order->page_count : page < PAGE_WAITING;
 }
 
 /* Asks for what visiting a node, which exists, will read of it first. */
@@ -237,14 +245,14 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
     return UMB_OK;
 }
 
-/* Visits a root of the band: those of the lowest one are not cut by the end of a page. */
+/* Visits a root of the band. */
 static enum umb_status visit_root(struct traversal *t, struct umb__node_ref root)
 {
     if (t->order->places[root.level][root.index].page < PAGE_WAITING) {
         return UMB_OK; /* stands below another root, or is the root of two frusta */
     }
     enum umb_status status = visit(t, root);
-    const bool ends = t->band_low == UMB_LEVEL_BRICK && t->page_bytes >= UMB__PAGE_RAW_TARGET;
+    const bool ends = t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET;
     return status == UMB_OK && ends ? close_page(t) : status;
 }
 
@@ -269,23 +277,40 @@ static enum umb_status visit_band(struct traversal *t, uint32_t band_high)
     return status == UMB_OK ? close_page(t) : status;
 }
 
-enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
-                                struct umb_error *error)
+/* In: copies: of what trees of the lowest band share. Out: worth: false if they are too many. */
+static enum umb_status order_nodes(const struct umb_octree *octree, bool copies,
+                                   struct umb__pack_order *order, bool *worth,
+                                   struct umb_error *error)
 {
     memset(order, 0, sizeof *order);
     order->alloc = octree->alloc;
+    order->alone_from = UINT32_MAX;
     struct traversal t = {.octree = octree, .order = order, .error = error};
     enum umb_status status = allocate(octree, order, error);
     uint32_t band_high = UMB_LEVEL_MAX;
     for (size_t band = 0; band < BAND_COUNT && status == UMB_OK; band++) {
         t.band_low = band_lows[band];
-        order->whole_from = order->page_count;
+        t.alone = copies && t.band_low == UMB_LEVEL_BRICK;
+        order->alone_from = t.alone ? order->page_count : order->alone_from;
         status = visit_band(&t, band_high);
         band_high = t.band_low - 1;
     }
-    umb__free(order->alloc, t.waiting.nodes);
+    umb__free(t.order->alloc, t.waiting.nodes);
     if (status != UMB_OK) {
         umb__pack_order_finish(order);
+    }
+    *worth = t.copied_bytes / COPIES_MAX_FIFTHS <= t.own_bytes / 5;
+    return status;
+}
+
+enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
+                                struct umb_error *error)
+{
+    bool worth;
+    enum umb_status status = order_nodes(octree, true, order, &worth, error);
+    if (status == UMB_OK && !worth) {
+        umb__pack_order_finish(order);
+        status = order_nodes(octree, false, order, &worth, error);
     }
     return status;
 }

@@ -11,8 +11,10 @@
  *
  * Pages of the lowest band refer to no other page: each holds whole trees of 128^3 voxels, and a
  * node that trees of several pages share stands in each of them. A copy takes hardly more room than
- * a reference to another page would, and whoever needs one tree needs one page. The order depends
- * on the tree's content only, never on its numbering: equal trees give equal files.
+ * a reference to another page would, and whoever needs one tree needs one page. Only where trees
+ * share so much that the file would grow by more than about a fifth, nodes of the lowest band stand
+ * once, too, where they are first visited. The order depends on the tree's content only, never on
+ * its numbering: equal trees give equal files.
  */
 #include "format/octree.h"
 
@@ -32,7 +34,7 @@ struct umb__pack_order {
     struct umb__node_ref *sequence; /* [node_count], in the order of the file */
     size_t sequence_capacity;
     uint32_t page_count;
-    uint32_t whole_from; /* pages from here on refer to no other: the lowest band */
+    uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
     size_t *page_first;  /* [page_count + 1], in sequence */
     size_t page_capacity;
     struct umb__node_place *places[UMB_LEVEL_MAX + 1]; /* [count of the level] */

@@ -199,7 +199,7 @@ static void write_nodes(struct writer *w, uint32_t node_level)
         return;
     }
     list_children(w, node_level);
-    if (w->page >= w->order->whole_from) {
+    if (w->page >= w->order->alone_from) {
         w->failed = !number_own(w, node_level);
     } else {
         number_all(w, node_level);

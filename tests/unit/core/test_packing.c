@@ -126,51 +126,96 @@ static void equal_trees_under_other_numbers_give_equal_files(void **state)
 }
 
 /* Three helpers that take the pages from the last to the first. */
-/* Bumps that come again every 128 voxels, and some that do not. */
+/* Bumps of which every other one comes again each 64 voxels. */
 static int repeated(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     (void)user;
-    uint64_t bump = (uint64_t)(x % 64) << 32 | (y % 128) << 1 | 1, own = x / 32 * 8 + y / 32 + 1;
-    return z < 100 + frustum + next_random(&bump) % 40 + next_random(&own) % 3;
+    uint64_t bump = (uint64_t)(x % 64) << 32 | (y % 64) << 1 | 1;
+    if (x / 8 % 2 == 0) {
+        bump = (uint64_t)x << 32 | (uint64_t)frustum << 20 | y << 1 | 1;
+    }
+    bump *= 0x9e3779b97f4a7c15U;
+    return z < 100 + next_random(&bump) % 40;
 }
 
-static void pages_with_bricks_stand_alone_and_their_copies_become_one_node_again(void **state)
+/* Six cubes of 64 noisy voxels a side, in any mixture: copies would be most of a file. */
+static int mixed_up(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
-    const struct voxels voxels = {repeated, NULL, 8, 2};
-    struct bytes file = make_packed(&voxels, 0.5, origin);
+    uint64_t which = (uint64_t)(x / 64 + 4 * (y / 64) + 16 * (z / 64)) + 64 * frustum + 1;
+    (void)user;
+    (void)next_random(&which);
+    uint64_t seed = (next_random(&which) >> 33) % 6 + 1;
+    seed = (seed << 18 | (x % 64) << 12 | (y % 64) << 6 | z % 64) * 0x9e3779b97f4a7c15U;
+    (void)next_random(&seed);
+    return (int)(next_random(&seed) >> 40 & 1);
+}
+
+/* Nodes of all pages of a file, copies included. Returns how many pages have bricks and refer to
+ * others. */
+static uint32_t count_nodes(const struct bytes *file, uint64_t found[UMB_LEVEL_MAX + 1])
+{
     struct umb__head head;
-    struct umb_asset *asset;
-    struct umb_octree octree;
-    struct umb_content content;
-    uint64_t found[UMB_LEVEL_MAX + 1] = {0};
-    uint8_t raw[UMB__PAGE_RAW_MAX / 4];
+    uint32_t referring = 0;
+    uint8_t *raw = block_of(UMB__PAGE_RAW_MAX, 1);
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
-    (void)state;
-    assert_int_equal(umb__head_parse(file.data, file.size, &head, NULL), UMB_OK);
+    assert_int_equal(umb__head_parse(file->data, file->size, &head, NULL), UMB_OK);
     for (uint32_t number = 0; number < head.page_count; number++) {
         const struct umb__page_entry entry = umb__directory_load(&head, number);
         struct umb__page page;
-        assert_true(entry.raw_length <= sizeof raw);
-        assert_int_equal(umb__page_expand(zstd, file.data + entry.offset, &entry, raw, NULL),
+        uint32_t others = 0;
+        assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, NULL),
                          UMB_OK);
         assert_int_equal(umb__page_open(raw, &entry, &page, NULL), UMB_OK);
         for (size_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-            assert_true(page.level_low > UMB_LEVEL_BRICK || page.external_count[level] == 0);
+            others += page.external_count[level];
             found[level] += page.node_count[level];
         }
+        referring += page.level_low == UMB_LEVEL_BRICK && others > 0;
     }
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    const uint64_t *counts = asset->canonical.counts;
-    assert_true(found[UMB_LEVEL_BRICK] > counts[UMB_LEVEL_BRICK]); /* there are copies ... */
-    assert_int_equal(found[7], counts[7]);                         /* ... but of no root */
+    ZSTD_freeDCtx(zstd);
+    free(raw);
+    return referring;
+}
+
+/* Opens a file; what is exported must have as many nodes as it counts. */
+static void expect_counts(const struct bytes *file, uint64_t counts[UMB_LEVEL_MAX + 1])
+{
+    struct umb_asset *asset;
+    struct umb_octree octree;
+    struct umb_content content;
+    assert_int_equal(umb_asset_open_bytes(file->data, file->size, NULL, &asset, NULL), UMB_OK);
     assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    memcpy(counts, asset->canonical.counts, sizeof asset->canonical.counts);
     assert_int_equal(octree.brick_count, counts[UMB_LEVEL_BRICK]);
     for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
         assert_int_equal(octree.level[level].count, counts[level]);
     }
     umb_octree_finish(&octree);
     umb_asset_close(asset);
-    ZSTD_freeDCtx(zstd);
+}
+
+static void pages_with_bricks_stand_alone_and_their_copies_become_one_node_again(void **state)
+{
+    const struct voxels voxels = {repeated, NULL, 8, 2};
+    struct bytes file = make_packed(&voxels, 0.5, origin);
+    uint64_t found[UMB_LEVEL_MAX + 1] = {0}, counts[UMB_LEVEL_MAX + 1];
+    (void)state;
+    assert_int_equal(count_nodes(&file, found), 0);
+    expect_counts(&file, counts);
+    assert_true(found[UMB_LEVEL_BRICK] > counts[UMB_LEVEL_BRICK]); /* there are copies ... */
+    assert_int_equal(found[7], counts[7]);                         /* ... but of no root */
+    bytes_finish(&file);
+}
+
+static void trees_that_share_too_much_are_stored_once(void **state)
+{
+    const struct voxels voxels = {mixed_up, NULL, 8, 2};
+    struct bytes file = make_packed(&voxels, 0.5, origin);
+    uint64_t found[UMB_LEVEL_MAX + 1] = {0}, counts[UMB_LEVEL_MAX + 1];
+    (void)state;
+    assert_true(count_nodes(&file, found) > 0);
+    expect_counts(&file, counts);
+    assert_memory_equal(found, counts, sizeof found);
     bytes_finish(&file);
 }
 
@@ -570,6 +615,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
         cmocka_unit_test(pages_with_bricks_stand_alone_and_their_copies_become_one_node_again),
+        cmocka_unit_test(trees_that_share_too_much_are_stored_once),
         cmocka_unit_test(helpers_in_any_order_write_the_same_bytes),
         cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
         cmocka_unit_test(packing_only_reads_what_it_is_given),
