@@ -104,11 +104,14 @@ def page_places():
 
 
 def walk_with_cuts(source_of, target, check):
-    """A walk over a link that breaks 20 times in mid-transfer; `check` sees the pages held before each try."""
-    part, places, cuts, step, sent = test.path("cut.part"), list(page_places()), 0, 0, 0
-    while cuts < 20 or step < 12:
+    """
+    Walks, from nothing each, over a link that breaks 20 times in all in mid-transfer; `check` sees the pages held
+    before each try. Returns the bytes that the link carried, those of the pages kept, and how many were kept.
+    """
+    part, places, cuts, step, sent, kept, pages = test.path("cut.part"), list(page_places()), 0, 0, 0, 0, 0
+    for tries in range(300):
         before = held_pages(part) if os.path.exists(part) else []
-        cut_after = 6000 + 7919 * (cuts + step) % 30000 if cuts < 20 else None
+        cut_after = 6000 + 7919 * tries % 30000 if cuts < 20 else None
         slow = link.Link(target, 200, 2, cut_after=cut_after)
         camera = f"eye={-60 + 12 * step},1.7,1,target={40 + 12 * step},1.7,9,fov=60,far=60"
         resume = ["--resume", part] if before else []
@@ -121,8 +124,14 @@ def walk_with_cuts(source_of, target, check):
         cuts += slow.cut_after is None and cut_after is not None
         step += done.returncode == 0
         sent += slow.sent
-    os.remove(part)
-    return sent, sum(places[page][1] - places[page][0] for page in after), len(after)
+        if step == 12:
+            kept += sum(places[page][1] - places[page][0] for page in after)
+            pages += len(after)
+            os.remove(part)
+            if cuts == 20:
+                return sent, kept, pages
+            step = 0
+    raise AssertionError(f"{cuts} cuts, {step} steps")
 
 
 def never_again(before, places):
