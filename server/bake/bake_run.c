@@ -4,6 +4,7 @@
  */
 #include "bake/bake_run.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -106,6 +107,13 @@ static struct umbb_memory_input memory_input(const struct run *run)
     };
 }
 
+/* A forecast knows no more: 400, not 4e+02 or 412.7. */
+static double two_digits(double value)
+{
+    const double unit = value > 0 ? pow(10, floor(log10(value)) - 1) : 1;
+    return round(value / unit) * unit;
+}
+
 /* Says what --max-error comes to. */
 static void print_choice(const struct umbb_options *options, const struct umbb_forecast *forecast)
 {
@@ -115,10 +123,10 @@ static void print_choice(const struct umbb_options *options, const struct umbb_f
             options->max_error_m, 1U << options->resolution_log2, forecast->bound_m);
     if (forecast->seconds > 0) {
         fprintf(stderr,
-                "; about %.2g s of processor time, %.2g MB packed, %.2g MB of nodes, going by %u "
+                "; about %.6g s of processor time, %.6g MB packed, %.6g MB of nodes, going by %u "
                 "voxels",
-                forecast->seconds, forecast->packed_bytes * 1e-6, forecast->octree_bytes * 1e-6,
-                1U << forecast->small_log2);
+                two_digits(forecast->seconds), two_digits(forecast->packed_bytes * 1e-6),
+                two_digits(forecast->octree_bytes * 1e-6), 1U << forecast->small_log2);
     }
     fputc('\n', stderr);
 }
