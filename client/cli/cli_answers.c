@@ -127,8 +127,8 @@ static const char *bias_name(enum umb_bias_mode mode)
 
 static const char *filter_name(enum umb_filter filter)
 {
-    static const char *const names[] = {"box", "tent", "penumbra"};
-    return (unsigned)filter < 3 ? names[filter] : "unknown";
+    static const char *const names[] = {"box", "tent", "penumbra", "footprint"};
+    return (unsigned)filter < 4 ? names[filter] : "unknown";
 }
 
 /* The window as rows of texels, first row first: '#' lit, '.' shadowed. */
@@ -182,6 +182,9 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     if (e->level > 0) {
         (void)fprintf(file, "  stops at cells of %u voxels a side\n", 1U << e->level);
     }
+    if (e->filter == UMB_FILTER_FOOTPRINT) {
+        (void)fprintf(file, "  footprint of %.6g m; below, its least window\n", e->footprint_m);
+    }
     explain_steps(file, e);
     if (e->taps > 1 && !e->facing_away) {
         explain_window(file, e);
@@ -204,6 +207,9 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
     umbc_json_text(json, "filter", filter_name(e->filter));
+    if (e->filter == UMB_FILTER_FOOTPRINT) {
+        umbc_json_number(json, "footprint_m", e->footprint_m);
+    }
     umbc_json_text(json, "bias", bias_name(e->bias_mode));
     umbc_json_number(json, "bias_m", e->bias_m);
     umbc_json_bool(json, "has_normal", e->has_normal != 0);

@@ -278,6 +278,30 @@ enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *
     return status;
 }
 
+enum umb_status umbc_footprints_read(FILE *file, const char *name, struct umbc_batch *batch,
+                                     struct umb_error *error)
+{
+    if (batch->footprints == NULL) {
+        batch->footprints = calloc(batch->capacity, sizeof *batch->footprints);
+    }
+    if (batch->footprints == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu footprints",
+                        batch->capacity);
+    }
+    const size_t count = fread(batch->footprints, sizeof(float), batch->count, file);
+    if (count < batch->count) {
+        return ferror(file) ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", name)
+                            : umb_fail(error, UMB_E_TRUNCATED,
+                                       "%.120s: ends after %llu footprints, but "
+                                       "there are more points",
+                                       name, (unsigned long long)(batch->first + count));
+    }
+    for (size_t i = 0; i < count; i++) {
+        batch->footprints[i] = umb__load_f32((const uint8_t *)(batch->footprints + i));
+    }
+    return UMB_OK;
+}
+
 enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,
                                 enum umbc_points_format format, struct umb_error *error)
 {
@@ -303,6 +327,7 @@ void umbc_batch_finish(struct umbc_batch *batch)
     free(batch->wide);
     free(batch->narrow);
     free(batch->normals);
+    free(batch->footprints);
     memset(batch, 0, sizeof *batch);
 }
 
@@ -314,6 +339,7 @@ struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_poin
         .format = format == UMBC_POINTS_F32 ? UMB_POINT_F32 : UMB_POINT_F64,
         .normals = batch->has_normals ? batch->normals : NULL,
         .count = batch->count,
+        .footprints = batch->footprints,
     };
     memcpy(view.origin, origin, sizeof view.origin);
     return view;

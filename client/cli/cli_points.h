@@ -48,7 +48,8 @@ struct umbc_batch {
     float *narrow;  /* [3 * capacity] f32, else NULL */
     float *normals; /* [3 * capacity] */
     bool has_normals;
-    uint64_t first; /* number of the first point, from 0 */
+    float *footprints; /* [capacity], or NULL; metres, see umbc_footprints_read */
+    uint64_t first;    /* number of the first point, from 0 */
 };
 
 /* Opens path ("-" is stdin). Fails: E_NO_INPUT. */
@@ -67,6 +68,11 @@ void umbc_points_close(struct umbc_points *points);
  */
 UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
                                              struct umb_error *error);
+
+/* Reads a footprint for each point of a batch, raw f32 one behind the other, and makes room for
+ * them. Fails: E_NO_MEMORY, E_TRUNCATED (fewer than points), E_IO. */
+UMB_CHECKED enum umb_status umbc_footprints_read(FILE *file, const char *name,
+                                                 struct umbc_batch *batch, struct umb_error *error);
 
 /* Makes room for points of a format. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,

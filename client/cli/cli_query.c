@@ -47,6 +47,7 @@ struct job {
     struct umb_query_settings settings;
     struct umb_dial dial;
     struct umbc_points source;
+    FILE *footprints; /* of the points; NULL: none of their own */
     struct umbc_answers answers;
     struct umbc_progress progress;
     struct umbc_query_total total;
@@ -205,7 +206,12 @@ static enum umb_status run_ring(struct job *job, struct umb_error *error)
             status = umbc_points_read(&job->source, &slot->batch, error);
             if (status == UMB_OK && slot->batch.count == 0) {
                 input_over = true;
-            } else if (status == UMB_OK) {
+            }
+            if (status == UMB_OK && !input_over && job->footprints != NULL) {
+                status = umbc_footprints_read(job->footprints, job->options->footprints,
+                                              &slot->batch, error);
+            }
+            if (status == UMB_OK && !input_over) {
                 status = start_slot(job, slot, error);
                 next++;
             }
@@ -350,6 +356,9 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
         status = umbc_points_open(options->points, options->format, options->with_normals,
                                   &job->source, error);
     }
+    if (status == UMB_OK && options->footprints != NULL) {
+        status = umbc_open_input(options->footprints, &job->footprints, error);
+    }
     if (status == UMB_OK) {
         status = open_slots(job, error);
     }
@@ -384,6 +393,9 @@ static void close_job(struct job *job)
     umb_client_close(job->client); /* first: its thread may still write into slots */
     umbc_answers_abandon(&job->answers);
     umbc_points_close(&job->source);
+    if (job->footprints != NULL) {
+        (void)fclose(job->footprints);
+    }
     for (size_t i = 0; i < SLOTS; i++) {
         close_slot(job, &job->slots[i]);
     }

@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "cli_query_values.h"
 
 #define BATCH_DEFAULT 65536
 #define BATCH_MAX     (16U << 20) /* points; 384 MiB as doubles */
@@ -19,6 +20,9 @@ enum query_option {
     OPTION_LIGHT,
     OPTION_TAPS,
     OPTION_FOOTPRINT,
+    OPTION_FOOTPRINTS,
+    OPTION_EYE,
+    OPTION_PIXEL,
     OPTION_FILTER,
     OPTION_LIGHT_SIZE,
     OPTION_LEVEL,
@@ -51,10 +55,18 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                       "index of the light, default 0; several: an answer each, side by side", 0},
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
     [OPTION_FOOTPRINT] = {"footprint", "M",
-                          "FILE only: width of the window in metres instead of --taps", 0},
+                          "FILE only: width of the window in metres instead of --taps; of --filter "
+                          "footprint: side of the square of surface around each point",
+                          0},
+    [OPTION_FOOTPRINTS] = {"footprints", "FILE",
+                           "for --filter footprint: raw little-endian f32, metres, one a point", 0},
+    [OPTION_EYE] = {"eye", "X,Y,Z", "for --filter footprint: what a pixel seen from here covers",
+                    0},
+    [OPTION_PIXEL] = {"pixel", "RAD", "with --eye: the angle of a pixel in radians", 0},
     [OPTION_FILTER] = {"filter", "NAME",
-                       "box (default), tent, or penumbra: half shadows of a light with an extent; "
-                       "--taps is then their least width",
+                       "box (default), tent, penumbra (half shadows of a light with an extent) or "
+                       "footprint (the surface that a pixel covers); of these two --taps is the "
+                       "least width",
                        0},
     [OPTION_LIGHT_SIZE] = {"light-size", "DEG",
                            "for penumbras: the light's angular diameter, default the asset's", 0},
@@ -132,64 +144,6 @@ static int take_formats(const struct umbc_parsed *parsed, struct umbc_query_opti
     return -1;
 }
 
-static int take_origin(const char *text, double origin[3])
-{
-    char copy[128];
-    size_t length = strlen(text);
-    char *at = copy;
-    if (length < sizeof copy) {
-        memcpy(copy, text, length + 1);
-        for (int axis = 0; axis < 3; axis++) {
-            char *comma = strchr(at, ',');
-            if ((comma == NULL) != (axis == 2)) {
-                break;
-            }
-            if (comma != NULL) {
-                *comma = '\0';
-            }
-            if (!umbc_parse_number(at, &origin[axis])) {
-                break;
-            }
-            if (axis == 2) {
-                return -1;
-            }
-            at = comma + 1;
-        }
-    }
-    return umbc_usage_error("query: --origin '%s' is not three finite numbers X,Y,Z", text);
-}
-
-static int take_bias(const char *text, struct umb_query_settings *settings)
-{
-    char copy[64];
-    size_t length = strlen(text);
-    if (strcmp(text, "auto") == 0) {
-        settings->bias_mode = UMB_BIAS_AUTO;
-        return -1;
-    }
-    if (strcmp(text, "none") == 0) {
-        settings->bias_mode = UMB_BIAS_NONE;
-        return -1;
-    }
-    if (length < sizeof copy) {
-        memcpy(copy, text, length + 1);
-        if (length > 3 && strcmp(copy + length - 3, "vox") == 0) {
-            copy[length - 3] = '\0';
-            settings->bias_mode = UMB_BIAS_VOXELS;
-        } else if (length > 1 && copy[length - 1] == 'm') {
-            copy[length - 1] = '\0';
-            settings->bias_mode = UMB_BIAS_METRES;
-        } else {
-            copy[0] = '\0';
-        }
-        if (umbc_parse_number(copy, &settings->bias)) {
-            return -1;
-        }
-    }
-    return umbc_usage_error("query: --bias '%s' is not auto, none, or a length as 1.5vox or 0.02m",
-                            text);
-}
-
 /* "all", or indices between commas. */
 static int take_lights(const char *text, struct umbc_query_options *options)
 {
@@ -228,49 +182,56 @@ static int take_lights(const char *text, struct umbc_query_options *options)
 /* --taps, or --footprint instead, and --filter. */
 static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settings *settings)
 {
-    static const char *const filters[] = {"box", "tent", "penumbra"};
+    static const char *const filters[] = {"box", "tent", "penumbra", "footprint"};
     const char *taps = parsed->values[OPTION_TAPS];
     const char *footprint = parsed->values[OPTION_FOOTPRINT];
     const char *filter = parsed->values[OPTION_FILTER];
     unsigned long long value = 1;
-    if (taps != NULL && footprint != NULL) {
+    int found = filter == NULL ? 0 : find_word(filter, filters, 4);
+    if (found < 0) {
+        return umbc_usage_error("query: --filter '%s' is not box, tent, penumbra or footprint",
+                                filter);
+    }
+    settings->filter = (enum umb_filter)found;
+    const bool patches = settings->filter == UMB_FILTER_FOOTPRINT;
+    if (taps != NULL && footprint != NULL && !patches) {
         return umbc_usage_error("query: --taps and --footprint exclude each other");
     }
     if (taps != NULL && (!umbc_parse_count(taps, UMB_TAPS_MAX, &value) || value % 2 == 0)) {
         return umbc_usage_error("query: --taps '%s' is not odd and within 1..%d", taps,
                                 UMB_TAPS_MAX);
     }
-    settings->taps = footprint == NULL ? (uint32_t)value : 0;
+    settings->taps = footprint == NULL || patches ? (uint32_t)value : 0;
     if (footprint != NULL &&
         !(umbc_parse_number(footprint, &settings->footprint_m) && settings->footprint_m > 0)) {
         return umbc_usage_error("query: --footprint '%s' is not a length above 0", footprint);
     }
-    int found = filter == NULL ? 0 : find_word(filter, filters, 3);
-    if (found < 0) {
-        return umbc_usage_error("query: --filter '%s' is not box, tent or penumbra", filter);
-    }
-    settings->filter = (enum umb_filter)found;
     return -1;
 }
 
-/* A number above 0 with one of two endings, or none; which: 0 none, 1 or 2. */
-static bool take_amount(const char *text, const char *const endings[2], double *value, int *which)
+/* --footprints, or --eye and --pixel: where --filter footprint takes them from. */
+static int take_footprints(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
-    char copy[64];
-    const size_t length = strlen(text);
-    *which = 0;
-    if (length >= sizeof copy) {
-        return false;
+    struct umb_query_settings *settings = &options->settings;
+    const char *eye = parsed->values[OPTION_EYE], *pixel = parsed->values[OPTION_PIXEL];
+    options->footprints = parsed->values[OPTION_FOOTPRINTS];
+    const int sources = (settings->footprint_m > 0) + (options->footprints != NULL) +
+                        (eye != NULL || pixel != NULL);
+    if (settings->filter != UMB_FILTER_FOOTPRINT) {
+        return options->footprints == NULL && eye == NULL && pixel == NULL
+                   ? -1
+                   : umbc_usage_error("query: --footprints, --eye and --pixel belong to --filter "
+                                      "footprint");
     }
-    memcpy(copy, text, length + 1);
-    for (int i = 0; i < 2 && *which == 0; i++) {
-        const size_t ending = strlen(endings[i]);
-        if (length > ending && strcmp(copy + length - ending, endings[i]) == 0) {
-            copy[length - ending] = '\0';
-            *which = i + 1;
-        }
+    if (sources != 1 || (eye == NULL) != (pixel == NULL)) {
+        return umbc_usage_error("query: --filter footprint takes --footprint M, --footprints FILE, "
+                                "or --eye X,Y,Z with --pixel RAD");
     }
-    return umbc_parse_number(copy, value) && *value > 0;
+    if (pixel != NULL && !(umbc_parse_number(pixel, &settings->pixel_rad) &&
+                           settings->pixel_rad > 0 && settings->pixel_rad <= 1)) {
+        return umbc_usage_error("query: --pixel '%s' is not above 0 and at most 1 radian", pixel);
+    }
+    return eye != NULL ? umbc_take_vector("eye", eye, settings->eye) : -1;
 }
 
 /* --light-size: degrees, kept in radians. */
@@ -286,7 +247,7 @@ static int take_light_size(const char *text, struct umb_query_settings *settings
     if (settings->filter != UMB_FILTER_PENUMBRA) {
         return umbc_usage_error("query: --light-size belongs to --filter penumbra");
     }
-    if (!take_amount(text, units, &degrees, &ending) || degrees * rad_a_deg > UMB_EXTENT_MAX) {
+    if (!umbc_take_amount(text, units, &degrees, &ending) || degrees * rad_a_deg > UMB_EXTENT_MAX) {
         return umbc_usage_error("query: --light-size '%s' is not above 0 and at most %.4g degrees",
                                 text, UMB_EXTENT_MAX / rad_a_deg);
     }
@@ -309,14 +270,14 @@ static int take_dial(const struct umbc_parsed *parsed, struct umbc_query_options
     }
     options->settings.level = (uint32_t)number;
     if (error != NULL) {
-        if (!take_amount(error, errors, &value, &ending)) {
+        if (!umbc_take_amount(error, errors, &value, &ending)) {
             return umbc_usage_error("query: --max-error '%s' is not above 0, in metres as 0.05 or "
                                     "0.05m or in visibility as 0.1vis",
                                     error);
         }
         *(ending == 1 ? &options->dial.max_visibility : &options->dial.max_error_m) = value;
     }
-    if (budget != NULL && !take_amount(budget, times, &options->dial.budget_ns, &ending)) {
+    if (budget != NULL && !umbc_take_amount(budget, times, &options->dial.budget_ns, &ending)) {
         return umbc_usage_error("query: --budget '%s' is not above 0 nanoseconds", budget);
     }
     options->has_dial = error != NULL || budget != NULL;
@@ -372,8 +333,9 @@ static int check_question(const struct umbc_parsed *parsed,
                           const struct umbc_query_options *options)
 {
     static const enum query_option refused[] = {
-        OPTION_NORMALS,  OPTION_TAPS,  OPTION_FOOTPRINT, OPTION_FILTER, OPTION_BIAS,
-        OPTION_ENCODING, OPTION_LEVEL, OPTION_MAX_ERROR, OPTION_BUDGET, OPTION_EXPLAIN};
+        OPTION_NORMALS, OPTION_TAPS,      OPTION_FOOTPRINT, OPTION_FOOTPRINTS, OPTION_EYE,
+        OPTION_PIXEL,   OPTION_FILTER,    OPTION_BIAS,      OPTION_ENCODING,   OPTION_LEVEL,
+        OPTION_BUDGET,  OPTION_MAX_ERROR, OPTION_EXPLAIN};
     static const char *const names[] = {"points", "segments", "columns", "boxes"};
     if (options->question == UMBC_QUESTION_POINTS) {
         return -1;
@@ -426,7 +388,8 @@ static int check_together(const struct umbc_query_options *options)
     if (options->explain && options->encoding != UMBC_ENCODING_TEXT) {
         return umbc_usage_error("query: --explain needs --encoding text");
     }
-    if (options->settings.footprint_m > 0 && !umbc_is_file(options->target)) {
+    if (options->settings.footprint_m > 0 && !umbc_is_file(options->target) &&
+        options->settings.filter != UMB_FILTER_FOOTPRINT) {
         return umbc_usage_error("query: --footprint works on files only, '%s' is an asset",
                                 options->target);
     }
@@ -456,13 +419,16 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
         code = take_formats(&parsed, options);
     }
     if (code < 0 && parsed.values[OPTION_ORIGIN] != NULL) {
-        code = take_origin(parsed.values[OPTION_ORIGIN], options->origin);
+        code = umbc_take_vector("origin", parsed.values[OPTION_ORIGIN], options->origin);
     }
     if (code < 0 && parsed.values[OPTION_BIAS] != NULL) {
-        code = take_bias(parsed.values[OPTION_BIAS], &options->settings);
+        code = umbc_take_bias(parsed.values[OPTION_BIAS], &options->settings);
     }
     if (code < 0) {
         code = take_filter(&parsed, &options->settings);
+    }
+    if (code < 0) {
+        code = take_footprints(&parsed, options);
     }
     if (code < 0) {
         code = take_light_size(parsed.values[OPTION_LIGHT_SIZE], &options->settings);

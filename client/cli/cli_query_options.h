@@ -31,6 +31,7 @@ struct umbc_query_options {
     const char *points; /* file or "-": the records */
     enum umbc_points_format format;
     bool with_normals;
+    const char *footprints;             /* file, one f32 a point, or NULL */
     struct umb_query_settings settings; /* of the first light */
     struct umb_dial dial;               /* chooses level and taps if has_dial */
     bool has_dial;

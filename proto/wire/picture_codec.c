@@ -2,6 +2,7 @@
 /* See picture_codec.h. */
 #include "wire/picture_codec.h"
 
+#include <math.h>
 #include <string.h>
 #include "wire/codec.h"
 
@@ -27,6 +28,16 @@ static enum umb_status check(const struct umbw_query_request *request, struct um
         return umb_fail(error, UMB_E_ARGUMENT, "origin: beside a picture, which has an eye");
     }
     return UMB_OK;
+}
+
+/* Footprints that nothing else says are those of the picture's pixels. */
+static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
+{
+    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+        settings->pixel_rad == 0) {
+        memcpy(settings->eye, picture->eye, sizeof settings->eye);
+        settings->pixel_rad = fmin(2 * tan(picture->fov_y / 2) / picture->height, 1);
+    }
 }
 
 enum umb_status umbw_take_picture(const struct umbw_field_found *field,
@@ -64,7 +75,13 @@ enum umb_status umbw_take_picture(const struct umbw_field_found *field,
     picture->width = p->width;
     picture->height = p->height;
     umbw_message_free(message);
-    return status == UMB_OK ? check(request, error) : status;
+    if (status == UMB_OK) {
+        status = check(request, error);
+    }
+    if (status == UMB_OK) {
+        look_through(picture, &request->settings);
+    }
+    return status;
 }
 
 enum umb_status umbw_put_picture(const struct umbw_query_request *request,

@@ -3,6 +3,7 @@
 #include "wire/proto_scan.h"
 
 #include <string.h>
+#include "wire/codec.h"
 
 #define FIELD_NUMBER_MAX 536870911U /* 2^29 - 1 */
 
@@ -163,4 +164,44 @@ size_t umbw_varint_write(uint64_t value, uint8_t out[10])
     }
     out[length++] = (uint8_t)value;
     return length;
+}
+
+static double load_double(const uint8_t *bytes)
+{
+    uint64_t bits = 0;
+    double value;
+    for (unsigned i = 0; i < 8; i++) {
+        bits |= (uint64_t)bytes[i] << (8 * i);
+    }
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+enum umb_status umbw_scan_vector(const uint8_t *message, size_t size,
+                                 const struct umbw_field *field, double vector[3],
+                                 struct umb_error *error)
+{
+    const uint8_t *at = message;
+    const uint8_t *end = message + size;
+    double values[3] = {0};
+    size_t count = 0;
+    while (at < end) {
+        struct umbw_item item;
+        enum umb_status status = umbw_item_read(message, &at, end, &item, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        if (item.number != field->number) {
+            continue;
+        }
+        if (item.payload_size % sizeof(double) != 0) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "%s: length is %zu bytes, must be a multiple of 8", field->name,
+                            item.payload_size);
+        }
+        for (size_t i = 0; i < item.payload_size; i += sizeof(double), count++) {
+            values[count % 3] = load_double(item.payload + i);
+        }
+    }
+    return umbw_vector_copy(field->name, values, count, vector, error);
 }

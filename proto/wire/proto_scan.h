@@ -92,4 +92,10 @@ UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t
 /* Writes a varint (at most 10 bytes) and returns its length. */
 size_t umbw_varint_write(uint64_t value, uint8_t out[10]);
 
+/* Collects a repeated double of three, packed or not; few messages have one, so it is a walk of its
+ * own. Fails: E_ARGUMENT, naming the field. */
+UMB_CHECKED enum umb_status umbw_scan_vector(const uint8_t *message, size_t size,
+                                             const struct umbw_field *field, double vector[3],
+                                             struct umb_error *error);
+
 #endif

@@ -60,14 +60,29 @@ enum umb_status umbw_query_check_origin(const double origin[3], struct umb_error
 enum umb_status umbw_query_check_filter(int64_t filter, double light_extent,
                                         struct umb_error *error)
 {
-    if (filter < UMB_FILTER_BOX || filter > UMB_FILTER_PENUMBRA) {
+    if (filter < UMB_FILTER_BOX || filter > UMB_FILTER_FOOTPRINT) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "filter: %lld is not one of 0 (BOX), 1 (TENT), 2 (PENUMBRA)",
+                        "filter: %lld is not one of 0 (BOX), 1 (TENT), 2 (PENUMBRA), 3 (FOOTPRINT)",
                         (long long)filter);
     }
     if (!(light_extent >= 0 && light_extent <= UMB_EXTENT_MAX)) {
         return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %.9g is not within 0..%.9g",
                         light_extent, UMB_EXTENT_MAX);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbw_query_check_footprint(const struct umb_query_settings *settings, bool own,
+                                           struct umb_error *error)
+{
+    const bool asked = own || settings->footprint_m != 0 || settings->pixel_rad != 0;
+    if (asked && settings->filter != UMB_FILTER_FOOTPRINT) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "%s: belongs to the filter 3 (FOOTPRINT), this is %d",
+                        own                          ? "footprints"
+                        : settings->footprint_m != 0 ? "footprint_m"
+                                                     : "pixel_rad",
+                        (int)settings->filter);
     }
     return UMB_OK;
 }

@@ -3,6 +3,7 @@
 #define UMBRAGE_WIRE_QUERY_CHECK_H
 /* What both directions of the QueryRequest codec check, in the same words. All fail with
  * E_ARGUMENT, naming the field. */
+#include <stdbool.h>
 #include "wire/messages.h"
 
 UMB_CHECKED enum umb_status umbw_query_check_taps(uint32_t taps, struct umb_error *error);
@@ -21,5 +22,9 @@ UMB_CHECKED enum umb_status umbw_query_check_origin(const double origin[3],
 /* The filter has the same numbers on the wire. */
 UMB_CHECKED enum umb_status umbw_query_check_filter(int64_t filter, double light_extent,
                                                     struct umb_error *error);
+
+/* own: points have footprints. What they hold is checked with the query. */
+UMB_CHECKED enum umb_status umbw_query_check_footprint(const struct umb_query_settings *settings,
+                                                       bool own, struct umb_error *error);
 
 #endif

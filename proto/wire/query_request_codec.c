@@ -40,6 +40,10 @@ enum request_field {
     FIELD_PICTURE,
     FIELD_PACK,
     FIELD_BASE,
+    FIELD_FOOTPRINTS,
+    FIELD_FOOTPRINT,
+    FIELD_EYE,
+    FIELD_PIXEL,
     FIELD_COUNT,
 };
 
@@ -66,6 +70,10 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_PICTURE] = {24, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "picture"},
     [FIELD_PACK] = {25, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "pack"},
     [FIELD_BASE] = {26, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "base_mark"},
+    [FIELD_FOOTPRINTS] = {32, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "footprints"},
+    [FIELD_FOOTPRINT] = {33, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "footprint_m"},
+    [FIELD_EYE] = {34, UMBW_FIELD_PACKED, UMBW_WIRE_FIXED64, "eye"},
+    [FIELD_PIXEL] = {35, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "pixel_rad"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -125,44 +133,6 @@ static double double_of(uint64_t bits)
     return value;
 }
 
-static uint64_t load64(const uint8_t *bytes)
-{
-    uint64_t value = 0;
-    for (unsigned i = 0; i < 8; i++) {
-        value |= (uint64_t)bytes[i] << (8 * i);
-    }
-    return value;
-}
-
-/* Collects a repeated double, packed or not; few requests have one, so it is a walk of its own. */
-static enum umb_status take_origin(const uint8_t *message, size_t size, double origin[3],
-                                   struct umb_error *error)
-{
-    const uint8_t *at = message;
-    const uint8_t *end = message + size;
-    double values[3] = {0};
-    size_t count = 0;
-    while (at < end) {
-        struct umbw_item item;
-        enum umb_status status = umbw_item_read(message, &at, end, &item, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        if (item.number != REQUEST_FIELDS[FIELD_ORIGIN].number) {
-            continue;
-        }
-        if (item.payload_size % sizeof(double) != 0) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "origin: length is %zu bytes, must be a multiple of 8",
-                            item.payload_size);
-        }
-        for (size_t i = 0; i < item.payload_size; i += sizeof(double), count++) {
-            values[count % 3] = double_of(load64(item.payload + i));
-        }
-    }
-    return umbw_vector_copy("origin", values, count, origin, error);
-}
-
 /* Numbers as protobuf has them: the last of a field counts, and no more bits than its type has. */
 static enum umb_status take_settings(const struct umbw_field_found found[FIELD_COUNT],
                                      const uint8_t *message, size_t size,
@@ -199,8 +169,17 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
         status = umbw_query_check_filter(filter, settings->light_extent, error);
         settings->filter = status == UMB_OK ? (enum umb_filter)filter : UMB_FILTER_BOX;
     }
+    settings->footprint_m = double_of(found[FIELD_FOOTPRINT].number);
+    settings->pixel_rad = double_of(found[FIELD_PIXEL].number);
+    if (status == UMB_OK && found[FIELD_EYE].count > 0) {
+        status = umbw_scan_vector(message, size, &REQUEST_FIELDS[FIELD_EYE], settings->eye, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_query_check_footprint(settings, found[FIELD_FOOTPRINTS].size > 0, error);
+    }
     if (status == UMB_OK && found[FIELD_ORIGIN].count > 0) {
-        status = take_origin(message, size, request->points.origin, error);
+        status = umbw_scan_vector(message, size, &REQUEST_FIELDS[FIELD_ORIGIN],
+                                  request->points.origin, error);
     }
     return status == UMB_OK ? umbw_query_check_origin(request->points.origin, error) : status;
 }
@@ -298,6 +277,13 @@ static enum umb_status take_points(const struct umbw_field_found found[FIELD_COU
                         normals->size, points->count * 3 * sizeof(float), points->count);
     }
     points->normals = normals->size > 0 ? normals->bytes : NULL;
+    const struct umbw_field_found *own = &found[FIELD_FOOTPRINTS];
+    if (own->size > 0 && own->size != points->count * sizeof(float)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "footprints: length is %zu bytes, must be 0 or %zu for %zu points",
+                        own->size, points->count * sizeof(float), points->count);
+    }
+    points->footprints = own->size > 0 ? own->bytes : NULL;
     return UMB_OK;
 }
 
@@ -346,6 +332,8 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     message->bias = settings->bias;
     message->filter = (Umbrage__V1__Filter)settings->filter;
     message->light_extent = settings->light_extent;
+    message->footprint_m = settings->footprint_m;
+    message->pixel_rad = settings->pixel_rad;
     message->want_stats = request->want_stats != 0;
     enum umb_status status =
         umbw_query_check_dial(&request->dial, settings->taps, settings->level, error);
@@ -357,6 +345,9 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     }
     if (status == UMB_OK) {
         status = umbw_query_check_filter((int64_t)settings->filter, settings->light_extent, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_query_check_footprint(settings, request->points.footprints != NULL, error);
     }
     if (status == UMB_OK) {
         status = umbw_query_check_origin(request->points.origin, error);
@@ -409,6 +400,9 @@ static enum umb_status put_points(const struct umb_points *points,
     if (points->normals != NULL) {
         message->normals = bytes_view(points->normals, points->count * 3 * sizeof(float));
     }
+    if (points->footprints != NULL) {
+        message->footprints = bytes_view(points->footprints, points->count * sizeof(float));
+    }
     if (message->picture != NULL) {
         return UMB_OK;
     }
@@ -430,7 +424,7 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
 {
     Umbrage__V1__QueryRequest message = UMBRAGE__V1__QUERY_REQUEST__INIT;
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    double origin[3];
+    double origin[3], eye[3];
     enum umb_status status =
         umbw_asset_copy((const uint8_t *)request->asset,
                         strnlen(request->asset, sizeof request->asset), asset, error);
@@ -456,6 +450,11 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
     if (origin[0] != 0 || origin[1] != 0 || origin[2] != 0) {
         message.origin = origin;
         message.n_origin = 3;
+    }
+    memcpy(eye, request->settings.eye, sizeof eye);
+    if (request->settings.pixel_rad > 0) {
+        message.eye = eye;
+        message.n_eye = 3;
     }
     return umbw_message_append(&message.base, buffer, error);
 }

@@ -204,6 +204,8 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     size_t stride = 3 * (points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float));
     part.positions = (const uint8_t *)points->positions + first * stride;
     part.normals = NULL;
+    part.footprints =
+        points->footprints ? (const uint8_t *)points->footprints + first * sizeof(float) : NULL;
     part.count = count;
     return part;
 }

@@ -29,10 +29,12 @@ void umbd_frame_run(const struct umbd_batch *batch, const struct umb_query *quer
         const size_t at = first + done;
         const size_t left = count - done, pixels = left < CHUNK_PIXELS ? left : CHUNK_PIXELS;
         const uint8_t *normals = batch->points.normals;
+        const uint8_t *footprints = batch->points.footprints;
         struct umb_points points = {.positions = positions,
                                     .format = UMB_POINT_F32,
                                     .normals = normals ? normals + 12 * at : NULL,
-                                    .count = pixels};
+                                    .count = pixels,
+                                    .footprints = footprints ? footprints + 4 * at : NULL};
         memcpy(points.origin, picture.eye, sizeof points.origin);
         umb_picture_points(&picture, at, pixels, positions);
         answers->values = values + umb_answer_bytes(format, at);

@@ -22,6 +22,9 @@
 #define PENUMBRA_WORK        32
 #define PENUMBRA_WORK_RADIAN 900.0
 
+/* Look-ups of one tap that a footprint takes: two levels of 32. */
+#define FOOTPRINT_WORK 64
+
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
 static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
 {
@@ -30,6 +33,8 @@ static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
     if (settings->filter == UMB_FILTER_PENUMBRA) {
         const double extent = settings->light_extent < 1 ? settings->light_extent : 1;
         each = PENUMBRA_WORK + (extent > 0 ? (uint64_t)(PENUMBRA_WORK_RADIAN * extent) : 0);
+    } else if (settings->filter == UMB_FILTER_FOOTPRINT) {
+        each = FOOTPRINT_WORK;
     }
     return (uint64_t)count * (each + (taps * taps + 7) / 8);
 }

@@ -115,8 +115,14 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    return umbt_camera_make(&options->camera, &subject, options->width, options->height,
-                            &render->camera, error);
+    status = umbt_camera_make(&options->camera, &subject, options->width, options->height,
+                              &render->camera, error);
+    if (status == UMB_OK && options->settings.filter == UMB_FILTER_FOOTPRINT) {
+        const double rows = (double)options->height * options->aa;
+        status = umbt_source_look(&render->source, render->camera.eye,
+                                  2.0 * render->camera.tan_y / rows, error);
+    }
+    return status;
 }
 
 static enum umb_status frame_make(struct render *render, struct umb_error *error)

@@ -2,6 +2,7 @@
 /* The command line of `render`. */
 #include "study/render_options.h"
 
+#include <stdbool.h>
 #include <string.h>
 #include "study/parallel_for.h"
 #include "study/shadow_source.h"
@@ -28,9 +29,10 @@ const char umbt_render_help[] =
     "  --size WxH           pixels (default 1280x720)\n"
     "  --aa N               N x N samples a pixel, 1 to 3 (default 2; 1 with traced windows)\n"
     "  --light N            the asset's light (default 0)\n"
-    "  --taps N             filter width in texels, odd, 1 to 17 (default 9; of penumbras 1)\n"
-    "  --filter NAME        box (default), tent, or penumbra: half shadows of a light with an\n"
-    "                       extent\n"
+    "  --taps N             filter width in texels, odd, 1 to 17 (default 9; of penumbras and\n"
+    "                       footprints 1)\n"
+    "  --filter NAME        box (default), tent, penumbra (half shadows of a light with an\n"
+    "                       extent), or footprint (what each pixel covers of a surface)\n"
     "  --light-size DEG     for penumbras: the light's angular diameter (default: the asset's)\n"
     "  --bias B             auto, none, 1.5vox or 0.02m (default auto)\n"
     "  --fog D              sunlit fog of extinction D per metre: light shafts, by segment "
@@ -106,20 +108,19 @@ static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_opt
 static enum umb_status filter_parse(const struct raw *raw, struct umb_query_settings *settings,
                                     struct umb_error *error)
 {
-    static const char *const names[] = {"box", "tent", "penumbra"};
+    static const char *const names[] = {"box", "tent", "penumbra", "footprint"};
     size_t found = 0;
     while (raw->filter != NULL && found < sizeof names / sizeof names[0] &&
            strcmp(raw->filter, names[found]) != 0) {
         found++;
     }
     if (found == sizeof names / sizeof names[0]) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--filter: '%.60s' is none of box, tent, penumbra",
-                        raw->filter);
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--filter: '%.60s' is none of box, tent, penumbra, footprint", raw->filter);
     }
     settings->filter = (enum umb_filter)found;
-    settings->taps = raw->taps > 0                             ? (uint32_t)raw->taps
-                     : settings->filter == UMB_FILTER_PENUMBRA ? 1
-                                                               : 9;
+    const bool grows = settings->filter >= UMB_FILTER_PENUMBRA; /* from its taps on */
+    settings->taps = raw->taps > 0 ? (uint32_t)raw->taps : grows ? 1 : 9;
     if (settings->taps % 2 == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--taps: %u is not odd", settings->taps);
     }

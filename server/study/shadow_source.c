@@ -107,11 +107,10 @@ static enum umb_status client_open(struct umbt_source *source, const struct umbt
     } else {
         options.token = text_or_variable(NULL, "UMBRAGE_TOKEN", NULL);
     }
-    return status == UMB_OK
-               ? umb_client_open(
-                     text_or_variable(daemon->address, "UMBRAGE_ADDRESS", DEFAULT_ADDRESS),
-                     &options, &source->client, error)
-               : status;
+    return status == UMB_OK ? umb_client_open(text_or_variable(daemon->address, "UMBRAGE_ADDRESS",
+                                                               DEFAULT_ADDRESS),
+                                              &options, &source->client, error)
+                            : status;
 }
 
 static enum umb_status daemon_open(struct umbt_source *source, const struct umbt_daemon *daemon,
@@ -140,8 +139,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
 
 enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
                                  const struct umbt_daemon *daemon,
-                                 const struct umb_query_settings *settings,
-                                 struct umb_error *error)
+                                 const struct umb_query_settings *settings, struct umb_error *error)
 {
     memset(source, 0, sizeof *source);
     source->name = argument;
@@ -162,6 +160,16 @@ void umbt_source_finish(struct umbt_source *source)
         umb_client_close(source->client);
     }
     memset(source, 0, sizeof *source);
+}
+
+enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3], double pixel_rad,
+                                 struct umb_error *error)
+{
+    memcpy(source->settings.eye, eye, sizeof source->settings.eye);
+    source->settings.pixel_rad = pixel_rad;
+    return source->client != NULL
+               ? UMB_OK
+               : umb_query_prepare(source->asset, &source->settings, &source->query, error);
 }
 
 enum umb_status umbt_source_answer(const struct umbt_source *source, const double *positions,

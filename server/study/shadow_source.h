@@ -49,6 +49,11 @@ UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const c
                                              struct umb_error *error);
 void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */
 
+/* Lets the footprint filter answer for pixels of an angle, in radians, seen from an eye. Fails: as
+ * umb_query_prepare. */
+UMB_CHECKED enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3],
+                                             double pixel_rad, struct umb_error *error);
+
 /*
  * Answers points first .. first + count - 1.
  *

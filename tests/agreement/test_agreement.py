@@ -102,7 +102,11 @@ with test.check("`umbrage query` gives the daemon's answers with the file's bits
         got = test.query_file("city", mixed, "--taps", TAPS, "--normals", "--address", daemon.tcp,
                               *words)
         assert got == expected, words
-with test.check("the daemon agrees on tents and penumbras"):
+with test.check("the daemon agrees on tents, penumbras and footprints"):
+    sides = ut.floats([0.001 * (i % 4000) for i in range(4000)])
+    sides_file = test.path("sides.f32")
+    with open(sides_file, "wb") as file:
+        file.write(sides)
     near = client.describe(M.DescribeRequest(asset="arch"), timeout=30)
     some = ut.random_points(near.bounds_min, near.bounds_max, 4000, SEED)
     single = ut.floats(some)
@@ -110,12 +114,21 @@ with test.check("the daemon agrees on tents and penumbras"):
                           (("--filter", "penumbra"), {"filter": M.FILTER_PENUMBRA}),
                           (("--filter", "penumbra", "--light-size", 11.25),
                            {"filter": M.FILTER_PENUMBRA,
-                            "light_extent": 11.25 * 0.017453292519943295})):
+                            "light_extent": 11.25 * 0.017453292519943295}),
+                          (("--filter", "footprint", "--footprint", 1.5),
+                           {"filter": M.FILTER_FOOTPRINT, "footprint_m": 1.5}),
+                          (("--filter", "footprint", "--eye", "20,30,40", "--pixel", 0.03),
+                           {"filter": M.FILTER_FOOTPRINT, "eye": (20, 30, 40), "pixel_rad": 0.03}),
+                          (("--filter", "footprint", "--footprints", sides_file),
+                           {"filter": M.FILTER_FOOTPRINT, "footprints": sides})):
         from_file = test.query_file(store + "/arch.umb", single, "--taps", 3, *words)
         assert len(set(ut.from_floats(from_file))) > 5, words
         for count in (16, 4000):
+            cut = dict(fields)
+            if "footprints" in cut:
+                cut["footprints"] = sides[:4 * count]
             request = M.QueryRequest(asset="arch", points=single[:12 * count], taps=3,
-                                     format=M.ANSWER_F32, **fields)
+                                     format=M.ANSWER_F32, **cut)
             assert client.query(request, timeout=60).visibility == from_file[:4 * count], words
         assert test.query_file("arch", single, "--taps", 3, "--address", daemon.tcp,
                                *words) == from_file, words

@@ -28,6 +28,7 @@ static void query_everywhere(const struct umb_asset *asset)
     struct umb_query_settings point = {.taps = 1};
     struct umb_query_settings tent = {.taps = 9, .filter = UMB_FILTER_TENT};
     struct umb_query_settings soft = {.filter = UMB_FILTER_PENUMBRA, .light_extent = 0.05};
+    struct umb_query_settings patch = {.filter = UMB_FILTER_FOOTPRINT, .pixel_rad = 0.1};
     struct umb_query query;
     double points[64][3];
     uint8_t values[64];
@@ -56,6 +57,10 @@ static void query_everywhere(const struct umb_asset *asset)
     }
     if (umb_query_prepare(asset, &soft, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 64, &answers);
+    }
+    if (umb_query_prepare(asset, &patch, &query, NULL) == UMB_OK) {
+        umb_query_run(&query, &batch, 0, 8, &answers);
+        umb_query_explain(&query, &batch, 8, &explanation);
     }
 }
 

@@ -106,7 +106,7 @@ double umb_query_bound_m(const struct umb_asset *asset, const struct umb_query_s
 {
     const struct umb_content *content = &asset->canonical.content;
     struct umb_query query;
-    if (settings->filter == UMB_FILTER_PENUMBRA ||
+    if (settings->filter == UMB_FILTER_PENUMBRA || settings->filter == UMB_FILTER_FOOTPRINT ||
         umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {
         return 0;
     }

@@ -95,11 +95,7 @@ static void settle(const struct bracket *b, size_t i, float low, float high)
 static void run_chunk(const struct bracket *b, size_t first, size_t count)
 {
     float low[CHUNK], high[CHUNK];
-    struct umb_points points = *b->points;
-    const size_t scalar = points.format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
-    points.positions = (const uint8_t *)points.positions + 3 * first * scalar;
-    points.normals = points.normals ? (const uint8_t *)points.normals + 12 * first : NULL;
-    points.count = count;
+    const struct umb_points points = umb__some_points(b->points, first, count);
     struct umb_answers below = {.values = low, .stats = b->answers->stats};
     struct umb_answers above = {.values = high};
     umb_query_run(&b->lower, &points, 0, count, &below);
@@ -127,6 +123,10 @@ enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_
             error, UMB_E_UNSUPPORTED,
             "filter: penumbra: more light may widen one, so that a partial asset cannot "
             "tell what it knows; ask the whole");
+    }
+    if (settings->filter == UMB_FILTER_FOOTPRINT) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "filter: footprint: a partial asset tells of windows only; ask the whole");
     }
     enum umb_status status = umb_query_prepare(&p->lower, &floats, &b.lower, error);
     if (status == UMB_OK) {

@@ -30,6 +30,13 @@
 #define UMB__HAS_LEVELS 1
 #endif
 
+/* Patches of surface that pixels cover (kernel_footprint.c). */
+#ifdef UMB_WITHOUT_FOOTPRINTS
+#define UMB__HAS_FOOTPRINTS 0
+#else
+#define UMB__HAS_FOOTPRINTS 1
+#endif
+
 /* Translucent casters (transmittance_stage.c). */
 #ifdef UMB_WITHOUT_TRANSMITTANCE
 #define UMB__HAS_TRANSMITTANCE 0

@@ -2,6 +2,7 @@
 /* The answer of one point, told step by step; the same arithmetic as the kernels. */
 #include <string.h>
 
+#include "query/footprint.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -106,11 +107,7 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     struct umb__query q = *query;
     double p[3], start[3], size[3];
     float value = 0;
-    struct umb_points one = *points;
-    size_t scalar = points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
-    one.positions = (const uint8_t *)points->positions + 3 * index * scalar;
-    one.normals = points->normals ? (const uint8_t *)points->normals + 12 * index : NULL;
-    one.count = 1;
+    struct umb_points one = umb__some_points(points, index, 1);
     struct umb_answers answers = {.values = &value};
     q.format = UMB_ANSWER_F32;
     q.kernel(&q, &one, 0, 1, &answers);
@@ -162,11 +159,36 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     *explanation = e;
 }
 
+/* The window is told as without a footprint; answer and reads are the footprint's. */
+static void explain_footprint(const struct umb__query *q, const struct umb_points *points,
+                              size_t index, struct umb_explanation *explanation)
+{
+    struct umb__query window = *q, whole = *q;
+    struct umb_query opaque = {{0}};
+    const struct umb_points one = umb__some_points(points, index, 1);
+    float value = 0;
+    struct umb_answers answers = {.values = &value};
+    whole.format = UMB_ANSWER_F32;
+    whole.run(&whole, &one, 0, 1, &answers);
+    window.filter = UMB_FILTER_BOX;
+    memcpy(opaque.opaque, &window, sizeof window);
+    umb_query_explain(&opaque, points, index, explanation);
+    explanation->filter = UMB_FILTER_FOOTPRINT;
+    explanation->footprint_m = umb__footprint_of(q, &one, 0);
+    explanation->answer = (double)value;
+    explanation->nodes = (uint32_t)answers.stats.nodes;
+    explanation->bricks = (uint32_t)answers.stats.bricks;
+}
+
 void umb_query_explain(const struct umb_query *query, const struct umb_points *points, size_t index,
                        struct umb_explanation *explanation)
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
+    if (q.filter == UMB_FILTER_FOOTPRINT) {
+        explain_footprint(&q, points, index, explanation);
+        return;
+    }
     if (q.face_count > 0) {
         umb__perspective_explain(&q, points, index, explanation);
     } else {

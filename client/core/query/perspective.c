@@ -68,6 +68,13 @@ static double mean_edge(const struct umb_frustum_info *face, double w)
            3.0;
 }
 
+double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
+{
+    double w;
+    const struct umb_frustum_info *face = &q->faces[face_of(q, p, &w)];
+    return w * (length3(face->voxel_step[0]) + length3(face->voxel_step[1])) / 2.0;
+}
+
 /* Metres along a unit normal. */
 static double bias_length(const struct umb__query *q, uint32_t face, const double from_light[3],
                           const double n[3], double w)

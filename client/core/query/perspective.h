@@ -30,6 +30,10 @@ void umb__perspective_map(const struct umb__query *query, const struct umb_point
 void umb__perspective_face(const struct umb__query *query, uint32_t face,
                            struct umb__query *face_query);
 
+/* Mean edge of a texel across the light at p, metres relative to the asset's origin; 0 or below
+ * where no face looks. */
+double umb__perspective_texel_m(const struct umb__query *query, const double p[3]);
+
 /* As umb_query_run and umb_query_explain promise. */
 void umb__perspective_run(const struct umb__query *query, const struct umb_points *points,
                           size_t first, size_t count, struct umb_answers *answers);

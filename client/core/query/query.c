@@ -2,11 +2,13 @@
 /* Preparing, checking and running queries; see umbrage/query.h. */
 #include "umbrage/query.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "format/asset_parts.h"
 #include "query/effect_switches.h"
+#include "query/footprint.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -56,8 +58,11 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "bias: %g, must be 0 to %g", settings->bias,
                         UMB_BIAS_MAX);
     }
-    if ((unsigned)settings->filter > UMB_FILTER_PENUMBRA) {
+    if ((unsigned)settings->filter > UMB_FILTER_FOOTPRINT) {
         return umb_fail(error, UMB_E_ARGUMENT, "filter: %d, unknown", (int)settings->filter);
+    }
+    if (settings->filter == UMB_FILTER_FOOTPRINT) {
+        return UMB_OK; /* any light, any taps beside any footprint */
     }
     if (settings->footprint_m != 0 && settings->taps != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g beside %u taps; give one of both",
@@ -115,6 +120,36 @@ static enum umb_status check_penumbra(const struct umb_asset *asset,
     return UMB_OK;
 }
 
+/* Footprints: one source of them, and in range. */
+static enum umb_status check_footprint(const struct umb_query_settings *settings,
+                                       struct umb_error *error)
+{
+    const double pixel = settings->pixel_rad, side = settings->footprint_m;
+    if (settings->filter != UMB_FILTER_FOOTPRINT) {
+        return pixel == 0 ? UMB_OK
+                          : umb_fail(error, UMB_E_ARGUMENT,
+                                     "pixel_rad: %g belongs to the footprint filter", pixel);
+    }
+    if (!(pixel >= 0 && pixel <= 1)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "pixel_rad: %g, must be 0 to 1", pixel);
+    }
+    if (!(side >= 0 && side <= UMB_FOOTPRINT_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g, must be 0 to %g", side,
+                        UMB_FOOTPRINT_MAX);
+    }
+    if (pixel > 0 && side > 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "footprint_m: %g beside pixels of %g rad; give one of both", side, pixel);
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        if (!isfinite(settings->eye[axis])) {
+            return umb_fail(error, UMB_E_ARGUMENT, "eye.%c: %g, must be finite", "xyz"[axis],
+                            settings -> eye[axis]);
+        }
+    }
+    return UMB_OK;
+}
+
 /* Coarse look-ups: one tap of parallel light, and a level that every layout of the file has. */
 static enum umb_status check_level(const struct umb_asset *asset,
                                    const struct umb_query_settings *settings,
@@ -151,7 +186,7 @@ static enum umb_status choose_taps(const struct umb_query_settings *settings,
                                    struct umb_error *error)
 {
     *taps = settings->taps ? (int32_t)settings->taps : 1;
-    if (settings->footprint_m == 0) {
+    if (settings->footprint_m == 0 || settings->filter == UMB_FILTER_FOOTPRINT) {
         return UMB_OK;
     }
     double texel_m = (length3(frustum->voxel_step[0]) + length3(frustum->voxel_step[1])) / 2;
@@ -272,6 +307,30 @@ static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
     return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel();
 }
 
+/* What footprints need to know of the eye and of the frustum. */
+static void set_footprint(struct umb__query *q, const struct umb_asset *asset,
+                          const struct umb_query_settings *settings)
+{
+    q->run = umb__footprint_run;
+    q->footprint_m = settings->footprint_m;
+    q->pixel_rad = settings->pixel_rad;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        q->eye[axis] = settings->eye[axis] - asset->canonical.content.origin[axis];
+    }
+    q->texel_m = (length3(q->voxel_step[0]) + length3(q->voxel_step[1])) / 2;
+    q->sample_no_normal_m =
+        settings->bias_mode == UMB_BIAS_AUTO ? bias_without_normal(q, 1) : q->no_normal_m;
+}
+
+/* What answers a batch of windows: the stages of a query, outermost first. */
+static umb__kernel_fn choose_run(const struct umb__query *q)
+{
+    if (UMB__HAS_TRANSMITTANCE && q->trans != NULL) {
+        return umb__transmittance_run;
+    }
+    return UMB__HAS_FACES && q->face_count > 0 ? umb__perspective_run : q->kernel;
+}
+
 enum umb_status umb_query_prepare(const struct umb_asset *asset,
                                   const struct umb_query_settings *settings,
                                   struct umb_query *query, struct umb_error *error)
@@ -283,6 +342,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     }
     if (status == UMB_OK) {
         status = check_penumbra(asset, settings, error);
+    }
+    if (status == UMB_OK) {
+        status = check_footprint(settings, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -326,6 +388,10 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         }
     } else {
         set_faces(&q, asset, settings);
+    }
+    q.run = q.window_run = choose_run(&q);
+    if (UMB__HAS_FOOTPRINTS && settings->filter == UMB_FILTER_FOOTPRINT) {
+        set_footprint(&q, asset, settings);
     }
     memcpy(query->opaque, &q, sizeof q);
     return UMB_OK;
@@ -404,6 +470,14 @@ enum umb_status umb_points_check(const struct umb_points *points, struct umb_err
             }
         }
     }
+    for (size_t i = 0; points->footprints != NULL && i < points->count; i++) {
+        float side;
+        memcpy(&side, (const uint8_t *)points->footprints + i * sizeof side, sizeof side);
+        if (!(side >= 0 && side <= FLT_MAX)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "footprints[%zu]: %g, must be finite and not below 0", i, (double)side);
+        }
+    }
     return UMB_OK;
 }
 
@@ -412,13 +486,7 @@ void umb_query_run(const struct umb_query *query, const struct umb_points *point
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    if (UMB__HAS_TRANSMITTANCE && q.trans != NULL) {
-        umb__transmittance_run(&q, points, first, count, answers);
-    } else if (UMB__HAS_FACES && q.face_count > 0) {
-        umb__perspective_run(&q, points, first, count, answers);
-    } else {
-        q.kernel(&q, points, first, count, answers);
-    }
+    q.run(&q, points, first, count, answers);
 }
 
 size_t umb_answer_bytes(enum umb_answer_format format, size_t count)

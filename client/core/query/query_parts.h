@@ -20,7 +20,9 @@ typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_
 
 /* What struct umb_query holds. */
 struct umb__query {
-    umb__kernel_fn kernel;
+    umb__kernel_fn run;          /* answers a batch: the outermost stage (query.c) */
+    umb__kernel_fn window_run;   /* the same without footprints */
+    umb__kernel_fn kernel;       /* answers points of parallel light, or of one face */
     const uint32_t *grid;        /* of the light's frustum */
     const struct umb__column *columns; /* likewise */
     const uint32_t *pieces;      /* likewise */
@@ -46,6 +48,11 @@ struct umb__query {
                                     voxel of depth */
     const uint32_t *front;       /* format/front.h; NULL: open, columns stay shadowed */
     uint32_t front_root;         /* of the frustum */
+    /* Footprints (footprint.h). */
+    double footprint_m;          /* of points without one of their own, where pixel_rad is 0 */
+    double eye[3], pixel_rad;    /* relative to the asset's origin */
+    double texel_m;              /* mean edge of a texel; of parallel light */
+    double sample_no_normal_m;   /* no_normal_m of one tap */
     /* Spot and point lights (perspective.h); the fields about one frustum are not set then. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
@@ -96,6 +103,20 @@ static inline double umb__coordinate(const struct umb_points *points, size_t i, 
     memcpy(&value, (const uint8_t *)points->positions + (3 * i + axis) * sizeof value,
            sizeof value);
     return value;
+}
+
+/* Points first .. first + count - 1 of a batch, as a batch. */
+static inline struct umb_points umb__some_points(const struct umb_points *points, size_t first,
+                                                 size_t count)
+{
+    const size_t scalar = points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
+    struct umb_points some = *points;
+    some.positions = (const uint8_t *)points->positions + 3 * first * scalar;
+    some.normals = points->normals ? (const uint8_t *)points->normals + 12 * first : NULL;
+    some.footprints =
+        points->footprints ? (const uint8_t *)points->footprints + 4 * first : NULL;
+    some.count = count;
+    return some;
 }
 
 /*

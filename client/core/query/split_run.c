@@ -6,16 +6,16 @@
  * Slices take some 0.2 to 0.5 ms each: long against handing one out, short against waiting for the
  * last. All are multiples of 512 points, whose answers fill whole cache lines in every format.
  */
-#define SLICE_POINTS    8192U
-#define PENUMBRA_POINTS 512U /* of 0.3 to 5 us each */
+#define SLICE_POINTS 8192U
+#define WIDE_POINTS  512U /* penumbras of 0.3 to 5 us each, footprints of up to 4 */
 
 size_t umb_query_slice(const struct umb_query *query)
 {
     uint32_t taps = umb_query_taps(query);
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    if (q.filter == UMB_FILTER_PENUMBRA) {
-        return PENUMBRA_POINTS;
+    if (q.filter == UMB_FILTER_PENUMBRA || q.filter == UMB_FILTER_FOOTPRINT) {
+        return WIDE_POINTS;
     }
     return taps <= 5 ? SLICE_POINTS : taps <= 9 ? SLICE_POINTS / 2 : SLICE_POINTS / 4;
 }

@@ -49,8 +49,8 @@ UMB_API double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint3
                                    uint32_t taps);
 
 /* Returns the bound of settings that umb_query_prepare accepts, whatever their bias; the largest of
- * a light's frusta. 0 for a light that the asset does not have, and for penumbras: their windows
- * are as wide as each point needs, and no bound is stated. */
+ * a light's frusta. 0 for a light that the asset does not have, and for penumbras and footprints:
+ * they are as wide as each point needs, and no bound is stated. */
 UMB_API double umb_query_bound_m(const struct umb_asset *asset,
                                  const struct umb_query_settings *settings);
 

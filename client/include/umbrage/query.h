@@ -69,7 +69,17 @@ enum umb_filter {
      * width. Directional lights that have an extent; under the closed rule assets with the effect
      * `front`. The widest penumbra is UMB_PENUMBRA_TAPS_MAX texels. */
     UMB_FILTER_PENUMBRA = 2,
+    /* As much of the receiver's surface as a pixel sees, or as each point says: up to `taps` texels
+     * the box; wider ones are squares of the surface around the point, looked up by 32 taps a level
+     * of detail and interpolated between two levels, each twice as wide as the one below. So far
+     * points neither sparkle nor switch: answers of footprints f1 < f2 differ by at most
+     * 2 (f2 - f1) / f1. With automatic bias the square is lifted towards the light by half its
+     * side, so that what the surface does within a pixel casts no shadow. */
+    UMB_FILTER_FOOTPRINT = 3,
 };
+
+#define UMB_FOOTPRINT_MAX       1e6 /* metres: what is wider counts as this wide */
+#define UMB_FOOTPRINT_LEVEL_MAX 40  /* levels of detail above the window */
 
 #define UMB_PENUMBRA_TAPS_MAX 2047 /* texels: a light wider makes penumbras as wide as this */
 #define UMB_EXTENT_MAX        1.0  /* radians: widest light, 57.3 degrees */
@@ -93,8 +103,10 @@ struct umb_query_settings {
     double bias; /* for VOXELS and METRES: finite, 0..1e6 */
     enum umb_answer_format format;
     enum umb_filter filter;
-    /* Width of the window in metres across the light, instead of taps: takes the odd number of
-     * texels nearest to it. 0: taps decides. Directional lights only. */
+    /* Of the box and the tent: width of the window in metres across the light, instead of taps:
+     * takes the odd number of texels nearest to it. 0: taps decides. Directional lights only.
+     * UMB_FILTER_FOOTPRINT: side of the square of surface around each point, metres, 0 to
+     * UMB_FOOTPRINT_MAX, beside taps; of points that have no footprint of their own. */
     double footprint_m;
     /* Where look-ups stop: 0 at the voxel, else at cells of 1 << level voxels a side, which answer
      * 0, 1 or, where a boundary runs through them, one half. Fewer nodes are read, and the answer
@@ -108,6 +120,11 @@ struct umb_query_settings {
      * multiplied by the light that they leave, a mean over a box as wide as the window, but no
      * narrower than their map's texels (docs/effects.md). */
     int opaque_only;
+    /* For UMB_FILTER_FOOTPRINT instead of footprint_m: an eye in world space, metres, and the angle
+     * of its pixels in radians, up to 1; 0: none. A point's square then has the area that a pixel
+     * covers of its surface: side = pixel_rad * distance / sqrt(c), c the cosine between normal and
+     * the way to the eye, at least 1/16 (1 without a normal). */
+    double eye[3], pixel_rad;
 };
 
 /*
@@ -122,6 +139,8 @@ struct umb_points {
     const void *normals; /* float[3*count], world space, unit length or longer than 0; or NULL.
                             A zero or not finite normal counts as no normal for that point. */
     size_t count;
+    const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
+                                UMB_FILTER_FOOTPRINT reads them; they come before the settings'. */
 };
 
 /* What a run adds up; zero it before the first run. */
@@ -166,11 +185,12 @@ UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *as
 UMB_API uint32_t umb_query_taps(const struct umb_query *query);
 
 /*
- * Checks that a batch may be run: every position and the origin finite.
+ * Checks that a batch may be run: every position and the origin finite, footprints finite and not
+ * below 0.
  *
  * In:    points: count * 12 or count * 24 bytes of positions, which must be there. Normals are not
  *        looked at: any bits are safe.
- * Fails: E_ARGUMENT, naming the index and the value of the first bad coordinate.
+ * Fails: E_ARGUMENT, naming the index and the value of the first bad coordinate or footprint.
  * Threads: any.
  * Cost:  one pass over the positions, no allocation.
  */
@@ -241,14 +261,15 @@ struct umb_explanation {
     int64_t cell[3];                          /* voxel index after flooring and clamping of z */
     double voxel_size_m;                      /* mean edge of the voxel (cell) that answered, m */
     double answer;                            /* 0..1 */
-    double transmittance; /* what translucent casters left, a factor of the answer; 1: all */
-    uint32_t level;                           /* where the look-up stopped; 0: at the voxel */
-    uint32_t lit_taps, taps;                  /* of taps * taps; of coarse look-ups 1 if all lit */
+    double transmittance;    /* what translucent casters left, a factor of the answer; 1: all */
+    uint32_t level;          /* where the look-up stopped; 0: at the voxel */
+    uint32_t lit_taps, taps; /* of taps * taps; of coarse look-ups 1 if all lit */
     enum umb_bias_mode bias_mode;
     int has_normal;    /* 1: the point moved along its normal; 0: towards the light */
     double cosine;     /* of the angle between normal and light, -1..1; 0 without a normal */
     int64_t window[2]; /* voxel x, y of the window's first texel */
     enum umb_filter filter;
+    double footprint_m; /* of UMB_FILTER_FOOTPRINT: the point's; the rest tells of its window */
     uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
     uint32_t nodes, bricks; /* read */

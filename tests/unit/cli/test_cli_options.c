@@ -201,6 +201,15 @@ static void questions_and_lists_of_lights_are_taken(void **state)
     assert_int_equal(parsed.settings.taps, 0);
     assert_true(parsed.settings.footprint_m == 0.5);
     assert_int_equal(parsed.settings.filter, UMB_FILTER_TENT);
+    assert_int_equal(query("query a --points p --filter footprint --taps 5 --footprint 2", &parsed),
+                     -1);
+    assert_int_equal(parsed.settings.taps, 5);
+    assert_true(parsed.settings.footprint_m == 2);
+    assert_int_equal(
+        query("query a --points p --filter footprint --eye 1,2,3 --pixel 0.01", &parsed), -1);
+    assert_true(parsed.settings.eye[2] == 3 && parsed.settings.pixel_rad == 0.01);
+    assert_int_equal(query("query a --points p --filter footprint --footprints f", &parsed), -1);
+    assert_string_equal(parsed.footprints, "f");
     assert_int_equal(query("query a --points p", &parsed), -1);
     assert_int_equal(parsed.light_count, 1);
 }
@@ -237,6 +246,13 @@ static void bad_query_options_are_usage_errors(void **state)
         "query a.umb --points p --footprint 0",
         "query a.umb --points p --footprint x",
         "query a.umb --points p --filter gauss",
+        "query a.umb --points p --filter footprint",
+        "query a.umb --points p --filter footprint --eye 1,2,3",
+        "query a.umb --points p --filter footprint --eye 1,2 --pixel 0.1",
+        "query a.umb --points p --filter footprint --eye 1,2,3 --pixel 2",
+        "query a.umb --points p --filter footprint --footprint 1 --footprints f",
+        "query a.umb --points p --eye 1,2,3 --pixel 0.1",
+        "query a.umb --segments p --pixel 0.1",
         "query a.umb --points p --max-error 0",
         "query a.umb --points p --max-error 1km",
         "query a.umb --points p --max-error m",

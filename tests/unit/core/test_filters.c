@@ -117,7 +117,7 @@ static void footprints_take_the_nearest_odd_number_of_texels(void **state)
     }
     struct umb_query_settings wide = {.footprint_m = 4.6}, both = {.taps = 3, .footprint_m = 1};
     struct umb_query_settings below = {.footprint_m = -1}, nan = {.footprint_m = NAN};
-    struct umb_query_settings other = {.filter = (enum umb_filter)3};
+    struct umb_query_settings other = {.filter = (enum umb_filter)4};
     assert_int_equal(umb_query_prepare(f.asset, &wide, &query, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "footprint_m: 4.6, must be above 0 and at most 4.5"));
     assert_int_equal(umb_query_prepare(f.asset, &both, &query, &error), UMB_E_ARGUMENT);

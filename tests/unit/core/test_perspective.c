@@ -188,6 +188,19 @@ static void a_plane_never_shadows_itself_across_faces(void **state)
                 }
             }
         }
+        for (double side = 0.25; side <= 4; side *= 2) {
+            float values[POINTS];
+            struct umb_answers answers = {.values = values};
+            const struct umb_points points = batch(1);
+            run(asset,
+                &(struct umb_query_settings){.filter = UMB_FILTER_FOOTPRINT, .footprint_m = side},
+                &points, &answers);
+            for (size_t i = 0; i < POINTS; i++) {
+                if (values[i] != 1.0F) {
+                    fail_msg("plane %d, %g m, point %zu: %g", n, side, i, (double)values[i]);
+                }
+            }
+        }
         umb_asset_close(asset);
     }
 }
