@@ -121,12 +121,14 @@ static void numbers_are_whole_decimals_or_nothing(void **state)
 static void files_are_told_from_assets(void **state)
 {
     (void)state;
-    assert_true(umbc_is_file("a/b"));
+    assert_true(umbc_is_file("./a"));
+    assert_true(umbc_is_file("a/b/c"));
     assert_true(umbc_is_file("missing.umb"));
     assert_true(umbc_is_file("missing.umbm"));
-    assert_false(umbc_is_file(".umb"));
+    assert_true(umbc_is_file(".umb")); /* what no asset can be called */
+    assert_true(umbc_is_file(""));
     assert_false(umbc_is_file("city"));
-    assert_false(umbc_is_file(""));
+    assert_false(umbc_is_file("city/latest"));
     assert_false(umbc_is_file("tests")); /* a folder is no asset file */
 }
 
