@@ -150,8 +150,10 @@ struct umb_query_stats {
     uint64_t before;      /* before the first voxel in z: lit */
     uint64_t behind;      /* behind the last voxel in z: clamped */
     uint64_t facing_away; /* shadowed by their normal */
-    uint64_t nodes;       /* cells, columns and nodes read; 1 for a window that the grid settles */
-    uint64_t bricks;      /* bricks read */
+    /* What was read. Points of a run that lie together share what they read, so that these two
+     * depend on how a batch is cut; the others and the answers do not. */
+    uint64_t nodes; /* cells, columns and nodes; 1 for a window that the grid settles */
+    uint64_t bricks;
 };
 
 struct umb_answers {

@@ -58,7 +58,9 @@ static void one_call_gives_the_bits_of_one_run_for_each_light(void **state)
         struct umb_answers one = {.values = alone};
         umb_query_run(&queries[k], &points, 0, POINTS, &one);
         assert_memory_equal(alone, together[k], sizeof alone);
-        assert_memory_equal(&one.stats, &stats[k], sizeof stats[k]);
+        /* What is read depends on which neighbours a run has; what is answered does not. */
+        assert_memory_equal(&one.stats, &stats[k], offsetof(struct umb_query_stats, nodes));
+        assert_true(stats[k].nodes > 0 && stats[k].bricks > 0);
     }
     assert_memory_not_equal(together[0], together[1], sizeof together[0]);
     umb_query_run_lights(queries, 0, &points, 0, POINTS, &answers); /* no light, no answer */
