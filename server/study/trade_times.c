@@ -19,7 +19,7 @@
 /* What all threads do: so much that starting them hardly counts, but no more than so many points,
  * views and seconds of one thread. */
 #define ALL_POINTS 1000000U
-#define ALL_PASSES 64U
+#define ALL_PASSES 32U
 #define ALL_S      0.02
 #define ATTEMPTS   4 /* at times that do not spread too far */
 

@@ -50,12 +50,13 @@ same() {
 }
 
 # try CODE PROGRAM ARGUMENT...: runs a program of the build, output in $folder/out and $folder/err,
-# and demands the exit code.
+# and demands the exit code. One that hangs is ended after $limit seconds.
+limit=120
 try() {
     wanted=$1
     program=$2
     shift 2
-    timeout 120 "$BUILD/$program" "$@" >"$folder/out" 2>"$folder/err" </dev/null
+    timeout "$limit" "$BUILD/$program" "$@" >"$folder/out" 2>"$folder/err" </dev/null
     code=$?
     if [ $code -eq "$wanted" ]; then
         ok "$program $* exits with $wanted"
