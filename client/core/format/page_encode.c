@@ -279,7 +279,7 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct
     for (uint32_t level = w.level_high; level >= w.level_low && level > UMB_LEVEL_BRICK; level--) {
         write_nodes(&w, level);
     }
-    if (w.level_low == UMB_LEVEL_BRICK) {
+    if (w.level_low == UMB_LEVEL_BRICK && !w.failed) {
         write_bricks(&w);
     }
     if (w.failed) {
