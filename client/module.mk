@@ -22,7 +22,7 @@ CLI_LIBS := -lcurl
 
 # Numerics: the sanitizers also watch floats that do not fit an integer and divisions by zero.
 FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
-$(BUILD)/client/core/maps/%.o $(BUILD)/client/core/deep/%.o: CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+$(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)

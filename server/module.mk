@@ -42,6 +42,9 @@ $(BUILD)/gen/trade_template.o: $(BUILD)/gen/trade_template.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
+# As in the core.
+$(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(BUILD)/server/common/%.o: CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+
 $(COMMON_LIB): $(COMMON_OBJ)
 $(RAYS_LIB): $(RAYS_OBJ)
 $(JOBS_LIB): $(JOBS_OBJ)

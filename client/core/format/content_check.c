@@ -66,6 +66,9 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
     }
     const double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     const double rate = (m[2][0] * w[0] + m[2][1] * w[1] + m[2][2] * w[2]) / square;
+    if (!(rate > 0)) {
+        return false;
+    }
     for (int k = 0; k < 3; k++) {
         step[2][k] = w[k] / square / rate;
         /* Depth must follow W alone; doubles leave about 1e-16. */
@@ -73,7 +76,7 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
             return false;
         }
     }
-    return rate > 0 && all_finite(step[2], 3);
+    return all_finite(step[2], 3);
 }
 
 static enum umb_status check_light(const struct umb_content *content, uint32_t i,

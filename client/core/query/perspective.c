@@ -166,7 +166,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     }
     s->face = face_of(q, p, &w);
     for (unsigned axis = 0; axis < 3; axis++) {
-        direction[axis] = has_normal ? n[axis] : -from_light[axis] / distance;
+        direction[axis] = has_normal ? n[axis] : distance > 0 ? -from_light[axis] / distance : 0;
     }
     /* Where the move leads into another face, that face's voxels count as well. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {

@@ -165,7 +165,7 @@ static struct axis make_axis(double start, double slope, uint32_t log2_size, boo
 {
     struct axis axis = {.start = start,
                         .slope = slope,
-                        .inverse = 1 / slope,
+                        .inverse = slope != 0 ? 1 / slope : INFINITY,
                         .last = ((int32_t)1 << log2_size) - 1,
                         .endless = endless};
     axis.step = !isfinite(axis.inverse) ? 0 : slope > 0 ? 1 : -1;
