@@ -62,12 +62,12 @@ struct umbb_options {
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
-    int front;           /* effect `front`, where the closed rule holds */
-    int front_refused;   /* `front` was said to be off */
-    int opaque_cut_outs; /* effect `cut-out` switched off */
+    int front;               /* effect `front`, where the closed rule holds */
+    int front_refused;       /* `front` was said to be off */
+    int opaque_cut_outs;     /* effect `cut-out` switched off */
+    int opaque_translucents; /* effect `transmittance` switched off */
     enum umbb_penumbra_mode penumbra;
-    uint32_t effects_off; /* enum umbb_missing_effect that --effect switched off */
-    unsigned threads;     /* 1.. */
+    unsigned threads; /* 1.. */
     uint64_t memory_bytes;
     uint32_t tile_log2;
     int tile_given; /* --tile was typed */

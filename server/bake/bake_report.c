@@ -33,6 +33,11 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
         fprintf(to, ", %llu", (unsigned long long)r->publish->info.level_nodes[level]);
     }
     fprintf(to, "\n");
+    if (r->transmittance_level > 0) {
+        fprintf(to, "translucent %zu triangles, maps of %u texels a side, %llu bytes\n",
+                a->translucent_count, 1U << r->transmittance_level,
+                (unsigned long long)r->publish->info.transmittance_bytes);
+    }
     if (r->options->cache != NULL) {
         fprintf(to, "tiles       %llu of %u texels a side, %llu of them from the cache\n",
                 (unsigned long long)r->figures.tiles, 1U << r->tile_log2,
@@ -77,6 +82,12 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     umbs_json_text(to, r->options->output);
     fputc(',', to);
     print_scene_json(to, r);
+    fprintf(to,
+            "\"translucent_triangles\":%zu,\"transmittance_texels\":%u,"
+            "\"transmittance_bytes\":%llu,",
+            r->analysis->translucent_count,
+            r->transmittance_level > 0 ? 1U << r->transmittance_level : 0U,
+            (unsigned long long)info->transmittance_bytes);
     fprintf(to,
             "\"bytes\":%llu,\"share_of_shadow_map\":%.9g,\"memory_bytes\":%llu,\"level_nodes\":{",
             (unsigned long long)r->publish->bytes, (double)r->publish->bytes / shadow_map_bytes(r),

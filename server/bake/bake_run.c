@@ -16,6 +16,7 @@
 #include "bake/analysis/plan.h"
 #include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
+#include "bake/bake_transmittance.h"
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
@@ -34,6 +35,7 @@ struct run {
     char *plan, *settings;
     struct umb_octree octree;
     struct umbb_front_words front;
+    struct umb_trans_bytes transmittance;
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_keeping keeping; /* where tiles are kept; folder of its cache NULL: nowhere */
@@ -258,6 +260,10 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .front = run->options->front && run->analysis.closed_rule ? &run->front : NULL,
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
+    if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
+        status = umbb_transmittance_bake(&run->analysis, o, &run->transmittance,
+                                         &run->report.transmittance_level, error);
+    }
     run->report.seconds_bake = umbb_clock_s() - start;
     if (status == UMB_E_CANCELLED && job.keeping != NULL && o->task != UMBB_TASK_MERGE) {
         return umb_fail(error, status,
@@ -296,13 +302,15 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
         .settings = run->settings,
         .front = run->front.words,
         .front_words = run->front.count,
+        .transmittance = run->transmittance.data,
+        .transmittance_bytes = run->transmittance.count,
         .notes = notes,
     };
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
     run->publish.threads = run->options->threads;
     enum umb_status status = umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
-    if (status == UMB_OK) {
+    if (status == UMB_OK && run->analysis.count > 0) {
         status = umbb_curve_add(&run->analysis, &run->octree, &content, error);
     }
     if (status == UMB_OK) {
@@ -318,7 +326,8 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
 {
     const double start = umbb_clock_s();
     umbb_progress_phase("verify");
-    if (run->options->verify_points > 0) {
+    const uint64_t points = run->analysis.count > 0 ? run->options->verify_points : 0;
+    if (points > 0) {
         const enum umb_status status =
             umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
         if (status != UMB_OK) {
@@ -334,7 +343,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .open_on_word = run->options->closed == UMBB_CLOSED_ON
                             ? run->analysis.part_count - run->analysis.closed_part_count
                             : 0,
-        .points = run->options->verify_points,
+        .points = points,
         .threads = run->options->threads,
         .quiet = run->options->quiet,
         .max_memory_bytes = run->check_max_bytes,
@@ -447,6 +456,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     umbb_publish_abandon(&run.publish);
     umb_octree_finish(&run.octree);
     umb_front_words_free(NULL, run.front.words);
+    umb_trans_bytes_finish(&run.transmittance);
     umbb_tile_keeping_close(&run.keeping);
     free(run.plan);
     free(run.settings);

@@ -17,20 +17,19 @@ enum decider {
 static const struct {
     const char *name;
     enum decider decider;
-    const char *where;    /* BY_SCENE: what it follows from */
-    uint32_t missing_bit; /* BY_VERSION: enum umbb_missing_effect, if a scene may call for it */
+    const char *where; /* BY_SCENE: what it follows from */
 } effects[] = {
-    {"closed", BY_CALLER, NULL, 0},
-    {"front", BY_CALLER, NULL, 0},
-    {"origin", BY_SCENE, "the coordinates and the size of a voxel (--resolution)", 0},
-    {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)", 0},
-    {"faces", BY_SCENE, "the lights (--point, --spot, --light)", 0},
-    {"penumbra", BY_CALLER, NULL, 0},
-    {"cut-out", BY_CALLER, NULL, 0},
-    {"transmittance", BY_VERSION, NULL, UMBB_MISSING_TRANSMITTANCE},
-    {"static", BY_VERSION, NULL, 0},
-    {"mraa", BY_VERSION, NULL, 0},
-    {"voaa", BY_VERSION, NULL, 0},
+    {"closed", BY_CALLER, NULL},
+    {"front", BY_CALLER, NULL},
+    {"origin", BY_SCENE, "the coordinates and the size of a voxel (--resolution)"},
+    {"suns", BY_SCENE, "the lights (--sun, --sun-path, --light)"},
+    {"faces", BY_SCENE, "the lights (--point, --spot, --light)"},
+    {"penumbra", BY_CALLER, NULL},
+    {"cut-out", BY_CALLER, NULL},
+    {"transmittance", BY_CALLER, NULL},
+    {"static", BY_VERSION, NULL},
+    {"mraa", BY_VERSION, NULL},
+    {"voaa", BY_VERSION, NULL},
 };
 
 /* Sets an effect that the caller decides. */
@@ -41,6 +40,8 @@ static void decide(struct umbb_options *options, const char *name, int on)
         options->front_refused = !on;
     } else if (strcmp(name, "cut-out") == 0) {
         options->opaque_cut_outs = !on;
+    } else if (strcmp(name, "transmittance") == 0) {
+        options->opaque_translucents = !on;
     } else if (strcmp(name, "penumbra") == 0) {
         options->penumbra = on ? UMBB_PENUMBRA_ON : UMBB_PENUMBRA_OFF;
     } else {
@@ -64,8 +65,8 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     }
     if (i == count) {
         return umbb_option_refuse(error, option, value,
-                                  "an effect: closed, front, penumbra, cut-out; off also for "
-                                  "transmittance, static, mraa, voaa");
+                                  "an effect: closed, front, penumbra, cut-out, transmittance; off "
+                                  "also for static, mraa, voaa");
     }
     if (effects[i].decider == BY_SCENE) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': the effect follows from %s", option,
@@ -75,9 +76,7 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
         return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': this version does not have the effect",
                         option, value);
     }
-    if (effects[i].decider == BY_VERSION) {
-        options->effects_off |= effects[i].missing_bit;
-    } else {
+    if (effects[i].decider == BY_CALLER) {
         decide(options, effects[i].name, on);
     }
     return UMB_OK;

@@ -19,11 +19,6 @@ enum umbb_penumbra_mode {
     UMBB_PENUMBRA_OFF,      /* the asset's lights get no extent: queries have no penumbras */
 };
 
-/* Effects that this version does not have and that a scene may call for; bits of effects_off. */
-enum umbb_missing_effect {
-    UMBB_MISSING_TRANSMITTANCE = 4,
-};
-
 /* Reads --effect NAME=on|off. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbb_effect_set(struct umbb_options *options, const char *option,
                                             const char *value, struct umb_error *error);

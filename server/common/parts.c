@@ -30,14 +30,14 @@ enum {
 struct finder {
     const double (*corners)[3][3];
     uint32_t count;
-    uint32_t *vertex_of;   /* [3 * count] */
+    uint32_t *vertex_of; /* [3 * count] */
     uint32_t vertex_count;
-    uint32_t *bucket;      /* [vertex_count + 1], where a vertex's entries start */
-    uint64_t *entries;     /* [bucket[vertex_count]]: higher vertex << 32 | half-edge */
-    uint32_t *parent;      /* [count], forest; the triangle itself if degenerate */
-    uint64_t *scratch;     /* for long runs */
+    uint32_t *bucket;  /* [vertex_count + 1], where a vertex's entries start */
+    uint64_t *entries; /* [bucket[vertex_count]]: higher vertex << 32 | half-edge */
+    uint32_t *parent;  /* [count], forest; the triangle itself if degenerate */
+    uint64_t *scratch; /* for long runs */
     size_t scratch_capacity;
-    uint32_t *first_bad;   /* [part_count], lowest half-edge on a bad edge, UINT32_MAX = none */
+    uint32_t *first_bad; /* [part_count], lowest half-edge on a bad edge, UINT32_MAX = none */
 };
 
 static uint32_t edge_from(const struct finder *f, uint32_t half_edge)
@@ -452,8 +452,10 @@ void umbs_part_reason(const struct umbs_part *part, char *text, size_t size)
         return;
     }
     if (kinds[0].count + kinds[1].count + kinds[2].count == 0) {
-        (void)snprintf(text, size, "%zu triangle%s with holes by alpha", part->cut_triangles,
-                       part->cut_triangles == 1 ? "" : "s");
+        const int holes = part->cut_triangles > 0;
+        const size_t count = holes ? part->cut_triangles : part->translucent_triangles;
+        (void)snprintf(text, size, "%zu triangle%s %s", count, count == 1 ? "" : "s",
+                       holes ? "with holes by alpha" : "that let light through");
         return;
     }
     size_t used = 0;

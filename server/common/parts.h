@@ -26,17 +26,18 @@ struct umbs_part {
     size_t inconsistent_edges; /* used twice in the same direction */
     double volume;             /* signed, cubic metres, relative to the box's centre */
     struct umb_box box;
-    double hole[3];            /* a point on the first bad edge (its midpoint), if not closed */
-    size_t cut_triangles;      /* with holes (umbs_cuts_open_parts) */
+    double hole[3];               /* a point on the first bad edge (its midpoint), if not closed */
+    size_t cut_triangles;         /* with holes (umbs_cuts_open_parts) */
+    size_t translucent_triangles; /* that let light through (the same) */
     int closed;
     int flipped;
 };
 
 struct umbs_parts {
     size_t part_count;
-    struct umbs_part *parts;    /* [part_count], in order of their first triangle */
-    uint32_t *part_of;          /* uint32[count], UINT32_MAX for degenerate triangles */
-    uint8_t *closed;            /* uint8[count], 1 if in a closed part */
+    struct umbs_part *parts; /* [part_count], in order of their first triangle */
+    uint32_t *part_of;       /* uint32[count], UINT32_MAX for degenerate triangles */
+    uint8_t *closed;         /* uint8[count], 1 if in a closed part */
     size_t degenerate_count;
     size_t closed_triangles;
     size_t duplicate_triangles; /* same three corners as an earlier one, whatever the order */

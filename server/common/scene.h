@@ -43,7 +43,7 @@ struct umbs_material {
     float alpha_cutoff;    /* 0..1, for MASK */
     float base_alpha;      /* 0..1, factor on the texture's alpha */
     uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
-    uint32_t reserved;
+    float transmission;    /* 0..1, share of the light that goes through where there is something */
 };
 
 struct umbs_mesh {

@@ -48,3 +48,55 @@ int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double 
     const double alpha = umbs_alpha_at(view, &view->textures[material->texture], u, v);
     return alpha * (double)material->base_alpha >= 255.0 * (double)material->alpha_cutoff;
 }
+
+int umbs_is_translucent(const struct umbs_material *material)
+{
+    return material->alpha_mode == UMBS_ALPHA_BLEND || material->transmission > 0.0F;
+}
+
+int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number)
+{
+    return number == UMBS_CUT_CLEAR ||
+           (number < UMBS_CUT_CLEAR &&
+            umbs_is_translucent(&cuts->view->materials[cuts->cuts[number].material]));
+}
+
+double umbs_material_opacity(const struct umbs_material *material, double alpha)
+{
+    const double own = alpha * (double)material->base_alpha / 255.0;
+    const double kept = material->alpha_mode == UMBS_ALPHA_BLEND ? own
+                        : material->alpha_mode == UMBS_ALPHA_MASK
+                            ? own >= (double)material->alpha_cutoff
+                            : 1.0;
+    return kept * (1.0 - (double)material->transmission);
+}
+
+double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v)
+{
+    const struct umbs_scene_view *view = cuts->view;
+    const struct umbs_material *material = &view->materials[cuts->cuts[cut].material];
+    const double alpha = material->texture == UMBS_NO_INDEX
+                             ? 255.0
+                             : umbs_alpha_at(view, &view->textures[material->texture], u, v);
+    return umbs_material_opacity(material, alpha);
+}
+
+void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int translucents)
+{
+    const size_t count = cuts->of != NULL ? (size_t)cuts->view->world_triangle_count : 0;
+    int any = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t number = cuts->of[i];
+        if (number != UMBS_CUT_NONE &&
+            (umbs_cut_is_translucent(cuts, number) ? translucents : cut_outs)) {
+            cuts->of[i] = UMBS_CUT_NONE;
+        }
+        any |= cuts->of[i] != UMBS_CUT_NONE;
+    }
+    if (!any) {
+        const struct umbs_cuts figures = {
+            .view = cuts->view, .figures = cuts->figures, .translucent = cuts->translucent};
+        umbs_cuts_finish(cuts);
+        *cuts = figures;
+    }
+}

@@ -11,8 +11,12 @@
  * sampler asks for the nearest texel. No mip level is ever used: a shadow has no screen.
  *
  * Triangles whose texels never fall below the cut-off are as good as opaque, those that never reach
- * it cast nothing; only what is left needs a look at its texture. Materials of other modes cast as
- * opaque ones do.
+ * it cast nothing; only what is left needs a look at its texture.
+ *
+ * Translucent materials, of alphaMode BLEND or with a transmission (KHR_materials_transmission),
+ * take a part of the light that falls on them: opacity = a (1 - transmission), where a is the alpha
+ * of BLEND materials, 0 or 1 by the cut-off of MASK ones, and else 1. Their triangles are told
+ * apart in the same way: opaque all over, clear all over, or looked at.
  *
  *     umbs_cuts_find(&scene->view, &cuts, &error);
  *     ... umbs_cut_keeps(&cuts, cuts.of[triangle], u, v) ...
@@ -24,7 +28,9 @@
 #include "common/scene.h"
 
 #define UMBS_CUT_NONE UINT32_MAX        /* casts all over */
-#define UMBS_CUT_GONE (UINT32_MAX - 1U) /* casts nothing */
+#define UMBS_CUT_GONE (UINT32_MAX - 1U) /* casts nothing: all of it is below the cut-off */
+#define UMBS_CUT_CLEAR                                                                             \
+    (UINT32_MAX - 2U) /* casts nothing: of a translucent material, and clear all over */
 
 /* A triangle that is looked at texel by texel. */
 struct umbs_cut {
@@ -41,22 +47,46 @@ struct umbs_cut_figures {
     double share;          /* of their texels: the part below the cut-off, 0..1, by sampling */
 };
 
+/* How much of a scene is translucent. */
+struct umbs_translucent_figures {
+    size_t triangles;   /* that are not opaque all over */
+    size_t materials;   /* of those */
+    uint32_t first;     /* number of the first such material */
+    double least, most; /* opacity of theirs */
+};
+
 struct umbs_cuts {
     const struct umbs_scene_view *view; /* borrowed: textures and materials */
-    uint32_t *of;          /* [triangles] number in cuts, UMBS_CUT_NONE or _GONE; NULL: all NONE */
+    uint32_t *of;          /* [triangles] number in cuts or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */
     struct umbs_cut *cuts; /* [count] */
     size_t count;
     /* [texture_count] of each texture that a cut refers to: a hash of all that a sample depends on.
      * NULL: no cut. */
     uint8_t (*digests)[UMB_ID_BYTES];
     struct umbs_cut_figures figures;
+    struct umbs_translucent_figures translucent;
 };
 
 /* Alpha of a texture, 0..255. In: u, v: finite. Cost: four bytes of the texture. */
 double umbs_alpha_at(const struct umbs_scene_view *view, const struct umbs_texture *texture,
                      double u, double v);
 
-/* 1 if the cut triangle casts where its texture coordinates are u, v. */
+/* 1 if a material lets a part of the light through. */
+int umbs_is_translucent(const struct umbs_material *material);
+
+/* 1 if a triangle's number in `of` says that it is translucent. */
+int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number);
+
+/* Share of the light that a material takes where the alpha of its texture is 0..255. */
+double umbs_material_opacity(const struct umbs_material *material, double alpha);
+
+/* Share of the light that a cut triangle takes where its texture coordinates are u, v: 0..1. */
+double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
+
+/* Takes cut-out, or translucent, triangles as opaque; the figures stay. */
+void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int translucents);
+
+/* 1 if the cut triangle, of a cut-out material, casts where its texture coordinates are u, v. */
 int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
 /*

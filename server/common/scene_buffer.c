@@ -289,8 +289,8 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
             rule = "base_alpha is not in 0..1";
         } else if (material->texture != UMBS_NO_INDEX && material->texture >= view->texture_count) {
             rule = "texture beyond texture_count";
-        } else if (material->reserved != 0) {
-            rule = "reserved is not 0";
+        } else if (!in_range((double)material->transmission, 0.0, 1.0)) {
+            rule = "transmission is not in 0..1";
         }
         if (rule != NULL) {
             return bad_item(error, "material", i, rule);

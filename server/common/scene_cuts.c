@@ -28,8 +28,8 @@ struct runs {
 struct finder {
     const struct umbs_scene_view *view;
     struct umbs_cuts *cuts;
-    struct umbs_alpha_pyramid *pyramids; /* [texture_count] those of MASK materials */
-    uint8_t *seen;        /* [material_count] 1: something below its cut-off was found */
+    struct umbs_alpha_pyramid *pyramids; /* [texture_count] those of materials with alpha */
+    uint8_t *seen; /* [material_count] 1: something below its cut-off, or translucent, was found */
     uint32_t samples;     /* a triangle */
     size_t capacity;      /* of cuts->cuts */
     double texels, below; /* of the triangles that are cut or gone */
@@ -155,12 +155,10 @@ static enum umb_status add_cut(struct finder *f, const float uv[3][2], uint32_t 
     return UMB_OK;
 }
 
-/* Notes that triangle number `at` is `tag`, and how much of it is below the cut-off. */
-static enum umb_status note(struct finder *f, size_t at, uint32_t tag, uint32_t material,
-                            struct umb_error *error)
+/* Notes that triangle number `at` is `tag`. */
+static enum umb_status note(struct finder *f, size_t at, uint32_t tag, struct umb_error *error)
 {
     struct umbs_cuts *cuts = f->cuts;
-    struct umbs_cut_figures *figures = &cuts->figures;
     if (cuts->of == NULL) {
         const size_t bytes = (size_t)f->view->world_triangle_count * sizeof *cuts->of;
         cuts->of = malloc(bytes);
@@ -170,13 +168,56 @@ static enum umb_status note(struct finder *f, size_t at, uint32_t tag, uint32_t 
         memset(cuts->of, 0xff, bytes); /* UMBS_CUT_NONE */
     }
     cuts->of[at] = tag;
-    figures->triangles++;
+    return UMB_OK;
+}
+
+/* Counts a triangle and, once, its material. */
+static void count(struct finder *f, uint32_t material, size_t *triangles, size_t *materials,
+                  uint32_t *first)
+{
+    ++*triangles;
     if (!f->seen[material]) {
         f->seen[material] = 1;
-        figures->first = figures->materials == 0 ? material : figures->first;
-        figures->materials++;
+        *first = *materials == 0 ? material : *first;
+        ++*materials;
     }
-    return UMB_OK;
+}
+
+/* The alpha that the texture of a triangle's material may have on it, and its texels there. */
+static struct umbs_alpha_range alpha_range(const struct finder *f,
+                                           const struct umbs_material *material,
+                                           const float uv[3][2], double *texels)
+{
+    *texels = 1.0;
+    if (material->texture == UMBS_NO_INDEX) {
+        return (struct umbs_alpha_range){UINT8_MAX, UINT8_MAX};
+    }
+    *texels = texel_area(&f->view->textures[material->texture], uv);
+    return triangle_range(f, material->texture, uv);
+}
+
+/* Judges triangle number `at` of the flattened scene, of a translucent material. */
+static enum umb_status judge_translucent(struct finder *f, size_t at, const float uv[3][2],
+                                         uint32_t number, struct umb_error *error)
+{
+    const struct umbs_material *material = &f->view->materials[number];
+    struct umbs_translucent_figures *figures = &f->cuts->translucent;
+    double texels;
+    const struct umbs_alpha_range range = alpha_range(f, material, uv, &texels);
+    const double least = umbs_material_opacity(material, (double)range.low);
+    const double most = umbs_material_opacity(material, (double)range.high);
+    if (least >= 1.0) {
+        return UMB_OK;
+    }
+    figures->least = figures->triangles == 0 ? least : fmin(figures->least, least);
+    figures->most = fmax(figures->most, most);
+    count(f, number, &figures->triangles, &figures->materials, &figures->first);
+    if (!(most > 0.0)) {
+        return note(f, at, UMBS_CUT_CLEAR, error);
+    }
+    const uint32_t tag = (uint32_t)f->cuts->count;
+    const enum umb_status status = add_cut(f, uv, number, error);
+    return status == UMB_OK ? note(f, at, tag, error) : status;
 }
 
 /* Judges triangle number `at` of the flattened scene, of a MASK material. */
@@ -185,12 +226,8 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
 {
     const struct umbs_material *material = &f->view->materials[number];
     const double limit = 255.0 * (double)material->alpha_cutoff;
-    struct umbs_alpha_range range = {UINT8_MAX, UINT8_MAX};
-    double texels = 1.0;
-    if (material->texture != UMBS_NO_INDEX) {
-        range = triangle_range(f, material->texture, uv);
-        texels = texel_area(&f->view->textures[material->texture], uv);
-    }
+    double texels;
+    const struct umbs_alpha_range range = alpha_range(f, material, uv, &texels);
     if ((double)range.low * (double)material->base_alpha >= limit) {
         return UMB_OK;
     }
@@ -204,7 +241,12 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     }
     f->texels += texels;
     f->below += share * texels;
-    return status == UMB_OK ? note(f, at, tag, number, error) : status;
+    if (status == UMB_OK) {
+        struct umbs_cut_figures *figures = &f->cuts->figures;
+        count(f, number, &figures->triangles, &figures->materials, &figures->first);
+        status = note(f, at, tag, error);
+    }
+    return status;
 }
 
 /* All triangles of an instance, from number `at` of the flattened scene on. */
@@ -214,12 +256,17 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     const struct umbs_scene_view *view = f->view;
     const struct umbs_mesh *mesh = &view->meshes[instance->mesh];
     const uint32_t number = mesh->material;
-    if (number == UMBS_NO_INDEX || view->materials[number].alpha_mode != UMBS_ALPHA_MASK) {
+    const int translucent =
+        number != UMBS_NO_INDEX && umbs_is_translucent(&view->materials[number]);
+    if (number == UMBS_NO_INDEX ||
+        (!translucent && view->materials[number].alpha_mode != UMBS_ALPHA_MASK)) {
         return UMB_OK;
     }
     struct umbs_cut_figures *figures = &f->cuts->figures;
-    figures->first = figures->mask_triangles == 0 ? number : figures->first;
-    figures->mask_triangles += mesh->triangle_count;
+    if (!translucent) {
+        figures->first = figures->mask_triangles == 0 ? number : figures->first;
+        figures->mask_triangles += mesh->triangle_count;
+    }
     enum umb_status status = UMB_OK;
     if (view->materials[number].texture != UMBS_NO_INDEX) {
         const uint32_t texture = view->materials[number].texture;
@@ -233,7 +280,8 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
             memcpy(uv[mirror && k > 0 ? 3 - k : k],
                    view->uvs[(size_t)mesh->first_vertex + triangle[k]], sizeof uv[0]);
         }
-        status = judge(f, at + i, (const float(*)[2])uv, number, error);
+        status = (translucent ? judge_translucent : judge)(f, at + i, (const float(*)[2])uv, number,
+                                                           error);
     }
     return status;
 }
@@ -320,7 +368,11 @@ void umbs_cuts_open_parts(const struct umbs_cuts *cuts, struct umbs_parts *parts
     for (size_t i = 0; cuts->of != NULL && i < count; i++) {
         if (cuts->of[i] != UMBS_CUT_NONE && parts->part_of[i] != UINT32_MAX) {
             struct umbs_part *part = &parts->parts[parts->part_of[i]];
-            part->cut_triangles++;
+            if (umbs_cut_is_translucent(cuts, cuts->of[i])) {
+                part->translucent_triangles++;
+            } else {
+                part->cut_triangles++;
+            }
             part->closed = 0;
             part->flipped = 0;
         }

@@ -8,6 +8,7 @@
  */
 #include "common/scene.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "common/scene_flatten.h"
@@ -22,11 +23,12 @@ static const char hash_domain[16] = "umbrage scene 2";
 struct surface {
     uint32_t alpha_mode, texture;
     float alpha_cutoff, base_alpha;
+    float transmission; /* hashed where there is some */
 };
 
 static struct surface surface_of(const struct umbs_scene_view *view, uint32_t material)
 {
-    struct surface surface = {UMBS_ALPHA_OPAQUE, UMBS_NO_INDEX, 0.0F, 1.0F};
+    struct surface surface = {UMBS_ALPHA_OPAQUE, UMBS_NO_INDEX, 0.0F, 1.0F, 0.0F};
     const struct umbs_material *from =
         material < view->material_count ? &view->materials[material] : NULL;
     if (from != NULL && from->alpha_mode != UMBS_ALPHA_OPAQUE) {
@@ -34,6 +36,9 @@ static struct surface surface_of(const struct umbs_scene_view *view, uint32_t ma
         surface.texture = from->texture;
         surface.alpha_cutoff = from->alpha_mode == UMBS_ALPHA_MASK ? from->alpha_cutoff : 0.0F;
         surface.base_alpha = from->base_alpha;
+    }
+    if (from != NULL) {
+        surface.transmission = from->transmission;
     }
     return surface;
 }
@@ -71,7 +76,10 @@ static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID
         const struct surface surface = surface_of(view, mesh->material);
         if (mesh->triangle_count > 0 && memcmp(&surface, &before, sizeof surface) != 0) {
             umbs_chain_add(&chain, &number, sizeof number);
-            umbs_chain_add(&chain, &surface, sizeof surface);
+            umbs_chain_add(&chain, &surface, offsetof(struct surface, transmission));
+            if (surface.transmission != 0.0F) {
+                umbs_chain_add(&chain, &surface.transmission, sizeof surface.transmission);
+            }
             before = surface;
         }
         number += mesh->triangle_count;

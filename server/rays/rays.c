@@ -99,8 +99,8 @@ static void find_centre(const double (*corners)[3][3], size_t count, double cent
 static int is_hole(const struct umbs_cuts *cuts, uint32_t triangle, float second, float third)
 {
     const uint32_t number = cuts->of[triangle];
-    if (number == UMBS_CUT_NONE || number == UMBS_CUT_GONE) {
-        return number == UMBS_CUT_GONE;
+    if (number >= UMBS_CUT_CLEAR || umbs_cut_is_translucent(cuts, number)) {
+        return number != UMBS_CUT_NONE;
     }
     const float(*uv)[2] = cuts->cuts[number].uv;
     const double b = (double)second, c = (double)third, a = 1 - b - c;

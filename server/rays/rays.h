@@ -26,7 +26,8 @@ struct umbr_rays_options {
     int quick;        /* 1: built several times as fast, traced about a third slower */
     unsigned threads; /* that build; 0 = all */
     /* Triangles with holes, `of` in their order: no ray meets what their textures leave out, nor
-     * what casts nothing. Borrowed until destroyed; NULL = every triangle is whole. */
+     * what casts nothing, nor what is translucent. Borrowed until destroyed; NULL = every triangle
+     * is whole. */
     const struct umbs_cuts *cuts;
 };
 

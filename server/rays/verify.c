@@ -114,7 +114,12 @@ static void run(struct crew *crew)
 static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, struct umb_error *error)
 {
     const struct umb_query_settings settings = {
-        .light = light, .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_U8};
+        .light = light,
+        .taps = 1,
+        .bias_mode = UMB_BIAS_NONE,
+        .format = UMB_ANSWER_U8,
+        .opaque_only = 1, /* rays are stopped or not */
+    };
     enum umb_status status = umb_asset_get_light(job->asset, light, &job->light);
     if (status != UMB_OK) {
         return umb_fail(error, UMB_E_ARGUMENT, "light %u is not in the asset", light);

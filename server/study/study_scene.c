@@ -68,8 +68,9 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
+/* In: whole: triangles with holes are none; through: rays go through translucent ones. */
 static enum umb_status scene_load(struct umbt_scene *scene, const char *path, int whole,
-                                  struct umb_error *error)
+                                  int through, struct umb_error *error)
 {
     const struct umbs_import_options options = {0};
     memset(scene, 0, sizeof *scene);
@@ -80,8 +81,11 @@ static enum umb_status scene_load(struct umbt_scene *scene, const char *path, in
         status = umbs_scene_flatten(&scene->scene->view, &scene->corners, &scene->materials,
                                     &scene->count, error);
     }
-    if (status == UMB_OK && !whole) {
+    if (status == UMB_OK) {
         status = umbs_cuts_find(&scene->scene->view, &scene->cuts, error);
+    }
+    if (status == UMB_OK) {
+        umbs_cuts_take_as_opaque(&scene->cuts, whole, !through);
     }
     if (status == UMB_OK && scene->count == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", path);
@@ -109,7 +113,7 @@ static enum umb_status scene_load(struct umbt_scene *scene, const char *path, in
 
 enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
 {
-    return scene_load(scene, path, 0, error);
+    return scene_load(scene, path, 0, 0, error);
 }
 
 int umbt_plan_has(const char *plan, const char *effect)
@@ -128,7 +132,8 @@ int umbt_plan_has(const char *plan, const char *effect)
 enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                         const char *plan, struct umb_error *error)
 {
-    return scene_load(scene, path, !umbt_plan_has(plan, "cut-out"), error);
+    return scene_load(scene, path, !umbt_plan_has(plan, "cut-out"),
+                      umbt_plan_has(plan, "transmittance"), error);
 }
 
 void umbt_scene_finish(struct umbt_scene *scene)

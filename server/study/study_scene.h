@@ -18,7 +18,7 @@ struct umbt_scene {
     uint32_t *materials;     /* [count] */
     size_t count;            /* at least 1 */
     struct umbs_parts parts;
-    struct umbs_cuts cuts; /* triangles with holes; rays go through those */
+    struct umbs_cuts cuts; /* triangles with holes, or translucent; rays go through those */
     struct umbr_rays *rays;
     struct umb_box box; /* of all triangles */
     double diagonal_m;  /* of the box */
@@ -35,7 +35,8 @@ int umbt_plan_has(const char *plan, const char *effect);
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
 
-/* The same as an asset with this plan sees it: without holes unless its effect cut-out is on. */
+/* The same as the voxels of an asset with this plan see it: without holes unless its effect cut-out
+ * is on, and rays go through translucent triangles if its effect transmittance is. */
 UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                                     const char *plan, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */

@@ -38,13 +38,22 @@ static uint64_t take_number(struct oracle_cursor *cursor)
 
 /* One list. In: is_it: the wanted one. Out: first_z: where it begins. */
 static void take_list(struct oracle_cursor *cursor, int64_t size, int is_it, struct wanted *wanted,
-                      int64_t *first_z)
+                      int64_t *first_z, int64_t drops[8])
 {
     int64_t z = -1, left = ALL_LIGHT;
-    for (int first = 1; !cursor->overrun; first = 0) {
+    for (int step = 0; !cursor->overrun; step++) {
         const uint64_t number = take_number(cursor);
-        const int64_t drop = (int64_t)take_number(cursor) + 1, way = (int64_t)(number / 2);
-        if (first) {
+        const int64_t way = (int64_t)(number / 4);
+        int64_t drop = drops[step % 8];
+        if (number / 2 % 2 == 0) {
+            drop = (int64_t)take_number(cursor) + 1;
+            cursor->overrun |= drop == drops[step % 8];
+        }
+        drops[step % 8] = drop;
+        if (drop == 0) {
+            cursor->overrun = 1;
+        }
+        if (step == 0) {
             z = *first_z + (way % 2 == 0 ? way / 2 : -(way + 1) / 2);
             *first_z = z;
         } else {
@@ -67,7 +76,7 @@ static void take_list(struct oracle_cursor *cursor, int64_t size, int is_it, str
 static void take_square(struct oracle_cursor *cursor, int64_t size, struct wanted *wanted)
 {
     const uint64_t blocks = oracle_take(cursor, 8);
-    int64_t first_z = 0;
+    int64_t first_z = 0, drops[8] = {0};
     for (uint32_t block = 0; block < 64 && !cursor->overrun; block++) {
         if ((blocks >> block & 1) == 0) {
             continue;
@@ -79,7 +88,7 @@ static void take_square(struct oracle_cursor *cursor, int64_t size, struct wante
         for (uint32_t texel = 0; texel < 64; texel++) {
             if ((texels >> texel & 1) == 1) {
                 const uint32_t x = block % 8 * 8 + texel % 8, y = block / 8 * 8 + texel / 8;
-                take_list(cursor, size, x == wanted->x && y == wanted->y, wanted, &first_z);
+                take_list(cursor, size, x == wanted->x && y == wanted->y, wanted, &first_z, drops);
             }
         }
     }

@@ -13,9 +13,10 @@
  * - for each frustum with a map its squares of 64x64 texels, row by row: u64 mask of their 8x8
  *   blocks that have a list (bit x + 8 * y); for each of those u64 mask of its texels that have
  *   one; and for each of these its list;
- * - a list: for each step varint 2 * a + (1 if another step follows), varint drop - 1. Of the first
- *   step a is z less that of the square's list before (0 at first), folded to 0, -1, 1, -2 ... =
- *   0, 1, 2, 3 ...; of the others z less that of the step before, less 1.
+ * - a list: for each step varint 4 * a + 2 * same + (1 if another step follows), and varint drop - 1
+ *   unless it is the same as that of the last step in the square whose number is this one's modulo 8.
+ *   Of the first step a is z less that of the square's list before (0 at first), folded to 0, -1, 1,
+ *   -2 ... = 0, 1, 2, 3 ...; of the others z less that of the step before, less 1.
  *
  * A varint has seven bits a byte, low ones first, the top bit set on all bytes but the last; it is
  * as short as can be.
@@ -28,6 +29,8 @@
 
 #define UMB__TRANS_ONE       ((uint32_t)1 << 21) /* all light */
 #define UMB__TRANS_LEVEL_MIN 6U                  /* least m */
+
+#define UMB__TRANS_RECENT    8U                  /* drops that are remembered in a square */
 
 /* A square of 64x64 texels, or a block of 8x8. */
 struct umb__trans_group {
@@ -69,7 +72,7 @@ UMB_CHECKED enum umb_status umb__trans_check(const uint8_t *bytes, uint64_t leng
  *
  * Out:   trans: finish it; zeroed on failure.
  * Fails: E_CORRUPT, E_NO_MEMORY. Trust: safe on hostile bytes.
- * Cost:  two passes; memory of at most eight times the entry.
+ * Cost:  two passes; memory of at most twelve times the entry.
  */
 UMB_CHECKED enum umb_status umb__trans_load(const uint8_t *bytes, uint64_t length,
                                             const struct umb_frustum_info *frusta,

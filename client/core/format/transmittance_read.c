@@ -45,26 +45,46 @@ static int64_t unfold(uint32_t number)
     return number & 1 ? -(int64_t)(number >> 1) - 1 : (int64_t)(number >> 1);
 }
 
-/* In, out: first_z: of the list before, of this one. */
-static bool take_list(struct walk *w, int64_t *first_z)
+/* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
+struct recent {
+    int64_t first_z;
+    uint32_t drops[UMB__TRANS_RECENT]; /* 0: none yet */
+};
+
+/* The drop of a step; 0 if it is cut, or said the longer way. */
+static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
+{
+    uint32_t less = 0;
+    if (!same) {
+        if (!take_varint(w, &less) || less >= UMB__TRANS_ONE || less + 1 == *recent) {
+            return 0;
+        }
+        *recent = less + 1;
+    }
+    return *recent;
+}
+
+static bool take_list(struct walk *w, struct recent *recent)
 {
     struct umb__trans *t = w->trans;
     int64_t z = 0;
-    uint32_t lost = 0, step, drop;
+    uint32_t lost = 0, step;
     if (t->starts) {
         t->starts[t->list_count] = (uint32_t)t->step_count;
     }
     t->list_count++;
-    for (bool is_first = true;; is_first = false) {
-        if (!take_varint(w, &step) || !take_varint(w, &drop)) {
+    for (uint32_t number = 0;; number++) {
+        if (!take_varint(w, &step)) {
             return false;
         }
-        z = is_first ? *first_z + unfold(step >> 1) : z + (step >> 1) + 1;
-        if (z < 0 || z >= w->size || drop >= UMB__TRANS_ONE - lost) {
+        const uint32_t drop =
+            take_drop(w, (step & 2) != 0, &recent->drops[number % UMB__TRANS_RECENT]);
+        z = number == 0 ? recent->first_z + unfold(step >> 2) : z + (step >> 2) + 1;
+        if (z < 0 || z >= w->size || drop == 0 || drop > UMB__TRANS_ONE - lost) {
             return false;
         }
-        lost += drop + 1;
-        *first_z = is_first ? z : *first_z;
+        lost += drop;
+        recent->first_z = number == 0 ? z : recent->first_z;
         if (t->steps) {
             t->steps[t->step_count] = (struct umb__trans_step){(uint32_t)z, lost};
         }
@@ -78,7 +98,7 @@ static bool take_list(struct walk *w, int64_t *first_z)
 static bool take_square(struct walk *w)
 {
     struct umb__trans *t = w->trans;
-    int64_t first_z = 0;
+    struct recent recent = {0};
     uint64_t blocks, texels;
     if (!take_mask(w, &blocks)) {
         return false;
@@ -96,7 +116,7 @@ static bool take_square(struct walk *w)
         }
         t->block_count++;
         for (; texels; texels &= texels - 1) {
-            if (!take_list(w, &first_z)) {
+            if (!take_list(w, &recent)) {
                 return false;
             }
         }

@@ -53,17 +53,29 @@ static uint32_t fold(int64_t number)
     return (uint32_t)(number < 0 ? -2 * number - 1 : 2 * number);
 }
 
+/* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
+struct recent {
+    int64_t first_z;
+    uint32_t drops[UMB__TRANS_RECENT];
+};
+
 /* Room for it is there. */
 static void put_list(struct umb_trans_bytes *bytes, const struct umb_trans_list *list,
-                     int64_t *first_z)
+                     struct recent *recent)
 {
     for (uint32_t i = 0; i < list->count; i++) {
-        const uint32_t z = list->steps[i].z;
-        const uint32_t step = i == 0 ? fold((int64_t)z - *first_z) : z - list->steps[i - 1].z - 1;
-        put_varint(bytes, 2 * step + (i + 1 < list->count));
-        put_varint(bytes, list->steps[i].drop - 1);
+        const uint32_t z = list->steps[i].z, drop = list->steps[i].drop;
+        const uint32_t step =
+            i == 0 ? fold((int64_t)z - recent->first_z) : z - list->steps[i - 1].z - 1;
+        uint32_t *last = &recent->drops[i % UMB__TRANS_RECENT];
+        const uint32_t same = drop == *last, more = i + 1 < list->count;
+        put_varint(bytes, 4 * step + 2 * same + more);
+        if (drop != *last) {
+            put_varint(bytes, drop - 1);
+        }
+        *last = drop;
     }
-    *first_z = list->steps[0].z;
+    recent->first_z = list->steps[0].z;
 }
 
 static const struct umb_trans_list *list_of(const struct umb_trans_list *lists, uint32_t block,
@@ -74,7 +86,7 @@ static const struct umb_trans_list *list_of(const struct umb_trans_list *lists, 
 }
 
 static enum umb_status put_block(struct umb_trans_bytes *bytes, const struct umb_trans_list *lists,
-                                 uint32_t block, uint64_t texels, int64_t *first_z,
+                                 uint32_t block, uint64_t texels, struct recent *recent,
                                  struct umb_error *error)
 {
     enum umb_status status = reserve(bytes, 8, error);
@@ -86,7 +98,7 @@ static enum umb_status put_block(struct umb_trans_bytes *bytes, const struct umb
             list_of(lists, block, (uint32_t)__builtin_ctzll(texels));
         status = reserve(bytes, (size_t)list->count * STEP_BYTES_MAX, error);
         if (status == UMB_OK) {
-            put_list(bytes, list, first_z);
+            put_list(bytes, list, recent);
         }
     }
     return status;
@@ -96,7 +108,7 @@ enum umb_status umb_trans_square(struct umb_trans_bytes *bytes, const struct umb
                                  size_t max_bytes, struct umb_error *error)
 {
     uint64_t blocks = 0;
-    int64_t first_z = 0;
+    struct recent recent = {0};
     enum umb_status status = reserve(bytes, 8, error);
     if (status != UMB_OK) {
         return status;
@@ -109,7 +121,7 @@ enum umb_status umb_trans_square(struct umb_trans_bytes *bytes, const struct umb
         }
         if (texels != 0) {
             blocks |= (uint64_t)1 << block;
-            status = put_block(bytes, lists, block, texels, &first_z, error);
+            status = put_block(bytes, lists, block, texels, &recent, error);
         }
     }
     umb__store64(bytes->data + mask_at, blocks);

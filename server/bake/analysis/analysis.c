@@ -23,12 +23,14 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
     free(analysis->dropped);
     free(analysis->frusta);
     free(analysis->cut_planes);
+    free(analysis->translucent);
+    free(analysis->translucent_cuts);
     umbs_cuts_finish(&analysis->cuts);
     umbb_light_choice_finish(&analysis->choice);
     memset(analysis, 0, sizeof *analysis);
 }
 
-/* Moves the triangles that were not dropped to the front. */
+/* Moves the triangles that were not dropped to the front, and the translucent ones behind. */
 static void compact(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -36,6 +38,10 @@ static void compact(struct umbb_analysis *analysis)
         if (!analysis->dropped[i]) {
             memmove(analysis->corners[to++], analysis->corners[i], sizeof analysis->corners[i]);
         }
+    }
+    if (analysis->translucent_count > 0) {
+        memcpy(analysis->corners[to], analysis->translucent,
+               analysis->translucent_count * sizeof *analysis->translucent);
     }
 }
 
@@ -50,40 +56,30 @@ static void compact_cuts(struct umbb_analysis *analysis)
     }
 }
 
-static void count_material(struct umbb_material_use *use, uint8_t *seen, uint32_t material)
+/* Takes the translucent triangles out of what was flattened. Allocates them. */
+static enum umb_status keep_translucent(struct umbb_analysis *analysis, struct umb_error *error)
 {
-    use->triangles++;
-    if (!seen[material]) {
-        seen[material] = 1;
-        use->first = use->materials == 0 ? material : use->first;
-        use->materials++;
+    size_t to = 0;
+    for (size_t i = 0; i < analysis->flat_count; i++) {
+        analysis->translucent_count += analysis->dropped[i] == UMBB_TRANSLUCENT;
     }
-}
-
-/* Counts triangles of translucent materials. */
-static enum umb_status count_materials(struct umbb_analysis *analysis,
-                                       const struct umbs_scene_view *view,
-                                       const uint32_t *materials, struct umb_error *error)
-{
-    if (view->material_count == 0) {
+    if (analysis->translucent_count == 0) {
         return UMB_OK;
     }
-    uint8_t *seen = calloc(view->material_count, 1);
-    if (seen == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "analysis: memory for %u materials refused",
-                        view->material_count);
+    analysis->translucent = malloc(analysis->translucent_count * sizeof *analysis->translucent);
+    analysis->translucent_cuts =
+        malloc(analysis->translucent_count * sizeof *analysis->translucent_cuts);
+    if (analysis->translucent == NULL || analysis->translucent_cuts == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY,
+                        "analysis: memory for %zu translucent triangles refused",
+                        analysis->translucent_count);
     }
     for (size_t i = 0; i < analysis->flat_count; i++) {
-        const uint32_t material = materials[i];
-        if (analysis->dropped[i] || material >= view->material_count) {
-            continue;
-        }
-        const uint32_t mode = view->materials[material].alpha_mode;
-        if (mode == UMBS_ALPHA_BLEND) {
-            count_material(&analysis->blend, seen, material);
+        if (analysis->dropped[i] == UMBB_TRANSLUCENT) {
+            memcpy(analysis->translucent[to], analysis->corners[i], sizeof analysis->corners[i]);
+            analysis->translucent_cuts[to++] = analysis->cuts.of[i];
         }
     }
-    free(seen);
     return UMB_OK;
 }
 
@@ -111,9 +107,11 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
     }
     for (size_t i = 0; i < analysis->flat_count; i++) {
         const uint32_t cut = analysis->cuts.of != NULL ? analysis->cuts.of[i] : UMBS_CUT_NONE;
-        if (parts->part_of[i] == UINT32_MAX || cut == UMBS_CUT_GONE) {
+        if (parts->part_of[i] == UINT32_MAX || cut == UMBS_CUT_GONE || cut == UMBS_CUT_CLEAR) {
             analysis->gone_count += parts->part_of[i] != UINT32_MAX;
-            analysis->dropped[i] = 1;
+            analysis->dropped[i] = UMBB_DROPPED;
+        } else if (cut != UMBS_CUT_NONE && umbs_cut_is_translucent(&analysis->cuts, cut)) {
+            analysis->dropped[i] = UMBB_TRANSLUCENT;
         } else { /* a triangle with holes bounds no solid, on nobody's word */
             analysis->kinds[analysis->count++] =
                 cut != UMBS_CUT_NONE ? UMBB_CASTER_OPEN
@@ -151,25 +149,27 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
         status = take_parts(analysis, &parts, mode, error);
         umbs_parts_finish(&parts);
     }
-    if (status == UMB_OK && analysis->count == 0) {
-        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles %s",
-                          analysis->flat_count,
-                          analysis->gone_count > 0 ? "casts a shadow: the alpha of all is below "
-                                                     "their materials' cut-off"
-                                                   : "has an area");
+    if (status == UMB_OK) {
+        status = keep_translucent(analysis, error);
+    }
+    if (status == UMB_OK && analysis->count + analysis->translucent_count == 0) {
+        status = umb_fail(
+            error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles %s", analysis->flat_count,
+            analysis->gone_count > 0 ? "casts a shadow: the alpha of all is below their materials' "
+                                       "cut-off, or they are clear"
+                                     : "has an area");
     }
     return status;
 }
 
-/* Finds what is cut out, unless it is to be taken as opaque. */
+/* Finds what is cut out or translucent, unless it is to be taken as opaque. */
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
-                                 int opaque, struct umb_error *error)
+                                 const struct umbb_options *options, struct umb_error *error)
 {
     enum umb_status status = umbs_cuts_find(view, &analysis->cuts, error);
-    if (status == UMB_OK && opaque) { /* the figures stay, for the plan */
-        const struct umbs_cut_figures figures = analysis->cuts.figures;
-        umbs_cuts_finish(&analysis->cuts);
-        analysis->cuts.figures = figures;
+    if (status == UMB_OK) { /* the figures stay, for the plan */
+        umbs_cuts_take_as_opaque(&analysis->cuts, options->opaque_cut_outs,
+                                 options->opaque_translucents);
     }
     if (status == UMB_OK && analysis->cuts.count > 0) {
         analysis->cut_planes = calloc(analysis->cuts.count, sizeof *analysis->cut_planes);
@@ -189,7 +189,7 @@ static void measure(struct umbb_analysis *analysis)
         box->min[axis] = INFINITY;
         box->max[axis] = -INFINITY;
     }
-    for (size_t i = 0; i < analysis->count; i++) {
+    for (size_t i = 0; i < analysis->count + analysis->translucent_count; i++) {
         for (int k = 0; k < 9; k++) {
             const double value = analysis->corners[i][k / 3][k % 3];
             box->min[k % 3] = fmin(box->min[k % 3], value);
@@ -204,10 +204,10 @@ static void measure(struct umbb_analysis *analysis)
 }
 
 static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
-                               uint32_t **materials, struct umb_error *error)
+                               struct umb_error *error)
 {
     enum umb_status status =
-        umbs_scene_flatten(view, &analysis->corners, materials, &analysis->flat_count, error);
+        umbs_scene_flatten(view, &analysis->corners, NULL, &analysis->flat_count, error);
     if (status == UMB_OK && analysis->flat_count == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
@@ -251,7 +251,7 @@ static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_
 {
     const struct umbb_frusta_input input = {
         .corners = (const double(*)[3][3])analysis->corners,
-        .count = analysis->count,
+        .count = analysis->count + analysis->translucent_count,
         .bounds = analysis->bounds,
         .origin = analysis->origin,
         .log2_size = log2_size,
@@ -275,24 +275,19 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                   struct umbb_analysis *analysis, struct umb_error *error)
 {
     memset(analysis, 0, sizeof *analysis);
-    uint32_t *materials = NULL;
     enum umb_status status = check_memory(view, options->memory_bytes, error);
     if (status != UMB_OK) {
         return status;
     }
-    status = flatten(analysis, view, &materials, error);
+    status = flatten(analysis, view, error);
     if (status != UMB_OK) {
         goto done;
     }
-    status = find_cuts(analysis, view, options->opaque_cut_outs, error);
+    status = find_cuts(analysis, view, options, error);
     if (status != UMB_OK) {
         goto done;
     }
     status = find_parts(analysis, options->closed, error);
-    if (status != UMB_OK) {
-        goto done;
-    }
-    status = count_materials(analysis, view, materials, error);
     if (status != UMB_OK) {
         goto done;
     }
@@ -310,7 +305,6 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
         status = fit_frusta(analysis, options->resolution_log2, error);
     }
 done:
-    free(materials);
     if (status != UMB_OK) {
         umbb_analysis_finish(analysis);
     }

@@ -23,19 +23,21 @@ struct umbb_cut_plane;
 /* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
 
-/* Triangles that do not cast as the file's materials say. */
-struct umbb_material_use {
-    size_t triangles;
-    size_t materials;
-    uint32_t first; /* number of the first such material */
+/* What became of a flattened triangle. */
+enum umbb_dropped {
+    UMBB_KEPT = 0,
+    UMBB_DROPPED = 1,
+    UMBB_TRANSLUCENT = 2,
 };
 
 struct umbb_analysis {
-    double (*corners)[3][3]; /* [count]; world, or voxel space after umbb_analysis_to_voxels */
-    uint8_t *kinds;          /* [count] enum umbb_caster */
-    uint8_t *dropped;        /* [flat_count] 1 where the flattened triangle was dropped */
-    size_t count;            /* triangles that can cast */
-    size_t flat_count;       /* before dropping */
+    /* [count]; world, or voxel space after umbb_analysis_to_voxels. In world space the translucent
+     * triangles follow. */
+    double (*corners)[3][3];
+    uint8_t *kinds;    /* [count] enum umbb_caster */
+    uint8_t *dropped;  /* [flat_count] enum umbb_dropped of each flattened triangle */
+    size_t count;      /* opaque triangles that can cast */
+    size_t flat_count; /* before dropping */
     size_t degenerate_count;
     size_t duplicate_count; /* same three corners as an earlier one */
     size_t part_count, closed_part_count;
@@ -45,9 +47,11 @@ struct umbb_analysis {
     size_t open_reason_part; /* its number */
     int closed_rule;
     int z_up;
-    struct umb_box bounds; /* of the casters */
-    double origin[3];      /* centre of the bounds in whole metres */
-    struct umbb_material_use blend;
+    struct umb_box bounds;       /* of the casters */
+    double origin[3];            /* centre of the bounds in whole metres */
+    double (*translucent)[3][3]; /* [translucent_count] world: casters that are in no voxel */
+    uint32_t *translucent_cuts;  /* [translucent_count] their numbers in cuts */
+    size_t translucent_count;
     struct umbs_cuts cuts;             /* `of` as corners; what casts nothing is dropped */
     struct umbb_cut_plane *cut_planes; /* [cuts.count] (cut_planes.h) */
     size_t gone_count;                 /* dropped: all of them below their cut-off */

@@ -15,4 +15,8 @@ uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis);
  */
 void umbb_cut_planes_make(struct umbb_analysis *analysis, uint32_t frustum, struct umbb_cuts *cuts);
 
+/* The same for the translucent triangles, whatever space the corners are in, and any frustum. */
+void umbb_cut_planes_translucent(struct umbb_analysis *analysis,
+                                 const struct umb_frustum_info *frustum, struct umbb_cuts *cuts);
+
 #endif

@@ -91,12 +91,6 @@ static int has_extent(const struct umbb_analysis *a)
     return any;
 }
 
-/* Why an effect that this version lacks is off. */
-static const char *missing_reason(const struct umbb_options *options, uint32_t effect)
-{
-    return options->effects_off & effect ? "switched off" : "not in this version";
-}
-
 /* How wide half shadows become, in metres and in voxels: behind the whole depth of a directional
  * light's frustum; for other lights behind a caster halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
@@ -227,19 +221,30 @@ static void write_cut_out(FILE *to, const struct umbb_analysis *a,
                : "none");
 }
 
-/* An effect this version does not have, for materials that call for it. */
-static void write_missing(FILE *to, const char *effect, const char *why, const char *mode,
-                          const struct umbb_material_use *use, const struct umbs_scene_view *view)
+/* Materials that let a part of the light through. */
+static void write_transmittance(FILE *to, const struct umbb_analysis *a,
+                                const struct umbs_scene_view *view,
+                                const struct umbb_options *options)
 {
-    if (use->triangles == 0) {
+    const struct umbs_translucent_figures *figures = &a->cuts.translucent;
+    if (figures->triangles == 0) {
         return;
     }
+    const int on = !options->opaque_translucents;
     char name[UMBB_ESCAPED_NAME_SIZE];
-    umbb_escape(view->materials[use->first].name, name, sizeof name);
-    fprintf(to,
-            "effect=%s state=off reason=\"%s: %zu triangles of %zu %s materials, "
-            "the first '%s', are baked as opaque\" cost=\"none\"\n",
-            effect, why, use->triangles, use->materials, mode, name);
+    umbb_escape(view->materials[figures->first].name, name, sizeof name);
+    fprintf(to, "effect=transmittance state=%s reason=\"%s", on ? "on" : "off",
+            on ? "" : "switched off, they are baked as opaque: ");
+    if (figures->materials == 1) {
+        fprintf(to, "material '%s': ", name);
+    } else {
+        fprintf(to, "%zu materials, the first '%s': ", figures->materials, name);
+    }
+    fprintf(to, "%zu triangles take %.3g to %.3g %% of the light\" cost=\"%s\"\n",
+            figures->triangles, 100.0 * figures->least, 100.0 * figures->most,
+            on ? "lists of depths for the texels that they cover, in the asset's head; a second "
+                 "look-up in queries"
+               : "none");
 }
 
 /* Closes a memory stream; its text is freed on failure. */
@@ -272,8 +277,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     write_penumbra(to, analysis, options);
     write_lights(to, analysis);
     write_cut_out(to, analysis, view, options);
-    write_missing(to, "transmittance", missing_reason(options, UMBB_MISSING_TRANSMITTANCE), "BLEND",
-                  &analysis->blend, view);
+    write_transmittance(to, analysis, view, options);
     return close_text(to, text, error);
 }
 
@@ -292,7 +296,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     if (options->front && analysis->closed_rule) {
         fputs("front=on\n", to);
     }
-    if (analysis->cuts.of != NULL) {
+    if (analysis->cuts.figures.triangles > 0 && !options->opaque_cut_outs) {
         fputs("cut-out=on\n", to);
     }
     for (uint32_t i = 0; i < analysis->choice.count; i++) {
@@ -309,6 +313,9 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
         }
     }
     fprintf(to, "resolution=%u\n", 1U << options->resolution_log2);
+    if (analysis->cuts.translucent.triangles > 0 && !options->opaque_translucents) {
+        fputs("transmittance=on\n", to);
+    }
     fprintf(to, "up=%c\n", analysis->z_up ? 'z' : 'y');
     return close_text(to, text, error);
 }

@@ -81,14 +81,10 @@ umbb_prepare_fn umbb_prepare_avx512(void);
 /* The quickest of them here. */
 umbb_prepare_fn umbb_prepare_quickest(void);
 
-/*
- * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.
- *
- * In:  row: row_first <= row <= row_last.
- * Out: returns 1 if the triangle, by its original winding, faces the light in this row, else 0.
- */
-static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_t row,
-                                    int32_t *x_first, int32_t *x_last)
+/* Where a row of centres enters and leaves a triangle, counted from the centre of texel 0: low may
+ * equal high. Returns as umbb_coverage_row. */
+static inline int umbb_coverage_crossings(const struct umbb_coverage *coverage, int32_t row,
+                                          double *low, double *high)
 {
     const double py = (double)row + 0.5;
     /* The long edge 0-2 and, by the height of corner 1, one of the short ones. */
@@ -105,8 +101,24 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     const double two_min = xc < xd ? xc : xd, two_max = xc < xd ? xd : xc;
     two = two > two_min ? two : two_min;
     two = two < two_max ? two : two_max;
-    const double low = (one < two ? one : two) - 0.5;
-    const double high = (one > two ? one : two) - 0.5;
+    *low = (one < two ? one : two) - 0.5;
+    *high = (one > two ? one : two) - 0.5;
+    /* Light travels along +z and voxel space is right handed: corners in canonical order make a
+     * front face if corner 1 lies on the side of small x. */
+    return (one < two) != coverage->odd;
+}
+
+/*
+ * Finds the texels that a row covers: x_first .. x_last, empty if x_first > x_last.
+ *
+ * In:  row: row_first <= row <= row_last.
+ * Out: returns 1 if the triangle, by its original winding, faces the light in this row, else 0.
+ */
+static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_t row,
+                                    int32_t *x_first, int32_t *x_last)
+{
+    double low, high;
+    const int front = umbb_coverage_crossings(coverage, row, &low, &high);
     /* Ceiling and floor by truncation: |low| is far below 2^31 (UMBB_COORDINATE_MAX). */
     int32_t first = (int32_t)low;
     first += (double)first < low;
@@ -114,9 +126,22 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     last -= (double)last > high;
     *x_first = first;
     *x_last = low < high ? last : first - 1;
-    /* Light travels along +z and voxel space is right handed: corners in canonical order make a
-     * front face if corner 1 lies on the side of small x. */
-    return (one < two) != coverage->odd;
+    return front;
+}
+
+/* The same without what lies on the second crossing: a centre on an edge that two triangles side
+ * by side share belongs to one of them. For those who count what they meet. */
+static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, int32_t row,
+                                          int32_t *x_first, int32_t *x_last)
+{
+    double low, high;
+    (void)umbb_coverage_crossings(coverage, row, &low, &high);
+    int32_t first = (int32_t)low;
+    first += (double)first < low;
+    int32_t last = (int32_t)high;
+    last -= (double)last >= high;
+    *x_first = first;
+    *x_last = low < high ? last : first - 1;
 }
 
 /* Number of voxels whose centre lies before depth z, which is within int32_t. */

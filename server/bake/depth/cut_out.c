@@ -35,7 +35,8 @@ static double unit(double value)
     return value > 0.0 ? (value < 1.0 ? value : 1.0) : 0.0; /* a NaN becomes 0 */
 }
 
-int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y)
+/* Texture coordinates of a cut at the centre of a texel. */
+static void place(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y, double at[2])
 {
     const struct umbb_cut_plane *plane = &cuts->planes[cut];
     const float(*uv)[2] = cuts->table->cuts[cut].uv;
@@ -53,13 +54,25 @@ int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_
     if (!(sum > 0.0)) { /* seen edge on, beyond doubles: its first corner stands for it */
         weight[0] = sum = 1.0;
     }
-    const double u = (weight[0] * (double)uv[0][0] + weight[1] * (double)uv[1][0] +
-                      weight[2] * (double)uv[2][0]) /
-                     sum;
-    const double v = (weight[0] * (double)uv[0][1] + weight[1] * (double)uv[1][1] +
-                      weight[2] * (double)uv[2][1]) /
-                     sum;
-    return umbs_cut_keeps(cuts->table, cut, u, v);
+    for (int k = 0; k < 2; k++) {
+        at[k] = (weight[0] * (double)uv[0][k] + weight[1] * (double)uv[1][k] +
+                 weight[2] * (double)uv[2][k]) /
+                sum;
+    }
+}
+
+int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y)
+{
+    double at[2];
+    place(cuts, cut, x, y, at);
+    return umbs_cut_keeps(cuts->table, cut, at[0], at[1]);
+}
+
+double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y)
+{
+    double at[2];
+    place(cuts, cut, x, y, at);
+    return umbs_cut_opacity(cuts->table, cut, at[0], at[1]);
 }
 
 void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,

@@ -161,6 +161,15 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
     if (aiGetMaterialColor(source, AI_MATKEY_BASE_COLOR, &color) == aiReturn_SUCCESS) {
         material.base_alpha = (float)clamp_unit((double)color.a);
     }
+    material.transmission =
+        (float)clamp_unit(get_float(source, AI_MATKEY_TRANSMISSION_FACTOR, 0.0));
+    if (material.transmission > 0.0F &&
+        aiGetMaterialTextureCount(source, aiTextureType_TRANSMISSION) > 0) {
+        umbs_scene_warn(builder,
+                        "material '%s': the texture of its transmission is not read; the factor "
+                        "counts all over",
+                        material.name);
+    }
     const enum umb_status status =
         umbb_assimp_texture(c->scene, source, &c->textures, &material, &c->mappings[number], error);
     if (status != UMB_OK) {

@@ -90,7 +90,7 @@ enum umb_status umbb_assimp_texture(const struct aiScene *scene, const struct ai
     enum aiTextureMapMode modes[3] = {aiTextureMapMode_Wrap, aiTextureMapMode_Wrap,
                                       aiTextureMapMode_Wrap};
     memset(mapping, 0, sizeof *mapping);
-    if (material->alpha_mode != UMBS_ALPHA_MASK ||
+    if (material->alpha_mode == UMBS_ALPHA_OPAQUE ||
         aiGetMaterialTexture(source, aiTextureType_DIFFUSE, 0, &path, NULL, &set, NULL, NULL, modes,
                              NULL) != aiReturn_SUCCESS) {
         return UMB_OK;

@@ -138,9 +138,7 @@ static enum umb_status store(struct umbb_material_table *table, struct umbb_text
     material->alpha_mode = current->dissolve < 1.0 ? UMBS_ALPHA_BLEND
                            : current->has_map      ? UMBS_ALPHA_MASK
                                                    : UMBS_ALPHA_OPAQUE;
-    return material->alpha_mode == UMBS_ALPHA_MASK
-               ? read_map(textures, current->map, material, error)
-               : UMB_OK;
+    return current->has_map ? read_map(textures, current->map, material, error) : UMB_OK;
 }
 
 enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material_table *table,

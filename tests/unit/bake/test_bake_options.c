@@ -224,18 +224,22 @@ static void effects_are_overruled_by_name(void **state)
     struct umb_error e;
     assert_int_equal(parse("s.ply -o o --effect closed=on", &o, &e), UMB_OK);
     assert_int_equal(o.closed, UMBB_CLOSED_ON);
-    assert_int_equal(o.effects_off, 0);
+    assert_int_equal(o.opaque_translucents, 0);
     assert_int_equal(parse("s.ply -o o --closed on --effect=closed=off", &o, &e), UMB_OK);
     assert_int_equal(o.closed, UMBB_CLOSED_OFF);
     assert_int_equal(
         parse("s.ply -o o --effect cut-out=off --effect penumbra=off --effect mraa=off", &o, &e),
         UMB_OK);
-    assert_int_equal(o.effects_off, 0);
+    assert_int_equal(o.opaque_translucents, 0);
     assert_int_equal(o.opaque_cut_outs, 1);
     assert_int_equal(o.penumbra, UMBB_PENUMBRA_OFF);
     assert_int_equal(o.front, 0);
     assert_int_equal(parse("s.ply -o o --effect cut-out=on", &o, &e), UMB_OK);
     assert_int_equal(o.opaque_cut_outs, 0);
+    assert_int_equal(parse("s.ply -o o --effect transmittance=off", &o, &e), UMB_OK);
+    assert_int_equal(o.opaque_translucents, 1);
+    assert_int_equal(parse("s.ply -o o --effect=transmittance=on", &o, &e), UMB_OK);
+    assert_int_equal(o.opaque_translucents, 0);
     assert_int_equal(parse("s.ply -o o --effect penumbra=on", &o, &e), UMB_OK);
     assert_true(o.penumbra == UMBB_PENUMBRA_ON && o.front);
     assert_int_equal(parse("s.ply -o o --effect penumbra=on --effect penumbra=off", &o, &e),

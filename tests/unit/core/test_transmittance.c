@@ -360,17 +360,21 @@ static void the_bytes_of_a_small_map_stay(void **state)
     static const uint8_t golden[] = {
         6,                                        /* 2^6 texels a side */
         0x02, 0,    0,    0,    0,    0, 0, 0x80, /* blocks 1 and 63 */
-        0x01, 0,    0,    0,    0,    0, 0, 0,    /* texel 8, 0 */
-        0x29, 0xff, 0xff, 0x3f,                   /* z 10, half: another follows */
-        0x82, 0x02, 0xff, 0xff, 0x1f,             /* z 140, a quarter */
+        0x03, 0,    0,    0,    0,    0, 0, 0,    /* texels 8, 0 and 9, 0 */
+        0x51, 0xff, 0xff, 0x3f,                   /* z 10, half; another follows */
+        0x84, 0x04, 0xff, 0xff, 0x1f,             /* z 140, a quarter */
+        0x03,                                     /* z 10 and the same half; another follows */
+        0x2a,                                     /* z 21, the same quarter */
         0,    0,    0,    0,    0,    0, 0, 0x80, /* texel 63, 63 */
-        0x16, 0x00,                               /* z 4, 6 before the list before; 2^-21 */
+        0x2c, 0x00,                               /* z 4, 6 before that of the list before; 2^-21 */
     };
-    static const struct umb_trans_drop first[] = {{10, 1 << 20}, {140, 1 << 19}}, last[] = {{4, 1}};
+    static const struct umb_trans_drop first[] = {{10, 1 << 20}, {140, 1 << 19}};
+    static const struct umb_trans_drop second[] = {{10, 1 << 20}, {21, 1 << 19}}, last[] = {{4, 1}};
     static struct umb_trans_list lists[64 * 64];
     const uint8_t level = 6;
     struct umb_trans_bytes bytes = {0};
     lists[8] = (struct umb_trans_list){first, 2};
+    lists[9] = (struct umb_trans_list){second, 2};
     lists[64 * 64 - 1] = (struct umb_trans_list){last, 1};
     assert_int_equal(umb_trans_append(&bytes, &level, 1, SIZE_MAX, NULL), UMB_OK);
     assert_int_equal(umb_trans_square(&bytes, lists, SIZE_MAX, NULL), UMB_OK);

@@ -70,7 +70,8 @@ static inline void tf_fill(struct tf_texel *texel, uint32_t x, uint32_t y, uint6
     }
     for (uint32_t z = (uint32_t)(next_random(seed) % 40); z < TF_SIZE;
          z += 1 + (uint32_t)(next_random(seed) % 30)) {
-        left *= next_random(seed) % 9 == 0 ? 0.0L : (long double)random_unit(seed);
+        const uint64_t kind = next_random(seed) % 9; /* many alike, as of panes of glass */
+        left *= kind == 0 ? 0.0L : kind < 4 ? 0.5L : (long double)random_unit(seed);
         const uint32_t units = (uint32_t)floorl(left * (long double)UMB__TRANS_ONE + 0.5L);
         if (units == before || texel->count == TF_LAYERS) {
             return;

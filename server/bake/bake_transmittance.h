@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
+#define UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
+/*
+ * The maps of translucent casters of all frusta (depth/light_left.h), as an asset's head holds
+ * them.
+ *
+ * Every reader of an asset has its head, so that the maps are kept small: at most 2048 texels a
+ * side, no more than the frustum has voxels, and fewer, for all frusta alike, while the maps take
+ * more than 16 MiB. What such casters throw has soft edges already where it matters (hair, glass,
+ * smoke fade in depth and by their textures), and four texels for one take about four times the
+ * bytes.
+ */
+#include "bake/analysis/analysis.h"
+#include "bake/bake_options.h"
+#include "format/transmittance_write.h"
+
+#define UMBB_TRANSMITTANCE_LEVEL_MAX 11U
+#define UMBB_TRANSMITTANCE_BYTES_MAX ((size_t)16 << 20)
+
+/*
+ * Makes the entry.
+ *
+ * In:    analysis: its translucent triangles.
+ * Out:   bytes: the entry, or nothing if there is nothing translucent; finish it, whatever is
+ *        returned. level: of the maps, 0 if there are none.
+ * Fails: E_LIMIT (no map is small enough, --memory), E_NO_MEMORY, E_CANCELLED.
+ */
+UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
+                                                    const struct umbb_options *options,
+                                                    struct umb_trans_bytes *bytes, uint32_t *level,
+                                                    struct umb_error *error);
+
+#endif
