@@ -185,6 +185,9 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     if (e->filter == UMB_FILTER_FOOTPRINT) {
         (void)fprintf(file, "  footprint of %.6g m; below, its least window\n", e->footprint_m);
     }
+    if (e->transmittance < 1.0) {
+        (void)fprintf(file, "  translucent casters leave %.6g of the light\n", e->transmittance);
+    }
     explain_steps(file, e);
     if (e->taps > 1 && !e->facing_away) {
         explain_window(file, e);
@@ -202,6 +205,7 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_integer(json, "lit_taps", e->lit_taps);
     umbc_json_integer(json, "taps", e->taps);
     umbc_json_integer(json, "level", e->level);
+    umbc_json_number(json, "transmittance", e->transmittance);
     umbc_json_bool(json, "facing_away", e->facing_away != 0);
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);

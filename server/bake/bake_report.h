@@ -13,7 +13,7 @@ struct umbb_report {
     const struct umbb_publish *publish;
     struct umbb_bake_figures figures;
     uint32_t tile_log2;
-    uint32_t transmittance_level; /* 2^level texels a side of the maps of translucent casters; or 0 */
+    uint32_t transmittance_level; /* 2^level texels a side of maps of translucent casters, or 0 */
     uint64_t damaged_tiles; /* found in the cache, removed and baked again */
     const char *depth_path;
     double seconds_import, seconds_analysis, seconds_bake, seconds_write, seconds_verify;

@@ -75,7 +75,7 @@ static void fill_arguments(const struct umbt_trade *trade, const struct umbt_tra
                            paths->asset,   "--verify", "0",
                            "--quiet",      "--closed", bake->closed ? "auto" : "off",
                            "--resolution", numbers,    "--threads",
-                           numbers + 16};
+                           numbers + 16,   "--effect", "transmittance=off"}; /* as rays see it */
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
     (void)snprintf(numbers + 16, 16, "%u", (unsigned)o->threads);

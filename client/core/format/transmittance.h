@@ -13,10 +13,11 @@
  * - for each frustum with a map its squares of 64x64 texels, row by row: u64 mask of their 8x8
  *   blocks that have a list (bit x + 8 * y); for each of those u64 mask of its texels that have
  *   one; and for each of these its list;
- * - a list: for each step varint 4 * a + 2 * same + (1 if another step follows), and varint drop - 1
- *   unless it is the same as that of the last step in the square whose number is this one's modulo 8.
- *   Of the first step a is z less that of the square's list before (0 at first), folded to 0, -1, 1,
- *   -2 ... = 0, 1, 2, 3 ...; of the others z less that of the step before, less 1.
+ * - a list: for each step varint 4 * a + 2 * same + (1 if another step follows), and varint
+ *   drop - 1 unless it is the same as that of the last step in the square whose number is this
+ *   one's modulo 8. Of the first step a is z less that of the square's list before (0 at first),
+ *   folded to 0, -1, 1, -2 ... = 0, 1, 2, 3 ...; of the others z less that of the step before,
+ *   less 1.
  *
  * A varint has seven bits a byte, low ones first, the top bit set on all bytes but the last; it is
  * as short as can be.

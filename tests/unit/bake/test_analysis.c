@@ -361,6 +361,45 @@ static void triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaq
     assert_non_null(strstr(error.message, "the alpha of all is below"));
 }
 
+/* What is opaque all over stays, what is clear goes, the rest is kept apart. */
+static void translucent_triangles_leave_the_casters_unless_they_are_to_be_opaque(void **state)
+{
+    (void)state;
+    static const float alphas[] = {1.0F, 0.5F, 0.0F};
+    for (int i = 0; i < 6; i++) {
+        struct small_scene s;
+        struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+        struct umbb_analysis a;
+        struct umb_error error;
+        char *plan, *settings;
+        small_scene_init(&s);
+        s.materials[1].alpha_mode = UMBS_ALPHA_BLEND;
+        s.materials[1].base_alpha = alphas[i % 3];
+        options.opaque_translucents = i / 3;
+        assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+        const int called_for = i % 3 != 0, on = called_for && i < 3;
+        assert_int_equal(a.count, on ? 12 : 13);
+        assert_int_equal(a.translucent_count, on && i % 3 == 1);
+        assert_int_equal(a.gone_count, on && i % 3 == 2);
+        assert_true(a.bounds.min[0] == (on && i % 3 == 2 ? 99.4 : 90.0));
+        assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+        assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
+        assert_int_equal(strstr(plan, "effect=transmittance state=") != NULL, called_for);
+        assert_int_equal(strstr(plan, "effect=transmittance state=on") != NULL, on);
+        assert_int_equal(strstr(settings, "transmittance=on\n") != NULL, on);
+        if (a.translucent_count == 1) { /* they follow the casters, also when taken anew */
+            assert_memory_equal(a.corners[a.count], a.translucent[0], sizeof a.translucent[0]);
+            umbb_analysis_to_voxels(&a, 1);
+            assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+            assert_memory_equal(a.corners[a.count], a.translucent[0], sizeof a.translucent[0]);
+            assert_non_null(strstr(plan, "2 triangles take 50 to 50 % of the light"));
+        }
+        free(plan);
+        free(settings);
+        umbb_analysis_finish(&a);
+    }
+}
+
 static void plan_says_what_this_version_leaves_out(void **state)
 {
     (void)state;
@@ -514,6 +553,7 @@ int main(void)
         cmocka_unit_test(scenes_without_area_or_over_memory_are_refused),
         cmocka_unit_test(plan_and_settings_say_what_and_why),
         cmocka_unit_test(triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaque),
+        cmocka_unit_test(translucent_triangles_leave_the_casters_unless_they_are_to_be_opaque),
         cmocka_unit_test(plan_says_what_this_version_leaves_out),
         cmocka_unit_test(the_penumbra_effect_is_on_where_first_occluders_are_kept),
         cmocka_unit_test(corners_out_of_reach_are_refused_and_not_dropped),

@@ -117,9 +117,11 @@ static void gltf_materials_keep_what_matters_to_shadows(void **state)
     struct umbs_scene *scene = import_text(
         "materials.gltf",
         gltf("{\"mesh\":0}", "0",
+             "\"extensionsUsed\":[\"KHR_materials_transmission\"],"
              "\"materials\":[{\"name\":\"leaves\",\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,"
              "\"doubleSided\":true,\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.5]}},"
-             "{\"alphaMode\":\"BLEND\"},{\"alphaMode\":\"MASK\",\"alphaCutoff\":2}],"
+             "{\"alphaMode\":\"BLEND\",\"extensions\":{\"KHR_materials_transmission\":"
+             "{\"transmissionFactor\":0.75}}},{\"alphaMode\":\"MASK\",\"alphaCutoff\":2}],"
              "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"material\":0},"
              "{\"attributes\":{\"POSITION\":0},\"material\":1},"
              "{\"attributes\":{\"POSITION\":0},\"material\":2}]}],"));
@@ -133,6 +135,7 @@ static void gltf_materials_keep_what_matters_to_shadows(void **state)
     assert_int_equal(materials[0].double_sided, 1);
     assert_int_equal(materials[1].alpha_mode, UMBS_ALPHA_BLEND);
     assert_true(materials[1].base_alpha == 1.0F);
+    assert_true(materials[0].transmission == 0.0F && materials[1].transmission == 0.75F);
     assert_int_equal(materials[1].double_sided, 0);
     assert_non_null(strstr(scene->view.warnings, "alphaCutoff 2"));
     assert_int_equal(scene->view.meshes[0].material, 0);

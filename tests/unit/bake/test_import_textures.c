@@ -244,12 +244,14 @@ static void obj_maps_cut_by_alpha_and_say_what_is_not_read(void **state)
                     "usemtl leaf\nf 1/1 2/2 3/3\nusemtl moved\nf 1/1 2/2 3/3\n");
     drop_file("leaf.mtl");
     const struct umbs_scene_view *view = &scene->view;
-    assert_int_equal(view->texture_count, 1);
+    assert_int_equal(view->texture_count, 2);
     expect_counted(view, view->materials[0].texture);
     assert_int_equal(view->textures[0].wrap_s, UMBS_WRAP_CLAMP);
     assert_int_equal(view->materials[1].texture, UMBS_NO_INDEX);
     assert_int_equal(view->materials[2].texture, 0);
     assert_int_equal(view->materials[3].alpha_mode, UMBS_ALPHA_BLEND);
+    assert_int_equal(view->materials[3].texture, 1);
+    assert_true(view->materials[3].base_alpha == 0.5F);
     assert_non_null(strstr(view->warnings, "material 'moved': map_d"));
     assert_true(view->uvs[0][0] == 0.25F && view->uvs[0][1] == 0.75F);
     umbs_scene_destroy(scene);
