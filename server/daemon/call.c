@@ -313,6 +313,24 @@ uint8_t *umbd_call_take_message(struct umbd_call *call)
     return message;
 }
 
+/* What lay at the same place of a message that is elsewhere now; NULL stays. */
+static const void *moved(const void *at, const uint8_t *from, const uint8_t *to)
+{
+    return at != NULL ? to + ((const uint8_t *)at - from) : NULL;
+}
+
+uint8_t *umbd_call_take_message_of(struct umbd_call *call, struct umb_points *points)
+{
+    const uint8_t *from = call->message;
+    uint8_t *message = umbd_call_take_message(call);
+    if (message != NULL) {
+        points->positions = moved(points->positions, from, message);
+        points->normals = moved(points->normals, from, message);
+        points->footprints = moved(points->footprints, from, message);
+    }
+    return message;
+}
+
 void umbd_call_serve(struct umbd_call *call)
 {
     methods[call->method].serve(call);

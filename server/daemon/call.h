@@ -206,6 +206,10 @@ void umbd_call_drop_message(struct umbd_call *call);
 /* Takes the call's message over, copying it if it was borrowed. Returns NULL without memory. */
 uint8_t *umbd_call_take_message(struct umbd_call *call);
 
+/* The same; all of the points that lie in the message goes along. They are unchanged if it fails.
+ */
+uint8_t *umbd_call_take_message_of(struct umbd_call *call, struct umb_points *points);
+
 /* Streams of requests (call_stream.c). _message: takes the next one, bytes as in umbw_message_fn;
  * _pump: goes on with what waits; _later: has that done at the next turn of the loop; _window: says
  * how much of a DATA frame flow control may give back at once; _charge: counts what is held now;

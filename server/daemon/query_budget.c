@@ -100,20 +100,10 @@ static void free_detour(void *user)
 static enum umb_status take_message(struct umbd_call *call, struct detour *detour,
                                     const struct umb_points *points)
 {
-    const uint8_t *from = call->message;
     detour->points = *points;
     detour->message_size = call->message_size;
-    detour->message = umbd_call_take_message(call);
-    if (detour->message == NULL) {
-        return UMB_E_NO_MEMORY;
-    }
-    if (points->positions != NULL) {
-        detour->points.positions = detour->message + ((const uint8_t *)points->positions - from);
-    }
-    if (points->normals != NULL) {
-        detour->points.normals = detour->message + ((const uint8_t *)points->normals - from);
-    }
-    return UMB_OK;
+    detour->message = umbd_call_take_message_of(call, &detour->points);
+    return detour->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
 }
 
 /* The light that a request with a budget asks, of at most one target. */

@@ -151,24 +151,6 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
     umbd_call_commit(call, head + batch->value_bytes);
 }
 
-/* Moves a batch's points into a copy of the message that outlives the event. */
-static enum umb_status keep_message(struct umbd_call *call, struct umbd_batch *batch)
-{
-    const uint8_t *from = call->message;
-    struct umb_points *points = &batch->points;
-    batch->message = umbd_call_take_message(call);
-    if (batch->message == NULL) {
-        return UMB_E_NO_MEMORY;
-    }
-    if (points->positions != NULL) {
-        points->positions = batch->message + ((const uint8_t *)points->positions - from);
-    }
-    if (points->normals != NULL) {
-        points->normals = batch->message + ((const uint8_t *)points->normals - from);
-    }
-    return UMB_OK;
-}
-
 /* What a batch's answers take: packing holds them, the ones before, and the packed ones. */
 static size_t answer_bytes(const struct umbd_batch *batch)
 {
@@ -188,7 +170,8 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
     };
     enum umb_status status = umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error);
     if (status == UMB_OK) {
-        status = keep_message(call, batch);
+        batch->message = umbd_call_take_message_of(call, &batch->points);
+        status = batch->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
     }
     if (status != UMB_OK) {
         return status;

@@ -349,6 +349,17 @@ with test.check("a stream answers each request in order, as Query does, small an
     for client in (tcp, unix):
         alone = [client.query(request, timeout=60) for request in asked]
         assert list(client.stream(iter(asked), timeout=120)) == alone
+with test.check("a stream's batches keep their own normals and footprints until a worker has them"):
+    each = 700  # a message of one DATA frame, for a worker; several come in one event
+    asked = [M.QueryRequest(asset="city", points=f32[12 * i:12 * (i + each)], taps=3,
+                            normals=n32[12 * i:12 * (i + each)], format=M.ANSWER_F32,
+                            filter=M.FILTER_FOOTPRINT,
+                            footprints=ut.floats([(j * (i + 1)) % 97 / 4 for j in range(each)]))
+             for i in range(40)]
+    alone = [tcp.query(request, timeout=60).visibility for request in asked]
+    assert len(set(alone)) == len(asked)
+    for client in (tcp, unix):
+        assert [reply.visibility for reply in client.stream(iter(asked), timeout=120)] == alone
 with test.check("a stream answers ping-pong, one request at a time"):
     import queue
     requests = queue.Queue()
