@@ -125,22 +125,36 @@ struct conversion {
     struct umbb_faces faces;
     struct umbb_texture_table textures;
     struct umbb_uv_mapping *mappings; /* [mNumMaterials] */
-    uint32_t *sets;                   /* [mNumMaterials] see gltf_texcoords.h */
+    struct umbb_gltf_sets sets;
     enum umbb_kind kind;
     int has_materials;
     unsigned bare; /* meshes whose material has a texture in which they have no place */
 };
+
+/* The set of coordinates by KHR_texture_transform, which goes before the texture's own. */
+static void obey_texture_transform(struct conversion *c, const struct umbs_material *material,
+                                   const struct aiString *name, struct umbb_uv_mapping *mapping)
+{
+    const uint32_t set = umbb_gltf_set_of(&c->sets, name->data, name->length);
+    if (set == UMBB_SET_UNKNOWN) {
+        umbs_scene_warn(c->faces.scene,
+                        "material '%s': its name does not tell which set of coordinates "
+                        "KHR_texture_transform gives its texture; TEXCOORD_%u is taken",
+                        material->name, mapping->set);
+    } else if (set != UMBB_SET_UNSAID) {
+        mapping->set = set;
+    }
+}
 
 static enum umb_status add_material(struct conversion *c, unsigned number, struct umb_error *error)
 {
     struct umbs_scene_builder *builder = c->faces.scene;
     const struct aiMaterial *source = c->scene->mMaterials[number];
     struct umbs_material material = umbs_material_opaque();
-    struct aiString text = {0};
-    if (aiGetMaterialString(source, AI_MATKEY_NAME, &text) == aiReturn_SUCCESS) {
-        umbs_text_clean(material.name, sizeof(material.name), text.data, sizeof(text.data));
+    struct aiString name = {0}, text = {0};
+    if (aiGetMaterialString(source, AI_MATKEY_NAME, &name) == aiReturn_SUCCESS) {
+        umbs_text_clean(material.name, sizeof(material.name), name.data, sizeof(name.data));
     }
-    memset(&text, 0, sizeof(text));
     if (aiGetMaterialString(source, AI_MATKEY_GLTF_ALPHAMODE, &text) == aiReturn_SUCCESS) {
         material.alpha_mode = strcmp(text.data, "MASK") == 0    ? UMBS_ALPHA_MASK
                               : strcmp(text.data, "BLEND") == 0 ? UMBS_ALPHA_BLEND
@@ -175,8 +189,8 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
     if (status != UMB_OK) {
         return status;
     }
-    if (material.texture != UMBS_NO_INDEX && c->sets[number] != UMBS_NO_INDEX) {
-        c->mappings[number].set = c->sets[number];
+    if (material.texture != UMBS_NO_INDEX) {
+        obey_texture_transform(c, &material, &name, &c->mappings[number]);
     }
     return umbs_scene_add_material(builder, &material, error);
 }
@@ -320,12 +334,11 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
     struct umbs_scene_builder *builder = c->faces.scene;
     uint32_t *mesh_of = calloc(scene->mNumMeshes, sizeof(*mesh_of));
     c->mappings = calloc((size_t)scene->mNumMaterials + 1, sizeof(*c->mappings));
-    c->sets = calloc((size_t)scene->mNumMaterials + 1, sizeof(*c->sets));
     enum umb_status status = UMB_OK;
-    if (mesh_of == NULL || c->mappings == NULL || c->sets == NULL) {
+    if (mesh_of == NULL || c->mappings == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
-    } else if (c->has_materials) {
-        umbb_gltf_texcoords(c->textures.job, c->kind, c->sets, scene->mNumMaterials);
+    } else {
+        status = umbb_gltf_sets_find(c->textures.job, c->kind, &c->sets, error);
     }
     for (unsigned i = 0; status == UMB_OK && c->has_materials && i < scene->mNumMaterials; i++) {
         status = add_material(c, i, error);
@@ -345,7 +358,7 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
     }
     free(mesh_of);
     free(c->mappings);
-    free(c->sets);
+    free(c->sets.materials.data);
     return status;
 }
 

@@ -175,6 +175,49 @@ static void a_texture_transform_may_name_the_set_of_coordinates(void **state)
     }
 }
 
+#define MOVED_MATERIAL                                                                             \
+    "{\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"         \
+    "\"extensions\":{\"KHR_texture_transform\":{\"texCoord\":1}}}}},"
+#define MOVED_MESH                                                                                 \
+    "{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":2},\"material\":1},"
+
+/* A triangle of a material without a name, the file's second, that takes the second set by the
+ * extension; behind it one of the file's third, called `name`, that says nothing. */
+static struct umbs_scene *import_two_materials(const char *name)
+{
+    static const char before[] = "\"materials\":[", mesh[] = "\"meshes\":[{\"primitives\":[";
+    const char *plain = gltf("", PLAIN "\"extensionsUsed\":[\"KHR_texture_transform\"],");
+    const char *materials = strstr(plain, before) + sizeof before - 1;
+    const char *named = strstr(materials, "\"leaf\"") + sizeof "\"leaf\"" - 1;
+    const char *primitives = strstr(named, mesh) + sizeof mesh - 1;
+    const char *number = strstr(primitives, "\"material\":0") + sizeof "\"material\":" - 1;
+    char text[4096];
+    (void)snprintf(text, sizeof text, "%.*s{\"name\":\"none\"},%s{\"name\":\"%s\"%.*s%s%.*s2%s",
+                   (int)(materials - plain), plain, MOVED_MATERIAL, name, (int)(primitives - named),
+                   named, MOVED_MESH, (int)(number - primitives), primitives, number + 1);
+    return import_with_png("leaf.gltf", text);
+}
+
+/* Assimp numbers materials as meshes meet them and leaves out those that none has. */
+static void the_set_is_that_of_the_meshs_own_material(void **state)
+{
+    (void)state;
+    static const double first[3][2] = {{0.125, 0.75}, {0.75, 0.75}, {0.125, 0.0}};
+    static const double second[3][2] = {{0.5, 0.5}, {0.25, 0.5}, {0.5, 1.0}};
+    struct umbs_scene *scene = import_two_materials("leaf");
+    struct umbs_scene_view view = scene->view;
+    assert_int_equal(view.triangle_count, 2);
+    expect_uvs(&view, second);
+    view.uvs += 3;
+    expect_uvs(&view, first);
+    assert_string_equal(view.warnings, "");
+    umbs_scene_destroy(scene);
+    scene = import_two_materials("");
+    expect_uvs(&scene->view, first);
+    assert_non_null(strstr(scene->view.warnings, "does not tell which set of coordinates"));
+    umbs_scene_destroy(scene);
+}
+
 static void images_in_buffers_are_read_too(void **state)
 {
     (void)state;
@@ -294,6 +337,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(samplers_and_sets_of_coordinates_are_obeyed),
         cmocka_unit_test(texture_transforms_scale_then_turn_then_move),
         cmocka_unit_test(a_texture_transform_may_name_the_set_of_coordinates),
+        cmocka_unit_test(the_set_is_that_of_the_meshs_own_material),
         cmocka_unit_test(images_in_buffers_are_read_too),
         cmocka_unit_test(images_that_cannot_be_read_are_warnings),
         cmocka_unit_test(obj_maps_cut_by_alpha_and_say_what_is_not_read),
