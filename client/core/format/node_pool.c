@@ -11,6 +11,7 @@
 #include "format/node_pool_parts.h"
 
 #include <string.h>
+#include <sys/auxv.h>
 #include <xxhash.h>
 
 #include "base/memory.h"
@@ -21,10 +22,18 @@
 #define ITEMS_MIN      1024U
 #define LARGE_BYTES    ((size_t)4 << 20) /* arrays from here on are worth large pages */
 
+/* Of the random bytes that the kernel hands a process with its arguments. */
+static uint64_t secret_seed(void)
+{
+    const void *bytes = (const void *)(uintptr_t)getauxval(AT_RANDOM); /* 16, or NULL */
+    return bytes != NULL ? XXH3_64bits(bytes, 16) : (uint64_t)(uintptr_t)&bytes;
+}
+
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
 {
     memset(pool, 0, sizeof *pool);
     pool->alloc = alloc;
+    pool->seed = secret_seed();
     pool->max_bytes = max_bytes;
 }
 
@@ -174,9 +183,9 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
     return UMB_OK;
 }
 
-uint64_t umb__brick_hash(const uint64_t slices[8])
+uint64_t umb__brick_hash(const struct umb_pool *pool, const uint64_t slices[8])
 {
-    return XXH3_64bits(slices, 8 * sizeof slices[0]);
+    return XXH3_64bits_withSeed(slices, 8 * sizeof slices[0], pool->seed);
 }
 
 /* Makes room for one more brick. */
@@ -204,7 +213,7 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
             return status;
         }
         for (uint32_t i = 0; i < pool->brick_count; i++) {
-            slots_put(&pool->brick_slots, umb__brick_hash(pool->bricks[i]), i);
+            slots_put(&pool->brick_slots, umb__brick_hash(pool, pool->bricks[i]), i);
         }
     }
     return UMB_OK;
@@ -248,12 +257,13 @@ enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], 
         *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
-    return umb__pool_find_brick(pool, slices, umb__brick_hash(slices), ref, error);
+    return umb__pool_find_brick(pool, slices, umb__brick_hash(pool, slices), ref, error);
 }
 
-uint64_t umb__key_hash(const struct umb__node_key *key)
+uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *key)
 {
-    return XXH3_64bits(key->words, (1 + (size_t)key->child_count) * sizeof key->words[0]);
+    return XXH3_64bits_withSeed(key->words, (1 + (size_t)key->child_count) * sizeof key->words[0],
+                                pool->seed);
 }
 
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key)
@@ -353,7 +363,7 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
         struct umb__node_key key;
         for (uint32_t i = 0; i < level->count; i++) {
             key_of_node(level, i, &key);
-            slots_put(&level->slots, umb__key_hash(&key), i);
+            slots_put(&level->slots, umb__key_hash(pool, &key), i);
         }
     }
     return UMB_OK;
@@ -399,7 +409,7 @@ enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
         *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
-    return umb__pool_find_node(pool, level_number, &key, umb__key_hash(&key), ref, error);
+    return umb__pool_find_node(pool, level_number, &key, umb__key_hash(pool, &key), ref, error);
 }
 
 enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const uint32_t *levels,

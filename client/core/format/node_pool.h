@@ -50,6 +50,7 @@ struct umb_pool_level {
 
 struct umb_pool {
     const struct umb_alloc *alloc;
+    uint64_t seed;           /* of its hashes */
     size_t bytes, max_bytes; /* in use; allowed */
     struct umb_hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;

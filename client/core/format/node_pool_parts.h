@@ -6,6 +6,9 @@
  *
  * A slot is one 64-bit word, tag above number: the hash's low half gives the place, its high half
  * the tag. Slots that follow one another are tried in turn until an empty one.
+ *
+ * Hashes have a seed that nobody outside the process knows: bricks of a stranger's file that all
+ * had one hash would each be compared with all before. Numbers do not depend on it.
  */
 #include "format/node_pool.h"
 
@@ -27,8 +30,8 @@ struct umb__node_key {
     uint32_t child_count;
 };
 
-uint64_t umb__brick_hash(const uint64_t slices[8]);
-uint64_t umb__key_hash(const struct umb__node_key *key);
+uint64_t umb__brick_hash(const struct umb_pool *pool, const uint64_t slices[8]);
+uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *key);
 
 /* In: children: as umb_pool_node takes them. */
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);

@@ -42,7 +42,7 @@ enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*br
     enum umb_status status = UMB_OK;
     uint64_t hashes[GROUP];
     for (uint32_t i = 0; i < count; i++) {
-        hashes[i] = umb__brick_hash(bricks[i]);
+        hashes[i] = umb__brick_hash(pool, bricks[i]);
         slot_ahead(&pool->brick_slots, hashes[i]);
     }
     for (uint32_t i = 0; i < count; i++) {
@@ -58,11 +58,12 @@ enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*br
 }
 
 /* Asks for all lines that looking a group up will read. */
-static void nodes_ahead(const struct umb_pool_level *level, struct umb__node_group *group,
-                        uint32_t n)
+static void nodes_ahead(const struct umb_pool *pool, uint32_t number,
+                        struct umb__node_group *group, uint32_t n)
 {
+    const struct umb_pool_level *level = &pool->level[number];
     for (uint32_t i = 0; i < n; i++) {
-        group->hashes[i] = umb__key_hash(&group->keys[i]);
+        group->hashes[i] = umb__key_hash(pool, &group->keys[i]);
         slot_ahead(&level->slots, group->hashes[i]);
     }
     for (uint32_t i = 0; i < n; i++) {
@@ -84,7 +85,7 @@ enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
                                      struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    nodes_ahead(&pool->level[level], group, count);
+    nodes_ahead(pool, level, group, count);
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         status =
             umb__pool_find_node(pool, level, &group->keys[i], group->hashes[i], &refs[i], error);
