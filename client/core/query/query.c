@@ -257,7 +257,7 @@ static void widen_steps(struct umb__query *q)
 {
     for (unsigned axis = 0; axis < 3 && q->level > 0; axis++) {
         for (unsigned k = 0; k < 3; k++) {
-            q->voxel_step[axis][k] *= 2.0 * (double)((uint32_t)1 << q->level);
+            q->voxel_step[axis][k] *= umb__coarse_steps(q);
         }
     }
 }
@@ -271,13 +271,11 @@ static double bias_without_normal(const struct umb__query *q, int32_t taps)
 static void set_bias(struct umb__query *q, const struct umb_query_settings *settings)
 {
     q->bias_mode = settings->bias_mode;
-    if (settings->bias_mode == UMB_BIAS_AUTO) {
-        widen_steps(q);
-    }
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
-        q->no_normal_m = bias_without_normal(q, q->taps);
         q->trans_no_normal_m = bias_without_normal(q, q->trans_bias_taps);
+        widen_steps(q);
+        q->no_normal_m = bias_without_normal(q, q->taps);
         break;
     case UMB_BIAS_VOXELS:
         q->bias_m =

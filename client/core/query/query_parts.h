@@ -91,6 +91,12 @@ struct umb__window {
     bool all_lit;           /* no look-up needed: 1 */
 };
 
+/* Voxels that the automatic bias of coarse look-ups takes for one: two cells' edges. */
+static inline double umb__coarse_steps(const struct umb__query *q)
+{
+    return 2.0 * (double)((uint32_t)1 << q->level);
+}
+
 static inline double umb__coordinate(const struct umb_points *points, size_t i, unsigned axis)
 {
     if (points->format == UMB_POINT_F32) {

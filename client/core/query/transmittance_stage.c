@@ -82,12 +82,17 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__trans_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* The query whose points are moved for the boxes of this stage. */
+/* The query whose points are moved for the boxes of this stage: of voxels, whatever the level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;
     wide.taps = q->trans_bias_taps;
     wide.no_normal_m = q->trans_no_normal_m;
+    for (unsigned axis = 0; axis < 3 && q->level > 0 && q->bias_mode == UMB_BIAS_AUTO; axis++) {
+        for (unsigned k = 0; k < 3; k++) {
+            wide.voxel_step[axis][k] /= umb__coarse_steps(q);
+        }
+    }
     return wide;
 }
 

@@ -106,6 +106,47 @@ static void model_box(const struct tf_asset *f, uint32_t light, const double v[3
     *exact = (long double)lit / (taps * taps) * sum / (box * box);
 }
 
+/* Where look-ups of opaque casters stop says nothing of the box that the light left is a mean over,
+ * nor how far its points move. */
+static void levels_leave_the_light_left_alone(void **state)
+{
+    (void)state;
+    enum {
+        COUNT = 500
+    };
+    static double points[COUNT][3], voxels[COUNT][3];
+    static float normals[COUNT][3];
+    struct tf_asset f;
+    uint64_t seed = 47;
+    tf_open(&f, 7, 6);
+    make_points(points, voxels, COUNT, 53);
+    for (size_t i = 0; i < COUNT; i++) {
+        for (int k = 0; k < 3 && i % 2 == 0; k++) {
+            normals[i][k] = (float)(random_unit(&seed) - 0.5);
+        }
+    }
+    struct umb_points batch = batch_of((const double(*)[3])points, COUNT);
+    batch.normals = normals;
+    for (uint32_t light = 0; light < TF_LIGHTS; light++) {
+        struct umb_query_settings settings = {.light = light};
+        const struct umb_query fine = prepare(f.asset, &settings);
+        settings.level = UMB_LEVEL_BRICK;
+        const struct umb_query coarse = prepare(f.asset, &settings);
+        size_t dimmed = 0;
+        for (size_t i = 0; i < COUNT; i++) {
+            struct umb_explanation voxel, cell;
+            umb_query_explain(&fine, &batch, i, &voxel);
+            umb_query_explain(&coarse, &batch, i, &cell);
+            if (voxel.answer > 0 && cell.answer > 0) {
+                assert_true(voxel.transmittance == cell.transmittance);
+                dimmed += voxel.transmittance < 1;
+            }
+        }
+        assert_true(dimmed > COUNT / 20);
+    }
+    tf_close(&f);
+}
+
 /* Answers are the product of both, to the last bit by the lists, within 1e-6 by the layers. */
 static void answers_are_products_of_all_hits(void **state)
 {
@@ -472,6 +513,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lists_are_what_the_page_says),
         cmocka_unit_test(answers_are_products_of_all_hits),
+        cmocka_unit_test(levels_leave_the_light_left_alone),
         cmocka_unit_test(formats_and_splits_agree),
         cmocka_unit_test(what_is_not_dimmed_keeps_its_bits),
         cmocka_unit_test(explanations_say_what_translucent_casters_left),
