@@ -248,7 +248,8 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
         if (status == UMB_OK) {
             status = hand_over(&g, ranges, count, list, calls, got, got_user);
         } else {
-            const struct umb_error first = g.error; /* `got` may write into *error */
+            /* `got` may write into *error. */
+            const struct umb_error first = error ? *error : (struct umb_error){0};
             hand_over_rest(&g, ranges, count, list, calls, got, got_user);
             if (error) {
                 *error = first;

@@ -12,6 +12,7 @@
 #include <time.h>
 #include "fake_server.h"
 #include "umbrage/client.h"
+#include "umbrage/region.h"
 
 #define COUNT 100
 
@@ -406,6 +407,27 @@ static void queued_calls_expire_behind_a_full_server(void **state)
     fake_stop(&server);
 }
 
+static enum umb_status never_got(void *user, size_t number, const void *bytes, size_t size)
+{
+    (void)user, (void)number, (void)bytes, (void)size;
+    fail_msg("nothing was read");
+    return UMB_E_INTERNAL;
+}
+
+/* A read that cannot begin says why, as one that the server fails does. */
+static void assert_region_is_busy(struct umb_client *client)
+{
+    const struct umb_range range = {0, 100};
+    struct umb_region_source source;
+    struct umb_error error = {0};
+    assert_int_equal(umb_region_daemon_open(client, "city", &source, &error), UMB_OK);
+    assert_int_equal(source.read(source.user, &range, 1, never_got, NULL, &error), UMB_E_BUSY);
+    assert_int_equal(error.status, UMB_E_BUSY);
+    assert_non_null(strstr(error.message, "the limit is 8"));
+    assert_int_equal(source.read(source.user, &range, 1, never_got, NULL, NULL), UMB_E_BUSY);
+    umb_region_daemon_close(&source);
+}
+
 static void full_client_is_busy_and_close_cancels_every_call_once(void **state)
 {
     struct fake_server server = {.http1 = false};
@@ -424,6 +446,7 @@ static void full_client_is_busy_and_close_cancels_every_call_once(void **state)
     assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, &error),
                      UMB_E_BUSY);
     assert_non_null(strstr(error.message, "the limit is 8"));
+    assert_region_is_busy(client);
     assert_int_equal(calls_so_far(&tally), 0);
     umb_client_close(client);
     assert_int_equal(tally.calls, 8);
