@@ -184,6 +184,13 @@ static void note_taken(struct stage *stage)
     }
 }
 
+/* 1 if the farm knows a task of the stage, whether it waits or runs. */
+static int has_any(const struct stage *stage)
+{
+    return memchr(stage->known, UMBJ_TASK_WAITS, stage->farm.count) != NULL ||
+           memchr(stage->known, UMBJ_TASK_RUNS, stage->farm.count) != NULL;
+}
+
 /* The farm refused `first` and maybe more, or its answer was lost: it is asked again later, also
  * for long, if there are tasks of ours whose place it may be waiting for. */
 static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
@@ -193,8 +200,7 @@ static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum 
         stage->refused_ms = now_ms();
         tell_task(stage, first, UMBJ_TEMPORARY, error->message);
     }
-    return memchr(stage->known, 1, stage->farm.count) == NULL &&
-                   now_ms() - stage->refused_ms > PATIENCE_MS
+    return !has_any(stage) && now_ms() - stage->refused_ms > PATIENCE_MS
                ? umbj_try_fail_status(stage->try, status, error)
                : UMBJ_NO_FAILURE;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A bake on a farm of this file's own: what counts as the bake's time, and what is done when the
  * farm's answer was lost. The whole executor: tests/system/test_slurm_executor.py. */
+#define _GNU_SOURCE /* syscall */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -10,6 +11,7 @@
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -32,10 +34,20 @@ struct fixture {
     int state;  /* of tasks until then */
     int mute;   /* 1: takes the next array and says that it did not */
     int silent; /* questions that get no answer */
+    int full;   /* so many arrays are refused but for TILES / 2 tasks, and time goes by */
     int stop_at_submit, too_large;
     size_t arrays, merges, questions;
     uint8_t taken[TILES];
 };
+
+static _Atomic time_t skipped_s; /* of the clock, for the whole program */
+
+int clock_gettime(clockid_t clock, struct timespec *now)
+{
+    const int code = (int)syscall(SYS_clock_gettime, clock, now);
+    now->tv_sec += skipped_s;
+    return code;
+}
 
 static int64_t now_ms(void)
 {
@@ -54,6 +66,18 @@ static void put_end(const struct umbj_farm_stage *stage, const char *end, const 
     assert_int_equal(fclose(file), 0);
 }
 
+/* A limit of tasks in the queue that is reached for minutes. */
+static enum umb_status take_half(struct fixture *f, uint8_t *wanted, struct umb_error *error)
+{
+    for (uint32_t i = 0; i < TILES / 2; i++) {
+        f->taken[i] |= wanted[i];
+        wanted[i] = 0;
+    }
+    skipped_s += 100;
+    f->full--;
+    return umb_fail(error, UMB_E_UNAVAILABLE, "there are enough of yours");
+}
+
 static enum umb_status submit_array(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                                     uint8_t *wanted, struct umb_error *error)
 {
@@ -61,6 +85,9 @@ static enum umb_status submit_array(struct umbj_farm *self, const struct umbj_fa
     const uint64_t one = 1;
     f->arrays++;
     f->since_ms = now_ms();
+    if (f->full > 0) {
+        return take_half(f, wanted, error);
+    }
     for (uint32_t i = 0; i < stage->count; i++) {
         assert_int_equal(f->taken[i] && wanted[i], 0); /* no twins */
         f->taken[i] |= wanted[i];
@@ -222,6 +249,20 @@ static void tasks_whose_submission_was_not_answered_are_not_submitted_again(void
     assert_true(f->questions > 3);
 }
 
+static void a_farm_that_is_full_of_the_bakes_own_tasks_is_waited_for(void **state)
+{
+    static const int states[] = {UMBJ_TASK_WAITS, UMBJ_TASK_RUNS};
+    struct fixture *f = *state;
+    f->options.timeout_ms = 3600 * 1000;
+    for (int i = 0; i < 2; i++) {
+        memset(f->taken, 0, sizeof f->taken);
+        f->state = states[i];
+        f->full = 4;
+        expect(f, UMBJ_NO_FAILURE);
+        assert_int_equal(f->full, 0);
+    }
+}
+
 static void a_try_that_is_stopped_while_it_submits_is_cancelled(void **state)
 {
     struct fixture *f = *state;
@@ -254,6 +295,7 @@ int main(void)
         FARM_TEST(waiting_in_the_queue_is_not_the_bakes_time),
         FARM_TEST(running_is_the_bakes_time),
         FARM_TEST(tasks_whose_submission_was_not_answered_are_not_submitted_again),
+        FARM_TEST(a_farm_that_is_full_of_the_bakes_own_tasks_is_waited_for),
         FARM_TEST(a_try_that_is_stopped_while_it_submits_is_cancelled),
         FARM_TEST(a_file_beyond_the_limit_is_no_reason_to_try_again),
     };
