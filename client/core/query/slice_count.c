@@ -229,12 +229,13 @@ double umb__slice_share(const struct umb__slice *slice, const struct umb__real_b
 
 void umb__store_share(void *values, enum umb_answer_format format, size_t i, double share)
 {
+    const float value = (float)share;
     if (format == UMB_ANSWER_F32) {
-        const float value = (float)share;
         memcpy((uint8_t *)values + i * sizeof value, &value, sizeof value);
     } else if (format == UMB_ANSWER_U8) {
-        ((uint8_t *)values)[i] = (uint8_t)(255.0 * share + 0.5);
+        /* What is a tie as a fraction may be a hair less as a float, and goes up. */
+        ((uint8_t *)values)[i] = (uint8_t)(255.0 * ((double)value * (1 + 0x1p-23)) + 0.5);
     } else {
-        umb__store_answer(values, format, i, share >= 0.5, 1);
+        umb__store_answer(values, format, i, value >= 0.5F, 1);
     }
 }

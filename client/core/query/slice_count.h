@@ -46,7 +46,8 @@ static inline struct umb__tree umb__tree_of(const struct umb__query *q)
                               .grid_log2 = q->grid_log2};
 }
 
-/* Stores a share as umb_answer_format says. */
+/* Stores a share as umb_answer_format says. Bytes and bits are those of the float that it rounds
+ * to: stages behind one another hand on floats, and which of them ran must not show. */
 void umb__store_share(void *values, enum umb_answer_format format, size_t i, double share);
 
 #endif

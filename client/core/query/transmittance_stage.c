@@ -119,24 +119,6 @@ static void run_opaque(const struct umb__query *q, const struct umb_points *poin
     }
 }
 
-/* `count` points from `first` on as a batch of their own. */
-static struct umb_points part_of(const struct umb_points *points, size_t first, size_t count)
-{
-    const size_t scalar = points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
-    struct umb_points part = *points;
-    part.positions = (const uint8_t *)points->positions + 3 * first * scalar;
-    part.normals = points->normals ? (const uint8_t *)points->normals + 12 * first : NULL;
-    part.count = count;
-    return part;
-}
-
-/* Stores a product. Bytes: what is a tie as a fraction may be a hair less as a float, and goes up.
- */
-static void store(void *values, enum umb_answer_format format, size_t i, double share)
-{
-    umb__store_share(values, format, i, format == UMB_ANSWER_U8 ? share * (1 + 0x1p-23) : share);
-}
-
 static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
                       const struct umb_points *points, size_t first, size_t count,
                       struct umb_answers *answers)
@@ -153,13 +135,14 @@ static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
         return;
     }
     float values[CHUNK];
-    const struct umb_points part = part_of(points, first, count);
+    const struct umb_points part = umb__some_points(points, first, count);
     struct umb_answers shares = {.values = values, .stats = answers->stats};
     opaque.format = UMB_ANSWER_F32;
     run_opaque(&opaque, &part, 0, count, &shares);
     answers->stats = shares.stats;
     for (size_t i = 0; i < count; i++) {
-        store(answers->values, q->format, first + i, (double)values[i] * share_left(lost[i], all));
+        umb__store_share(answers->values, q->format, first + i,
+                         (double)values[i] * share_left(lost[i], all));
     }
 }
 

@@ -6,6 +6,7 @@
 #include "transmittance_fixture.h"
 
 #include "oracle_reader.h"
+#include "query/slice_count.h"
 #include "umbrage/partial.h"
 #include "umbrage/query.h"
 
@@ -232,6 +233,25 @@ static void formats_and_splits_agree(void **state)
         assert_int_equal(bits[i / 8] >> (i % 8) & 1, whole[i] >= 0.5F);
     }
     tf_close(&f);
+}
+
+/* A share may have been a float on its way or not: what is stored must not tell. */
+static void bytes_and_bits_follow_from_the_float(void **state)
+{
+    (void)state;
+    static const enum umb_answer_format formats[] = {UMB_ANSWER_U8, UMB_ANSWER_BIT};
+    for (unsigned k = 0; k <= 2 * 255; k++) {
+        const double ties[] = {k / 510.0, nextafter(k / 510.0, 0), nextafter(k / 510.0, 1)};
+        for (unsigned t = 0; t < 3; t++) {
+            for (unsigned f = 0; f < 2; f++) {
+                uint8_t direct = 0, rounded = 0;
+                umb__store_share(&direct, formats[f], 0, ties[t]);
+                umb__store_share(&rounded, formats[f], 0, (double)(float)ties[t]);
+                assert_int_equal(direct, rounded);
+                assert_int_equal(direct, f == 0 ? (k + 1) / 2 : k >= 255);
+            }
+        }
+    }
 }
 
 static void what_is_not_dimmed_keeps_its_bits(void **state)
@@ -515,6 +535,7 @@ int main(void)
         cmocka_unit_test(answers_are_products_of_all_hits),
         cmocka_unit_test(levels_leave_the_light_left_alone),
         cmocka_unit_test(formats_and_splits_agree),
+        cmocka_unit_test(bytes_and_bits_follow_from_the_float),
         cmocka_unit_test(what_is_not_dimmed_keeps_its_bits),
         cmocka_unit_test(explanations_say_what_translucent_casters_left),
         cmocka_unit_test(all_forms_of_a_file_answer_the_same),
