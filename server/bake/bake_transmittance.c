@@ -129,6 +129,7 @@ static enum umb_status make_entry(struct maps *maps, struct umb_trans_bytes *byt
     if (levels == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
     }
+    maps->too_large = 0;
     enum umb_status status =
         umb_trans_append(bytes, levels, count, UMBB_TRANSMITTANCE_BYTES_MAX, error);
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {

@@ -6,6 +6,7 @@
 #include "bake/depth/light_left.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +29,7 @@ struct bench {
     struct fragment *fragments, *sorted; /* [capacity] */
     struct umb_trans_drop *steps;        /* [capacity] */
     size_t count, capacity;
+    int too_many; /* 1: fragments_max was not enough */
     struct umb_trans_list lists[UMB_TRANS_SIDE * UMB_TRANS_SIDE];
     uint32_t first[UMB_TRANS_SIDE * UMB_TRANS_SIDE + 1];
 };
@@ -35,8 +37,10 @@ struct bench {
 struct maker {
     const struct umbb_light_left_job *job;
     struct umbb_bins bins;
+    unsigned threads;
     size_t fragments_max;         /* a thread */
-    struct bench *benches;        /* [threads] */
+    atomic_size_t total;          /* bytes of all rows so far */
+    struct bench *benches;        /* [job->threads] */
     struct umb_trans_bytes *rows; /* [squares a side] */
     enum umb_status *statuses;    /* [squares a side] */
     struct umb_error *errors;     /* [squares a side] */
@@ -49,6 +53,7 @@ static enum umb_status reserve(const struct maker *m, struct bench *bench, struc
         return UMB_OK;
     }
     if (bench->count >= m->fragments_max) {
+        bench->too_many = 1;
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: more than %zu translucent surfaces before 64 x 64 texels",
                         m->fragments_max);
@@ -67,6 +72,14 @@ static enum umb_status reserve(const struct maker *m, struct bench *bench, struc
     }
     bench->capacity = capacity;
     return UMB_OK;
+}
+
+static void bench_free(struct bench *bench)
+{
+    free(bench->fragments);
+    free(bench->sorted);
+    free(bench->steps);
+    memset(bench, 0, sizeof *bench);
 }
 
 /* Collects the fragments of a triangle in the square at (x0, y0). */
@@ -184,14 +197,28 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
     return umb_trans_square(bytes, bench->lists, m->job->max_bytes, error);
 }
 
+/* Bytes of the masks of a map's squares, all that an empty one takes. */
+static size_t empty_bytes(const struct maker *m)
+{
+    return (size_t)8 << (2 * (m->job->level - 6));
+}
+
 static void row_job(void *user, uint32_t row, unsigned thread)
 {
     struct maker *m = user;
     const int32_t across = (int32_t)1 << m->job->level;
+    const size_t most = m->job->max_bytes + empty_bytes(m);
     enum umb_status status = UMB_OK;
+    m->rows[row].count = 0;
     for (int32_t x = 0; x < across && status == UMB_OK; x += SIDE) {
+        const size_t before = m->rows[row].count;
         status = make_square(m, x, (int32_t)row * SIDE, &m->benches[thread], &m->rows[row],
                              &m->errors[row]);
+        const size_t more = m->rows[row].count - before;
+        if (atomic_fetch_add(&m->total, more) + more > most && status == UMB_OK) {
+            status = umb_fail(&m->errors[row], UMB_E_LIMIT, "transmittance: more than %zu bytes",
+                              m->job->max_bytes);
+        }
     }
     if (status == UMB_OK && m->job->cancelled != NULL && m->job->cancelled()) {
         status = umb_fail(&m->errors[row], UMB_E_CANCELLED, "interrupted: nothing was written");
@@ -202,10 +229,11 @@ static void row_job(void *user, uint32_t row, unsigned thread)
 static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_error *error)
 {
     struct umbb_jobs *jobs;
-    const enum umb_status status = umbb_jobs_create(m->job->threads, &jobs, error);
+    const enum umb_status status = umbb_jobs_create(m->threads, &jobs, error);
     if (status != UMB_OK) {
         return status;
     }
+    atomic_store(&m->total, 0);
     umbb_jobs_start(jobs, row_job, m, rows);
     umbb_jobs_wait(jobs, NULL, NULL);
     umbb_jobs_destroy(jobs);
@@ -215,6 +243,31 @@ static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_erro
         }
     }
     return UMB_OK;
+}
+
+/* Makes the rows by fewer threads if their shares of the memory are too small: whether there is a
+ * map does not depend on how many there are. */
+static enum umb_status make_rows_in_memory(struct maker *m, uint32_t rows, int *too_large,
+                                           struct umb_error *error)
+{
+    const size_t fragment_bytes = 2 * sizeof(struct fragment) + sizeof(struct umb_trans_drop);
+    const size_t fragments = m->job->working_bytes / 2 / fragment_bytes;
+    for (m->threads = m->job->threads;; m->threads = (m->threads + 3) / 4) {
+        int too_many = 0;
+        m->fragments_max = fragments / m->threads;
+        const enum umb_status status = make_rows(m, rows, error);
+        *too_large = atomic_load(&m->total) > m->job->max_bytes + empty_bytes(m);
+        for (uint32_t i = 0; i < rows; i++) {
+            *too_large |= m->rows[i].count > m->job->max_bytes;
+        }
+        for (unsigned i = 0; i < m->threads; i++) {
+            too_many |= m->benches[i].too_many;
+            bench_free(&m->benches[i]);
+        }
+        if (status != UMB_E_LIMIT || *too_large || !too_many || m->threads == 1) {
+            return status;
+        }
+    }
 }
 
 /* Puts the rows together; nothing if all squares are empty. */
@@ -227,7 +280,7 @@ static enum umb_status join(const struct maker *m, uint32_t rows, struct umb_tra
     }
     *too_large = bytes->count + total > m->job->max_bytes;
     enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < rows && total > (size_t)8 * rows * rows && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < rows && total > empty_bytes(m) && status == UMB_OK; i++) {
         status =
             umb_trans_append(bytes, m->rows[i].data, m->rows[i].count, m->job->max_bytes, error);
     }
@@ -252,9 +305,7 @@ enum umb_status umbb_light_left_make(const struct umbb_light_left_job *job,
                                      struct umb_error *error)
 {
     const uint32_t rows = (uint32_t)1 << (job->level - 6);
-    const size_t fragment_bytes = 2 * sizeof(struct fragment) + sizeof(struct umb_trans_drop);
-    struct maker m = {.job = job,
-                      .fragments_max = job->working_bytes / 2 / job->threads / fragment_bytes};
+    struct maker m = {.job = job};
     *too_large = 0;
     m.benches = calloc(job->threads, sizeof *m.benches);
     m.rows = calloc(rows, sizeof *m.rows);
@@ -265,21 +316,13 @@ enum umb_status umbb_light_left_make(const struct umbb_light_left_job *job,
             ? fill_bins(&m, rows, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
     if (status == UMB_OK) {
-        status = make_rows(&m, rows, error);
-        for (uint32_t i = 0; i < rows; i++) {
-            *too_large |= m.statuses[i] == UMB_E_LIMIT && m.rows[i].count > job->max_bytes;
-        }
+        status = make_rows_in_memory(&m, rows, too_large, error);
     }
     if (status == UMB_OK) {
         status = join(&m, rows, bytes, too_large, error);
     }
     for (uint32_t i = 0; m.rows != NULL && i < rows; i++) {
         umb_trans_bytes_finish(&m.rows[i]);
-    }
-    for (unsigned i = 0; m.benches != NULL && i < job->threads; i++) {
-        free(m.benches[i].fragments);
-        free(m.benches[i].sorted);
-        free(m.benches[i].steps);
     }
     umbb_bins_finish(&m.bins);
     free(m.benches);

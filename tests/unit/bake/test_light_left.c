@@ -307,6 +307,19 @@ static void limits_are_told_apart(void **state)
     assert_int_equal(too_large, 0);
     assert_non_null(strstr(error.message, "--memory"));
     umb_trans_bytes_finish(&bytes);
+    /* Whoever has too many threads for the memory does with fewer. */
+    size_t least = 20000;
+    for (enum umb_status status = UMB_E_LIMIT; status == UMB_E_LIMIT; least += least / 4) {
+        job.threads = 1;
+        job.working_bytes = least;
+        status = umbb_light_left_make(&job, &bytes, &too_large, &error);
+    }
+    const size_t wanted = bytes.count;
+    umb_trans_bytes_finish(&bytes);
+    job.threads = 16;
+    assert_int_equal(umbb_light_left_make(&job, &bytes, &too_large, &error), UMB_OK);
+    assert_int_equal(bytes.count, wanted);
+    umb_trans_bytes_finish(&bytes);
     umbs_cuts_finish(&f.cuts);
 }
 
