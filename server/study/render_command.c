@@ -47,12 +47,15 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
 
 static enum umb_status inputs_open(struct render *render, struct umb_error *error)
 {
-    const struct umbt_render_options *options = &render->options;
+    struct umbt_render_options *options = &render->options;
     const double start = umbt_now_s();
+    options->settings.opaque_only = options->compare; /* rays are stopped or not */
     enum umb_status status = umbt_source_init(&render->source, options->asset, &options->daemon,
                                               &options->settings, error);
     if (status == UMB_OK) {
-        status = umbt_scene_init(&render->scene, options->scene, error);
+        status = render->source.translucent
+                     ? umbt_scene_init_opaque(&render->scene, options->scene, error)
+                     : umbt_scene_init(&render->scene, options->scene, error);
     }
     if (status == UMB_OK && !options->force) {
         status = umbt_scene_match(&render->scene, options->asset, render->source.scene_hash, error);
@@ -197,6 +200,10 @@ static void compare_text(const struct render *render)
            "  differing by more than 0.5: %.4f %%\n",
            truth_name(render->options.truth), result->facing, result->mean_difference,
            result->mean_lighter, result->mean_darker, 100.0 * result->over_half);
+    if (render->source.translucent) {
+        printf("  translucent casters: not traced, %s\n",
+               render->source.asset != NULL ? "nor asked for" : "but in the daemon's answers");
+    }
     if (undefined_is_known(render)) {
         printf("  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
                result->undefined, result->mean_defined, 100.0 * result->over_half_defined);

@@ -8,6 +8,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "study/study_scene.h"
+
 #define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
 #define TOKEN_MAX       4096 /* characters */
 
@@ -39,6 +41,7 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     memcpy(source->id, info.id, sizeof source->id);
     memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
     memcpy(source->origin, info.origin, sizeof source->origin);
+    source->translucent = umbt_plan_has(info.plan, "transmittance");
     status = umb_asset_get_light(source->asset, source->settings.light, &source->light);
     const uint32_t count = status == UMB_OK ? source->light.frustum_count : 0;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
@@ -132,6 +135,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
         memcpy(source->id, description->asset.id, sizeof source->id);
         memcpy(source->scene_hash, description->scene_hash, sizeof source->scene_hash);
         source->light = description->lights[source->settings.light].info;
+        source->translucent = umbt_plan_has(description->plan, "transmittance");
     }
     umb_client_description_free(description);
     return status;

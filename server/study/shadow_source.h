@@ -25,6 +25,7 @@ struct umbt_source {
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
+    int translucent;                 /* the asset was baked with the effect transmittance */
 };
 
 /* How the daemon is reached, as `umbrage` is told it; NULL: not given. Borrowed. */

@@ -116,6 +116,12 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, stru
     return scene_load(scene, path, 0, 0, error);
 }
 
+enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
+                                       struct umb_error *error)
+{
+    return scene_load(scene, path, 0, 1, error);
+}
+
 int umbt_plan_has(const char *plan, const char *effect)
 {
     char wanted[64];

@@ -35,6 +35,10 @@ int umbt_plan_has(const char *plan, const char *effect);
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
 
+/* The same, and rays go through translucent triangles. */
+UMB_CHECKED enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
+                                                   struct umb_error *error);
+
 /* The same as the voxels of an asset with this plan see it: without holes unless its effect cut-out
  * is on, and rays go through translucent triangles if its effect transmittance is. */
 UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
