@@ -4,6 +4,7 @@
 #include "daemon/acceptor.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <unistd.h>
 
 #define TAKEN_MAX 64 /* in one event: then others on the loop have their turn */
@@ -34,6 +35,13 @@ static int is_of_one(int code)
            code == ENOPROTOOPT || code == ENONET || code == EOPNOTSUPP;
 }
 
+/* The kernel looks for a descriptor before it looks who waits: the want may be nobody's. */
+static int somebody_waits(int fd)
+{
+    struct pollfd listening = {.fd = fd, .events = POLLIN};
+    return poll(&listening, 1, 0) != 0;
+}
+
 /* Takes what waits. Whatever goes wrong for good stops the poll: an event that nobody can answer
  * would come again at once. */
 static void take(struct umbd_acceptor *acceptor)
@@ -43,7 +51,7 @@ static void take(struct umbd_acceptor *acceptor)
         int code = fd < 0 ? errno : 0;
         if (fd >= 0) {
             acceptor->taken(acceptor, fd);
-        } else if (code == EAGAIN || code == EWOULDBLOCK) {
+        } else if (code == EAGAIN || code == EWOULDBLOCK || !somebody_waits(acceptor->fd)) {
             return;
         } else if (!is_of_one(code)) {
             (void)uv_poll_stop(&acceptor->poll);
