@@ -299,7 +299,7 @@ static enum umb_status order_nodes(const struct umb_octree *octree, bool copies,
     if (status != UMB_OK) {
         umb__pack_order_finish(order);
     }
-    *worth = t.copied_bytes / COPIES_MAX_FIFTHS <= t.own_bytes / 5;
+    *worth = 5 * t.copied_bytes <= COPIES_MAX_FIFTHS * t.own_bytes;
     return status;
 }
 
