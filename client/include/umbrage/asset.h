@@ -59,7 +59,8 @@ enum umb_trust {
 struct umb_open_options {
     enum umb_trust trust;
     /* Refuse a packed file that needs more while it expands: pages, octree, grids, nodes and bricks
-     * together. Its head comes on top, twice at most. 0 = 64 GiB. */
+     * together. On top come its head, twice at most, and up to twelve times what translucent
+     * casters take of it (`transmittance_bytes`). 0 = 64 GiB. */
     uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
 };
