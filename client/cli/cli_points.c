@@ -292,14 +292,30 @@ enum umb_status umbc_footprints_read(FILE *file, const char *name, struct umbc_b
     if (count < batch->count) {
         return ferror(file) ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", name)
                             : umb_fail(error, UMB_E_TRUNCATED,
-                                       "%.120s: ends after %llu footprints, but "
+                                       "%.120s: ends after %llu footprints (raw f32), but "
                                        "there are more points",
                                        name, (unsigned long long)(batch->first + count));
     }
     for (size_t i = 0; i < count; i++) {
-        batch->footprints[i] = umb__load_f32((const uint8_t *)(batch->footprints + i));
+        const float length = umb__load_f32((const uint8_t *)(batch->footprints + i));
+        if (!(isfinite(length) && length >= 0)) {
+            return umb_fail(error, UMB_E_FORMAT,
+                            "%.120s: footprint %llu is %g, not a length of 0 or more", name,
+                            (unsigned long long)(batch->first + i), (double)length);
+        }
+        batch->footprints[i] = length;
     }
     return UMB_OK;
+}
+
+enum umb_status umbc_footprints_end(FILE *file, const char *name, uint64_t points,
+                                    struct umb_error *error)
+{
+    return fgetc(file) == EOF ? UMB_OK
+                              : umb_fail(error, UMB_E_FORMAT,
+                                         "%.120s: goes on after the footprints (raw f32) of all "
+                                         "%llu points",
+                                         name, (unsigned long long)points);
 }
 
 enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,

@@ -70,9 +70,14 @@ UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct 
                                              struct umb_error *error);
 
 /* Reads a footprint for each point of a batch, raw f32 one behind the other, and makes room for
- * them. Fails: E_NO_MEMORY, E_TRUNCATED (fewer than points), E_IO. */
+ * them. Fails: E_NO_MEMORY, E_TRUNCATED (fewer than points), E_FORMAT (not finite, below 0),
+ * E_IO. */
 UMB_CHECKED enum umb_status umbc_footprints_read(FILE *file, const char *name,
                                                  struct umbc_batch *batch, struct umb_error *error);
+
+/* After the last of so many points. Fails: E_FORMAT (there are more footprints). */
+UMB_CHECKED enum umb_status umbc_footprints_end(FILE *file, const char *name, uint64_t points,
+                                                struct umb_error *error);
 
 /* Makes room for points of a format. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t capacity,

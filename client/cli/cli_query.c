@@ -193,6 +193,19 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     return UMB_OK;
 }
 
+/* Reads the next points and their footprints; a count of 0 is the end of both. */
+static enum umb_status read_slot(struct job *job, struct slot *slot, struct umb_error *error)
+{
+    const char *name = job->options->footprints;
+    const enum umb_status status = umbc_points_read(&job->source, &slot->batch, error);
+    if (status != UMB_OK || job->footprints == NULL) {
+        return status;
+    }
+    return slot->batch.count > 0
+               ? umbc_footprints_read(job->footprints, name, &slot->batch, error)
+               : umbc_footprints_end(job->footprints, name, job->source.count, error);
+}
+
 /* The ring: slots [oldest, next) are under way. */
 static enum umb_status run_ring(struct job *job, struct umb_error *error)
 {
@@ -203,14 +216,8 @@ static enum umb_status run_ring(struct job *job, struct umb_error *error)
     while (status == UMB_OK) {
         while (status == UMB_OK && !input_over && next - oldest < job->slot_count) {
             struct slot *slot = &job->slots[next % job->slot_count];
-            status = umbc_points_read(&job->source, &slot->batch, error);
-            if (status == UMB_OK && slot->batch.count == 0) {
-                input_over = true;
-            }
-            if (status == UMB_OK && !input_over && job->footprints != NULL) {
-                status = umbc_footprints_read(job->footprints, job->options->footprints,
-                                              &slot->batch, error);
-            }
+            status = read_slot(job, slot, error);
+            input_over = slot->batch.count == 0;
             if (status == UMB_OK && !input_over) {
                 status = start_slot(job, slot, error);
                 next++;

@@ -309,6 +309,20 @@ same "info of a daemon's asset" "$("$BUILD/umbrage" info city.umb --quiet)" \
 "$BUILD/umbrage" query city.umb --points points --taps 5 --quiet >file_answers
 try 0 umbrage query city --points points --taps 5 --quiet
 check "the daemon answers as the file does" cmp out file_answers
+printf '\0\0\200\77\0\0\0\0\0\0\0\100' >lengths # 1, 0, 2
+printf '\0\0\200\77\0\0\0\0\0\0\200\277' >below # 1, 0, -1
+head -c 8 lengths >short
+cat lengths short >long
+for asset in city.umb city; do
+    try 0 umbrage query $asset --points points --filter footprint --footprints lengths --quiet
+    try 65 umbrage query $asset --points points --filter footprint --footprints below
+    one_sentence "below: footprint 2 is -1"
+    try 65 umbrage query $asset --points points --filter footprint --footprints short
+    one_sentence "short: ends after 2"
+    try 65 umbrage query $asset --points points --filter footprint --footprints long -o none
+    one_sentence "long: goes on after"
+    check "  no output file" test ! -e none
+done
 for dial in "--max-error 30" "--max-error 0.3vis" "--level 3"; do
     # shellcheck disable=SC2086
     "$BUILD/umbrage" query city.umb --points points $dial --json --quiet >file_answers
