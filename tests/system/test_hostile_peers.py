@@ -39,6 +39,14 @@ def query(points, **fields):
                                       **fields).SerializeToString())
 
 
+def heavy(points):
+    """Some 3 us a point, so that a batch takes ten times as long to answer as to send."""
+    scattered = ut.floats(ut.random_points((-500, -10, -500), (500, 80, 500), 1000, 5))
+    return h2.prefixed(M.QueryRequest(
+        asset="city", points=(scattered * (points // 1000 + 1))[:12 * points], taps=1,
+        filter=M.FILTER_FOOTPRINT, footprint_m=30).SerializeToString())
+
+
 def upload(connection, body, end=True):
     """Opens a call and sends its body in frames; the stream."""
     stream = connection.open(QUERY)
@@ -165,8 +173,7 @@ with test.check("a peer that takes a few bytes now and then is cut as one that t
 with test.check("a greedy connection that fills the queue does not shut the others out"):
     daemon = test.daemon("--workers", 1, "--queue", 8)
     greedy = connect(daemon)
-    # Wide windows: each batch is a good part of a second for the one worker.
-    big = query(1000000, taps=17)
+    big = heavy(200000)  # a good part of a second for the one worker
     for _ in range(12):
         upload(greedy, big)
     ut.wait_until(lambda: daemon.metric("umbrage_queue_depth") >= 8, 20, "the queue is full")
@@ -183,7 +190,8 @@ with test.check("a greedy connection that fills the queue does not shut the othe
 with test.check("a connection that was refused is heard again when the queue has room"):
     daemon = test.daemon("--workers", 1, "--queue", 4)
     greedy = connect(daemon)
-    streams = [upload(greedy, query(100000, taps=17)) for _ in range(40)]
+    body = heavy(20000)
+    streams = [upload(greedy, body) for _ in range(40)]
     replies = [greedy.reply(stream, 120) for stream in streams]
     assert {reply.status for reply in replies} == {OK, EXHAUSTED}, replies
     assert greedy.reply(upload(greedy, query(4096, taps=17)), 60).status == OK
