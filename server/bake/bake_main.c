@@ -7,9 +7,11 @@
 #include "bake/bake_run.h"
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"
+#include "common/standard_streams.h"
 
 int main(int argc, char **argv)
 {
+    umbs_standard_streams_open();
     if (argc > 1 && strcmp(argv[1], "import-child") == 0) {
         return umbb_import_child(argc, argv);
     }

@@ -15,6 +15,7 @@
 #endif
 
 #include "common/file.h"
+#include "common/standard_streams.h"
 #include "daemon/admin.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
@@ -181,6 +182,7 @@ int main(int argc, char **argv)
 {
     struct umbd_options options;
     struct umb_error error = {0};
+    umbs_standard_streams_open();
     enum umb_status status = umbd_options_parse(argc, argv, &options, &error);
     int code = 0;
     if (status != UMB_OK) {

@@ -1,11 +1,13 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """A daemon that is told to leave again and again while it leaves still exits with 0; a command that is
-interrupted while it writes leaves no temporary behind.
+interrupted while it writes leaves no temporary behind. Programs that are started without standard
+streams print into no file of theirs.
 
 libuv gives a signal its default action back when its handle closes; a SIGTERM in that last moment
 used to kill the process (13 of 30 runs).
 """
+import json
 import os
 import signal
 import subprocess
@@ -17,12 +19,16 @@ BUILD = os.environ.get("BUILD", "build/release")
 ROUNDS = 20
 
 
-def storm(folder):
+# Runs its words with none of the standard descriptors.
+CLOSED = ["sh", "-c", "exec \"$@\" <&- >&- 2>&-", "sh"]
+
+
+def storm(folder, before=()):
     """Starts a daemon, sends SIGTERM until it is gone, returns its exit code."""
     os.mkdir(os.path.join(folder, "store"))
     addresses = os.path.join(folder, "addresses")
     daemon = subprocess.Popen(
-        [os.path.join(BUILD, "umbraged"), "--store", os.path.join(folder, "store"), "--listen",
+        [*before, os.path.join(BUILD, "umbraged"), "--store", os.path.join(folder, "store"), "--listen",
          "tcp:127.0.0.1:0", "--address-file", addresses, "--drain-delay", "0ms", "--log-level", "error"])
     deadline = time.monotonic() + 20
     while not os.path.exists(addresses) and daemon.poll() is None:
@@ -62,15 +68,40 @@ def interrupt_commands(folder):
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         code, left = interrupted(folder, number)
         print("interrupted:", code, left)
-        # A command that had finished before the signal came has its whole output and nothing else.
-        if (code, left) not in ((-number, []), (0, ["city.umbm"])):
+        # A command that had its output in place before the signal came leaves it, and nothing else.
+        if (code, left) not in ((-number, []), (-number, ["city.umbm"]), (0, ["city.umbm"])):
             return 1
     return 0
 
 
+def bake_without_streams(folder):
+    """1 unless a bake that says much and has nowhere to say it writes the asset of any other."""
+    scene = os.path.join(folder, "city.glb")
+    subprocess.run([build("scenegen"), "city", "--size", "2", "--seed", "1", "-o", scene], check=True)
+    baked = []
+    for number, before in enumerate(([], CLOSED)):
+        out = os.path.join(folder, f"{number}.umb")
+        code = subprocess.run([*before, build("umbrage-bake"), scene, "-o", out, "--resolution", "256",
+                               "--json"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                              check=False).returncode
+        if code != 0:
+            print("baked without streams:" if before else "baked:", code)
+            return 1
+        told = subprocess.run([build("umbrage"), "info", "--json", out], check=True,
+                              stdout=subprocess.PIPE).stdout
+        baked.append(json.loads(told)["asset"])
+    print("baked without streams:", baked)
+    return baked[0] != baked[1]
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
-        if interrupt_commands(folder) != 0:
+        if interrupt_commands(folder) != 0 or bake_without_streams(folder) != 0:
+            return 1
+    with tempfile.TemporaryDirectory() as folder:
+        code = storm(folder, CLOSED)
+        print("without streams:", code)
+        if code != 0:
             return 1
     codes = []
     for _ in range(ROUNDS):
