@@ -91,7 +91,7 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
     long code = 0;
     (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
     if (fetch->whole_file) {
-        return umb_fail(error, UMB_E_PROTOCOL, "'%.200s': the server does not serve ranges",
+        return umb_fail(error, UMB_E_UNSUPPORTED, "'%.200s': the server does not serve ranges",
                         http->url);
     }
     /* An error's body was cut off; a redirect is an error only if curl did not follow it. */
