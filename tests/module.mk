@@ -141,7 +141,7 @@ sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
-	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BUILD)/scenegen $(BUILD)/oracle_check
+	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check
 	@$(MAKE) --no-print-directory system
 	@$(MAKE) --no-print-directory fuzz-replay fault-short

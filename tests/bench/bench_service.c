@@ -261,7 +261,7 @@ int main(int argc, char **argv)
     }
     bench_scene_make(&scene, "city", 14, bench_option(argc, argv, "--assets", NULL));
     bench_scene_trace(&scene);
-    bench_points_gbuffer(&scene, &points);
+    bench_points_gbuffer(&scene, BENCH_VIEW_OVERVIEW, &points);
     bench_asset_make(&scene, 1, 0, &asset);
     if (atexit(daemon_stop) != 0) {
         bench_fail("atexit refused");
