@@ -17,7 +17,8 @@ FINEST = 4096
 
 def study(name, scene, folder):
     kept = os.environ.get("UMBRAGE_STUDIES")
-    place = os.path.join(kept or folder, os.path.basename(scene))
+    name = os.path.basename(scene)
+    place = os.path.join(kept, name) if kept else os.path.join(folder, name + "-study")
     report = os.path.join(place, "report.json")
     if not (kept and os.path.exists(report)):
         tables.run("umbrage-study", scene, "-o", place, "--quick", "--max-resolution", FINEST, "--sun", tables.SUN,

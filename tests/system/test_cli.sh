@@ -287,16 +287,22 @@ one_sentence other.sock
 unset UMBRAGE_ADDRESS
 
 # --- a daemon that is there ---
+# Waits for a file, a minute at most.
+wait_file() {
+    tries=0
+    while [ ! -f "$1" ] && [ $tries -lt 240 ]; do
+        tries=$((tries + 1))
+        sleep 0.25
+    done
+}
+
 mkdir store
 cp city.umb arch.umb store/
 "$BUILD/umbraged" --store store --listen "unix:$folder/d.sock" --address-file addresses \
     --drain-delay 0 >daemon.log 2>&1 &
 daemon=$!
 children="$children $daemon"
-for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
-    [ -f addresses ] && break
-    sleep 0.25
-done
+wait_file addresses
 UMBRAGE_ADDRESS=unix:$folder/d.sock
 export UMBRAGE_ADDRESS
 try 0 umbrage list
@@ -357,10 +363,7 @@ echo $token >token
     --token-file tokens --drain-delay 0 >daemon.log 2>&1 &
 daemon=$!
 children="$children $daemon"
-for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
-    [ -f token_addresses ] && break
-    sleep 0.25
-done
+wait_file token_addresses
 UMBRAGE_ADDRESS=unix:$folder/t.sock
 set -- umbrage render city.glb --asset city -o token.png --size 64x48 --quiet
 try 77 "$@"
