@@ -26,7 +26,7 @@
 static uint64_t secret_seed(void)
 {
     const void *bytes = (const void *)(uintptr_t)getauxval(AT_RANDOM); /* 16, or NULL */
-    return bytes != NULL ? XXH3_64bits(bytes, 16) : (uint64_t)(uintptr_t)&bytes;
+    return bytes != NULL ? XXH3_64bits(bytes, 16) : (uint64_t)(uintptr_t)getauxval;
 }
 
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
