@@ -96,7 +96,9 @@ with test.check("tasks that are killed and vanish are given out again, alone"):
     fault("kill", 2)
     bake(40)
     arrays = [call for call in calls("sbatch")[before:] if "--array" in call]
-    assert len(arrays) == 2 and "--array=0-1 " in arrays[1], arrays
+    # Seen to be missing at one look, or one after the other.
+    again = {word for call in arrays[1:] for word in call.split() if word.startswith("--array=")}
+    assert again in ({"--array=0-1"}, {"--array=0", "--array=1"}) and len(arrays) <= 3, arrays
 
 with test.check("tasks that wait for their time only are started"):
     fault("held")
