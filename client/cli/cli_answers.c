@@ -119,18 +119,6 @@ static const char *state_name(uint32_t state)
     return state == 0 ? "shadowed" : state == 1 ? "lit" : "mixed";
 }
 
-static const char *bias_name(enum umb_bias_mode mode)
-{
-    static const char *const names[] = {"auto", "voxels", "metres", "none"};
-    return (unsigned)mode < 4 ? names[mode] : "unknown";
-}
-
-static const char *filter_name(enum umb_filter filter)
-{
-    static const char *const names[] = {"box", "tent", "penumbra", "footprint"};
-    return (unsigned)filter < 4 ? names[filter] : "unknown";
-}
-
 /* The window as rows of texels, first row first: '#' lit, '.' shadowed. */
 static void explain_window(FILE *file, const struct umb_explanation *e)
 {
@@ -167,7 +155,7 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
                   e->facing_away ? ", faces away" : "", e->outside ? ", outside" : "",
                   e->before ? ", before the first voxel" : "",
                   e->behind ? ", behind the last voxel" : "");
-    (void)fprintf(file, "  bias %s: moved %.6g m ", bias_name(e->bias_mode), e->bias_m);
+    (void)fprintf(file, "  bias %s: moved %.6g m ", umb_bias_mode_name(e->bias_mode), e->bias_m);
     if (e->has_normal) {
         (void)fprintf(file, "along the normal, which faces the light at cosine %.4f\n", e->cosine);
     } else {
@@ -210,11 +198,11 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
-    umbc_json_text(json, "filter", filter_name(e->filter));
+    umbc_json_text(json, "filter", umb_filter_name(e->filter));
     if (e->filter == UMB_FILTER_FOOTPRINT) {
         umbc_json_number(json, "footprint_m", e->footprint_m);
     }
-    umbc_json_text(json, "bias", bias_name(e->bias_mode));
+    umbc_json_text(json, "bias", umb_bias_mode_name(e->bias_mode));
     umbc_json_number(json, "bias_m", e->bias_m);
     umbc_json_bool(json, "has_normal", e->has_normal != 0);
     umbc_json_number(json, "cosine", e->cosine);

@@ -98,10 +98,6 @@ static int find_long(const struct umbc_command *command, const char *text, const
     const char *equals = strchr(text, '=');
     size_t length = equals == NULL ? strlen(text) : (size_t)(equals - text);
     *value = equals == NULL ? NULL : equals + 1;
-    if (length == 3 && strncmp(text, "out", length) == 0) {
-        text = "output"; /* what `query` had it called at first */
-        length = strlen(text);
-    }
     for (size_t i = 0; i < count_options(command); i++) {
         const char *name = option_at(command, i)->name;
         if (strlen(name) == length && strncmp(name, text, length) == 0) {
@@ -194,6 +190,16 @@ static bool may_be_asset(const char *word)
     const char *name = word[folder] == '/' ? word + folder + 1 : word;
     return word[0] != '.' && word[0] != '/' && name[0] != '.' && name[0] != '\0' &&
            name[strspn(name, allowed)] == '\0';
+}
+
+int umbc_find_word(const char *text, const char *const *words, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(text, words[i]) == 0) {
+            return (int)i;
+        }
+    }
+    return -1;
 }
 
 bool umbc_is_file(const char *word)

@@ -75,6 +75,9 @@ int umbc_complain_as(enum umb_status status, const char *format, ...) UMB_PRINTF
 /* Prints a usage error and returns 2. */
 int umbc_usage_error(const char *format, ...) UMB_PRINTF(1, 2);
 
+/* Index of a word in a list, or -1. */
+int umbc_find_word(const char *text, const char *const *words, size_t count);
+
 /*
  * True if an argument means a file: it exists as one, ends in .umb or .umbm, begins with '/' or
  * '.', or cannot be an asset's name, which is NAME or FOLDER/NAME of [A-Za-z0-9._-].

@@ -106,17 +106,6 @@ static const struct umbc_command COMMAND = {
     .max_words = 1,
 };
 
-/* Index of a word in a list, or -1. */
-static int find_word(const char *text, const char *const *words, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (strcmp(text, words[i]) == 0) {
-            return (int)i;
-        }
-    }
-    return -1;
-}
-
 static int take_formats(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
     static const char *const formats[] = {"text", "f32", "f64"};
@@ -125,12 +114,12 @@ static int take_formats(const struct umbc_parsed *parsed, struct umbc_query_opti
                                                      UMB_ANSWER_BIT};
     const char *format = parsed->values[OPTION_FORMAT];
     const char *encoding = parsed->values[OPTION_ENCODING];
-    int found = format == NULL ? 0 : find_word(format, formats, 3);
+    int found = format == NULL ? 0 : umbc_find_word(format, formats, 3);
     if (found < 0) {
         return umbc_usage_error("query: --format '%s' is not text, f32 or f64", format);
     }
     options->format = (enum umbc_points_format)found;
-    found = encoding == NULL ? 0 : find_word(encoding, encodings, 4);
+    found = encoding == NULL ? 0 : umbc_find_word(encoding, encodings, 4);
     if (found < 0) {
         return umbc_usage_error("query: --encoding '%s' is not text, f32, u8 or bit", encoding);
     }
@@ -182,17 +171,18 @@ static int take_lights(const char *text, struct umbc_query_options *options)
 /* --taps, or --footprint instead, and --filter. */
 static int take_filter(const struct umbc_parsed *parsed, struct umb_query_settings *settings)
 {
-    static const char *const filters[] = {"box", "tent", "penumbra", "footprint"};
     const char *taps = parsed->values[OPTION_TAPS];
     const char *footprint = parsed->values[OPTION_FOOTPRINT];
     const char *filter = parsed->values[OPTION_FILTER];
     unsigned long long value = 1;
-    int found = filter == NULL ? 0 : find_word(filter, filters, 4);
-    if (found < 0) {
+    while (filter != NULL && settings->filter < UMB_FILTERS &&
+           strcmp(filter, umb_filter_name(settings->filter)) != 0) {
+        settings->filter++;
+    }
+    if (settings->filter == UMB_FILTERS) {
         return umbc_usage_error("query: --filter '%s' is not box, tent, penumbra or footprint",
                                 filter);
     }
-    settings->filter = (enum umb_filter)found;
     const bool patches = settings->filter == UMB_FILTER_FOOTPRINT;
     if (taps != NULL && footprint != NULL && !patches) {
         return umbc_usage_error("query: --taps and --footprint exclude each other");

@@ -104,16 +104,6 @@ static const struct umbc_command COMMAND = {
     .connects = true,
 };
 
-static int find_word(const char *text, const char *const *words, int count)
-{
-    for (int i = 0; i < count; i++) {
-        if (strcmp(text, words[i]) == 0) {
-            return i;
-        }
-    }
-    return -1;
-}
-
 /* A whole number within low..high; *value stays if the option was not given. */
 static int take_count(const struct umbc_parsed *parsed, enum load_option option,
                       unsigned long long low, unsigned long long high, unsigned long long *value)
@@ -186,7 +176,7 @@ static int take_points(const struct umbc_parsed *parsed, struct umbc_load_option
     const char *kind = parsed->values[OPTION_POINTS];
     const char *format = parsed->values[OPTION_FORMAT];
     struct umbc_load_source *source = &options->source;
-    int found = kind == NULL ? 0 : find_word(kind, kinds, 3);
+    int found = kind == NULL ? 0 : umbc_find_word(kind, kinds, 3);
     if (found < 0) {
         return umbc_usage_error("load: --points '%s' is not camera, random or boundary", kind);
     }
@@ -200,7 +190,7 @@ static int take_points(const struct umbc_parsed *parsed, struct umbc_load_option
     } else if (format != NULL || parsed->values[OPTION_NORMALS] != NULL) {
         return umbc_usage_error("load: --format and --normals belong to --trace");
     }
-    found = format == NULL ? 0 : find_word(format, formats, 3);
+    found = format == NULL ? 0 : umbc_find_word(format, formats, 3);
     if (found < 0) {
         return umbc_usage_error("load: --format '%s' is not text, f32 or f64", format);
     }
@@ -221,7 +211,7 @@ static int take_query(const struct umbc_parsed *parsed, struct umbc_load_options
     unsigned long long taps = 1;
     unsigned long long batch = BATCH;
     unsigned long long seed = 1;
-    int found = encoding == NULL ? 0 : find_word(encoding, encodings, 3);
+    int found = encoding == NULL ? 0 : umbc_find_word(encoding, encodings, 3);
     if (found < 0) {
         return umbc_usage_error("load: --encoding '%s' is not u8, f32 or bit", encoding);
     }

@@ -110,17 +110,16 @@ static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_opt
 static enum umb_status filter_parse(const struct raw *raw, struct umb_query_settings *settings,
                                     struct umb_error *error)
 {
-    static const char *const names[] = {"box", "tent", "penumbra", "footprint"};
-    size_t found = 0;
-    while (raw->filter != NULL && found < sizeof names / sizeof names[0] &&
-           strcmp(raw->filter, names[found]) != 0) {
+    enum umb_filter found = UMB_FILTER_BOX;
+    while (raw->filter != NULL && found < UMB_FILTERS &&
+           strcmp(raw->filter, umb_filter_name(found)) != 0) {
         found++;
     }
-    if (found == sizeof names / sizeof names[0]) {
+    if (found == UMB_FILTERS) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "--filter: '%.60s' is none of box, tent, penumbra, footprint", raw->filter);
     }
-    settings->filter = (enum umb_filter)found;
+    settings->filter = found;
     const bool grows = settings->filter >= UMB_FILTER_PENUMBRA; /* from its taps on */
     settings->taps = raw->taps > 0 ? (uint32_t)raw->taps : grows ? 1 : 9;
     if (settings->taps % 2 == 0) {

@@ -205,8 +205,8 @@ check "--quiet says nothing" test ! -s err
 try 0 umbrage query city.umb --points points
 check "the summary is talk, not data" test "$(wc -l <out)" -eq 3 -a -s err
 try 0 umbrage query city.umb --points points --quiet --output by_output
-try 0 umbrage query city.umb --points points --quiet --out by_out
-check "  --out is --output" cmp by_output by_out
+try 0 umbrage query city.umb --points points --quiet --output=by_out
+check "  --output=FILE, too" cmp by_output by_out
 try 2 umbrage query city.umb --points points --footprint 1e9
 one_sentence "--footprint: 1e+09"
 try 0 umbrage query city.umb --points points --json

@@ -8,6 +8,18 @@
 #include "query/transmittance_stage.h"
 #include "query/voxel_tree.h"
 
+const char *umb_filter_name(enum umb_filter filter)
+{
+    static const char *const names[UMB_FILTERS] = {"box", "tent", "penumbra", "footprint"};
+    return (unsigned)filter < UMB_FILTERS ? names[filter] : "unknown";
+}
+
+const char *umb_bias_mode_name(enum umb_bias_mode mode)
+{
+    static const char *const names[] = {"auto", "voxels", "metres", "none"};
+    return (unsigned)mode < sizeof names / sizeof names[0] ? names[mode] : "unknown";
+}
+
 static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, uint64_t index)
 {
     if (e->step_count < sizeof e->steps / sizeof e->steps[0]) {

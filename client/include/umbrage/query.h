@@ -78,6 +78,13 @@ enum umb_filter {
     UMB_FILTER_FOOTPRINT = 3,
 };
 
+#define UMB_FILTERS 4 /* how many enum umb_filter has */
+
+/* "box", "tent", "penumbra", "footprint"; "auto", "voxels", "metres", "none"; "unknown" else.
+ * Static strings. */
+UMB_API const char *umb_filter_name(enum umb_filter filter);
+UMB_API const char *umb_bias_mode_name(enum umb_bias_mode mode);
+
 #define UMB_FOOTPRINT_MAX       1e6 /* metres: what is wider counts as this wide */
 #define UMB_FOOTPRINT_LEVEL_MAX 40  /* levels of detail above the window */
 
