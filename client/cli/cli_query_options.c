@@ -25,6 +25,7 @@ enum query_option {
     OPTION_PIXEL,
     OPTION_FILTER,
     OPTION_LIGHT_SIZE,
+    OPTION_OPAQUE_ONLY,
     OPTION_LEVEL,
     OPTION_MAX_ERROR,
     OPTION_BUDGET,
@@ -70,6 +71,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                        0},
     [OPTION_LIGHT_SIZE] = {"light-size", "DEG",
                            "for penumbras: the light's angular diameter, default the asset's", 0},
+    [OPTION_OPAQUE_ONLY] = {"opaque-only", NULL, "translucent casters take no light", 0},
     [OPTION_LEVEL] = {"level", "N", "stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
                       0},
     [OPTION_MAX_ERROR] = {"max-error", "E",
@@ -404,6 +406,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     options->explain = parsed.values[OPTION_EXPLAIN] != NULL;
     options->json = parsed.values[OPTION_JSON] != NULL;
     options->quiet = parsed.values[OPTION_QUIET] != NULL;
+    options->settings.opaque_only = parsed.values[OPTION_OPAQUE_ONLY] != NULL;
     code = take_question(&parsed, options);
     if (code < 0) {
         code = take_formats(&parsed, options);

@@ -86,3 +86,26 @@ enum umb_status umbw_query_check_footprint(const struct umb_query_settings *sett
     }
     return UMB_OK;
 }
+
+enum umb_status umbw_query_check_eye(const struct umb_query_settings *settings, bool has_eye,
+                                     struct umb_error *error)
+{
+    if (has_eye && settings->pixel_rad == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "eye: without pixel_rad; give the angle of a pixel");
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbw_query_check_has_footprint(const struct umbw_query_request *request,
+                                               struct umb_error *error)
+{
+    const struct umb_query_settings *settings = &request->settings;
+    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+        settings->pixel_rad == 0 && request->points.footprints == NULL &&
+        request->points.count > 0 && !request->has_picture) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "filter: 3 (FOOTPRINT) without one; give footprints, footprint_m, or eye "
+                        "with pixel_rad");
+    }
+    return UMB_OK;
+}

@@ -27,4 +27,12 @@ UMB_CHECKED enum umb_status umbw_query_check_filter(int64_t filter, double light
 UMB_CHECKED enum umb_status umbw_query_check_footprint(const struct umb_query_settings *settings,
                                                        bool own, struct umb_error *error);
 
+/* has_eye: one is given. It needs the angle of its pixels. */
+UMB_CHECKED enum umb_status umbw_query_check_eye(const struct umb_query_settings *settings,
+                                                 bool has_eye, struct umb_error *error);
+
+/* Points for the filter FOOTPRINT have one, from wherever; a picture has its pixels'. */
+UMB_CHECKED enum umb_status umbw_query_check_has_footprint(const struct umbw_query_request *request,
+                                                           struct umb_error *error);
+
 #endif

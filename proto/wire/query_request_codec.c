@@ -44,6 +44,7 @@ enum request_field {
     FIELD_FOOTPRINT,
     FIELD_EYE,
     FIELD_PIXEL,
+    FIELD_OPAQUE_ONLY,
     FIELD_COUNT,
 };
 
@@ -74,6 +75,7 @@ static const struct umbw_field REQUEST_FIELDS[FIELD_COUNT] = {
     [FIELD_FOOTPRINT] = {33, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "footprint_m"},
     [FIELD_EYE] = {34, UMBW_FIELD_PACKED, UMBW_WIRE_FIXED64, "eye"},
     [FIELD_PIXEL] = {35, UMBW_FIELD_SCALAR, UMBW_WIRE_FIXED64, "pixel_rad"},
+    [FIELD_OPAQUE_ONLY] = {36, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "opaque_only"},
 };
 
 /* The two enums are numbered differently: on the wire 0 must be the usual answer (U8). */
@@ -171,11 +173,15 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     }
     settings->footprint_m = double_of(found[FIELD_FOOTPRINT].number);
     settings->pixel_rad = double_of(found[FIELD_PIXEL].number);
+    settings->opaque_only = found[FIELD_OPAQUE_ONLY].number != 0;
     if (status == UMB_OK && found[FIELD_EYE].count > 0) {
         status = umbw_scan_vector(message, size, &REQUEST_FIELDS[FIELD_EYE], settings->eye, error);
     }
     if (status == UMB_OK) {
         status = umbw_query_check_footprint(settings, found[FIELD_FOOTPRINTS].size > 0, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_query_check_eye(settings, found[FIELD_EYE].count > 0, error);
     }
     if (status == UMB_OK && found[FIELD_ORIGIN].count > 0) {
         status = umbw_scan_vector(message, size, &REQUEST_FIELDS[FIELD_ORIGIN],
@@ -312,9 +318,10 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
     }
     request->pack = found[FIELD_PACK].number != 0;
     request->base_mark = found[FIELD_BASE].number;
-    return status == UMB_OK
-               ? umbw_take_picture(&found[FIELD_PICTURE], &found[FIELD_DEPTH], request, error)
-               : status;
+    if (status == UMB_OK) {
+        status = umbw_take_picture(&found[FIELD_PICTURE], &found[FIELD_DEPTH], request, error);
+    }
+    return status == UMB_OK ? umbw_query_check_has_footprint(request, error) : status;
 }
 
 /* Settings as the wire has them; the checks are the decoder's. */
@@ -334,6 +341,7 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     message->light_extent = settings->light_extent;
     message->footprint_m = settings->footprint_m;
     message->pixel_rad = settings->pixel_rad;
+    message->opaque_only = settings->opaque_only != 0;
     message->want_stats = request->want_stats != 0;
     enum umb_status status =
         umbw_query_check_dial(&request->dial, settings->taps, settings->level, error);
@@ -348,6 +356,13 @@ static enum umb_status put_settings(const struct umbw_query_request *request,
     }
     if (status == UMB_OK) {
         status = umbw_query_check_footprint(settings, request->points.footprints != NULL, error);
+    }
+    if (status == UMB_OK) {
+        const double *eye = settings->eye;
+        status = umbw_query_check_eye(settings, eye[0] != 0 || eye[1] != 0 || eye[2] != 0, error);
+    }
+    if (status == UMB_OK) {
+        status = umbw_query_check_has_footprint(request, error);
     }
     if (status == UMB_OK) {
         status = umbw_query_check_origin(request->points.origin, error);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One batch: its memory, and answering it at once. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -221,11 +222,27 @@ void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *f
     to->bricks += from->bricks;
 }
 
+/* Footprints of pixels, in the words of umb_points_check. */
+static enum umb_status check_pixels(const struct umbd_batch *batch, size_t first, size_t count,
+                                    struct umb_error *error)
+{
+    const uint8_t *footprints = batch->points.footprints;
+    for (size_t i = first; footprints != NULL && i < first + count; i++) {
+        float side;
+        memcpy(&side, footprints + i * sizeof side, sizeof side);
+        if (!(side >= 0 && isfinite(side))) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "footprints[%zu]: %g, must be finite and not below 0", i, (double)side);
+        }
+    }
+    return UMB_OK;
+}
+
 static enum umb_status check_points(const struct umbd_batch *batch, size_t first, size_t count,
                                     struct umb_error *error)
 {
     if (batch->frame.has_picture) {
-        return UMB_OK; /* any depth will do */
+        return check_pixels(batch, first, count, error); /* any depth will do */
     }
     struct umb_points part = sub_points(&batch->points, first, count);
     if (umb_points_check(&part, error) == UMB_OK) {

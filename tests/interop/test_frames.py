@@ -161,6 +161,10 @@ with test.check("what does not fit is refused by field"):
             ("depth: 3600 numbers for 79 x 45", frames[0].request(picture=M.Picture(
                 eye=[0, 0, 0], forward=[0, 0, 1], up=[0, 1, 0], fov_y=1, width=79, height=45))),
             ("picture.eye", frames[0].request(picture=M.Picture(eye=[1, 2], fov_y=1, width=80, height=45))),
+            ("footprints[7]: nan, must be finite and not below 0", frames[0].request(
+                filter=3, footprints=ut.floats([1.0] * 7 + [float("nan")] * 3593))),
+            ("footprints[9]: -1", frames[0].request(
+                filter=3, footprints=ut.floats([1.0] * 9 + [-1.0] * 3591))),
             ("fov_y", frames[0].request(picture=M.Picture(
                 eye=[0, 0, 0], forward=[0, 0, 1], up=[0, 1, 0], width=80, height=45))),
             ("depth: 14400 bytes without", M.QueryRequest(asset="city", depth=frames[0].bytes)),

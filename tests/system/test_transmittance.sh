@@ -92,6 +92,10 @@ until "$BUILD/umbrage" list >/dev/null 2>&1 || [ $tries -gt 300 ]; do
     sleep 0.2
 done
 same "the daemon answers the same" "$wanted" "$(answers glass)"
+same "of opaque casters alone, from the file" "1.00000 1.00000 1.00000 1.00000 0.00000 1.00000" \
+    "$(answers "$folder/glass.umb" --opaque-only)"
+same "and from the daemon" "1.00000 1.00000 1.00000 1.00000 0.00000 1.00000" \
+    "$(answers glass --opaque-only)"
 
 bake off --effect transmittance=off >/dev/null
 same "off: panes are opaque" "1.00000 0.00000 0.00000 0.00000 0.00000 1.00000" \

@@ -113,12 +113,65 @@ static void footprints_that_do_not_fit_are_named(void **state)
     umbw_buffer_finish(&buffer);
 }
 
+static void a_footprint_filter_without_footprints_is_refused(void **state)
+{
+    (void)state;
+    struct umbw_query_request in = request_of(UMB_FILTER_FOOTPRINT), out;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    struct umb_error error;
+    assert_int_equal(pass(&in, &buffer, &out, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "filter: 3 (FOOTPRINT) without one"));
+    /* From a foreign client: asset a, two points, filter 3. */
+    uint8_t message[3 + 2 + 24 + 3] = {0x0a, 1, 'a', 0x62, 24};
+    memcpy(message + 29, (uint8_t[]){0xf0, 0x01, 3}, 3);
+    assert_int_equal(umbw_decode_query_request(message, sizeof message, 100, &out, &error),
+                     UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "filter: 3 (FOOTPRINT) without one"));
+    /* Without points there is nothing to have one. */
+    in.points.count = 0;
+    assert_int_equal(pass(&in, &buffer, &out, &error), UMB_OK);
+    umbw_buffer_finish(&buffer);
+}
+
+static void an_eye_needs_pixels(void **state)
+{
+    (void)state;
+    struct umbw_query_request in = request_of(UMB_FILTER_FOOTPRINT), out;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    struct umb_error error;
+    in.settings.footprint_m = 2;
+    in.settings.eye[2] = 5;
+    assert_int_equal(pass(&in, &buffer, &out, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "eye: without pixel_rad"));
+    uint8_t eye[3 + 3 + 3 + 24] = {0x0a, 1, 'a', 0xf0, 0x01, 3, 0x92, 0x02, 24};
+    assert_int_equal(umbw_decode_query_request(eye, sizeof eye, 100, &out, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "eye: without pixel_rad"));
+    umbw_buffer_finish(&buffer);
+}
+
+static void translucent_casters_may_be_left_out(void **state)
+{
+    (void)state;
+    struct umbw_query_request in = request_of(UMB_FILTER_BOX), out;
+    struct umb_error error;
+    for (int only = 0; only < 2; only++) {
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        in.settings.opaque_only = only;
+        assert_int_equal(pass(&in, &buffer, &out, &error), UMB_OK);
+        assert_int_equal(out.settings.opaque_only, only);
+        umbw_buffer_finish(&buffer);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(footprints_pass_unchanged),
         cmocka_unit_test(a_picture_has_pixels_of_its_own),
         cmocka_unit_test(footprints_that_do_not_fit_are_named),
+        cmocka_unit_test(a_footprint_filter_without_footprints_is_refused),
+        cmocka_unit_test(an_eye_needs_pixels),
+        cmocka_unit_test(translucent_casters_may_be_left_out),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
