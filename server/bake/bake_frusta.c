@@ -84,7 +84,11 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     }
     struct umbb_tile_keeper keeper = {0};
     if (keeping != NULL) {
-        const struct umbb_tile_shape shape = {frustum->log2_size, series->memory->tile_log2};
+        const struct umbb_tile_shape shape = {
+            .log2_size = frustum->log2_size,
+            .tile_log2 = series->memory->tile_log2,
+            .front = series->fronts != NULL ? &series->fronts[number] : NULL,
+        };
         umbb_tile_keeping_frustum(keeping, number, &shape, &depth);
         keeper = umbb_tile_keeping_keeper(keeping);
     }
@@ -228,7 +232,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
         status = umb_pool_take(&series.pool, roots, levels, count, octree, error);
     }
-    if (status == UMB_OK && job->front != NULL) {
+    if (status == UMB_OK && job->front != NULL && options->task != UMBB_TASK_TILE) {
         status =
             umb_front_join(series.fronts, count, &job->front->words, &job->front->count, error);
     }

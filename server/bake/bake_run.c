@@ -195,10 +195,6 @@ static enum umb_status open_keeping(struct run *run, struct umb_error *error)
     } else if (o->task == UMBB_TASK_MERGE) {
         status =
             umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_MERGE, o->from, UINT64_MAX, error);
-    } else if (o->cache != NULL && o->front && run->analysis.closed_rule) {
-        print_notices(o->quiet ? NULL
-                               : "--cache: tiles that are kept do not hold first occluders "
-                                 "(--effect front=on or penumbra=on): every tile is baked");
     } else if (o->cache != NULL) {
         status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_CACHE, o->cache, o->cache_bytes,
                                         error);

@@ -105,11 +105,5 @@ enum umb_status umbb_effects_settle(struct umbb_options *options, struct umb_err
             "--effect: 'front=off' leaves out what 'penumbra=on' needs of closed solids");
     }
     options->front |= for_penumbra && !options->front_refused;
-    if (options->front && options->task != UMBB_TASK_BAKE) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--effect: '%s': tiles that are kept (tile, merge) do not hold first "
-                        "occluders",
-                        for_penumbra ? "penumbra=on" : "front=on");
-    }
     return UMB_OK;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Hostile tile results: what decoding accepts can be encoded, and decodes and encodes to the same
- * bytes from then on; what it refuses leaves the pool alone. The first two bytes choose the sizes.
+ * bytes from then on; what it refuses leaves pool and front alone. The first two bytes choose the
+ * sizes and whether there are first occluders.
  */
 #include <string.h>
 
@@ -11,15 +12,21 @@
 #define BUDGET ((size_t)64 << 20)
 
 /* Decodes and encodes again; NULL if the bytes are refused. */
-static uint8_t *again(const struct umbb_tile_shape *shape, const uint8_t *bytes, size_t size,
-                      size_t *out_size)
+static uint8_t *again(const struct umbb_tile_shape *plain, int fronted, const uint8_t *bytes,
+                      size_t size, size_t *out_size)
 {
+    struct umbb_tile_shape own = *plain, *shape = &own;
+    struct umb_front front = {0};
     struct umb_pool pool;
     struct umb_error error = {0};
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
     uint8_t *out = NULL;
     umb_pool_init(&pool, NULL, BUDGET);
+    if (fronted) {
+        FUZZ_DEMAND(umb_front_init(&front, NULL, own.log2_size, BUDGET, &error) == UMB_OK);
+        own.front = &front;
+    }
     const enum umb_status status =
         umbb_tile_decode(shape, bytes, size, &pool, &runs, &result, &error);
     if (status == UMB_OK) {
@@ -27,8 +34,10 @@ static uint8_t *again(const struct umbb_tile_shape *shape, const uint8_t *bytes,
         FUZZ_DEMAND(umbb_tile_encode(shape, &pool, &runs, &result, BUDGET, &out, out_size,
                                      &error) == UMB_OK);
     } else {
-        FUZZ_DEMAND(status == UMB_E_CORRUPT && pool.bytes == 0 && runs.count == 0);
+        FUZZ_DEMAND(status == UMB_E_CORRUPT && pool.bytes == 0 && runs.count == 0 &&
+                    front.count == 0);
     }
+    umb_front_finish(&front);
     umbb_runs_finish(&runs);
     umb_pool_finish(&pool);
     return out;
@@ -40,7 +49,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     }
     const uint32_t tile_log2 = 6 + data[0] % 4U;
-    const struct umbb_tile_shape shape = {tile_log2 + data[1] % 4U, tile_log2};
+    const struct umbb_tile_shape shape = {.log2_size = tile_log2 + data[1] % 4U,
+                                          .tile_log2 = tile_log2};
+    const int fronted = data[1] >> 7;
     uint8_t *exact = malloc(size); /* the block ends where the data do */
     if (exact == NULL) {
         return 0;
@@ -49,9 +60,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     uint8_t *tail = realloc(exact, size - 2 > 0 ? size - 2 : 1);
     exact = tail != NULL ? tail : exact;
     size_t first_size = 0, second_size = 0;
-    uint8_t *first = again(&shape, exact, size - 2, &first_size);
+    uint8_t *first = again(&shape, fronted, exact, size - 2, &first_size);
     if (first != NULL) {
-        uint8_t *second = again(&shape, first, first_size, &second_size);
+        uint8_t *second = again(&shape, fronted, first, first_size, &second_size);
         FUZZ_DEMAND(second != NULL && second_size == first_size);
         FUZZ_DEMAND(memcmp(first, second, first_size) == 0);
         free(second);

@@ -58,11 +58,24 @@ for kind in "city 12" "bridge 30"; do
     fi
 done
 
-bake other >/dev/null --cache "$folder/cache"
-same "$name: a bake with a front takes no tile from a cache" "$first" \
-    "$(bake other --effect front=on --cache "$folder/cache")"
-"$BUILD/umbrage-bake" tile "$scene" -o "$folder/tiles" --effect front=on >/dev/null 2>"$folder/err"
-same "kept tiles hold no front: refused" 2 $?
+set -- --tile 128 --cache "$folder/cache"
+bake other "$@" >/dev/null
+same "$name: a bake with a front takes no tile that has none" "$first" \
+    "$(bake other --effect front=on "$@")"
+same "$name: of 16" 0 "$(json "$folder/json" "['tiles_found']")"
+same "$name: and then those that it kept" "$first" "$(bake other --effect front=on "$@")"
+same "$name: all 16" 16 "$(json "$folder/json" "['tiles_found']")"
+same "$name: and a bake without front its own" "$plain" "$(bake other "$@")"
+same "$name: all 16 as well" 16 "$(json "$folder/json" "['tiles_found']")"
+set -- --sun 140,38 --resolution 512 --tile 128 --effect front=on
+for only in 0-4 5-15; do
+    "$BUILD/umbrage-bake" tile "$scene" -o "$folder/tiles" --only "$only" "$@" --quiet >/dev/null \
+        2>"$folder/err" || bad "tiles $only" "$(cat "$folder/err")"
+done
+"$BUILD/umbrage-bake" merge "$scene" --from "$folder/tiles" -o "$folder/merged.umb" --json --quiet \
+    --verify 0 "$@" >"$folder/json" 2>"$folder/err" || cat "$folder/err" >"$folder/json"
+same "$name: tiles baked apart merge to the same asset" "$first" \
+    "$(json "$folder/json" "['asset']")"
 set -- --closed off --effect penumbra=on --tile 128 --cache "$folder/cache-open"
 bake other "$@" >/dev/null
 bake other "$@" >/dev/null

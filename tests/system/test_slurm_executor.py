@@ -135,12 +135,15 @@ with test.check("a scene that cannot be used, and settings that are none, never 
         assert done["failure"] == "rejected" and len(done["cause"]) > 10, done
     assert len(calls("sbatch")) == before
 
-with test.check("a bake whose tiles cannot be kept is one task"):
-    for effect in ("front=on", "penumbra=on"):
-        words = ("--resolution", 512, "--effect", effect, "--sun", "120,40", "--verify", 1000)
+with test.check("first occluders come in tiles; a bake whose tiles cannot be kept is one task"):
+    for kind in (("--effect", "front=on"), ("--effect", "penumbra=on"), ("--depth", "embree")):
+        words = ("--resolution", 512, *kind, "--sun", "120,40", "--verify", 1000)
+        before = len(calls("sbatch"))
         done = cli("submit", scene, *words, "--wait")
         plain = test.bake(scene, test.path("plain.umb"), *words)["asset"]
         assert done["state"] == "done" and done["asset"] == plain, done
+        arrays = [call for call in calls("sbatch")[before:] if "--array" in call]
+        assert (len(arrays) > 0) == (kind[0] == "--effect"), (kind, arrays)
 
 with test.check("a cancelled job leaves nothing in the queue"):
     fault("held")

@@ -303,6 +303,20 @@ size_t umb_front_bytes(const struct umb_front *front)
     return (squares + front->capacity) * sizeof(uint32_t);
 }
 
+/* Takes note of a square whose words stand behind the others. */
+static enum umb_status note_square(struct umb_front *front, uint32_t x, uint32_t y, size_t count,
+                                   struct umb_error *error)
+{
+    front->square[y * squares_across(front) + x] = (uint32_t)front->count + 1;
+    front->count += count;
+    return front->count <= front->max_words
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT,
+                          "front: more than %zu MiB of first-occluder depth: lower the resolution "
+                          "or bake with --effect front=off",
+                          front->max_words >> 18);
+}
+
 enum umb_status umb_front_add(struct umb_front *front, uint32_t x, uint32_t y,
                               const int32_t (*lit)[64], const int32_t (*end)[64],
                               struct umb_error *error)
@@ -318,16 +332,25 @@ enum umb_status umb_front_add(struct umb_front *front, uint32_t x, uint32_t y,
     work->words = front->words + front->count;
     const size_t count = put_square(work);
     umb__free(front->alloc, work);
-    if (count > 0) {
-        front->square[y * squares_across(front) + x] = (uint32_t)front->count + 1;
-        front->count += count;
+    return count > 0 ? note_square(front, x, y, count, error) : UMB_OK;
+}
+
+const uint32_t *umb_front_square(const struct umb_front *front, uint32_t x, uint32_t y)
+{
+    const uint32_t begin = front->square[y * squares_across(front) + x];
+    return begin == 0 ? NULL : front->words + begin - 1;
+}
+
+enum umb_status umb_front_add_square(struct umb_front *front, uint32_t x, uint32_t y,
+                                     const uint32_t *words, struct umb_error *error)
+{
+    if (!umb__grow(front->alloc, &front->words, &front->capacity, front->count + words[0],
+                   sizeof *front->words)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for a square's %u words",
+                        words[0]);
     }
-    return front->count <= front->max_words
-               ? UMB_OK
-               : umb_fail(error, UMB_E_LIMIT,
-                          "front: more than %zu MiB of first-occluder depth: lower the resolution "
-                          "or bake with --effect front=off",
-                          front->max_words >> 18);
+    memcpy(front->words + front->count, words, words[0] * sizeof *words);
+    return note_square(front, x, y, words[0], error);
 }
 
 /* --- joining ------------------------------------------------------------------------------------
@@ -357,7 +380,7 @@ static bool holds_any(const struct umb_front *front, uint32_t level, size_t x, s
 static uint32_t join_square(struct joiner *j, size_t x, size_t y)
 {
     const struct umb_front *front = j->front;
-    const uint32_t *from = front->words + front->square[y * squares_across(front) + x] - 1;
+    const uint32_t *from = umb_front_square(front, (uint32_t)x, (uint32_t)y);
     const uint32_t base = (uint32_t)j->count, count = from[0] - 2;
     if (j->words) {
         uint32_t *to = j->words + base;

@@ -9,6 +9,11 @@
  *     umb_front_join(fronts, count, &words, &word_count, &error);
  *     umb_front_finish(&front);                                       also after a failure
  *
+ * A square that was coded once can be kept as words and added to another front of that size:
+ *
+ *     umb_front_square(&front, x, y)                                  -> words, words[0] of them
+ *     if (umb_front_square_fits(log2_size, words, count)) umb_front_add_square(&other, x, y, words)
+ *
  * Equal texels give equal words, whatever the order.
  */
 #include "format/front.h"
@@ -48,6 +53,29 @@ UMB_API UMB_CHECKED enum umb_status umb_front_add(struct umb_front *front, uint3
                                                   const int32_t (*lit)[64],
                                                   const int32_t (*end)[64],
                                                   struct umb_error *error);
+
+/* The words of a square: their number, its reference, its records, numbered from 0. NULL: it has
+ * none. Borrowed until the front changes. */
+UMB_API const uint32_t *umb_front_square(const struct umb_front *front, uint32_t x, uint32_t y);
+
+/*
+ * Returns 1 if words are what umb_front_square could have given for a front of 2^log2_size texels a
+ * side, else 0.
+ *
+ * In:    words: uint32[count].
+ * Trust: safe on hostile words. Cost: linear, no allocation.
+ */
+UMB_API int umb_front_square_fits(uint32_t log2_size, const uint32_t *words, size_t count);
+
+/*
+ * Adds a square that has none yet.
+ *
+ * In:    words: uint32[words[0]], that fit.
+ * Fails: as umb_front_add.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_front_add_square(struct umb_front *front, uint32_t x,
+                                                         uint32_t y, const uint32_t *words,
+                                                         struct umb_error *error);
 
 /*
  * Puts the fronts of all frusta together.

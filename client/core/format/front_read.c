@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading a front in the order it was written: what comes next is known, so that nothing is read
  * twice and the walk ends. */
-#include "format/front.h"
+#include "format/front_build.h"
 
 #include "base/bytes.h"
 #include "base/memory.h"
@@ -176,6 +176,16 @@ static bool square_fits(struct checker *c, uint32_t reference, uint32_t level, u
         }
     }
     return true;
+}
+
+int umb_front_square_fits(uint32_t log2_size, const uint32_t *words, size_t count)
+{
+    struct checker c = {.words = words + 2, .log2_size = log2_size};
+    if (count < 2 || words[0] != count || log2_size > UMB__FRONT_LEVEL_MAX) {
+        return 0;
+    }
+    c.count = count - 2;
+    return square_fits(&c, words[1], 6, 0, 0) && c.next == c.count;
 }
 
 enum umb_status umb__front_check(const uint32_t *words, uint64_t count,

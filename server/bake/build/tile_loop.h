@@ -35,8 +35,8 @@ struct umbb_bake_options {
      * nothing afterwards, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_tile_keeper *keeper; /* may be NULL; borrowed */
-    struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no keeper, and no
-                              * square proven from bounds */
+    struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no square is
+                              * proven from bounds, and the keeper, if any, keeps them too */
     int (*cancelled)(void);  /* may be NULL; from any thread */
     /* May be NULL; from the owner. tiles: finished, _found: of these, those that the keeper had,
      * which were no work; texels_done does not count them. */

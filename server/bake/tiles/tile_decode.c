@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_code.h"
+#include "bake/tiles/tile_front_code.h"
 #include "base/bytes.h"
 
 /* Where the parts lie. Counts are of the file; sections are proven to fit it. */
@@ -21,6 +21,7 @@ struct decoder {
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
     const uint8_t *refs[UMB_LEVEL_MAX + 1];
     const uint8_t *bricks;
+    size_t bytes; /* of all these parts */
 };
 
 static enum umb_status damaged(struct umb_error *error, const char *what)
@@ -28,7 +29,7 @@ static enum umb_status damaged(struct umb_error *error, const char *what)
     return umb_fail(error, UMB_E_CORRUPT, "tile result: %s", what);
 }
 
-/* Finds the parts; 0 if the size is not what the counts ask for. */
+/* Finds the parts; 0 if there are fewer bytes than the counts ask for. */
 static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
 {
     const size_t head = 16 + 8 * (size_t)(d->top - UMB_LEVEL_BRICK);
@@ -59,7 +60,9 @@ static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
         return 0;
     }
     d->bricks = bytes + at;
-    return at + 64 * (uint64_t)d->count[UMB_LEVEL_BRICK] == size;
+    at += 64 * (uint64_t)d->count[UMB_LEVEL_BRICK];
+    d->bytes = (size_t)at;
+    return at <= size;
 }
 
 /* Takes note of a number; 0 if it is neither known nor the next new one. */
@@ -117,7 +120,7 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
                                  const uint8_t *bytes, size_t size, struct umbb_tile_result *result,
                                  struct umb_error *error)
 {
-    if (!find_parts(d, bytes, size)) {
+    if (!find_parts(d, bytes, size) || (shape->front == NULL && d->bytes != size)) {
         return damaged(error, "its size is not what its counts ask for");
     }
     const uint32_t voxels = (uint32_t)1 << shape->log2_size;
@@ -210,8 +213,18 @@ enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint
     if (status != UMB_OK) {
         return status;
     }
-    uint32_t *top;
+    uint32_t *front = NULL, *top;
+    if (shape->front != NULL) {
+        status = umbb_tile_front_read(shape, bytes + d.bytes, size - d.bytes, &front, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
     status = add_all(&d, pool, &top, error);
+    if (status == UMB_OK && front != NULL) {
+        status = umbb_tile_front_add(shape, front, error);
+    }
+    free(front);
     result->column.run_first = runs->count;
     for (uint32_t i = 0; i < d.run_count && status == UMB_OK; i++) {
         const uint32_t ref = umb__load32(d.runs + 8 * (size_t)i + 4);

@@ -46,6 +46,13 @@ static void notice(struct umbb_tile_keeping *keeping, const struct umb_error *er
     keeping->silent = 1;
 }
 
+/* Turns to a tile. */
+static void turn_to(struct umbb_tile_keeping *keeping, const struct umbb_tile_place *place)
+{
+    keeping->shape.front_x = (uint32_t)place->x0 / UMB_FRONT_SIDE;
+    keeping->shape.front_y = (uint32_t)place->y0 / UMB_FRONT_SIDE;
+}
+
 /* Reads and decodes; found stays 0 if there is nothing whole. */
 static enum umb_status take(struct umbb_tile_keeping *keeping, const uint8_t *key, size_t max_bytes,
                             struct umb_pool *pool, struct umbb_runs *runs,
@@ -82,7 +89,8 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place, siz
     struct umbb_tile_keeping *keeping = user;
     uint8_t key[UMB_ID_BYTES];
     *found = 0;
-    umbb_tile_key(keeping->depth, keeping->shape.tile_log2, place, key);
+    turn_to(keeping, place);
+    umbb_tile_key(keeping->depth, &keeping->shape, place, key);
     const enum umb_status status = take(keeping, key, max_bytes, pool, runs, result, found, error);
     if (status != UMB_OK) {
         return status;
@@ -113,6 +121,7 @@ static enum umb_status keep(void *user, const struct umbb_tile_place *place, siz
     uint8_t *bytes;
     size_t size;
     keeping->baked++;
+    turn_to(keeping, place);
     if (keeping->mode == UMBB_KEEPING_MERGE) {
         return UMB_OK;
     }

@@ -24,9 +24,9 @@ struct umbb_tile_keeping {
     int quiet;  /* no notices */
     int silent; /* a notice has been given */
     const struct umbb_depth *depth;
-    struct umbb_tile_shape shape;
-    uint32_t frustum; /* its number */
-    uint64_t first;   /* number of its first tile among those of all frusta */
+    struct umbb_tile_shape shape; /* of the frustum, and of the tile that is under way */
+    uint32_t frustum;             /* its number */
+    uint64_t first;               /* number of its first tile among those of all frusta */
     uint64_t found, baked;
     struct {
         uint32_t number;
@@ -41,7 +41,8 @@ UMB_CHECKED enum umb_status umbb_tile_keeping_open(struct umbb_tile_keeping *kee
                                                    uint64_t max_bytes, struct umb_error *error);
 void umbb_tile_keeping_close(struct umbb_tile_keeping *keeping);
 
-/* Turns to the next frustum. In: depth: one with reach; borrowed until the next call. */
+/* Turns to the next frustum. In: depth: one with reach; it and shape's front are borrowed until the
+ * next call. */
 void umbb_tile_keeping_frustum(struct umbb_tile_keeping *keeping, uint32_t frustum,
                                const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
 

@@ -9,7 +9,7 @@
 #include "base/bytes.h"
 #include "common/sha256_chain.h"
 
-static const char key_domain[16] = "umbrage tile";
+static const char key_domain[16] = "umbrage tile", front_domain[16] = "umbrage front";
 
 static void add32(struct umbs_chain *chain, uint32_t value)
 {
@@ -64,7 +64,7 @@ static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint
     umbs_chain_add(chain, cuts->table->digests[material->texture], UMB_ID_BYTES);
 }
 
-void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
+void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,
                    const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES])
 {
     const uint32_t *list;
@@ -73,11 +73,11 @@ void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
         depth->reach(depth->state, place->x0, place->y0, &list, &count);
     struct umbs_chain chain;
     umbs_chain_init(&chain);
-    umbs_chain_add(&chain, key_domain, sizeof key_domain);
+    umbs_chain_add(&chain, shape->front != NULL ? front_domain : key_domain, sizeof key_domain);
     umbs_chain_add(&chain, UMB_VERSION, sizeof UMB_VERSION);
     add32(&chain, UMBB_BAKE_VERSION);
     add32(&chain, (uint32_t)casters->size);
-    add32(&chain, tile_log2);
+    add32(&chain, shape->tile_log2);
     add32(&chain, (uint32_t)place->x0);
     add32(&chain, (uint32_t)place->y0);
     add32(&chain, (uint32_t)casters->closed_rule);

@@ -5,17 +5,17 @@
  * The name of a tile's result: a hash of all that it depends on, and of nothing else.
  *
  * That is: the program's version and the bake's (plan.h); size of frustum and tile, the
- * tile's place; the closed rule, and whether squares are proven; for spot and point lights how
- * depth is scaled; and of each caster that may reach the tile, in the scene's order, its corners in
- * voxel space, its kind and its marks, and if it is cut out where its texture lies and what that
- * holds. Corners in voxel space hold the frustum's matrix: if an edit
- * of the scene moves the frustum, every key changes, and else only those of tiles that an edited
+ * tile's place; the closed rule, whether squares are proven, and whether first occluders are kept;
+ * for spot and point lights how depth is scaled; and of each caster that may reach the tile, in the
+ * scene's order, its corners in voxel space, its kind and its marks, and if it is cut out where its
+ * texture lies and what that holds. Corners in voxel space hold the frustum's matrix: if an edit of
+ * the scene moves the frustum, every key changes, and else only those of tiles that an edited
  * triangle reached or now reaches.
  *
  * Not part of it, because no bit depends on it: threads, memory, instruction sets, the depth path,
  * triangles elsewhere, materials' names, the file.
  */
-#include "bake/build/tile_keeper.h"
+#include "bake/tiles/tile_code.h"
 
 #define UMBB_TILE_KEY_TEXT (2 * UMB_ID_BYTES + 1)
 
@@ -25,7 +25,7 @@
  * In:   depth: one with reach.
  * Cost: SHA-256 of 74 bytes a caster that may reach the tile; no allocation.
  */
-void umbb_tile_key(const struct umbb_depth *depth, uint32_t tile_log2,
+void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,
                    const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES]);
 
 #endif

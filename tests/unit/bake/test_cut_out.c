@@ -237,12 +237,13 @@ static void the_name_of_a_tile_depends_on_the_texture(void **state)
     for (int i = 0; i < 6; i++) {
         const struct umbb_depth_options options = {.tile_log2 = 7, .threads = 1};
         const struct umbb_tile_place place = {0};
+        const struct umbb_tile_shape shape = {.log2_size = 7, .tile_log2 = 7};
         struct umbb_depth depth;
         f.scene.materials[1].alpha_cutoff = i == 1 ? 0.4F : 0.5F;
         f.table.digests[0][5] ^= i == 2 || i == 3;
         f.table.cuts[3].uv[1][0] += i == 4 ? 0.25F : 0.0F;
         assert_int_equal(umbb_depth_raster_create(&f.casters, &options, &depth, NULL), UMB_OK);
-        umbb_tile_key(&depth, 7, &place, keys[i]);
+        umbb_tile_key(&depth, &shape, &place, keys[i]);
         depth.destroy(depth.state);
     }
     for (int i = 1; i < 6; i++) {

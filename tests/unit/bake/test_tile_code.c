@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <time.h>
 
+#include "bake/build/tile_front.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 #include "bake/tiles/tile_sweep.h"
@@ -17,10 +18,11 @@
 #define LOG2_SIZE 7U
 #define LEFT      ((size_t)1 << 30)
 
-static const struct umbb_tile_shape shape = {LOG2_SIZE, LOG2_SIZE};
+static const struct umbb_tile_shape shape = {.log2_size = LOG2_SIZE, .tile_log2 = LOG2_SIZE};
 
-/* Builds a soup's only tile into a pool and encodes it. */
-static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
+/* Builds a soup's only tile into a pool and encodes it. In: front: NULL, or empty. */
+static uint8_t *encode_front(struct umb_pool *pool, uint64_t seed, struct umb_front *front,
+                             size_t *size)
 {
     struct umb_error error;
     struct soup soup;
@@ -43,14 +45,24 @@ static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
     const struct umbb_square whole = {tile.log2_size, {0, 0}};
     assert_int_equal(umbb_column_of_square(pool, &tile, &whole, &runs, &result.column, &error),
                      UMB_OK);
+    struct umbb_tile_shape fronted = shape;
+    fronted.front = front;
+    if (front != NULL) {
+        assert_int_equal(umbb_tile_front(&tile, front, &error), UMB_OK);
+    }
     uint8_t *bytes;
-    assert_int_equal(umbb_tile_encode(&shape, pool, &runs, &result, LEFT, &bytes, size, &error),
+    assert_int_equal(umbb_tile_encode(&fronted, pool, &runs, &result, LEFT, &bytes, size, &error),
                      UMB_OK);
     umbb_runs_finish(&runs);
     umbb_tile_finish(&tile);
     depth.destroy(depth.state);
     soup_finish(&soup);
     return bytes;
+}
+
+static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
+{
+    return encode_front(pool, seed, NULL, size);
 }
 
 static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
@@ -137,6 +149,78 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
     }
     /* What is left are other trees of the same form. */
     assert_in_range(refused, tried / 2, tried);
+    free(bytes);
+}
+
+/* Decodes a copy in a block of its exact size, first occluders included, into a front of 16 tiles.
+ * A refusal must leave it alone. */
+static enum umb_status decode_front(const uint8_t *bytes, size_t size, struct umb_front *front)
+{
+    struct umb_pool pool;
+    struct umb_error error;
+    struct umbb_runs runs = {0};
+    struct umbb_tile_result result;
+    const struct umbb_tile_shape fronted = {.log2_size = LOG2_SIZE + 2,
+                                            .tile_log2 = LOG2_SIZE,
+                                            .front = front,
+                                            .front_x = 4,
+                                            .front_y = 6};
+    uint8_t *copy = malloc(size > 0 ? size : 1);
+    assert_non_null(copy);
+    memcpy(copy, bytes, size);
+    umb_pool_init(&pool, NULL, LEFT);
+    assert_int_equal(umb_front_init(front, NULL, LOG2_SIZE + 2, LEFT, &error), UMB_OK);
+    const enum umb_status status =
+        umbb_tile_decode(&fronted, copy, size, &pool, &runs, &result, &error);
+    if (status != UMB_OK) {
+        assert_int_equal(status, UMB_E_CORRUPT);
+        assert_int_equal(pool.bytes, 0);
+        assert_int_equal(front->count, 0);
+    }
+    umbb_runs_finish(&runs);
+    umb_pool_finish(&pool);
+    free(copy);
+    return status;
+}
+
+static void first_occluders_are_kept_word_by_word_and_damage_is_refused(void **state)
+{
+    (void)state;
+    struct umb_pool pool;
+    struct umb_error error;
+    struct umb_front front, other;
+    size_t size, plain_size;
+    umb_pool_init(&pool, NULL, LEFT);
+    free(encode_soup(&pool, 814, &plain_size));
+    assert_int_equal(umb_front_init(&front, NULL, LOG2_SIZE, LEFT, &error), UMB_OK);
+    uint8_t *bytes = encode_front(&pool, 814, &front, &size);
+    umb_pool_finish(&pool);
+    assert_true(size > plain_size + 1000);
+    assert_int_equal(decode_front(bytes, size, &other), UMB_OK);
+    for (uint32_t i = 0; i < 4; i++) {
+        const uint32_t *one = umb_front_square(&front, i % 2, i / 2);
+        const uint32_t *two = umb_front_square(&other, 4 + i % 2, 6 + i / 2);
+        assert_int_equal(one == NULL, two == NULL);
+        if (one != NULL) {
+            assert_memory_equal(one, two, one[0] * sizeof *one);
+        }
+    }
+    umb_front_finish(&other);
+    umb_front_finish(&front);
+    assert_int_equal(decode_copy(bytes, size), UMB_E_CORRUPT); /* where none are expected */
+    for (size_t length = plain_size; length < size; length += length < plain_size + 200 ? 1 : 31) {
+        assert_int_equal(decode_front(bytes, length, &other), UMB_E_CORRUPT);
+        umb_front_finish(&other);
+    }
+    size_t refused = 0, tried = 0;
+    for (size_t at = plain_size; at < size; at += at < plain_size + 200 ? 1 : 37, tried++) {
+        const uint8_t bit = (uint8_t)(1U << at % 8);
+        bytes[at] ^= bit;
+        refused += decode_front(bytes, size, &other) != UMB_OK;
+        umb_front_finish(&other);
+        bytes[at] ^= bit;
+    }
+    assert_in_range(refused, tried / 4, tried); /* what is left are other depths */
     free(bytes);
 }
 
@@ -276,6 +360,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_results_are_equal_bytes_whatever_the_pool_held),
+        cmocka_unit_test(first_occluders_are_kept_word_by_word_and_damage_is_refused),
         cmocka_unit_test(every_prefix_and_flipped_byte_is_refused_or_harmless),
         cmocka_unit_test(the_cache_drops_what_was_used_longest_ago),
         cmocka_unit_test(opening_removes_old_temporaries_of_its_own_and_nothing_else),

@@ -21,21 +21,25 @@ struct kept_bake {
     struct umb_error error;
 };
 
-/* Bakes a soup with a folder of tiles. In: only_end: 0 = all, and an octree. */
-static struct kept_bake kept(const struct soup *soup, int closed_rule, uint32_t tile_log2,
-                             enum umbb_keeping_mode mode, const char *folder, uint32_t only_end,
-                             struct umb_octree *octree)
+/* Bakes a soup with a folder of tiles. In: only_end: 0 = all, and an octree. front: may be NULL. */
+static struct kept_bake kept_front(const struct soup *soup, int closed_rule, uint32_t tile_log2,
+                                   enum umbb_keeping_mode mode, const char *folder,
+                                   uint32_t only_end, struct umb_front *front,
+                                   struct umb_octree *octree)
 {
     struct kept_bake bake = {.damaged = 0};
     struct umb_error *error = &bake.error;
     const struct umbb_casters casters = soup_casters(soup, closed_rule);
-    const struct umbb_depth_options depth_options = {
-        .tile_log2 = tile_log2, .threads = 2, .prove = UMBB_PROVE_ALWAYS};
+    const struct umbb_depth_options depth_options = {.tile_log2 = tile_log2,
+                                                     .threads = 2,
+                                                     .prove = front != NULL ? UMBB_PROVE_NEVER
+                                                                            : UMBB_PROVE_ALWAYS};
     struct umbb_depth depth;
     assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, error), UMB_OK);
     struct umbb_tile_keeping keeping;
     assert_int_equal(umbb_tile_keeping_open(&keeping, mode, folder, UINT64_MAX, error), UMB_OK);
-    const struct umbb_tile_shape shape = {soup_log2(soup), tile_log2};
+    const struct umbb_tile_shape shape = {
+        .log2_size = soup_log2(soup), .tile_log2 = tile_log2, .front = front};
     umbb_tile_keeping_frustum(&keeping, 0, &shape, &depth);
     const struct umbb_tile_keeper keeper = umbb_tile_keeping_keeper(&keeping);
     const struct umbb_bake_options options = {
@@ -46,6 +50,7 @@ static struct kept_bake kept(const struct soup *soup, int closed_rule, uint32_t 
         .octree_max_bytes = (size_t)1 << 30,
         .only_end = only_end,
         .keeper = &keeper,
+        .front = front,
     };
     struct umb_pool pool;
     uint32_t root = UMB_REF_LIT;
@@ -63,6 +68,13 @@ static struct kept_bake kept(const struct soup *soup, int closed_rule, uint32_t 
     umbb_tile_keeping_close(&keeping);
     depth.destroy(depth.state);
     return bake;
+}
+
+static struct kept_bake kept(const struct soup *soup, int closed_rule, uint32_t tile_log2,
+                             enum umbb_keeping_mode mode, const char *folder, uint32_t only_end,
+                             struct umb_octree *octree)
+{
+    return kept_front(soup, closed_rule, tile_log2, mode, folder, only_end, NULL, octree);
 }
 
 static void plain(const struct soup *soup, int closed_rule, uint32_t tile_log2,
@@ -225,6 +237,70 @@ static void tiles_baked_apart_merge_to_the_plain_octree(void **state)
     soup_finish(&soup);
 }
 
+/* The words of a front in its canonical order; the front is finished. */
+static uint32_t *joined(struct umb_front *front, uint64_t *count)
+{
+    uint32_t *words;
+    struct umb_error error;
+    assert_int_equal(umb_front_join(front, 1, &words, count, &error), UMB_OK);
+    umb_front_finish(front);
+    return words;
+}
+
+static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state)
+{
+    (void)state;
+    struct soup soup;
+    soup_init(&soup, 256, 705);
+    soup_mixture(&soup);
+    const struct umbb_casters casters = soup_casters(&soup, 1);
+    char folder[64];
+    folder_make(folder);
+    struct umb_error error;
+    struct umb_octree octree;
+    uint32_t *words[3];
+    uint64_t counts[3];
+    /* 0: drawn, by one tile and no keeper; 1: drawn and kept, 2: found */
+    for (int round = 0; round < 3; round++) {
+        struct umb_front front;
+        assert_int_equal(umb_front_init(&front, NULL, 8, 1U << 26, &error), UMB_OK);
+        if (round == 0) {
+            const struct umbb_depth_options options = {
+                .tile_log2 = 8, .threads = 1, .prove = UMBB_PROVE_NEVER};
+            const struct umbb_bake_options bake = {.log2_size = 8,
+                                                   .tile_log2 = 8,
+                                                   .threads = 1,
+                                                   .closed_rule = 1,
+                                                   .octree_max_bytes = (size_t)1 << 30,
+                                                   .front = &front};
+            struct umbb_depth depth;
+            assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_OK);
+            assert_int_equal(umbb_bake_frustum(&depth, &bake, &octree, NULL, &error), UMB_OK);
+            depth.destroy(depth.state);
+        } else {
+            const struct kept_bake bake =
+                kept_front(&soup, 1, 6, UMBB_KEEPING_CACHE, folder, 0, &front, &octree);
+            assert_int_equal(bake.status, UMB_OK);
+            assert_int_equal(bake.figures.tiles_found, round == 1 ? 0 : 16);
+        }
+        words[round] = joined(&front, &counts[round]);
+        umb_octree_finish(&octree);
+        assert_int_equal(counts[round], counts[0]);
+        assert_memory_equal(words[round], words[0], counts[0] * sizeof *words[0]);
+    }
+    assert_true(counts[0] > 100); /* or nothing was compared */
+    for (int round = 0; round < 3; round++) {
+        umb_front_words_free(NULL, words[round]);
+    }
+    /* A bake that keeps none finds no tile that does, and damages none. */
+    const struct kept_bake other = kept(&soup, 1, 6, UMBB_KEEPING_CACHE, folder, 0, NULL);
+    assert_int_equal(other.figures.tiles_found, 0);
+    assert_int_equal(other.damaged, 0);
+    assert_int_equal(folder_each(folder, NULL), 32);
+    folder_remove(folder);
+    soup_finish(&soup);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -232,6 +308,7 @@ int main(void)
         cmocka_unit_test(an_edit_bakes_only_the_tiles_that_it_reaches),
         cmocka_unit_test(damaged_results_are_removed_and_baked_again),
         cmocka_unit_test(tiles_baked_apart_merge_to_the_plain_octree),
+        cmocka_unit_test(first_occluders_come_from_kept_tiles_as_from_drawn_ones),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
