@@ -230,53 +230,131 @@ static void rules_run(const struct bench_scene *scene, int thousands, int with_s
     }
 }
 
-static void scene_run(const char *scene_name, uint32_t log2_size, const char *assets)
+/* The parts of a run and the figures that come from each; --only chooses a part by a figure. */
+enum part {
+    PART_RACE,
+    PART_RULES,
+    PART_DEPTH,
+    PART_COUNT
+};
+static const struct {
+    const char *name;
+    enum part part;
+} figures[] = {
+    {"bake_vs_embree_rays", PART_RACE},
+    {"threads2_vs_1", PART_RACE},
+    {"peak_mib", PART_RACE},
+    {"packed_vs_2014", PART_RULES},
+    {"mapped_vs_2014", PART_RULES},
+    {"wrong_voxels", PART_RULES},
+    {"depth_front_vs_embree8", PART_DEPTH},
+};
+#define FIGURE_COUNT (sizeof figures / sizeof figures[0])
+
+/* What a command line asks for. */
+struct choice {
+    const char *assets, *scene; /* NULL: none kept; all scenes */
+    int full;
+    int wanted[PART_COUNT];
+};
+
+static void scene_run(const char *scene_name, const struct choice *choice)
 {
+    const uint32_t log2_size = choice->full ? FULL_LOG2 : QUICK_LOG2;
     struct bench_scene scene;
     const int thousands = 1 << (log2_size - 10);
     const int is_terrain = strcmp(scene_name, "terrain") == 0;
-    bench_scene_make(&scene, scene_name, log2_size, assets);
-    if (log2_size == FULL_LOG2) {
+    bench_scene_make(&scene, scene_name, log2_size, choice->assets);
+    if (choice->full && choice->wanted[PART_RACE]) {
         bake_race(&scene, 1, bench_text("%s-%dk-closed", scene_name, thousands), is_terrain);
         if (is_terrain) {
             bake_race(&scene, 0, bench_text("%s-%dk-open", scene_name, thousands), 1);
         }
     }
-    rules_run(&scene, thousands, log2_size == QUICK_LOG2);
-    depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
+    if (choice->wanted[PART_RULES]) {
+        rules_run(&scene, thousands, log2_size == QUICK_LOG2);
+    }
+    if (choice->wanted[PART_DEPTH]) {
+        depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
+    }
     bench_scene_finish(&scene);
 }
 
 /* The closed terrain at the largest size: nothing of it is ever drawn as a whole. */
-static void largest_run(const char *assets)
+static void largest_run(const struct choice *choice)
 {
     struct bench_scene scene;
     struct bench_asset pair[2] = {{0}};
     struct voxel_truth_result truths[2];
-    bench_scene_make(&scene, "terrain", LARGEST_LOG2, assets);
-    bake_race(&scene, 1, "terrain-256k-closed", 0);
-    bench_asset_make(&scene, 1, 0, &pair[1]);
-    voxel_truth_compare(&scene, pair, VOXEL_SAMPLES, truths);
-    bench_row_counted(BENCH, "terrain-256k-closed", "wrong_voxels", "lower",
-                      (double)truths[1].wrong);
-    bench_asset_finish(&pair[1]);
+    bench_scene_make(&scene, "terrain", LARGEST_LOG2, choice->assets);
+    if (choice->wanted[PART_RACE]) {
+        bake_race(&scene, 1, "terrain-256k-closed", 0);
+    }
+    if (choice->wanted[PART_RULES]) {
+        bench_asset_make(&scene, 1, 0, &pair[1]);
+        voxel_truth_compare(&scene, pair, VOXEL_SAMPLES, truths);
+        bench_row_counted(BENCH, "terrain-256k-closed", "wrong_voxels", "lower",
+                          (double)truths[1].wrong);
+        bench_asset_finish(&pair[1]);
+    }
     bench_scene_finish(&scene);
+}
+
+static int choice_asks(const struct choice *choice, const char *scene)
+{
+    return choice->scene == NULL || strcmp(choice->scene, scene) == 0;
+}
+
+static void usage_print(FILE *to)
+{
+    fprintf(to, "usage: bench_bake [--size quick|full] [--scene terrain|city|largest]\n"
+                "                  [--only FIGURE] [--assets DIR]\n"
+                "  --size    quick: maps of 16384; full: of 65536 and 262144 (quick)\n"
+                "  --scene   this scene alone; largest: the terrain at 262144, full only\n"
+                "  --only    the part of the run alone that prints this figure, one of\n");
+    for (size_t i = 0; i < FIGURE_COUNT; i++) {
+        fprintf(to, "              %s\n", figures[i].name);
+    }
+    fprintf(to, "            depth_front_vs_embree8 bakes nothing\n"
+                "  --assets  keep bakes in this empty folder for the other benchmarks\n");
+}
+
+/* Marks the part that a figure comes from, or all of them. */
+static void parts_choose(struct choice *choice, const char *only)
+{
+    int found = only == NULL;
+    for (size_t i = 0; i < FIGURE_COUNT; i++) {
+        const int asked = only == NULL || strcmp(only, figures[i].name) == 0;
+        choice->wanted[figures[i].part] |= asked;
+        found |= asked;
+    }
+    if (!found) {
+        usage_print(stderr);
+        bench_fail("--only: '%.40s' is not a figure", only);
+    }
 }
 
 int main(int argc, char **argv)
 {
-    const char *size = bench_size(argc, argv);
-    const char *assets = bench_option(argc, argv, "--assets", NULL);
-    const int full = strcmp(size, "full") == 0;
-    const char *only = bench_option(argc, argv, "--scene", NULL);
     static const char *const scenes[] = {"terrain", "city"};
+    struct choice choice = {0};
+    if (argc > 1 && strcmp(argv[1], "--help") == 0) {
+        usage_print(stdout);
+        return 0;
+    }
+    const char *size = bench_size(argc, argv);
+    choice.full = strcmp(size, "full") == 0;
+    choice.assets = bench_option(argc, argv, "--assets", NULL);
+    choice.scene = bench_option(argc, argv, "--scene", NULL);
+    parts_choose(&choice, bench_option(argc, argv, "--only", NULL));
     for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
-        if (only == NULL || strcmp(only, scenes[i]) == 0) {
-            scene_run(scenes[i], full ? FULL_LOG2 : QUICK_LOG2, assets);
+        if (choice_asks(&choice, scenes[i])) {
+            scene_run(scenes[i], &choice);
         }
     }
-    if (full && (only == NULL || strcmp(only, "largest") == 0)) {
-        largest_run(assets);
+    if (choice.full && choice_asks(&choice, "largest") &&
+        (choice.wanted[PART_RACE] || choice.wanted[PART_RULES])) {
+        largest_run(&choice);
     }
     bench_table(BENCH, size);
     return 0;
