@@ -225,6 +225,17 @@ static enum umb_status check_tiles(const struct run *run, const struct umbb_memo
     return UMB_OK;
 }
 
+/* Deep maps come when the tiles are gone and the octree stands. */
+static enum umb_status bake_transmittance(struct run *run, const struct umbb_memory_plan *memory,
+                                          struct umb_error *error)
+{
+    const uint64_t left = memory->check_max_bytes;
+    const size_t taken = run->report.figures.octree_bytes;
+    return umbb_transmittance_bake(&run->analysis, run->options,
+                                   left > taken ? (size_t)(left - taken) : 0, &run->transmittance,
+                                   &run->report.transmittance_level, error);
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -257,8 +268,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
     if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
-        status = umbb_transmittance_bake(&run->analysis, o, &run->transmittance,
-                                         &run->report.transmittance_level, error);
+        status = bake_transmittance(run, &memory, error);
     }
     run->report.seconds_bake = umbb_clock_s() - start;
     if (status == UMB_E_CANCELLED && job.keeping != NULL && o->task != UMBB_TASK_MERGE) {

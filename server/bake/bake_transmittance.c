@@ -11,6 +11,9 @@
 #include "bake/depth/light_left.h"
 #include "bake/interrupt.h"
 
+/* More than this would only hide that a map has too many fragments to be of use. */
+#define WORKING_MAX ((size_t)1 << 30)
+
 /* What all frusta share. */
 struct maps {
     struct umbb_analysis *analysis;
@@ -145,15 +148,14 @@ static enum umb_status make_entry(struct maps *maps, struct umb_trans_bytes *byt
 }
 
 enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
-                                        const struct umbb_options *options,
+                                        const struct umbb_options *options, size_t working_bytes,
                                         struct umb_trans_bytes *bytes, uint32_t *level,
                                         struct umb_error *error)
 {
-    const size_t half = (size_t)(options->memory_bytes / 2);
     struct maps maps = {.analysis = analysis,
                         .options = options,
                         .level_max = UMBB_TRANSMITTANCE_LEVEL_MAX,
-                        .working_bytes = half < (size_t)1 << 30 ? half : (size_t)1 << 30};
+                        .working_bytes = working_bytes < WORKING_MAX ? working_bytes : WORKING_MAX};
     memset(bytes, 0, sizeof *bytes);
     *level = 0;
     if (analysis->translucent_count == 0) {

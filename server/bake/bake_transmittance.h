@@ -21,13 +21,15 @@
 /*
  * Makes the entry.
  *
- * In:    analysis: its translucent triangles.
+ * In:    analysis: its translucent triangles. working_bytes: that lists of triangles and fragments
+ *        may take.
  * Out:   bytes: the entry, or nothing if there is nothing translucent; finish it, whatever is
  *        returned. level: of the maps, 0 if there are none.
  * Fails: E_LIMIT (no map is small enough, --memory), E_NO_MEMORY, E_CANCELLED.
  */
 UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
                                                     const struct umbb_options *options,
+                                                    size_t working_bytes,
                                                     struct umb_trans_bytes *bytes, uint32_t *level,
                                                     struct umb_error *error);
 

@@ -42,6 +42,8 @@ for kind in "city 12" "bridge 30"; do
         "$(bake other --effect front=on --depth embree --tile 256)"
     "$BUILD/umbrage" info "$folder/front.umb" --json >"$folder/info" 2>/dev/null
     "$BUILD/umbrage" info "$folder/plain.umb" --json >"$folder/none" 2>/dev/null
+    same "$name: memory counts it" 0 "$(json "$folder/info" "['memory_bytes'] - sum(
+        data[p + '_bytes'] for p in ('grid', 'node', 'brick', 'front', 'transmittance'))")"
     same "$name: off has no byte" 0 "$(json "$folder/none" "['front_bytes']")"
     if grep -q 'effect=closed state=on' "$folder/info"; then
         case $(json "$folder/info" "['front_bytes']") in

@@ -51,8 +51,8 @@ static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes
     if (status != UMB_OK) {
         return status;
     }
-    status = umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped,
-                               error);
+    status =
+        umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped, error);
     umb_octree_finish(&octree);
     asset->view = asset->mapped.view;
     return status;
@@ -62,8 +62,8 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
                                   const struct umb_open_options *options, struct umb_error *error)
 {
     int full = !(options && options->trust == UMB_TRUST_VALIDATED);
-    uint64_t max_memory = options && options->max_memory_bytes ? options->max_memory_bytes
-                                                               : DEFAULT_MAX_MEMORY;
+    uint64_t max_memory =
+        options && options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY;
     max_memory = max_memory < SIZE_MAX / 2 ? max_memory : SIZE_MAX / 2; /* sizes fit size_t */
     struct umb__head head;
     enum umb_status status = umb__head_parse(bytes, size, &head, error);
@@ -103,8 +103,8 @@ static struct umb_asset *new_asset(const struct umb_open_options *options)
 }
 
 enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
-                                     const struct umb_open_options *options,
-                                     struct umb_asset **out, struct umb_error *error)
+                                     const struct umb_open_options *options, struct umb_asset **out,
+                                     struct umb_error *error)
 {
     *out = NULL;
     struct umb_asset *asset = new_asset(options);
@@ -170,9 +170,10 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
                        asset->view.piece_count * 4;
     info->node_bytes = asset->view.node_words * 8;
     info->brick_bytes = asset->view.brick_count * 64;
-    info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes;
     info->front_bytes = content->front_words * 4;
     info->transmittance_bytes = content->transmittance_bytes;
+    info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes +
+                         info->front_bytes + info->transmittance_bytes;
     info->light_count = content->light_count;
     info->frustum_count = content->frustum_count;
     memcpy(info->level_nodes, asset->canonical.counts, sizeof info->level_nodes);

@@ -124,20 +124,21 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
     }
 }
 
-/* Makes room for as many entries; what was in them is lost. */
+/* Makes room for as many entries, beside as many bytes in use; what was in them is lost. */
 static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_input *input,
-                               uint64_t wanted, struct umb_error *error)
+                               uint64_t wanted, size_t used, struct umb_error *error)
 {
+    const size_t left = input->max_bytes > used ? input->max_bytes - used : 0;
     if (wanted <= bins->capacity) {
         return UMB_OK;
     }
-    if (wanted > input->max_bytes / sizeof *bins->entries) {
+    if (wanted > left / sizeof *bins->entries) {
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: %llu MiB for lists of which triangle touches which of %u x %u "
                         "blocks of texels are more than the %zu MiB left; give more memory or "
                         "another --tile",
                         (unsigned long long)(wanted / (1048576U / sizeof *bins->entries) + 1U),
-                        input->cells_x, input->cells_x, input->max_bytes >> 20);
+                        input->cells_x, input->cells_x, left >> 20);
     }
     free(bins->entries);
     bins->capacity = 0;
@@ -290,6 +291,8 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
                         .count = input->all ? input->casters->count : input->count,
                         .cells = (size_t)input->cells_x * input->cells_x};
     fill.chunks = chunk_count(input, fill.count, fill.cells);
+    const size_t used =
+        fill.chunks * fill.cells * sizeof *fill.numbers + fill.count * sizeof *fill.only;
     fill.numbers = calloc(fill.chunks * fill.cells, sizeof *fill.numbers);
     fill.only = malloc((fill.count + 1) * sizeof *fill.only);
     if (fill.numbers == NULL || fill.only == NULL) {
@@ -300,7 +303,7 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
     }
     umbb_workers_run(input->workers, count_job, &fill, (uint32_t)fill.chunks);
     places_find(&fill, bins->first);
-    status = reserve(bins, input, bins->first[fill.cells], error);
+    status = reserve(bins, input, bins->first[fill.cells], used, error);
     if (status == UMB_OK && bins->first[fill.cells] > 0) {
         fill.entries = bins->entries;
         umbb_workers_run(input->workers, write_job, &fill, (uint32_t)fill.chunks);

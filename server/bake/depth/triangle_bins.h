@@ -25,9 +25,9 @@ struct umbb_bins_input {
     int all;              /* 1: every caster */
     int borders;          /* 1: list casters with a border (their marks) two texels further */
     int32_t x0, y0;
-    uint32_t cell_log2;                /* texels a side of a cell */
-    uint32_t cells_x;                  /* cells a side; at most 4096 */
-    size_t max_bytes;                  /* that the entries may take */
+    uint32_t cell_log2; /* texels a side of a cell */
+    uint32_t cells_x;   /* cells a side; at most 4096 */
+    size_t max_bytes;   /* that the entries may take, and what filling needs beside them */
     const struct umb_workers *workers; /* who helps; NULL: nobody */
 };
 

@@ -53,7 +53,9 @@ static const struct {
     {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
 };
 
-static void set_alpha(struct current *current, struct umbb_cursor *line, int is_d)
+/* A line that says nothing of use is as if it were not there; with a warning if it has a number. */
+static void set_alpha(struct umbb_material_table *table, struct current *current,
+                      struct umbb_cursor *line, int is_d)
 {
     double value;
     struct umbb_cursor first = *line;
@@ -62,9 +64,15 @@ static void set_alpha(struct current *current, struct umbb_cursor *line, int is_
     if (is_word(option, length, "-halo")) {
         *line = first;
     }
-    if ((!is_d && current->has_d) || !umbb_take_double(line, &value) || !(value >= 0.0) ||
-        !(value <= 1.0)) {
-        return; /* not a number in 0..1: as if the line were not there */
+    if (current->index == UMBS_NO_INDEX || (!is_d && current->has_d) ||
+        !umbb_take_double(line, &value)) {
+        return;
+    }
+    if (!(value >= 0.0) || !(value <= 1.0)) {
+        const struct umbs_material *materials = table->scene->materials.data;
+        umbs_scene_warn(table->scene, "material '%s': %s of %g is not in 0 to 1 and is left out",
+                        materials[current->index].name, is_d ? "d" : "Tr", value);
+        return;
     }
     current->dissolve = is_d ? value : 1.0 - value;
     current->has_d = is_d;
@@ -163,9 +171,9 @@ enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material
                 return status;
             }
         } else if (is_word(word, length, "d")) {
-            set_alpha(&current, &line, 1);
+            set_alpha(table, &current, &line, 1);
         } else if (is_word(word, length, "Tr")) {
-            set_alpha(&current, &line, 0);
+            set_alpha(table, &current, &line, 0);
         } else if (is_word(word, length, "map_d")) {
             current.has_map = 1;
             current.map = line;

@@ -86,7 +86,8 @@ static void obj_groups_triangles_by_material_of_its_library(void **state)
     (void)state;
     static const char mtl[] = "newmtl glass pane\r\nd 0.25\r\nTr 0.9\r\n"
                               "newmtl leaf\nmap_d leaf.png\n"
-                              "newmtl old\nTr 0.5\nnewmtl solid\nd -halo 1\nd 7\nKd 1 1 1\n";
+                              "newmtl old\nTr 0.5\nnewmtl solid\nd -halo 1\nd 7\nKd 1 1 1\n"
+                              "newmtl under\nd -1\nTr ?\n";
     put_file("my lib.mtl", mtl, sizeof(mtl) - 1);
     struct umbs_scene *scene =
         import_text("materials.obj", "mtllib my lib.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 7 7 7\n"
@@ -94,14 +95,18 @@ static void obj_groups_triangles_by_material_of_its_library(void **state)
                                      "usemtl leaf\nf 3 1 2\nusemtl unknown\nusemtl old\nf 1 2 3\n");
     drop_file("my lib.mtl");
     const struct umbs_scene_view *view = &scene->view;
-    assert_int_equal(view->material_count, 5);
+    assert_int_equal(view->material_count, 6);
     assert_string_equal(view->materials[0].name, "glass pane");
     assert_int_equal(view->materials[0].alpha_mode, UMBS_ALPHA_BLEND);
     assert_true(view->materials[0].base_alpha == 0.25F);
     assert_int_equal(view->materials[1].alpha_mode, UMBS_ALPHA_MASK);
     assert_true(view->materials[2].base_alpha == 0.5F);
     assert_int_equal(view->materials[3].alpha_mode, UMBS_ALPHA_OPAQUE);
-    assert_string_equal(view->materials[4].name, "unknown");
+    assert_non_null(strstr(view->warnings, "material 'solid': d of 7 is not in 0 to 1"));
+    assert_int_equal(view->materials[4].alpha_mode, UMBS_ALPHA_OPAQUE);
+    assert_non_null(strstr(view->warnings, "material 'under': d of -1 is not in 0 to 1"));
+    assert_null(strstr(view->warnings, "Tr"));
+    assert_string_equal(view->materials[5].name, "unknown");
     assert_int_equal(view->mesh_count, 4);
     assert_int_equal(view->meshes[0].material, UMBS_NO_INDEX);
     assert_int_equal(view->meshes[1].material, 0);

@@ -52,8 +52,8 @@ static void every_covered_texel_has_its_triangle_in_its_cell(void **state)
                     int32_t x, last;
                     umbb_coverage_row(&c, y, &x, &last);
                     for (; x <= last; x++) {
-                        const size_t cell = (size_t)(y >> cell_log2) * input.cells_x +
-                                            (size_t)(x >> cell_log2);
+                        const size_t cell =
+                            (size_t)(y >> cell_log2) * input.cells_x + (size_t)(x >> cell_log2);
                         assert_true(is_listed(&bins, cell, (uint32_t)i));
                     }
                 }
@@ -98,10 +98,12 @@ static void lists_over_their_share_of_memory_are_refused(void **state)
         soup_add(&soup, a, b, c, UMBB_CASTER_OPEN);
     }
     const struct umbb_casters casters = soup_casters(&soup, 0);
-    struct umbb_depth_options options = {.tile_log2 = 6, .threads = 1, .max_bytes = 100 * 256 * 4};
+    const size_t lists = 100 * 256 * 4, filling = 256 * 8 + 100 * 4;
+    struct umbb_depth_options options = {
+        .tile_log2 = 6, .threads = 1, .max_bytes = lists + filling};
     struct umbb_depth depth;
     assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_OK);
-    assert_int_equal(depth.allow(depth.state, SIZE_MAX), options.max_bytes);
+    assert_int_equal(depth.allow(depth.state, SIZE_MAX), lists);
     depth.destroy(depth.state);
     options.max_bytes--;
     assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_E_LIMIT);
