@@ -86,7 +86,12 @@ same-bits: ## the same bits by gcc and clang, at -O0 and -O3, with and without A
 		build/same-$$b/same_bits $$o >build/same-$$b/bits || exit 1; \
 		diff build/same-gcc-debug/bits build/same-$$b/bits || exit 1; done; done
 	@echo "$$(wc -l <build/same-gcc-debug/bits) digests agree"
-.PHONY: numerics same-bits
+DETERMINISM := gcc-O2 gcc-O3 clang-O2 clang-O3
+determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for threads, tiles, and resumed
+	@for b in $(DETERMINISM); do $(MAKE) --no-print-directory CC=$${b%-*} config=release \
+		opt_release="-$${b#*-} -DNDEBUG" BUILD=build/det-$$b build/det-$$b/umbrage-bake build/det-$$b/scenegen || exit 1; done
+	@tests/system/determinism.py $(DETERMINISM:%=build/det-%)
+.PHONY: numerics same-bits determinism
 
 # Kernels, slices and threads at 16384 voxels a side, 10^7 points of a scene for each window.
 $(BUILD)/kernel_bits: $(BUILD)/tests/agreement/kernel_bits.o $(CORE_LIB)

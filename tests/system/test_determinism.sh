@@ -38,6 +38,8 @@ for kind in "city 12" "terrain 128" "arch 4" "bridge 30"; do
     same "$name: tiles of 1024" "$first" "$(id_of "$scene" --resolution 1024 --tile 1024)"
     same "$name: less memory" "$first" "$(id_of "$scene" --resolution 1024 --memory 300MiB)"
     same "$name: depth by rasteriser" "$first" "$(id_of "$scene" --resolution 1024 --depth raster)"
+    same "$name: depth by the portable rasteriser, 4 threads" "$first" \
+        "$(id_of "$scene" --resolution 1024 --depth plain --threads 4)"
     same "$name: depth by Embree" "$first" "$(id_of "$scene" --resolution 1024 --depth embree)"
     same "$name: depth by Embree, small tiles, 3 threads" "$first" \
         "$(id_of "$scene" --resolution 1024 --depth embree --tile 256 --threads 3)"
