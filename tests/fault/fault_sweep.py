@@ -151,13 +151,16 @@ def read_trace(path):
 
 
 def failed_fsyncs_are_final(trace):
-    """After a failed fsync the kernel may have dropped the pages: no second try, no rename."""
+    """After a failed fsync the kernel may have dropped the pages: no second try, no rename. A
+    folder is synced again only for another file that was renamed in it since."""
     bad = set()
     for function, worked, path in trace:
         assert not (path in bad and function in ("fsync", "fdatasync", "rename")), \
             f"{function} of {path} after its fsync failed"
         if function in ("fsync", "fdatasync") and not worked:
             bad.add(path)
+        elif function == "rename" and worked:
+            bad.discard(os.path.dirname(path))
 
 
 def one_sentence(err, program):
