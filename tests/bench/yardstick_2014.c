@@ -34,12 +34,13 @@ static uint32_t brick_make(struct build *build, const struct umbb_tile *tile, si
                            int32_t z0)
 {
     const int32_t *lit = tile->lit + block * 64, *end = tile->end + block * 64;
+    const struct umbb_slicer *slicer = umbb_slicer_best();
     uint64_t slices[8];
     struct umb_error error;
     uint32_t ref;
     uint64_t visible[8], allowed[8];
-    umbb_slices_above(lit, z0, visible);
-    umbb_slices_above(end, z0, allowed);
+    slicer->above(lit, z0, visible);
+    slicer->above(end, z0, allowed);
     for (size_t z = 0; z < 8; z++) {
         slices[z] = slice_fill(visible[z], allowed[z]);
     }

@@ -25,7 +25,7 @@ struct umb__node_ref {
 
 /* Where a node stands; one of several in the lowest band, the only one of the roots of a band. */
 struct umb__node_place {
-    uint32_t page;     /* UINT32_MAX: not reached */
+    uint32_t page;
     uint32_t position; /* among the page's nodes of the level */
 };
 
@@ -37,13 +37,11 @@ struct umb__pack_order {
     uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
     size_t *page_first;  /* [page_count + 1], in sequence */
     size_t page_capacity;
-    struct umb__node_place *places[UMB_LEVEL_MAX + 1]; /* [count of the level] */
-    uint64_t counts[UMB_LEVEL_MAX + 1];                /* distinct reached nodes of each level */
+    struct umb__node_place
+        *places[UMB_LEVEL_MAX + 1];     /* [count of the level]; of what is reached */
+    uint64_t counts[UMB_LEVEL_MAX + 1]; /* distinct reached nodes of each level */
     const struct umb_alloc *alloc;
 };
-
-/* Number of unique nodes of a level (bricks for level 3). */
-uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level);
 
 /* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages). */
 UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,

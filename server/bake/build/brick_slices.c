@@ -7,11 +7,13 @@
  */
 #include "bake/build/brick_slices.h"
 
+#include <stddef.h>
+
 #ifdef __SSE2__
 #include <emmintrin.h>
 #endif
 
-void umbb_slices_above_plain(const int32_t values[64], int32_t z0, uint64_t slices[8])
+static void above_plain(const int32_t values[64], int32_t z0, uint64_t slices[8])
 {
     for (int z = 0; z < 8; z++) {
         uint64_t slice = 0;
@@ -20,6 +22,23 @@ void umbb_slices_above_plain(const int32_t values[64], int32_t z0, uint64_t slic
         }
         slices[z] = slice;
     }
+}
+
+static int32_t least_from_plain(const int32_t values[64], int32_t z0)
+{
+    int32_t least = INT32_MAX;
+    for (int i = 0; i < 64; i++) {
+        if (values[i] >= z0 && values[i] < least) {
+            least = values[i];
+        }
+    }
+    return least;
+}
+
+const struct umbb_slicer *umbb_slicer_plain(void)
+{
+    static const struct umbb_slicer plain = {above_plain, least_from_plain};
+    return &plain;
 }
 
 #ifdef __SSE2__
@@ -38,7 +57,7 @@ static __m128i relative_bytes(const int32_t *values, __m128i base)
     return _mm_packs_epi16(low, high);
 }
 
-void umbb_slices_above(const int32_t values[64], int32_t z0, uint64_t slices[8])
+static void above_sse2(const int32_t values[64], int32_t z0, uint64_t slices[8])
 {
     const __m128i base = _mm_set1_epi32(z0);
     __m128i bytes[4];
@@ -56,14 +75,28 @@ void umbb_slices_above(const int32_t values[64], int32_t z0, uint64_t slices[8])
     }
 }
 
+const struct umbb_slicer *umbb_slicer_sse2(void)
+{
+    static const struct umbb_slicer sse2 = {above_sse2, least_from_plain};
+    return &sse2;
+}
+
 #else
 
-void umbb_slices_above(const int32_t values[64], int32_t z0, uint64_t slices[8])
+const struct umbb_slicer *umbb_slicer_sse2(void)
 {
-    umbb_slices_above_plain(values, z0, slices);
+    return NULL;
 }
 
 #endif
+
+const struct umbb_slicer *umbb_slicer_best(void)
+{
+    const struct umbb_slicer *slicer = umbb_slicer_avx512();
+    slicer = slicer != NULL ? slicer : umbb_slicer_avx2();
+    slicer = slicer != NULL ? slicer : umbb_slicer_sse2();
+    return slicer != NULL ? slicer : umbb_slicer_plain();
+}
 
 void umbb_slices_fill(const uint64_t visible[8], const uint64_t allowed[8], uint64_t slices[8])
 {

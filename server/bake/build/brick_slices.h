@@ -3,19 +3,32 @@
 #define UMBRAGE_SERVER_BAKE_BUILD_BRICK_SLICES_H
 /*
  * Bricks from texels: eight masks of 8x8 bits, one a depth slice, bit x + 8 * y.
+ *
+ *     const struct umbb_slicer *slicer = umbb_slicer_best();
+ *     slicer->above(lit, 8 * z, slices);                      a brick of a column
+ *     z = slicer->least_from(lit, 8 * (z + 1)) / 8;           the next one that differs from it
  */
 #include <stdint.h>
 
-/*
- * Compares 64 integers with eight depths.
- *
- * In:  values: int32[64], row by row (lit or end of an 8x8 block). z0: first voxel of the brick.
- * Out: slices[z]: bit i is 1 where values[i] > z0 + z.
- */
-void umbb_slices_above(const int32_t values[64], int32_t z0, uint64_t slices[8]);
+/* Two questions about the 64 integers of a block, row by row (lit or end of 8x8 texels). All ways
+ * to answer them give the same bits. In: 0 <= values, z0 <= 2^20. */
+struct umbb_slicer {
+    /* slices[z]: bit i is 1 where values[i] > z0 + z. */
+    void (*above)(const int32_t values[64], int32_t z0, uint64_t slices[8]);
+    /* The least of the values that are at least z0; INT32_MAX if all are less. */
+    int32_t (*least_from)(const int32_t values[64], int32_t z0);
+};
 
-/* The same in plain C: the definition, and what processors without vectors of 16 bytes run. */
-void umbb_slices_above_plain(const int32_t values[64], int32_t z0, uint64_t slices[8]);
+/* The quickest that this build has and this processor runs. */
+const struct umbb_slicer *umbb_slicer_best(void);
+
+/* Plain C: the definition. */
+const struct umbb_slicer *umbb_slicer_plain(void);
+
+/* NULL if this build or this processor lacks the vectors. Sixteen bytes each for SSE2. */
+const struct umbb_slicer *umbb_slicer_sse2(void);
+const struct umbb_slicer *umbb_slicer_avx2(void);
+const struct umbb_slicer *umbb_slicer_avx512(void);
 
 /*
  * Chooses undefined voxels so that neighbouring slices become equal.

@@ -193,6 +193,7 @@ struct walk {
     struct umb_pool *pool;
     const struct umbb_tile *tile;
     struct umbb_runs *runs;
+    const struct umbb_slicer *slicer;
 };
 
 static enum umb_status build_brick(const struct walk *walk, const int32_t *const values[2],
@@ -200,26 +201,21 @@ static enum umb_status build_brick(const struct walk *walk, const int32_t *const
 {
     const int32_t *lit = values[0], *end = values[1];
     uint64_t visible[8];
-    umbb_slices_above(lit, (int32_t)(8 * z), visible);
+    walk->slicer->above(lit, (int32_t)(8 * z), visible);
     if (end != lit) {
         uint64_t allowed[8];
-        umbb_slices_above(end, (int32_t)(8 * z), allowed);
+        walk->slicer->above(end, (int32_t)(8 * z), allowed);
         umbb_slices_fill(visible, allowed, visible);
     }
     return umb_pool_brick(walk->pool, visible, ref, error);
 }
 
 /* The first brick at or after z into which some value falls; `end` if none before it. */
-static uint32_t next_event(const int32_t *values, uint32_t z, uint32_t end)
+static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *values, uint32_t z,
+                           uint32_t end)
 {
-    uint32_t next = end;
-    for (int i = 0; i < 64; i++) {
-        const uint32_t brick = (uint32_t)values[i] >> UMB_LEVEL_BRICK;
-        if (brick >= z && brick < next) {
-            next = brick;
-        }
-    }
-    return next;
+    const uint32_t least = (uint32_t)slicer->least_from(values, (int32_t)(8 * z));
+    return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
 }
 
 /*
@@ -238,8 +234,8 @@ static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_
     for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
         next = z + 1;
         if (column->mixed_end - z > 2) { /* shorter ones are not worth the search */
-            uint32_t event = next_event(lit, z, column->mixed_end);
-            event = end == lit ? event : next_event(end, z, event);
+            uint32_t event = next_event(walk->slicer, lit, z, column->mixed_end);
+            event = end == lit ? event : next_event(walk->slicer, end, z, event);
             next = event > next ? event : next;
         }
         uint32_t ref;
@@ -259,7 +255,7 @@ enum umb_status umbb_column_of_square(struct umb_pool *pool, const struct umbb_t
                                       const struct umbb_square *square, struct umbb_runs *runs,
                                       struct umbb_column *column, struct umb_error *error)
 {
-    struct walk walk = {.pool = pool, .tile = tile, .runs = runs};
+    struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer_best()};
     const struct umbb_column_tree tree = {
         .pool = pool,
         .runs = runs,

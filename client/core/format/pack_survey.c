@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See pack_survey.h. Children of what is reached are reached, so one pass a level is enough. */
+#include "format/pack_survey.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+
+struct surveyor {
+    const struct umb_octree *octree;
+    struct umb__pack_survey *survey;
+    struct umb_error *error;
+    uint64_t *reached[UMB_LEVEL_MAX + 1]; /* bits */
+};
+
+uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level)
+{
+    return level == UMB_LEVEL_BRICK ? octree->brick_count : octree->level[level].count;
+}
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
+}
+
+/* Marks the roots, which have to exist. */
+static enum umb_status mark_roots(struct surveyor *s)
+{
+    for (uint32_t i = 0; i < s->octree->root_count; i++) {
+        const struct umb_octree_root *root = &s->octree->roots[i];
+        if (root->state != UMB_NODE_MIXED) {
+            continue;
+        }
+        const uint32_t count = umb__octree_level_count(s->octree, root->level);
+        if (root->index >= count) {
+            return umb_fail(s->error, UMB_E_ARGUMENT,
+                            "octree: node %u of level %u, the level has %u", root->index,
+                            root->level, count);
+        }
+        umb__bits_add(s->reached[root->level], root->index);
+    }
+    return UMB_OK;
+}
+
+/* Proves that a node has a possible mask and leads to nodes that exist, and marks those. */
+static enum umb_status survey_node(struct surveyor *s, uint32_t number, uint32_t node)
+{
+    const struct umb_octree_level *level = &s->octree->level[number];
+    const uint16_t mask = level->masks[node];
+    const uint32_t first = level->first[node], end = level->first[node + 1];
+    if ((mask & (mask >> 1) & 0x5555U) != 0 || end < first ||
+        end - first != umb_mask_mixed_count(mask)) {
+        return umb_fail(s->error, UMB_E_ARGUMENT,
+                        "octree: node %u of level %u: mask 0x%04x does not fit its children %u to "
+                        "%u",
+                        node, number, mask, first, end);
+    }
+    const uint32_t below = umb__octree_level_count(s->octree, number - 1);
+    for (uint32_t i = first; i < end; i++) {
+        if (level->children[i] >= below) {
+            return umb_fail(s->error, UMB_E_ARGUMENT,
+                            "octree: node %u of level %u leads to %u, the level below has %u", node,
+                            number, level->children[i], below);
+        }
+        umb__bits_add(s->reached[number - 1], level->children[i]);
+    }
+    s->survey->counts[number]++;
+    s->survey->bytes[number] += umb__node_estimate(end - first);
+    return UMB_OK;
+}
+
+static enum umb_status survey_level(struct surveyor *s, uint32_t number)
+{
+    const uint64_t *reached = s->reached[number];
+    const size_t words = umb__bits_words(s->octree->level[number].count);
+    for (size_t i = 0; i < words; i++) {
+        for (uint64_t bits = reached[i]; bits != 0; bits &= bits - 1) {
+            const uint32_t node = (uint32_t)(64 * i) + (uint32_t)__builtin_ctzll(bits);
+            const enum umb_status status = survey_node(s, number, node);
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+    }
+    return UMB_OK;
+}
+
+static void survey_bricks(struct surveyor *s)
+{
+    const uint64_t *reached = s->reached[UMB_LEVEL_BRICK];
+    for (uint32_t i = 0; i < s->octree->brick_count; i++) {
+        const uint64_t *brick = s->octree->bricks[i];
+        unsigned runs = 1;
+        for (size_t z = 1; z < 8; z++) {
+            runs += brick[z] != brick[z - 1];
+        }
+        s->survey->brick_bytes[i] = (uint8_t)(1 + 3 * runs);
+        if (umb__bits_has(reached, i)) {
+            s->survey->counts[UMB_LEVEL_BRICK]++;
+            s->survey->bytes[UMB_LEVEL_BRICK] += s->survey->brick_bytes[i];
+        }
+    }
+}
+
+enum umb_status umb__pack_survey(const struct umb_octree *octree, struct umb__pack_survey *survey,
+                                 struct umb_error *error)
+{
+    struct surveyor s = {.octree = octree, .survey = survey, .error = error};
+    memset(survey, 0, sizeof *survey);
+    survey->alloc = octree->alloc;
+    survey->brick_bytes = umb__alloc(octree->alloc, octree->brick_count + 1, 1);
+    enum umb_status status = survey->brick_bytes != NULL ? UMB_OK : no_memory(error);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && status == UMB_OK; level++) {
+        const size_t words = umb__bits_words(umb__octree_level_count(octree, level));
+        s.reached[level] = umb__alloc_zeroed(octree->alloc, words, sizeof *s.reached[level]);
+        status = s.reached[level] != NULL ? UMB_OK : no_memory(error);
+    }
+    status = status == UMB_OK ? mark_roots(&s) : status;
+    for (uint32_t level = UMB_LEVEL_MAX; level > UMB_LEVEL_BRICK && status == UMB_OK; level--) {
+        status = survey_level(&s, level);
+    }
+    if (status == UMB_OK) {
+        survey_bricks(&s);
+    } else {
+        umb__pack_survey_finish(survey);
+    }
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(octree->alloc, s.reached[level]);
+    }
+    return status;
+}
+
+void umb__pack_survey_finish(struct umb__pack_survey *survey)
+{
+    umb__free(survey->alloc, survey->brick_bytes);
+    memset(survey, 0, sizeof *survey);
+}
