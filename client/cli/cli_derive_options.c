@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include "base/vec.h"
 #include "cli_stream_view.h"
 
 enum derive_option {
@@ -228,26 +229,13 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_derive_opt
     return -1;
 }
 
-static double length_of(const double v[3])
-{
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (unsigned i = 0; i < 3; i++) {
-        const unsigned j = (i + 1) % 3, k = (i + 2) % 3;
-        out[i] = a[j] * b[k] - a[k] * b[j];
-    }
-}
-
 /* The frame of a view. Returns false if there is none: no direction, or along the up axis. */
 static bool frame_view(const struct umb_partial_view *view, struct umb_cascade_camera *camera)
 {
     double right[3];
-    const double along = length_of(view->forward);
-    cross(view->forward, view->up, right);
-    const double across = length_of(right);
+    const double along = umb__length(view->forward);
+    umb__cross(view->forward, view->up, right);
+    const double across = umb__length(right);
     if (!(along > 0) || !(across > 1e-9 * along)) {
         return false;
     }
@@ -256,7 +244,7 @@ static bool frame_view(const struct umb_partial_view *view, struct umb_cascade_c
         camera->forward[i] = view->forward[i] / along;
         camera->right[i] = right[i] / across;
     }
-    cross(camera->right, camera->forward, camera->up);
+    umb__cross(camera->right, camera->forward, camera->up);
     camera->tan_y = tan(view->fov_y / 2);
     camera->tan_x = camera->tan_y * view->aspect;
     camera->far_m = view->far_m;

@@ -5,17 +5,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
 /* Of the way to a lamp, how much has to be free: what lies closer to it may be the surface that the
  * lamp stands on, which rays in floats meet or miss as rounding has it. */
 #define FREE_SHARE (1.0 - 0x1p-16)
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++) {
-        const int k = (i + 1) % 3, l = (i + 2) % 3;
-        out[i] = a[k] * b[l] - a[l] * b[k];
-    }
-}
 
 /*
  * Solves for the point of voxel (x, y, z): X = x W, Y = y W and Z = z are three linear equations.
@@ -33,7 +27,7 @@ static int solve(const struct umbr_frame *frame, const double voxel[3], double a
         value[i] = (i < 2 ? share * m[3][3] : voxel[2]) - m[i][3];
     }
     for (int i = 0; i < 3; i++) {
-        cross(row[(i + 1) % 3], row[(i + 2) % 3], minors[i]);
+        umb__cross(row[(i + 1) % 3], row[(i + 2) % 3], minors[i]);
     }
     const double determinant =
         row[0][0] * minors[0][0] + row[0][1] * minors[0][1] + row[0][2] * minors[0][2];
@@ -53,7 +47,7 @@ static void invert_parallel(struct umbr_frame *frame)
     for (int i = 0; i < 3 && frame->parallel; i++) {
         const double *row = m[i];
         double *step = frame->step[i];
-        cross(m[(i + 1) % 3], m[(i + 2) % 3], step);
+        umb__cross(m[(i + 1) % 3], m[(i + 2) % 3], step);
         const double determinant = row[0] * step[0] + row[1] * step[1] + row[2] * step[2];
         for (int k = 0; k < 3; k++) {
             step[k] /= determinant;

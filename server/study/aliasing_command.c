@@ -131,8 +131,8 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
 static double view_depth(const struct umbt_camera *camera, const double position[3])
 {
     double p[3];
-    umbt_subtract(position, camera->eye, p);
-    return umbt_dot(p, camera->forward);
+    umb__subtract(position, camera->eye, p);
+    return umb__dot(p, camera->forward);
 }
 
 /* The view's pixels, and the four plans for what they see. */

@@ -141,7 +141,7 @@ double umbt_compass_azimuth(const double direction[3], int z_up, double otherwis
 {
     const double above = z_up ? direction[2] : direction[1];
     const double north = z_up ? direction[1] : -direction[2];
-    if (!(fabs(above) < VERTICAL_SINE * umbt_length(direction))) {
+    if (!(fabs(above) < VERTICAL_SINE * umb__length(direction))) {
         return otherwise;
     }
     const double degrees = atan2(direction[0], north) * (180.0 / PI);
@@ -153,12 +153,12 @@ double umbt_compass_azimuth(const double direction[3], int z_up, double otherwis
 static void axes_make(struct umbt_camera *camera, int z_up)
 {
     double vertical[3] = {0.0, z_up ? 0.0 : 1.0, z_up ? 1.0 : 0.0};
-    if (fabs(umbt_dot(vertical, camera->forward)) > 0.999999) {
+    if (fabs(umb__dot(vertical, camera->forward)) > 0.999999) {
         umbt_compass_vector(0.0, 0.0, z_up, vertical);
     }
-    umbt_cross(camera->forward, vertical, camera->right);
+    umb__cross(camera->forward, vertical, camera->right);
     (void)umbt_normalize(camera->right);
-    umbt_cross(camera->right, camera->forward, camera->up);
+    umb__cross(camera->right, camera->forward, camera->up);
     (void)umbt_normalize(camera->up);
 }
 
@@ -172,15 +172,15 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     double size = 0.0, nearest = INFINITY;
     for (size_t i = 0; i < subject->count; i++) {
         double p[3];
-        umbt_subtract(subject->points[i], centre, p);
-        const double z = umbt_dot(p, camera->forward);
+        umb__subtract(subject->points[i], centre, p);
+        const double z = umb__dot(p, camera->forward);
         for (int k = 0; k < 2; k++) {
-            const double x = umbt_dot(p, across[k]);
+            const double x = umb__dot(p, across[k]);
             high[k] = fmax(high[k], x - z * tan_xy[k]);
             low[k] = fmax(low[k], -x - z * tan_xy[k]);
         }
         nearest = fmin(nearest, z);
-        size = fmax(size, umbt_dot(p, p));
+        size = fmax(size, umb__dot(p, p));
     }
     double back =
         fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
@@ -221,7 +221,7 @@ enum umb_status umbt_camera_make(const struct umbt_camera_request *request,
     camera->tan_x = camera->tan_y * (double)width / (double)height;
     if (request->has_eye) {
         memcpy(camera->eye, request->eye, sizeof camera->eye);
-        umbt_subtract(request->has_target ? request->target : centre, request->eye,
+        umb__subtract(request->has_target ? request->target : centre, request->eye,
                       camera->forward);
         if (!(umbt_normalize(camera->forward) > 0.0)) {
             return umb_fail(error, UMB_E_ARGUMENT,

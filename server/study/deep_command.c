@@ -132,7 +132,7 @@ static enum umb_status texel_block(void *user, size_t first, size_t count, struc
             !umb_map_frustum_point(&d->frustum, x, y, 1.0, end)) {
             continue;
         }
-        umbt_subtract(end, start, direction);
+        umb__subtract(end, start, direction);
         const double length = umbt_normalize(direction);
         while (d->hit_counts[i] < HITS_MAX) {
             struct umbr_hit hit;
@@ -254,9 +254,9 @@ static double brute_force(const struct deep *d, const double position[3])
     const double(*m)[4] = d->frustum.world_to_map;
     const int64_t side = (int64_t)d->resolution, taps = (int64_t)d->taps;
     double p[3], at[3];
-    umbt_subtract(position, d->frustum.origin, p);
+    umb__subtract(position, d->frustum.origin, p);
     for (int k = 0; k < 3; k++) {
-        at[k] = umbt_dot(m[k], p) + m[k][3];
+        at[k] = umb__dot(m[k], p) + m[k][3];
     }
     const double depth = at[2] - filter_of(d).bias_m / d->frustum.depth_m;
     long double sum = 0.0L;

@@ -63,9 +63,9 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
     double a[3], b[3];
-    umbt_subtract(corners[1], corners[0], a);
-    umbt_subtract(corners[2], corners[0], b);
-    umbt_cross(a, b, normal);
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umb__cross(a, b, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
@@ -76,8 +76,8 @@ static double distance_refine(const double corners[3][3], const double normal[3]
                               double tolerance)
 {
     double to_corner[3];
-    umbt_subtract(corners[0], eye, to_corner);
-    const double refined = umbt_dot(to_corner, normal) / umbt_dot(direction, normal);
+    umb__subtract(corners[0], eye, to_corner);
+    const double refined = umb__dot(to_corner, normal) / umb__dot(direction, normal);
     return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
 }
 
@@ -132,8 +132,8 @@ static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *sc
         const double *position = &buffer->raw_positions[3 * i];
         double normal[3], to_eye[3];
         (void)triangle_normal((const double(*)[3])scene->corners[triangle], normal);
-        umbt_subtract(eye, position, to_eye);
-        const double side = umbt_dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
+        umb__subtract(eye, position, to_eye);
+        const double side = umb__dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
         for (int k = 0; k < 3; k++) {
             buffer->positions[3 * n + (size_t)k] = position[k];
             buffer->normals[3 * n + (size_t)k] = (float)(side * normal[k]);
@@ -158,7 +158,7 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
         .scene = scene,
         .camera = camera,
         .height = height,
-        .far_m = umbt_length(to_centre) + scene->diagonal_m,
+        .far_m = umb__length(to_centre) + scene->diagonal_m,
     };
     const size_t count = (size_t)buffer->width * row_count * buffer->aa * buffer->aa;
     buffer->first_row = first_row;

@@ -60,7 +60,7 @@ int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], 
     if (scene->parts.closed_triangles == 0) {
         return 0;
     }
-    const double sign = away != NULL && umbt_dot(away, generic_direction) < 0.0 ? -1.0 : 1.0;
+    const double sign = away != NULL && umb__dot(away, generic_direction) < 0.0 ? -1.0 : 1.0;
     double direction[3];
     for (int k = 0; k < 3; k++) {
         direction[k] = sign * generic_direction[k];
@@ -94,11 +94,11 @@ static int surface_point(const struct sampling *sampling, uint64_t *state, doubl
     const double root = sqrt(uniform(state));
     const double share = uniform(state);
     double a[3], b[3];
-    umbt_subtract(scene->corners[t][1], scene->corners[t][0], a);
-    umbt_subtract(scene->corners[t][2], scene->corners[t][0], b);
+    umb__subtract(scene->corners[t][1], scene->corners[t][0], a);
+    umb__subtract(scene->corners[t][2], scene->corners[t][0], b);
     umbt_along(scene->corners[t][0], root * (1.0 - share), a, position);
     umbt_along(position, root * share, b, position);
-    umbt_cross(a, b, normal);
+    umb__cross(a, b, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
@@ -180,10 +180,10 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     double sum = 0.0;
     for (size_t i = 0; i < scene->count; i++) {
         double a[3], b[3], normal[3];
-        umbt_subtract(scene->corners[i][1], scene->corners[i][0], a);
-        umbt_subtract(scene->corners[i][2], scene->corners[i][0], b);
-        umbt_cross(a, b, normal);
-        sum += umbt_length(normal);
+        umb__subtract(scene->corners[i][1], scene->corners[i][0], a);
+        umb__subtract(scene->corners[i][2], scene->corners[i][0], b);
+        umb__cross(a, b, normal);
+        sum += umb__length(normal);
         sampling->area_sums[i] = sum;
     }
     if (!(sum > 0.0) || !isfinite(sum)) {

@@ -19,7 +19,7 @@ enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, dou
 static double lit_between(const struct umbt_fog *fog, const double eye[3], const double way[3],
                           double from, double to)
 {
-    const double depth = fog->density * umbt_length(way);
+    const double depth = fog->density * umb__length(way);
     struct umb_stretch stretches[STRETCHES];
     struct umb_segment_answer answer;
     struct umb_segment_answers answers = {
@@ -49,7 +49,7 @@ void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double
                    double *through, double *lit)
 {
     double way[3];
-    umbt_subtract(end, eye, way);
-    *through = exp(-fog->density * umbt_length(way));
+    umb__subtract(end, eye, way);
+    *through = exp(-fog->density * umb__length(way));
     *lit = lit_between(fog, eye, way, 0.0, 1.0);
 }

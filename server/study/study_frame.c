@@ -83,7 +83,7 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
     double towards[3];
     (void)umbt_towards_light(request->lamp, request->to_light, &frame->buffer.positions[3 * slot],
                              towards);
-    return umbt_dot(normal, towards);
+    return umb__dot(normal, towards);
 }
 
 /* How far the truth's share may be off: an edge through s x s rays misses or takes up to s of them.

@@ -35,10 +35,10 @@ static uint32_t surface_group(const struct umbt_scene *scene, size_t triangle)
 static double triangle_area(const double corners[3][3])
 {
     double a[3], b[3], normal[3];
-    umbt_subtract(corners[1], corners[0], a);
-    umbt_subtract(corners[2], corners[0], b);
-    umbt_cross(a, b, normal);
-    return 0.5 * umbt_length(normal);
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umb__cross(a, b, normal);
+    return 0.5 * umb__length(normal);
 }
 
 /* Decides by what surfaces are told apart, and which is the main one. */

@@ -27,8 +27,8 @@ struct cascades {
 static double distance_of(const struct umbt_technique_view *view, size_t i)
 {
     double from_eye[3];
-    umbt_subtract(&view->buffer.positions[3 * i], view->camera.eye, from_eye);
-    return umbt_dot(from_eye, view->camera.forward);
+    umb__subtract(&view->buffer.positions[3 * i], view->camera.eye, from_eye);
+    return umb__dot(from_eye, view->camera.forward);
 }
 
 static enum umb_status plan_make(struct cascades *c, const struct umbt_technique_row *row,

@@ -24,7 +24,7 @@ enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char
     }
     status = umb_asset_get_light(*asset, 0, &light);
     if (status != UMB_OK || light.kind != UMB_LIGHT_DIRECTIONAL ||
-        !(1.0 + umbt_dot(light.direction, view->to_light) < SAME_SUN)) {
+        !(1.0 + umb__dot(light.direction, view->to_light) < SAME_SUN)) {
         umb_asset_close(*asset);
         *asset = NULL;
         return umb_fail(error, UMB_E_ARGUMENT,

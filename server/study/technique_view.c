@@ -37,7 +37,7 @@ static enum umb_status layer_block(void *user, size_t first, size_t count, struc
             !umb_map_frustum_point(layer->frustum, x, y, 1.0, end)) {
             continue;
         }
-        umbt_subtract(end, start, direction);
+        umb__subtract(end, start, direction);
         const double length = umbt_normalize(direction);
         umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
         if (hit.distance >= 0.0) {
@@ -72,7 +72,7 @@ void umbt_technique_truth(const struct umbt_technique_view *view,
         memcpy(truth->frustum.world_to_voxel[i], frustum->world_to_map[i],
                sizeof truth->frustum.world_to_voxel[i]);
         const double *row = frustum->world_to_map[i];
-        const double square = umbt_dot(row, row);
+        const double square = umb__dot(row, row);
         for (int k = 0; k < 3 && i < 2; k++) {
             truth->frustum.voxel_step[i][k] = row[k] / square;
         }
@@ -95,7 +95,7 @@ static float disc_visibility(const struct umbt_technique_view *view, const doubl
                              const double point[3], const double normal[3])
 {
     double start[3], across[2][3];
-    if (!(umbt_dot(normal, view->to_light) > 0.0)) {
+    if (!(umb__dot(normal, view->to_light) > 0.0)) {
         return 0.0F;
     }
     umbt_along(point, LIFT_SHARE * view->scene->diagonal_m, normal, start);
@@ -303,7 +303,7 @@ static struct umbt_rgb pixel_color(const struct umbt_technique_view *view, size_
     }
     const uint32_t key = umbt_scene_surface_key(view->scene, view->buffer.triangles[slot]);
     return umbt_shade(umbt_surface_color(key), (double)values[slot],
-                      umbt_dot(normal, view->to_light), normal[up]);
+                      umb__dot(normal, view->to_light), normal[up]);
 }
 
 void umbt_technique_draw(const struct umbt_technique_view *view, const float *values,

@@ -16,13 +16,13 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
     double across = 0.0, along = 0.0, mean = 0.0;
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
-        across = fabs(umbt_dot(normal, frustum->voxel_step[0])) +
-                 fabs(umbt_dot(normal, frustum->voxel_step[1]));
-        along = fabs(umbt_dot(normal, frustum->voxel_step[2]));
+        across = fabs(umb__dot(normal, frustum->voxel_step[0])) +
+                 fabs(umb__dot(normal, frustum->voxel_step[1]));
+        along = fabs(umb__dot(normal, frustum->voxel_step[2]));
         return 0.5 * (taps * across + along);
     case UMB_BIAS_VOXELS:
         for (int k = 0; k < 3; k++) {
-            mean += umbt_length(frustum->voxel_step[k]) / 3.0;
+            mean += umb__length(frustum->voxel_step[k]) / 3.0;
         }
         return settings->bias * mean;
     case UMB_BIAS_METRES:
@@ -52,8 +52,8 @@ static double row_of(const struct umb_frustum_info *frustum, int row, const doub
                      const double point[3])
 {
     double p[3];
-    umbt_subtract(point, origin, p);
-    return umbt_dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
+    umb__subtract(point, origin, p);
+    return umb__dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
 }
 
 /* The frustum that a point belongs to, with its voxels as they are there: a lamp's grow with the
@@ -76,8 +76,8 @@ static void frustum_at(const struct umbt_truth *truth, const double point[3],
     if (truth->lamp == NULL) {
         return;
     }
-    const double thickness = umbt_dot(face->world_to_voxel[3], face->voxel_step[2]);
-    umbt_subtract(point, truth->lamp->position, ray);
+    const double thickness = umb__dot(face->world_to_voxel[3], face->voxel_step[2]);
+    umb__subtract(point, truth->lamp->position, ray);
     for (int k = 0; k < 3; k++) {
         at->voxel_step[0][k] *= w;
         at->voxel_step[1][k] *= w;
@@ -169,12 +169,12 @@ int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3
 static void across(const double w[3], double u[3], double v[3])
 {
     const double axis[3] = {fabs(w[0]) < 0.6, !(fabs(w[0]) < 0.6), 0};
-    umbt_cross(axis, w, u);
-    const double length = umbt_length(u);
+    umb__cross(axis, w, u);
+    const double length = umb__length(u);
     for (int k = 0; k < 3; k++) {
         u[k] /= length;
     }
-    umbt_cross(w, u, v);
+    umb__cross(w, u, v);
 }
 
 /* A place in the square -1..1 on both axes to one in the unit disc, areas in proportion. */
@@ -202,11 +202,11 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
                        2 * (i / truth->samples + 0.5) / side - 1, &x, &y);
         umbt_along(truth->to_light, radius * x, u, direction);
         umbt_along(direction, radius * y, v, direction);
-        const double length = umbt_length(direction);
+        const double length = umb__length(direction);
         for (int k = 0; k < 3; k++) {
             direction[k] /= length;
         }
-        lit += umbt_dot(direction, normal) > 0.0 &&
+        lit += umb__dot(direction, normal) > 0.0 &&
                !umbr_occluded(truth->rays, from, direction, 0.0, FAR_FACTOR * truth->diagonal_m);
     }
     return (float)lit / (float)(truth->samples * truth->samples);
@@ -218,7 +218,7 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     struct window window;
     double towards[3];
     (void)umbt_towards_light(truth->lamp, truth->to_light, point, towards);
-    if (!(umbt_dot(normal, towards) > 0.0)) {
+    if (!(umb__dot(normal, towards) > 0.0)) {
         return 0.0F;
     }
     if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {

@@ -193,8 +193,8 @@ static enum umb_status rung_open(struct umbt_trade_bake *bake, const char *path,
         status = umb_fail(error, UMB_E_UNSUPPORTED, "--light: the study knows directional lights");
     }
     if (status == UMB_OK) {
-        bake->voxel_m = 0.5 * (umbt_length(bake->frustum.voxel_step[0]) +
-                               umbt_length(bake->frustum.voxel_step[1]));
+        bake->voxel_m = 0.5 * (umb__length(bake->frustum.voxel_step[0]) +
+                               umb__length(bake->frustum.voxel_step[1]));
     }
     return status;
 }

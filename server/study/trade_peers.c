@@ -27,7 +27,7 @@ static int faces_light(const struct umbt_trade_points *points, size_t i)
     for (int k = 0; k < 3; k++) {
         normal[k] = (double)points->normals[i][k];
     }
-    return umbt_dot(normal, normal) == 0.0 || umbt_dot(normal, points->to_light) > 0.0;
+    return umb__dot(normal, normal) == 0.0 || umb__dot(normal, points->to_light) > 0.0;
 }
 
 static enum umb_status facing_gather(const struct umbt_trade *trade, struct umbt_peers *peers,
@@ -62,7 +62,7 @@ float *umbt_peers_moved(const struct umbt_trade *trade, const struct umbt_peers 
     /* Without a normal: that of (1,1,1) / sqrt(3) in voxels. */
     const double no_normal =
         0.5 / sqrt(3.0) *
-        ((double)taps * (umbt_length(step[0]) + umbt_length(step[1])) + umbt_length(step[2]));
+        ((double)taps * (umb__length(step[0]) + umb__length(step[1])) + umb__length(step[2]));
     float(*moved)[3] = malloc(peers->facing_count * sizeof *moved + 16);
     for (size_t i = 0; moved != NULL && i < peers->facing_count; i++) {
         double normal[3], to[3];

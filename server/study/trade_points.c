@@ -50,9 +50,9 @@ static void tangents(const double normal[3], double u[3], double v[3])
                           : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
     double axis[3] = {0.0, 0.0, 0.0};
     axis[least] = 1.0;
-    umbt_cross(normal, axis, u);
+    umb__cross(normal, axis, u);
     (void)umbt_normalize(u);
-    umbt_cross(normal, u, v);
+    umb__cross(normal, u, v);
 }
 
 /* Truth at a distance from a surface point, along a direction of its tangent plane. */
@@ -99,7 +99,7 @@ static void trace_point(const struct umbt_trade *trade, struct umbt_trade_points
         points->lit[i] = (uint8_t)sees_light(trade, points->positions[i]);
         return;
     }
-    if (!(umbt_dot(normal, points->to_light) > 0.0)) {
+    if (!(umb__dot(normal, points->to_light) > 0.0)) {
         points->lit[i] = 0;
         return;
     }

@@ -128,7 +128,7 @@ static int window_by_eight(const struct umbt_trade *trade, const struct umbt_tru
     double normal[3], moved[3], starts[8 * CALLS][3];
     int sum = 0;
     umbt_trade_normal(&trade->points, i, normal);
-    if (!(umbt_dot(normal, trade->points.to_light) > 0.0)) {
+    if (!(umb__dot(normal, trade->points.to_light) > 0.0)) {
         return 0;
     }
     umbt_along(trade->points.positions[i],

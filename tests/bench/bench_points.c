@@ -38,8 +38,8 @@ static double bias_m(const struct bench_scene *scene, const double normal[3], in
 {
     const double(*step)[3] = scene->frustum.voxel_step;
     return 0.5 * SLACK *
-           ((double)taps * (fabs(umbt_dot(normal, step[0])) + fabs(umbt_dot(normal, step[1]))) +
-            fabs(umbt_dot(normal, step[2])));
+           ((double)taps * (fabs(umb__dot(normal, step[0])) + fabs(umb__dot(normal, step[1]))) +
+            fabs(umb__dot(normal, step[2])));
 }
 
 static void point_put(const struct bench_scene *scene, const double position[3], float *to)
@@ -76,7 +76,7 @@ static void surface_take(const struct bench_scene *scene, const double position[
     for (int k = 0; k < 3; k++) {
         normal[k] = (double)raw_normal[k];
     }
-    if (umbt_dot(normal, scene->light.direction) >= 0.0) {
+    if (umb__dot(normal, scene->light.direction) >= 0.0) {
         return;
     }
     for (int t = 0; t < 3; t++) {
@@ -165,7 +165,7 @@ void bench_points_random(const struct bench_scene *scene, size_t count, struct b
     struct gen_rng rng = {SEED};
     const double(*step)[3] = scene->frustum.voxel_step;
     const double voxel_m =
-        (umbt_length(step[0]) + umbt_length(step[1]) + umbt_length(step[2])) / 3.0;
+        (umb__length(step[0]) + umb__length(step[1]) + umb__length(step[2])) / 3.0;
     const struct umbt_point_request request = {
         .scene = &scene->study,
         .kind = UMBT_POINT_SURFACE,

@@ -13,6 +13,7 @@
 #include <math.h>
 
 #include "format/asset_parts.h"
+#include "base/vec.h"
 #include "query/query_parts.h"
 #include "umbrage/curve.h"
 
@@ -22,11 +23,6 @@ uint32_t umb_level_max(uint32_t log2_size)
                                ? log2_size - UMB__GRID_LOG2_MAX
                                : UMB_LEVEL_BRICK;
     return least | 1U;
-}
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* Edges of a look-up's reach in metres: window across the light, one voxel along it; or a cell. */
@@ -46,7 +42,8 @@ static double slant(const struct umb_frustum_info *frustum, uint32_t taps, doubl
 {
     const double *ex = frustum->voxel_step[0], *ey = frustum->voxel_step[1];
     const double half = (double)((uint32_t)1 << frustum->log2_size) / 2;
-    const double square = dot(ex, ex) + dot(ey, ey); /* of a texel's diagonal where W = 1 */
+    const double square =
+        umb__dot(ex, ex) + umb__dot(ey, ey); /* of a texel's diagonal where W = 1 */
     const double rest = 1.0 - 0.5 * (taps > 0 ? taps : 1) * sqrt(square);
     *growth = 1.0 / (rest > 0.25 ? rest : 0.25);
     return sqrt(1.0 + half * half * square);
@@ -64,7 +61,7 @@ static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uin
         /* The ray leans across the window, too, so that edges add up rather than span a box. */
         *look_up = 0.5 * (edges[0] + edges[1] + edges[2]);
     } else {
-        *look_up = 0.5 * sqrt(dot(edges, edges));
+        *look_up = 0.5 * sqrt(umb__dot(edges, edges));
     }
     *bias = UMB__BIAS_SLACK * fmax(*look_up * growth, no_normal * edges[2]);
     if (level > 0) {

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 
 /* Gradients of pixel coordinates, per metre; 0 behind the camera. */
 static int pixel_gradients(const struct umb_cascade_camera *camera, const double size[2],

@@ -10,7 +10,7 @@
 
 #include <math.h>
 #include <string.h>
-#include "maps/map_vec.h"
+#include "base/vec.h"
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
 

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/bytes.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 
 /* Metres along the view. */
 static double view_depth(const struct umb_cascade_camera *camera, const struct umb_points *points,

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 
 /* Two unit vectors across `w`: the first is across the world axis that w leans on least. */
 static void axes_across(const double w[3], double u[3], double v[3])

@@ -4,7 +4,7 @@
 
 #include <math.h>
 #include "base/bytes.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 
 static int affine_map(const struct umb_map_frustum *frustum, const double p[3],
                       struct umb__map_point *out)

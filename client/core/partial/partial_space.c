@@ -6,23 +6,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "format/canonical.h"
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 static bool normalize(double v[3])
 {
-    const double length = sqrt(dot(v, v));
+    const double length = sqrt(umb__dot(v, v));
     for (unsigned i = 0; i < 3; i++) {
         v[i] /= length;
     }
@@ -42,11 +31,12 @@ static bool make_planes(struct umb__sight *sight)
     if (!normalize(forward)) {
         return false;
     }
-    cross(forward, view->up, right);
-    if (!(dot(right, right) > PARALLEL * PARALLEL * dot(view->up, view->up)) || !normalize(right)) {
+    umb__cross(forward, view->up, right);
+    if (!(umb__dot(right, right) > PARALLEL * PARALLEL * umb__dot(view->up, view->up)) ||
+        !normalize(right)) {
         return false;
     }
-    cross(right, forward, up);
+    umb__cross(right, forward, up);
     const double tall = tan(view->fov_y / 2), wide = tall * view->aspect;
     for (unsigned side = 0; side < 4; side++) {
         const double *across = side < 2 ? right : up;
@@ -58,7 +48,7 @@ static bool make_planes(struct umb__sight *sight)
         if (!normalize(plane)) {
             return false;
         }
-        plane[3] = -dot(plane, view->eye);
+        plane[3] = -umb__dot(plane, view->eye);
     }
     return true;
 }
@@ -121,15 +111,15 @@ static void init_perspective(struct umb__space *s, const struct umb_frustum_info
                              const double apex[3])
 {
     const double(*m)[4] = f->world_to_voxel;
-    cross(m[0], m[1], s->axis);
-    const double turn = dot(m[3], s->axis);
+    umb__cross(m[0], m[1], s->axis);
+    const double turn = umb__dot(m[3], s->axis);
     for (unsigned i = 0; i < 3; i++) {
         s->axis[i] /= turn;
         s->base[i] = apex[i];
     }
-    const double rate = dot(m[2], s->axis); /* Z a W */
+    const double rate = umb__dot(m[2], s->axis); /* Z a W */
     s->w_step = 1.0 / rate;
-    s->w0 = m[3][3] + dot(m[3], apex) - (m[2][3] + dot(m[2], apex)) / rate;
+    s->w0 = m[3][3] + umb__dot(m[3], apex) - (m[2][3] + umb__dot(m[2], apex)) / rate;
 }
 
 /*

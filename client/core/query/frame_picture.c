@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/vec.h"
 #include "umbrage/frame.h"
 
 /* The camera's axes: forward of length 1, right and up of half the picture's width and height at
@@ -13,26 +14,14 @@ struct axes {
     double forward[3], right[3], up[3];
 };
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.
  */
 #define PARALLEL 1e-9
 
-static double length_of(const double v[3])
-{
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
 /* False for what has no direction. */
 static bool scale_to(double v[3], double length)
 {
-    const double now = length_of(v);
+    const double now = umb__length(v);
     if (!(now > 0 && isfinite(now))) {
         return false;
     }
@@ -49,12 +38,12 @@ static bool make_axes(const struct umb_picture *picture, struct axes *axes)
     if (!scale_to(axes->forward, 1)) {
         return false;
     }
-    cross(axes->forward, picture->up, axes->right);
-    if (!(length_of(axes->right) > PARALLEL * length_of(picture->up)) ||
+    umb__cross(axes->forward, picture->up, axes->right);
+    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->up)) ||
         !scale_to(axes->right, 1)) {
         return false;
     }
-    cross(axes->right, axes->forward, axes->up);
+    umb__cross(axes->right, axes->forward, axes->up);
     return scale_to(axes->right, tall * picture->width / picture->height) &&
            scale_to(axes->up, tall);
 }

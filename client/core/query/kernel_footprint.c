@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* See footprint.h. All arithmetic is in doubles, one point at a time, the same on all machines. */
 #include "query/footprint.h"
+
+#include "base/vec.h"
 #include "query/perspective.h"
 #include "query/slice_count.h"
 
@@ -16,11 +18,6 @@ struct receiver {
     bool has_normal, facing_away;
 };
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Reads the normal of point i; leaves it 0 if it counts as none (query.h). */
 static void read_normal(const struct umb_points *points, size_t i, struct receiver *r)
 {
@@ -30,7 +27,7 @@ static void read_normal(const struct umb_points *points, size_t i, struct receiv
     for (unsigned axis = 0; axis < 3; axis++) {
         r->normal[axis] = (double)r->raw_normal[axis];
     }
-    const double length2 = dot(r->normal, r->normal);
+    const double length2 = umb__dot(r->normal, r->normal);
     r->has_normal = length2 > 0 && length2 <= UMB__LENGTH2_MAX;
     const double length = sqrt(length2);
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -48,13 +45,13 @@ static void read_receiver(const struct umb__query *q, const struct umb_points *p
         r->light[axis] = q->face_count > 0 ? r->p[axis] - q->position[axis] : q->direction[axis];
     }
     if (q->face_count > 0) {
-        r->reach = sqrt(dot(r->light, r->light));
+        r->reach = sqrt(umb__dot(r->light, r->light));
         for (unsigned axis = 0; axis < 3 && r->reach > 0; axis++) {
             r->light[axis] /= r->reach;
         }
     }
     read_normal(points, i, r);
-    r->facing_away = r->has_normal && dot(r->normal, r->light) >= 0;
+    r->facing_away = r->has_normal && umb__dot(r->normal, r->light) >= 0;
 }
 
 /* Side of the square with the area of what a pixel sees of the surface. */
@@ -64,11 +61,11 @@ static double pixel_patch(const struct umb__query *q, const struct receiver *r)
     for (unsigned axis = 0; axis < 3; axis++) {
         view[axis] = r->p[axis] - q->eye[axis];
     }
-    const double distance = sqrt(dot(view, view));
+    const double distance = sqrt(umb__dot(view, view));
     if (!r->has_normal) {
         return q->pixel_rad * distance;
     }
-    const double cosine = distance > 0 ? fabs(dot(r->normal, view)) / distance : 1.0;
+    const double cosine = distance > 0 ? fabs(umb__dot(r->normal, view)) / distance : 1.0;
     return q->pixel_rad * distance / sqrt(fmax(cosine, UMB__FOOTPRINT_GRAZING));
 }
 
@@ -101,7 +98,7 @@ static void span(const double n[3], double a[3], double b[3])
     for (unsigned axis = 0; axis < 3; axis++) {
         a[axis] = (axis == least ? 1.0 : 0.0) - n[least] * n[axis];
     }
-    const double length = sqrt(dot(a, a));
+    const double length = sqrt(umb__dot(a, a));
     for (unsigned axis = 0; axis < 3; axis++) {
         a[axis] /= length;
     }

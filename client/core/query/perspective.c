@@ -6,13 +6,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
 #define CHUNK      64U /* points sorted by face at a time */
 #define FAR_VOXELS 1e9 /* beyond every frustum, and far from what an int32_t holds */
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 static double row(const struct umb_frustum_info *face, unsigned i, const double p[3])
 {
@@ -48,23 +45,18 @@ static double bias_auto(const struct umb__query *q, const struct umb_frustum_inf
 {
     const double *axis = face->world_to_voxel[3];
     double taps = (double)q->taps;
-    double across = fabs(dot(n, face->voxel_step[0])) + fabs(dot(n, face->voxel_step[1]));
-    double thickness = dot(axis, face->voxel_step[2]); /* of a slice, in W */
-    double along = (fabs(dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
-    double growth = 0.5 * taps * across * dot(n, axis);
+    double across = fabs(umb__dot(n, face->voxel_step[0])) + fabs(umb__dot(n, face->voxel_step[1]));
+    double thickness = umb__dot(axis, face->voxel_step[2]); /* of a slice, in W */
+    double along = (fabs(umb__dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
+    double growth = 0.5 * taps * across * umb__dot(n, axis);
     double rest = growth > 0 ? 1.0 - growth : 1.0;
     return 0.5 * UMB__BIAS_SLACK * (taps * across * w + along) / (rest > 0.25 ? rest : 0.25);
 }
 
-static double length3(const double v[3])
-{
-    return sqrt(dot(v, v));
-}
-
 static double mean_edge(const struct umb_frustum_info *face, double w)
 {
-    return (w * (length3(face->voxel_step[0]) + length3(face->voxel_step[1])) +
-            length3(face->voxel_step[2])) /
+    return (w * (umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1])) +
+            umb__length(face->voxel_step[2])) /
            3.0;
 }
 
@@ -72,7 +64,7 @@ double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
 {
     double w;
     const struct umb_frustum_info *face = &q->faces[face_of(q, p, &w)];
-    return w * (length3(face->voxel_step[0]) + length3(face->voxel_step[1])) / 2.0;
+    return w * (umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1])) / 2.0;
 }
 
 /* Metres along a unit normal. */
@@ -101,7 +93,7 @@ static double bias_to_light(const struct umb__query *q, uint32_t face, double di
     }
     /* (2 taps + 1) / (2 sqrt(3)) voxels of depth, as for parallel light. */
     const struct umb_frustum_info *f = &q->faces[face];
-    double thickness = dot(f->world_to_voxel[3], f->voxel_step[2]);
+    double thickness = umb__dot(f->world_to_voxel[3], f->voxel_step[2]);
     return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
 }
 
@@ -116,7 +108,7 @@ static int normal_of(const struct umb_points *points, size_t i, double n[3])
     for (unsigned axis = 0; axis < 3; axis++) {
         n[axis] = (double)raw[axis];
     }
-    double square = dot(n, n);
+    double square = umb__dot(n, n);
     if (!(square > 0) || !(square <= 1e300)) {
         return 0;
     }
@@ -155,11 +147,11 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
         from_light[axis] = p[axis] - q->position[axis];
     }
     int has_normal = normal_of(points, i, n);
-    double distance = length3(from_light);
+    double distance = umb__length(from_light);
     s->has_normal = has_normal;
     if (has_normal) {
-        s->facing_away = dot(n, from_light) >= 0;
-        s->cosine = distance > 0 ? -dot(n, from_light) / distance : 0;
+        s->facing_away = umb__dot(n, from_light) >= 0;
+        s->cosine = distance > 0 ? -umb__dot(n, from_light) / distance : 0;
     }
     if (s->facing_away) {
         return;

@@ -7,6 +7,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
 /* An axis is at least this share of the longest one: a flat scene still gets voxels of some depth.
  */
 #define EXTENT_SHARE_MIN (1.0 / 1024.0)
@@ -60,11 +62,6 @@ void umbb_compass_direction(const double east_north_up[3], int z_up, double dire
     umbb_direction_normalise(direction);
 }
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static void cross(const double a[3], const double b[3], double out[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -83,7 +80,7 @@ int umbb_direction_normalise(double direction[3])
     for (int i = 0; i < 3; i++) {
         direction[i] /= most;
     }
-    const double length = sqrt(dot(direction, direction));
+    const double length = sqrt(umb__dot(direction, direction));
     for (int i = 0; i < 3; i++) {
         direction[i] = direction[i] / length + 0.0;
     }
@@ -137,7 +134,7 @@ static void measure(const double (*corners)[3][3], size_t count, double axes[3][
             const double *p = corners[i][k];
             const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
             for (int axis = 0; axis < 3; axis++) {
-                const double along = dot(axes[axis], at);
+                const double along = umb__dot(axes[axis], at);
                 struct extent *e = &extents[axis];
                 e->low = along < e->low ? along : e->low;
                 e->high = along > e->high ? along : e->high;

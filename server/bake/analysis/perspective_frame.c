@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "bake/analysis/eye_clip.h"
 #include "bake/depth/cut_out.h"
 
@@ -15,11 +16,6 @@
 struct extent {
     double low, high;
 };
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 static void extent_add(struct extent *extent, double value)
 {
@@ -45,7 +41,7 @@ static void measure(const double (*corners)[3][3], size_t count, const struct um
             const double at[3] = {p[0] - eye->position[0], p[1] - eye->position[1],
                                   p[2] - eye->position[2]};
             for (int axis = 0; axis < 3; axis++) {
-                triangle[k][axis] = dot(eye->axes[axis], at);
+                triangle[k][axis] = umb__dot(eye->axes[axis], at);
             }
         }
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
@@ -99,10 +95,10 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
             m[axis][k] = along[k] * scale + (axis < 2 ? w[k] * offset : 0.0);
             frustum->voxel_step[axis][k] = along[k] / scale;
         }
-        m[axis][3] = (axis < 2 ? 0.0 : offset) - dot(m[axis], eye_at);
+        m[axis][3] = (axis < 2 ? 0.0 : offset) - umb__dot(m[axis], eye_at);
     }
     memcpy(m[3], w, 3 * sizeof *w);
-    m[3][3] = -dot(w, eye_at);
+    m[3][3] = -umb__dot(w, eye_at);
     return seen;
 }
 
@@ -195,7 +191,7 @@ enum umb_status umbb_perspective_project(const struct umbb_casters *world,
                                   .near = near,
                                   .max_bytes = max_bytes,
                                   .has_cuts = world->cuts != NULL && world->cuts->of != NULL};
-    const double rate = dot(m[2], m[3]) / dot(m[3], m[3]); /* Z = rate W + offset */
+    const double rate = umb__dot(m[2], m[3]) / umb__dot(m[3], m[3]); /* Z = rate W + offset */
     memset(projected, 0, sizeof *projected);
     projected->depth_scale = rate * near;
     projected->depth_offset = m[2][3] - rate * m[3][3];
@@ -208,7 +204,7 @@ enum umb_status umbb_perspective_project(const struct umbb_casters *world,
             const double *p = world->corners[i][k];
             const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
             for (int r = 0; r < 3; r++) {
-                triangle[k][r] = dot(m[rows[r]], at) + m[rows[r]][3];
+                triangle[k][r] = umb__dot(m[rows[r]], at) + m[rows[r]][3];
             }
         }
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);

@@ -3,7 +3,7 @@
  */
 #include "maps_fixture.h"
 #include "maps/map_receiver.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 #include "umbrage/aliasing.h"
 
 enum {

@@ -2,7 +2,7 @@
 /* Splits, frusta of slices, snapping, warps, and the seam with its remedy. */
 #include "maps_fixture.h"
 #include "maps/map_receiver.h"
-#include "maps/map_vec.h"
+#include "base/vec.h"
 #include "umbrage/cascades.h"
 
 static const struct umb_box scene = {{-60, -50, 0}, {70, 40, 25}};

@@ -117,10 +117,10 @@ static void project(const struct umbt_camera *camera, const double point[3], dou
                     double *depth)
 {
     double p[3];
-    umbt_subtract(point, camera->eye, p);
-    *depth = umbt_dot(p, camera->forward);
-    *x = umbt_dot(p, camera->right) / (*depth * camera->tan_x);
-    *y = umbt_dot(p, camera->up) / (*depth * camera->tan_y);
+    umb__subtract(point, camera->eye, p);
+    *depth = umb__dot(p, camera->forward);
+    *x = umb__dot(p, camera->right) / (*depth * camera->tan_x);
+    *y = umb__dot(p, camera->up) / (*depth * camera->tan_y);
 }
 
 #define POINTS 200
@@ -192,7 +192,7 @@ static void fit_survives_a_single_point_and_a_line_along_the_view(void **state)
     struct umb_error error;
     assert_int_equal(umbt_camera_make(&request, &subject, 64, 64, &camera, &error), UMB_OK);
     assert_true(camera.eye[2] > 10.0);
-    near_check("upright picture", umbt_length(camera.up), 1.0, TOLERANCE);
+    near_check("upright picture", umb__length(camera.up), 1.0, TOLERANCE);
     subject.count = 1;
     subject.box.max[2] = 0.0;
     assert_int_equal(umbt_camera_make(&request, &subject, 64, 64, &camera, &error), UMB_OK);
@@ -218,7 +218,7 @@ static void rays_run_from_the_top_left_to_the_bottom_right(void **state)
     umbt_camera_ray(&camera, 1.0, 1.0, d);
     near_check("right", d[0] / d[1], 2.0, 1e-9);
     near_check("bottom", d[2] / d[1], -1.0, 1e-9);
-    near_check("unit", umbt_length(d), 1.0, TOLERANCE);
+    near_check("unit", umb__length(d), 1.0, TOLERANCE);
 }
 
 int main(void)

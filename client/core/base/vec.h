@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_CORE_MAPS_MAP_VEC_H
-#define UMBRAGE_CORE_MAPS_MAP_VEC_H
+#ifndef UMBRAGE_CORE_BASE_VEC_H
+#define UMBRAGE_CORE_BASE_VEC_H
 /* Three-component vectors of doubles. Nothing here can fail. */
 #include <math.h>
 
@@ -17,6 +17,7 @@ static inline void umb__cross(const double a[3], const double b[3], double out[3
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+/* out may be a or b. */
 static inline void umb__subtract(const double a[3], const double b[3], double out[3])
 {
     for (int k = 0; k < 3; k++) {
