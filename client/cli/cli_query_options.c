@@ -94,13 +94,13 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
 
 static const struct umbc_command COMMAND = {
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
-             "       umbrage query FILE --segments|--columns|--boxes FILE|- [options]",
+             "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
     .summary =
         "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to 1 (lit),\n"
         "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
         ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
         "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.\n"
-        "Segments, columns and boxes are answered from files, exactly, voxel by voxel.",
+        "Segments, columns and boxes are answered exactly, voxel by voxel.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .connects = true,
@@ -337,16 +337,6 @@ static int check_question(const struct umbc_parsed *parsed,
             return umbc_usage_error("query: --%s does not go with --%s", OPTIONS[refused[i]].name,
                                     names[options->question]);
         }
-    }
-    for (size_t i = 0; i < UMBC_SESSION_COUNT; i++) {
-        if (parsed->session[i] != NULL) {
-            return umbc_usage_error("query: --%s does not go with --%s",
-                                    UMBC_SESSION_OPTIONS[i].name, names[options->question]);
-        }
-    }
-    if (!umbc_is_file(options->target)) {
-        return umbc_usage_error("query: --%s works on files only, '%s' is an asset",
-                                names[options->question], options->target);
     }
     return -1;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Segments, columns and boxes from a file; see cli_query_volume.h. */
+/* Segments, columns and boxes from a file or a daemon; see cli_query_volume.h. */
 #include "cli_query_volume.h"
 #include "cli_option_names.h"
 
@@ -9,7 +9,8 @@
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_progress.h"
-#include "umbrage/volume.h"
+#include "cli_session.h"
+#include "umbrage/questions.h"
 
 #define KEPT                                                                                       \
     16 /* stretches kept of each segment; one with more is asked again with room for all           \
@@ -17,9 +18,13 @@
 
 struct job {
     const struct umbc_query_options *options;
-    struct umb_asset *asset;
-    bool bad_file; /* the asset could not be opened */
+    struct umb_asset *asset; /* a file ... */
+    bool bad_file;           /* ... that could not be opened, */
     struct umb_volume volume;
+    struct umb_client *client; /* or a daemon */
+    uint8_t asset_id[UMB_ID_BYTES];
+    bool has_id; /* the daemon has answered once */
+    bool ignores_translucent;
     struct umbc_points source;
     struct umbc_batch batch;
     struct umbc_output output;
@@ -27,7 +32,7 @@ struct job {
     struct umb_segment_answers segments;
     struct umb_column_answers columns;
     struct umb_box_answers boxes;
-    struct umb_box *corners;
+    struct umb_box *corners; /* of a file */
     struct umb_volume_stats stats;
     uint64_t count;
 };
@@ -40,6 +45,91 @@ static void add_stats(struct umb_volume_stats *sum, struct umb_volume_stats *par
     sum->nodes += part->nodes;
     sum->bricks += part->bricks;
     memset(part, 0, sizeof *part);
+}
+
+/* Notes who answered. All of it must be one version. */
+static enum umb_status take_reply(struct job *job, const struct umb_question_reply *reply,
+                                  struct umb_error *error)
+{
+    if (job->has_id && memcmp(job->asset_id, reply->asset_id, UMB_ID_BYTES) != 0) {
+        /* Asking again helps, so that the exit code must say 75. */
+        return umb_fail(error, UMB_E_CANCELLED,
+                        "asset '%.200s' was replaced during the query; ask again",
+                        job->options->target);
+    }
+    memcpy(job->asset_id, reply->asset_id, UMB_ID_BYTES);
+    job->has_id = true;
+    job->ignores_translucent = reply->ignores_translucent;
+    return UMB_OK;
+}
+
+static struct umb_question question_of(const struct job *job)
+{
+    return (struct umb_question){.asset = job->options->target,
+                                 .light = job->options->settings.light};
+}
+
+static enum umb_status answer_segments(struct job *job, const struct umb_segments *segments,
+                                       struct umb_segment_answers *answers, struct umb_error *error)
+{
+    if (job->client == NULL) {
+        enum umb_status status = umb_segments_check(segments, error);
+        if (status == UMB_OK) {
+            umb_segments_run(&job->volume, segments, 0, segments->count, answers);
+        }
+        return status;
+    }
+    const struct umb_question question = question_of(job);
+    struct umb_question_reply reply;
+    enum umb_status status =
+        umb_client_segments(job->client, &question, segments, answers, &reply, error);
+    return status == UMB_OK ? take_reply(job, &reply, error) : status;
+}
+
+static enum umb_status answer_columns(struct job *job, const struct umb_points *points,
+                                      struct umb_error *error)
+{
+    if (job->client == NULL) {
+        enum umb_status status = umb_points_check(points, error);
+        if (status == UMB_OK) {
+            umb_columns_run(&job->volume, points, 0, points->count, &job->columns);
+        }
+        return status;
+    }
+    const struct umb_question question = question_of(job);
+    struct umb_question_reply reply;
+    enum umb_status status =
+        umb_client_columns(job->client, &question, points, &job->columns, &reply, error);
+    return status == UMB_OK ? take_reply(job, &reply, error) : status;
+}
+
+static enum umb_status answer_boxes(struct job *job, const struct umb_segments *corners,
+                                    struct umb_error *error)
+{
+    if (job->client == NULL) {
+        enum umb_status status = umb_corners_check(corners, error);
+        if (status == UMB_OK) {
+            umb_corners_get(corners, 0, corners->count, job->corners);
+            umb_boxes_run(&job->volume, job->corners, 0, corners->count, &job->boxes);
+        }
+        return status;
+    }
+    const struct umb_question question = question_of(job);
+    struct umb_question_reply reply;
+    enum umb_status status =
+        umb_client_boxes(job->client, &question, corners, &job->boxes, &reply, error);
+    return status == UMB_OK ? take_reply(job, &reply, error) : status;
+}
+
+/* The batch as pairs of points. */
+static struct umb_segments pairs_of(const struct job *job)
+{
+    const struct umb_points ends =
+        umbc_batch_view(&job->batch, job->options->format, job->options->origin);
+    struct umb_segments pairs = {
+        .ends = ends.positions, .format = ends.format, .count = ends.count / 2};
+    memcpy(pairs.origin, ends.origin, sizeof pairs.origin);
+    return pairs;
 }
 
 static void put_segment(struct job *job, const struct umb_segment_answer *answer,
@@ -82,24 +172,18 @@ static enum umb_status put_long_segment(struct job *job, const struct umb_segmen
     if (all.stretches == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu stretches", all.stretch_max);
     }
-    umb_segments_run(&job->volume, &one, 0, 1, &all);
-    put_segment(job, &answer, all.stretches);
+    enum umb_status status = answer_segments(job, &one, &all, error);
+    if (status == UMB_OK) {
+        put_segment(job, &answer, all.stretches);
+    }
     free(all.stretches);
-    return UMB_OK;
+    return status;
 }
 
 static enum umb_status ask_segments(struct job *job, struct umb_error *error)
 {
-    struct umb_points ends =
-        umbc_batch_view(&job->batch, job->options->format, job->options->origin);
-    struct umb_segments segments = {
-        .ends = ends.positions, .format = ends.format, .count = ends.count / 2};
-    memcpy(segments.origin, ends.origin, sizeof segments.origin);
-    enum umb_status status = umb_segments_check(&segments, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    umb_segments_run(&job->volume, &segments, 0, segments.count, &job->segments);
+    const struct umb_segments segments = pairs_of(job);
+    enum umb_status status = answer_segments(job, &segments, &job->segments, error);
     for (size_t i = 0; status == UMB_OK && i < segments.count; i++) {
         if (job->segments.segments[i].stretch_count > KEPT) {
             status = put_long_segment(job, &segments, i, error);
@@ -116,11 +200,10 @@ static enum umb_status ask_columns(struct job *job, struct umb_error *error)
 {
     struct umb_points points =
         umbc_batch_view(&job->batch, job->options->format, job->options->origin);
-    enum umb_status status = umb_points_check(&points, error);
+    enum umb_status status = answer_columns(job, &points, error);
     if (status != UMB_OK) {
         return status;
     }
-    umb_columns_run(&job->volume, &points, 0, points.count, &job->columns);
     for (size_t i = 0; i < points.count; i++) {
         const struct umb_column_answer *answer = &job->columns.columns[i];
         if (!job->options->json) {
@@ -138,36 +221,14 @@ static enum umb_status ask_columns(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Corners of a pair of points, in either order of each coordinate. */
-static struct umb_box corners_of(const struct job *job, size_t i)
-{
-    struct umb_box box;
-    for (size_t k = 0; k < 3; k++) {
-        double corner[2];
-        for (size_t c = 0; c < 2; c++) {
-            size_t at = 6 * i + 3 * c + k;
-            corner[c] =
-                job->options->origin[k] +
-                (job->batch.wide != NULL ? job->batch.wide[at] : (double)job->batch.narrow[at]);
-        }
-        box.min[k] = corner[0] < corner[1] ? corner[0] : corner[1];
-        box.max[k] = corner[0] < corner[1] ? corner[1] : corner[0];
-    }
-    return box;
-}
-
 static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
 {
-    size_t count = job->batch.count / 2;
-    for (size_t i = 0; i < count; i++) {
-        job->corners[i] = corners_of(job, i);
-    }
-    enum umb_status status = umb_boxes_check(job->corners, count, error);
+    const struct umb_segments corners = pairs_of(job);
+    enum umb_status status = answer_boxes(job, &corners, error);
     if (status != UMB_OK) {
         return status;
     }
-    umb_boxes_run(&job->volume, job->corners, 0, count, &job->boxes);
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < corners.count; i++) {
         const struct umb_box_answer *answer = &job->boxes.boxes[i];
         /* Without a voxel there is no share: nan, null in JSON. */
         double share = (double)answer->lit / (double)answer->voxels;
@@ -181,7 +242,7 @@ static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
         umbc_json_integer(&job->json, "voxels", answer->voxels);
         umbc_json_end(&job->json, '}');
     }
-    job->count += count;
+    job->count += corners.count;
     add_stats(&job->stats, &job->boxes.stats);
     return UMB_OK;
 }
@@ -200,7 +261,7 @@ static enum umb_status ask_batch(struct job *job, struct umb_error *error)
         status = ask_boxes(job, error);
         break;
     }
-    if (status == UMB_E_ARGUMENT) {
+    if (status == UMB_E_ARGUMENT && job->client == NULL) {
         return UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
     if (status == UMB_OK && ferror(job->output.file)) {
@@ -213,20 +274,18 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     struct umb_asset_info info;
+    if (!umbc_is_file(options->target)) {
+        return umbc_connect(options->session, &job->client, error);
+    }
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
     if (status != UMB_OK) {
         job->bad_file = true;
         return status;
     }
     umb_asset_get_info(job->asset, &info);
-    uint32_t light = options->settings.light;
-    if (options->all_lights && info.light_count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "light: all, but segments, columns and boxes take "
-                        "one, and the asset has %u",
-                        info.light_count);
-    }
-    status = umb_volume_prepare(job->asset, light, &job->volume, error);
+    memcpy(job->asset_id, info.id, sizeof info.id);
+    status = umb_volume_prepare(job->asset, options->settings.light, &job->volume, error);
+    job->ignores_translucent = status == UMB_OK && umb_volume_ignores_translucent(&job->volume);
     if (status == UMB_OK && options->question == UMBC_QUESTION_COLUMNS) {
         status = umb_columns_check(&job->volume, error);
     }
@@ -263,13 +322,12 @@ static enum umb_status open_answers(struct job *job, struct umb_error *error)
 
 static void end_json(struct job *job)
 {
-    struct umb_asset_info info;
     char id[UMB_ID_TEXT_SIZE];
-    umb_asset_get_info(job->asset, &info);
-    umb_id_to_text(info.id, id);
+    umb_id_to_text(job->asset_id, id);
     umbc_json_end(&job->json, ']');
     umbc_json_text(&job->json, "asset", id);
     umbc_json_integer(&job->json, "light", job->options->settings.light);
+    umbc_json_bool(&job->json, "ignores_translucent", job->ignores_translucent);
     umbc_json_integer(&job->json, "count", job->count);
     umbc_json_begin(&job->json, "stats", '{');
     umbc_json_integer(&job->json, "nodes", job->stats.nodes);
@@ -299,6 +357,10 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
         umbc_progress_show(&progress, job->count,
                            size > 0 ? (double)job->source.offset / size : -1);
     } while (status == UMB_OK && job->batch.count > 0);
+    if (status == UMB_OK && job->client != NULL && !job->has_id) {
+        /* Nothing was sent; an empty question still refuses a wrong asset or light. */
+        status = ask_batch(job, error);
+    }
     double seconds = umbc_clock_s() - progress.started_s;
     umbc_progress_end(&progress);
     if (status != UMB_OK) {
@@ -312,6 +374,10 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
                       "%" PRIu64 " %s in %.3f s, %" PRIu64 " nodes and %" PRIu64 " bricks read\n",
                       job->count, NAMES[job->options->question], seconds, job->stats.nodes,
                       job->stats.bricks);
+        if (job->ignores_translucent && !job->options->settings.opaque_only) {
+            (void)fprintf(stderr, "note: answers are of opaque casters; the light also has "
+                                  "translucent ones (--opaque-only says that you know)\n");
+        }
     }
     return umbc_output_commit(&job->output, error);
 }
@@ -343,6 +409,7 @@ static void close_job(struct job *job)
     free(job->columns.columns);
     free(job->boxes.boxes);
     free(job->corners);
+    umb_client_close(job->client);
     umb_asset_close(job->asset);
     free(job);
 }

@@ -27,6 +27,10 @@ enum umb_status umbw_encode_limits_reply(const struct umbw_limits *limits,
     message.max_bundle_bytes = limits->max_bundle_bytes;
     message.max_bundle_files = limits->max_bundle_files;
     message.max_owner_jobs = limits->max_owner_jobs;
+    message.max_segments = limits->max_segments;
+    message.max_columns = limits->max_columns;
+    message.max_boxes = limits->max_boxes;
+    message.max_box_steps = limits->max_box_steps;
     return umbw_message_append(&message.base, buffer, error);
 }
 
@@ -50,6 +54,10 @@ enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
     limits->max_bundle_bytes = reply->max_bundle_bytes;
     limits->max_bundle_files = reply->max_bundle_files;
     limits->max_owner_jobs = reply->max_owner_jobs;
+    limits->max_segments = reply->max_segments;
+    limits->max_columns = reply->max_columns;
+    limits->max_boxes = reply->max_boxes;
+    limits->max_box_steps = reply->max_box_steps;
     for (size_t i = 0; i < reply->n_encodings; i++) {
         limits->takes_gzip |= strcmp(reply->encodings[i], "gzip") == 0;
     }

@@ -92,6 +92,8 @@ struct umbw_limits {
     /* Of jobs; 0 = none are taken. */
     uint64_t max_bundle_bytes;
     uint32_t max_bundle_files, max_owner_jobs;
+    /* Of questions (questions.h); 0 = none are taken. */
+    uint64_t max_segments, max_columns, max_boxes, max_box_steps;
 };
 
 struct umbw_asset_summary {

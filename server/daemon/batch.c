@@ -279,7 +279,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
     memset(&result->stats, 0, sizeof result->stats);
     result->cpu_ns = 0;
     if (batch->work != NULL) {
-        return batch->work(batch, &result->error);
+        return batch->work(batch, first, count, &result->error);
     }
     uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
     enum umb_status status = check_points(batch, first, count, &result->error);

@@ -12,8 +12,8 @@ struct umbd__slice_result {
 };
 
 /*
- * Checks and answers points first .. first + count - 1. Fails: E_ARGUMENT, naming the index within
- * the whole batch. Threads: disjoint slices at once.
+ * Checks and answers points first .. first + count - 1, or does that part of other work.
+ * Fails: E_ARGUMENT, naming the index within the whole batch. Threads: disjoint slices at once.
  */
 UMB_CHECKED enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first,
                                             size_t count, struct umbd__slice_result *result);

@@ -8,6 +8,7 @@
  */
 #include "daemon/call_rights.h"
 #include "daemon/errand.h"
+#include "wire/questions.h"
 #include "wire/regions.h"
 
 #include <stdlib.h>
@@ -217,6 +218,9 @@ static const struct {
     [UMBD_METHOD_REGIONS_STREAM] = {UMBW_PATH_REGIONS_STREAM, 0, 1, umbd_service_regions, NULL},
     [UMBD_METHOD_REGIONS_FOLLOW] = {UMBW_PATH_REGIONS_FOLLOW, 1, 1, umbd_service_regions, NULL},
     [UMBD_METHOD_REGIONS_DERIVE] = {UMBW_PATH_REGIONS_DERIVE, 0, 1, umbd_service_derive, NULL},
+    [UMBD_METHOD_SEGMENTS] = {UMBW_PATH_SEGMENTS, 0, 0, umbd_service_segments, NULL},
+    [UMBD_METHOD_COLUMNS] = {UMBW_PATH_COLUMNS, 0, 0, umbd_service_columns, NULL},
+    [UMBD_METHOD_BOXES] = {UMBW_PATH_BOXES, 0, 0, umbd_service_boxes, NULL},
     [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check, NULL},
     [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch, NULL},
     [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection, NULL},
@@ -253,6 +257,12 @@ int umbd_call_is_busy(const struct umbd_call *call)
 int umbd_method_asks_points(enum umbd_method method)
 {
     return method == UMBD_METHOD_QUERY || method == UMBD_METHOD_QUERY_STREAM;
+}
+
+int umbd_method_asks_space(enum umbd_method method)
+{
+    return method == UMBD_METHOD_SEGMENTS || method == UMBD_METHOD_COLUMNS ||
+           method == UMBD_METHOD_BOXES;
 }
 
 int umbd_method_takes_many(enum umbd_method method)

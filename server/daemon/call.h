@@ -143,6 +143,9 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message);
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error);
 
+/* Refuses for lack of room; the client is told when to come again, and not heard until then. */
+void umbd_call_shed(struct umbd_call *call, const struct umb_error *error);
+
 /* Answers what is not gRPC with 405 or 415 and a line of text. */
 void umbd_call_refuse(struct umbd_call *call);
 
@@ -192,6 +195,7 @@ int umbd_call_is_busy(const struct umbd_call *call);
 
 /* 1 if the method takes, or gives, more than one message. */
 int umbd_method_asks_points(enum umbd_method method);
+int umbd_method_asks_space(enum umbd_method method);
 int umbd_method_takes_many(enum umbd_method method);
 int umbd_method_gives_many(enum umbd_method method);
 
@@ -223,16 +227,20 @@ void umbd_stream_later(struct umbd_call *call);
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_last_call(struct umbd_call *call);
 
-/*
- * Has work(user) run once by a worker, as a batch without points: queue, fairness, deadlines and
- * cancelling are those of queries. work_free(user) is called in the end, on failure too.
- *
- * In:    bytes: that the call holds meanwhile.
- * Fails: E_BUSY (queue full), E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umbd_call_send_work(struct umbd_call *call, umbd_work_fn work,
-                                                void (*work_free)(void *user), void *user,
-                                                size_t bytes, struct umb_error *error);
+/* Work for the workers other than points. */
+struct umbd_work {
+    umbd_work_fn run;                                                          /* for each slice */
+    enum umb_status (*end)(struct umbd_batch *batch, struct umb_error *error); /* or NULL */
+    void (*free)(void *user); /* in the end, on failure too */
+    void *user;               /* the batch's work_user */
+    size_t count, slice;      /* records, and how many make a slice; 1 and 1: run once */
+    size_t bytes;             /* that the call holds meanwhile */
+};
+
+/* Has work done by the workers: queue, fairness, deadlines and cancelling are those of queries.
+ * Fails: E_BUSY (queue full), E_NO_MEMORY. */
+UMB_CHECKED enum umb_status
+umbd_call_send_work(struct umbd_call *call, const struct umbd_work *work, struct umb_error *error);
 
 /* Service entry points (service_*.c); the call holds its message. */
 void umbd_service_query(struct umbd_call *call);
@@ -244,6 +252,10 @@ void umbd_service_limits(struct umbd_call *call);
 void umbd_service_reflection(struct umbd_call *call);
 void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch);
+void umbd_service_segments(struct umbd_call *call);
+void umbd_service_columns(struct umbd_call *call);
+void umbd_service_boxes(struct umbd_call *call);
+void umbd_service_questions_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_describe(struct umbd_call *call);
 void umbd_service_list(struct umbd_call *call);
 void umbd_service_health_check(struct umbd_call *call);

@@ -192,6 +192,13 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
     umbd_call_fail(call, umb_status_grpc(status), message);
 }
 
+void umbd_call_shed(struct umbd_call *call, const struct umb_error *error)
+{
+    umbd_conn_hold(call->conn);
+    umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
+    umbd_call_fail_status(call, UMB_E_BUSY, error);
+}
+
 void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error)
 {
     call->out.size -= call->owed_bytes;

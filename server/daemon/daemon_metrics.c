@@ -31,6 +31,9 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
     {"umbrage.v1.Regions", "Stream", "server_stream"},
     {"umbrage.v1.Regions", "Follow", "bidi_stream"},
     {"umbrage.v1.Regions", "DeriveMap", "server_stream"},
+    {"umbrage.v1.Questions", "Segments", "unary"},
+    {"umbrage.v1.Questions", "Columns", "unary"},
+    {"umbrage.v1.Questions", "Boxes", "unary"},
     {"grpc.health.v1.Health", "Check", "unary"},
     {"grpc.health.v1.Health", "Watch", "server_stream"},
     {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
@@ -188,6 +191,12 @@ static void write_asset_errors(FILE *out, struct umbd_metrics *metrics)
 static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
 {
     single(out, "umbrage_queries_total", "counter", "Points answered.", get(&metrics->points));
+    head(out, "umbrage_questions_total", "counter", "Segments, columns and boxes answered.");
+    for (size_t q = 0; q < UMBW_QUESTION_COUNT; q++) {
+        static const char *const names[] = {"segments", "columns", "boxes"};
+        fprintf(out, "umbrage_questions_total{question=\"%s\"} %llu\n", names[q],
+                get(&metrics->questions[q]));
+    }
     single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",
            get(&metrics->batches_started));
     single(out, "umbrage_inflight", "gauge", "Calls begun and not finished.", inflight(metrics));

@@ -88,6 +88,8 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
             umbd_service_query_calibrated(call, batch);
         } else if (call->method == UMBD_METHOD_REGIONS_DERIVE) {
             umbd_service_derive_done(call, batch);
+        } else if (umbd_method_asks_space(call->method)) {
+            umbd_service_questions_done(call, batch);
         } else if (batch->work != NULL) {
             umbd_service_regions_done(call, batch);
         } else {

@@ -186,6 +186,9 @@ static void give_back(struct umbd_pool *pool, struct umbd_batch *batch)
     if (batch->status == UMB_OK && batch->frame.pack) {
         umbd_frame_pack(batch);
     }
+    if (batch->status == UMB_OK && batch->work_end != NULL) {
+        batch->status = batch->work_end(batch, &batch->error);
+    }
     batch->done(batch);
 }
 

@@ -39,7 +39,10 @@ struct umbd_part {
 };
 
 struct umbd_batch;
-typedef enum umb_status (*umbd_work_fn)(const struct umbd_batch *batch, struct umb_error *error);
+
+/* Work other than points: records first .. first + count - 1 of it. */
+typedef enum umb_status (*umbd_work_fn)(const struct umbd_batch *batch, size_t first, size_t count,
+                                        struct umb_error *error);
 
 struct umbd_batch {
     /* set by the maker */
@@ -66,9 +69,11 @@ struct umbd_batch {
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */
     void *home;                             /* for done */
-    /* Instead of answering points (then there is one, and no part): run once by a worker. Long
-     * work looks at given_up now and then. */
+    /* Instead of answering points (then there is no part, and points only has their count): run
+     * for each slice, of slice_points records. Long work looks at given_up now and then. */
     umbd_work_fn work;
+    /* Of work that was done well: called once, by whoever ends it. NULL: nothing is left to do. */
+    enum umb_status (*work_end)(struct umbd_batch *batch, struct umb_error *error);
     void (*work_free)(void *user); /* when the batch is destroyed */
     void *work_user;
     atomic_int given_up;          /* it was cancelled */

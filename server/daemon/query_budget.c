@@ -73,8 +73,11 @@ static enum umb_status ready_points(struct detour *detour, struct umb_error *err
 }
 
 /* On a worker's thread. */
-static enum umb_status run_detour(const struct umbd_batch *batch, struct umb_error *error)
+static enum umb_status run_detour(const struct umbd_batch *batch, size_t first, size_t count,
+                                  struct umb_error *error)
 {
+    (void)first; /* there is one record */
+    (void)count;
     struct detour *detour = batch->work_user;
     enum umb_status status = ready_points(detour, error);
     if (status == UMB_OK) {
@@ -164,8 +167,13 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
         free_detour(detour);
         return umb_fail(error, status, "out of memory for a calibration");
     }
-    return umbd_call_send_work(call, run_detour, free_detour, detour,
-                               detour->message_size + pixel_bytes, error);
+    const struct umbd_work work = {.run = run_detour,
+                                   .free = free_detour,
+                                   .user = detour,
+                                   .count = 1,
+                                   .slice = 1,
+                                   .bytes = detour->message_size + pixel_bytes};
+    return umbd_call_send_work(call, &work, error);
 }
 
 enum umb_status umbd_budget_take(struct umbd_call *call, struct umbd_batch *batch)

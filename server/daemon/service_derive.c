@@ -101,8 +101,11 @@ static enum umb_status make_messages(struct deriving *d, struct umb_error *error
 }
 
 /* On a worker's thread. */
-static enum umb_status work(const struct umbd_batch *batch, struct umb_error *error)
+static enum umb_status work(const struct umbd_batch *batch, size_t first, size_t count,
+                            struct umb_error *error)
 {
+    (void)first; /* there is one record */
+    (void)count;
     struct deriving *d = batch->work_user;
     d->batch = batch;
     enum umb_status status = umbs_entry_read(d->entry, derive, d, error);
@@ -178,7 +181,13 @@ void umbd_service_derive(struct umbd_call *call)
         free_deriving(d);
         return;
     }
-    status = umbd_call_send_work(call, work, free_deriving, d, (size_t)bytes, &error);
+    const struct umbd_work job = {.run = work,
+                                  .free = free_deriving,
+                                  .user = d,
+                                  .count = 1,
+                                  .slice = 1,
+                                  .bytes = (size_t)bytes};
+    status = umbd_call_send_work(call, &job, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
     }

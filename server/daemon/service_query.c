@@ -111,14 +111,6 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     return reply;
 }
 
-/* Refuses for lack of room; the client is told when to come again, and not heard until then. */
-static void shed(struct umbd_call *call, const struct umb_error *error)
-{
-    umbd_conn_hold(call->conn);
-    umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
-    umbd_call_fail_status(call, UMB_E_BUSY, error);
-}
-
 /* Answers into the reply itself. What one version answers is proven with the next flush. */
 static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
                           const struct umbw_query_request *request)
@@ -327,7 +319,7 @@ void umbd_service_query(struct umbd_call *call)
     }
     umbd_batch_recycle(batch, &loop->spare);
     if (status == UMB_E_BUSY) {
-        shed(call, &error);
+        umbd_call_shed(call, &error);
     } else if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
     }
@@ -341,7 +333,7 @@ void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *ba
         umbd_call_serve(call);
         call->is_paid = 0;
     } else if (status == UMB_E_BUSY) {
-        shed(call, &batch->error);
+        umbd_call_shed(call, &batch->error);
     } else {
         umbd_call_fail_status(call, status, &batch->error);
     }
@@ -352,7 +344,7 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
     uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
     uint8_t head[HEAD_MAX];
     if (batch->status == UMB_E_BUSY) {
-        shed(call, &batch->error);
+        umbd_call_shed(call, &batch->error);
         return;
     }
     if (batch->status != UMB_OK) {

@@ -49,8 +49,11 @@ static enum umb_status read_stretch(int fd, const struct umbw_stretch *stretch, 
 }
 
 /* On a worker's thread. */
-static enum umb_status read_all(const struct umbd_batch *batch, struct umb_error *error)
+static enum umb_status read_all(const struct umbd_batch *batch, size_t first, size_t count,
+                                struct umb_error *error)
 {
+    (void)first; /* there is one record */
+    (void)count;
     struct reading *r = batch->work_user;
     int fd = -1;
     enum umb_status status = umbs_entry_open_packed(r->entry, &fd, &r->reply.file_bytes, error);
@@ -103,28 +106,28 @@ static enum umb_status make_reading(struct umbd_call *call, struct reading **out
                    : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes", *bytes);
 }
 
-enum umb_status umbd_call_send_work(struct umbd_call *call, umbd_work_fn work,
-                                    void (*work_free)(void *user), void *user, size_t bytes,
+enum umb_status umbd_call_send_work(struct umbd_call *call, const struct umbd_work *work,
                                     struct umb_error *error)
 {
     static const struct umb_query_settings no_settings;
-    const struct umb_points no_points = {.count = 1}; /* one slice, of no query */
+    const struct umb_points no_points = {.count = work->count};
     struct umbd_batch *batch;
     enum umb_status status = umbd_batch_create(0, &no_settings, &no_points, &batch, error);
     if (status != UMB_OK) {
-        work_free(user);
+        work->free(work->user);
         return status;
     }
-    batch->work = work;
-    batch->work_free = work_free;
-    batch->work_user = user;
-    batch->slice_points = 1;
+    batch->work = work->run;
+    batch->work_end = work->end;
+    batch->work_free = work->free;
+    batch->work_user = work->user;
+    batch->slice_points = work->slice;
     batch->deadline_ns = call->deadline_ns;
     batch->lane = call->conn->serial;
     batch->stream_id = call->stream_id;
     batch->done = umbd_loop_batch_done;
     batch->home = call->conn->loop;
-    call->batch_bytes = bytes;
+    call->batch_bytes = work->bytes;
     call->batch = batch; /* before: it may come home at once */
     status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
     if (status != UMB_OK) {
@@ -150,7 +153,13 @@ void umbd_service_regions(struct umbd_call *call)
     if (status != UMB_OK) {
         free_reading(reading);
     } else {
-        status = umbd_call_send_work(call, read_all, free_reading, reading, bytes, &error);
+        const struct umbd_work work = {.run = read_all,
+                                       .free = free_reading,
+                                       .user = reading,
+                                       .count = 1,
+                                       .slice = 1,
+                                       .bytes = bytes};
+        status = umbd_call_send_work(call, &work, &error);
     }
     if (status == UMB_E_BUSY) {
         call->pushback_ms = UMBD_PUSHBACK_MS;

@@ -130,13 +130,14 @@ class Messages:
         os.makedirs(out, exist_ok=True)
         subprocess.run(["protoc", "-I" + os.path.join(ROOT, "proto"), "--python_out=" + out,
                         "umbrage/v1/shadows.proto", "umbrage/v1/bakes.proto",
-                        "umbrage/v1/regions.proto",
+                        "umbrage/v1/regions.proto", "umbrage/v1/questions.proto",
                         "grpc/health/v1/health.proto",
                         "grpc/reflection/v1/reflection.proto"], check=True)
         # Our grpc/ folder must not hide the installed grpc package: load its file by its path.
         sys.path.insert(0, out)
         self.shadows = importlib.import_module("umbrage.v1.shadows_pb2")
         self.bakes = importlib.import_module("umbrage.v1.bakes_pb2")
+        self.questions = importlib.import_module("umbrage.v1.questions_pb2")
         self.regions = importlib.import_module("umbrage.v1.regions_pb2")
         sys.path.pop(0)
         self.health = self._load(out, "health")

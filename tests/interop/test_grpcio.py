@@ -432,7 +432,8 @@ with test.check("reflection lists the services and gives the file of a symbol, v
             R.ServerReflectionRequest(all_extension_numbers_of_type="umbrage.v1.QueryReply"),
             R.ServerReflectionRequest()]), timeout=60))
         services = {s.name for s in answers[0].list_services_response.service}
-        assert services == {"umbrage.v1.Shadows", "umbrage.v1.Bakes", "umbrage.v1.Regions", "grpc.health.v1.Health",
+        assert services == {"umbrage.v1.Shadows", "umbrage.v1.Bakes", "umbrage.v1.Regions",
+                            "umbrage.v1.Questions", "grpc.health.v1.Health",
                             "grpc.reflection.v1.ServerReflection",
                             "grpc.reflection.v1alpha.ServerReflection"}, services
         names = [descriptor_pb2.FileDescriptorProto.FromString(

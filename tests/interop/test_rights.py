@@ -17,6 +17,7 @@ M = test.messages.shadows
 H = test.messages.health
 R = test.messages.reflection
 GOOD, OTHER, SLOW = "studio-0123456789abcdef", "robot-0123456789abcdef", "slow-0123456789abcdef0"
+BOXES = "boxes-0123456789abcdef"
 
 store = test.path("store")
 os.mkdir(store)
@@ -31,7 +32,8 @@ def write_tokens(text):
         file.write(text)
 
 
-write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n")
+write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n"
+             f"boxes query {BOXES} 20000\n")
 daemon = test.daemon("--token-file", tokens)
 client = test.client(daemon.grpc_tcp)
 request = M.QueryRequest(asset="city", points=bytes(120))
@@ -86,6 +88,14 @@ with test.check("a token's rate holds; the refusal says when to come again, and 
     assert answered == 5, answered
     assert elapsed > 0.9, elapsed  # 20000 points a second and a second ahead: the fifth waits 1 s
     assert len(client.query(request, timeout=30, metadata=bearer(GOOD)).visibility) == 10
+with test.check("a box pays for the bricks of its sides, and a token without the scope asks none"):
+    Q = test.messages.questions
+    boxes = client.unary("/umbrage.v1.Questions/Boxes", Q.BoxesReply)
+    huge = Q.BoxesRequest(asset="city", boxes=ut.floats([-1000.0, -1000, -1000, 1000, 1000, 1000] * 100))
+    client.refused(lambda: boxes(huge, timeout=30, metadata=bearer(OTHER)), Code.PERMISSION_DENIED)
+    assert len(boxes(huge, timeout=30, metadata=bearer(BOXES)).lit) == 800
+    client.refused(lambda: client.query(request, timeout=30, metadata=bearer(BOXES)),
+                   Code.RESOURCE_EXHAUSTED, "20000")
 with test.check("a stream pays for each of its requests"):
     def endless():
         while True:

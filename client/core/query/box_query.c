@@ -25,7 +25,24 @@ struct count {
     double origin[3];  /* the asset's */
     struct umb_box_answer *answer;
     struct umb_volume_stats *stats;
+    int (*go_on)(void *user, uint64_t steps);
+    void *go_on_user;
+    uint64_t steps, next_question; /* of this box */
+    bool given_up;
 };
+
+#define CUT_STEPS 64 /* of a brick whose voxels are tested one by one */
+
+/* Adds steps; false if the box is given up. */
+static bool step(struct count *count, uint64_t steps)
+{
+    count->steps += steps;
+    if (!count->given_up && count->steps >= count->next_question) {
+        count->given_up = !count->go_on(count->go_on_user, count->steps);
+        count->next_question = count->steps + UMB_BOX_STEPS;
+    }
+    return !count->given_up;
+}
 
 /* An aligned cube of voxels. */
 struct cube {
@@ -142,6 +159,9 @@ static void count_cut_brick(struct count *count, const struct cube *brick, const
                             bool lit)
 {
     uint64_t inside[8];
+    if (!step(count, CUT_STEPS)) {
+        return;
+    }
     range_masks(&count->range, brick, inside);
     const int32_t last[3] = {brick->low[0] + 7, brick->low[1] + 7, brick->low[2] + 7};
     for (unsigned axis = 0; count->world && axis < 3; axis++) {
@@ -178,7 +198,7 @@ static void count_uniform(struct count *count, const struct cube *cube, bool lit
         return;
     }
     int32_t half = (int32_t)1 << (cube->level - 1);
-    for (int32_t c = 0; c < 8; c++) {
+    for (int32_t c = 0; c < 8 && step(count, 1); c++) {
         struct cube child = {cube->level - 1,
                              {cube->low[0] + (c & 1) * half, cube->low[1] + (c >> 1 & 1) * half,
                               cube->low[2] + (c >> 2) * half}};
@@ -209,7 +229,7 @@ static void count_link(struct count *count, const struct cube *cube, struct umb_
     }
     uint32_t level = cube->level - 2;
     count->stats->nodes++;
-    for (int32_t c = 0; c < 64; c++) {
+    for (int32_t c = 0; c < 64 && step(count, 1); c++) {
         struct cube child = {level,
                              {cube->low[0] + (int32_t)((uint32_t)(c & 3) << level),
                               cube->low[1] + (int32_t)((uint32_t)(c >> 2 & 3) << level),
@@ -237,7 +257,7 @@ static void count_range(struct count *count)
     }
     for (int32_t z = first[2]; z <= last[2]; z++) {
         for (int32_t y = first[1]; y <= last[1]; y++) {
-            for (int32_t x = first[0]; x <= last[0]; x++) {
+            for (int32_t x = first[0]; x <= last[0] && step(count, 1); x++) {
                 struct cube cube = {level,
                                     {(int32_t)((uint32_t)x << level),
                                      (int32_t)((uint32_t)y << level),
@@ -251,6 +271,28 @@ static void count_range(struct count *count)
                 }
             }
         }
+    }
+}
+
+static struct count begin_count(const struct umb__tree *tree, struct umb_box_answers *answers)
+{
+    return (struct count){.tree = tree,
+                          .stats = &answers->stats,
+                          .go_on = answers->go_on,
+                          .go_on_user = answers->go_on_user};
+}
+
+/* Counts the range's voxels that lie in the world box, if there is one. */
+static void count_box(struct count *count, struct umb_box_answer *answer)
+{
+    count->answer = answer;
+    count->steps = 0;
+    count->given_up = false;
+    count->next_question = count->go_on ? UMB_BOX_STEPS : UINT64_MAX;
+    *answer = (struct umb_box_answer){0};
+    count_range(count);
+    if (count->given_up) {
+        *answer = (struct umb_box_answer){0, UINT64_MAX};
     }
 }
 
@@ -289,7 +331,7 @@ void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
                    size_t count, struct umb_box_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = {.tree = &v.tree, .stats = &answers->stats};
+    struct count job = begin_count(&v.tree, answers);
     memcpy(job.step, v.voxel_step, sizeof job.step);
     memcpy(job.origin, v.origin, sizeof job.origin);
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -300,9 +342,7 @@ void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
     for (size_t i = first; i < first + count; i++) {
         job.range = range_around(&v, &boxes[i]);
         job.world = &boxes[i];
-        job.answer = &answers->boxes[i];
-        *job.answer = (struct umb_box_answer){0};
-        count_range(&job);
+        count_box(&job, &answers->boxes[i]);
     }
 }
 
@@ -310,7 +350,7 @@ void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel
                          size_t first, size_t count, struct umb_box_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = {.tree = &v.tree, .stats = &answers->stats};
+    struct count job = begin_count(&v.tree, answers);
     const int64_t size = (int64_t)1 << v.tree.log2_size;
     for (size_t i = first; i < first + count; i++) {
         for (unsigned k = 0; k < 3; k++) {
@@ -318,9 +358,20 @@ void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel
             job.range.low[k] = (int32_t)(low < 0 ? 0 : low > size ? size : low);
             job.range.high[k] = (int32_t)(high < 0 ? 0 : high > size ? size : high);
         }
-        job.answer = &answers->boxes[i];
-        *job.answer = (struct umb_box_answer){0};
-        count_range(&job);
+        count_box(&job, &answers->boxes[i]);
+    }
+}
+
+void umb_corners_get(const struct umb_segments *corners, size_t first, size_t count,
+                     struct umb_box *boxes)
+{
+    for (size_t i = 0; i < 3 * count; i++) {
+        const size_t k = i % 3, at = 6 * (first + i / 3) + k;
+        const double a = corners->origin[k] + umb__scalar_at(corners->ends, corners->format, at);
+        const double b =
+            corners->origin[k] + umb__scalar_at(corners->ends, corners->format, at + 3);
+        boxes[i / 3].min[k] = a < b ? a : b;
+        boxes[i / 3].max[k] = a < b ? b : a;
     }
 }
 

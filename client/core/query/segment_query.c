@@ -284,7 +284,9 @@ void umb_segments_run(const struct umb_volume *volume, const struct umb_segments
     }
 }
 
-enum umb_status umb_segments_check(const struct umb_segments *segments, struct umb_error *error)
+/* Checks pairs of points; name: what they are. */
+static enum umb_status check_pairs(const struct umb_segments *segments, const char *name,
+                                   struct umb_error *error)
 {
     /* A segment is two points that stand side by side. */
     struct umb_points points = {
@@ -298,9 +300,19 @@ enum umb_status umb_segments_check(const struct umb_segments *segments, struct u
     for (size_t i = 0; i < 6 * segments->count; i++) {
         double value = umb__scalar_at(segments->ends, segments->format, i);
         if (!isfinite(value)) {
-            return umb_fail(error, status, "segments[%zu].%c%zu: %g, must be finite", i / 6,
+            return umb_fail(error, status, "%s[%zu].%c%zu: %g, must be finite", name, i / 6,
                             "xyz"[i % 3], i / 3 % 2, value);
         }
     }
     return umb_fail(error, status, "%s", bad.message);
+}
+
+enum umb_status umb_segments_check(const struct umb_segments *segments, struct umb_error *error)
+{
+    return check_pairs(segments, "segments", error);
+}
+
+enum umb_status umb_corners_check(const struct umb_segments *corners, struct umb_error *error)
+{
+    return check_pairs(corners, "boxes", error);
 }

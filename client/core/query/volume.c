@@ -5,6 +5,17 @@
 #include "format/asset_parts.h"
 #include "query/volume_parts.h"
 
+static int has_translucent(const struct umb_asset *asset, const struct umb_light_info *light)
+{
+    const struct umb__trans *trans = &asset->canonical.trans;
+    for (uint32_t i = 0; trans->maps != NULL && i < light->frustum_count; i++) {
+        if (trans->maps[light->first_frustum + i].level > 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light,
                                    struct umb_volume *volume, struct umb_error *error)
 {
@@ -28,6 +39,7 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
                  .grid_log2 = top->grid_log2},
         .light = light,
         .closed = frustum->closed,
+        .translucent = has_translucent(asset, &content->lights[light]),
         .front = frustum->closed ? content->front : NULL,
         .front_root = content->front ? content->front[index] : 0,
     };
@@ -36,4 +48,9 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
     memcpy(v.origin, content->origin, sizeof v.origin);
     memcpy(volume->opaque, &v, sizeof v);
     return UMB_OK;
+}
+
+int umb_volume_ignores_translucent(const struct umb_volume *volume)
+{
+    return umb__volume_of(volume).translucent;
 }

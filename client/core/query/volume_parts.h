@@ -10,6 +10,7 @@ struct umb__volume {
     struct umb__tree tree;
     uint32_t light;
     int closed;
+    int translucent; /* casters that are no voxels stand before the light */
     const uint32_t *front; /* format/front.h; NULL: not kept */
     uint32_t front_root;   /* of the frustum */
     double world_to_voxel[3][4]; /* from world minus origin */

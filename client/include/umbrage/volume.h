@@ -13,7 +13,8 @@
  *
  * All three answer for voxels as the asset holds them, exactly: they equal a march through every
  * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
- * Translucent casters (effect `transmittance`) are no voxels and take no part.
+ * Translucent casters (effect `transmittance`) are no voxels and take no part:
+ * umb_volume_ignores_translucent tells.
  *
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
@@ -64,6 +65,10 @@ struct umb_volume_stats {
 UMB_API UMB_CHECKED enum umb_status umb_volume_prepare(const struct umb_asset *asset,
                                                        uint32_t light, struct umb_volume *volume,
                                                        struct umb_error *error);
+
+/* Returns 1 if translucent casters stand before the light, of which answers know nothing; else 0.
+ */
+UMB_API int umb_volume_ignores_translucent(const struct umb_volume *volume);
 
 /* A batch of segments; borrowed while it runs. */
 struct umb_segments {
@@ -162,7 +167,25 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* added to */
+    /* For who must not be held up by what others ask: called each time after so many steps of a box
+     * as UMB_BOX_STEPS, with the steps of this box so far; 0 gives the box up, and its `voxels` is
+     * UINT64_MAX. A step is a node, a cell or a brick that lies inside; a brick that the box's
+     * faces cut counts as 64. The same on all machines. NULL: every box is finished. */
+    int (*go_on)(void *user, uint64_t steps);
+    void *go_on_user;
 };
+
+#define UMB_BOX_STEPS 65536 /* below a millisecond */
+
+/*
+ * Boxes as files and requests have them: pairs of opposite corners, in either order on each axis.
+ * _check: every number finite; fails as umb_segments_check, naming boxes. _get makes boxes of
+ * pairs first .. first + count - 1. Out: boxes: [count].
+ */
+UMB_API UMB_CHECKED enum umb_status umb_corners_check(const struct umb_segments *corners,
+                                                      struct umb_error *error);
+UMB_API void umb_corners_get(const struct umb_segments *corners, size_t first, size_t count,
+                             struct umb_box *boxes);
 
 /* Checks boxes: finite, min <= max. Fails: E_ARGUMENT, naming the first bad number. */
 UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes, size_t count,

@@ -192,6 +192,8 @@ static void questions_and_lists_of_lights_are_taken(void **state)
     assert_int_equal(query("query a.umb --columns -", &parsed), -1);
     assert_int_equal(parsed.question, UMBC_QUESTION_COLUMNS);
     assert_int_equal(query("query a.umb --boxes b", &parsed), -1);
+    assert_int_equal(query("query a --boxes b --address tcp:h:1 --opaque-only", &parsed), -1);
+    assert_true(parsed.question == UMBC_QUESTION_BOXES && parsed.settings.opaque_only);
     assert_int_equal(parsed.question, UMBC_QUESTION_BOXES);
     assert_int_equal(query("query a.umb --points p --light 4,0,7", &parsed), -1);
     assert_int_equal(parsed.light_count, 3);
@@ -238,7 +240,6 @@ static void bad_query_options_are_usage_errors(void **state)
         "query --points p",
         "query a.umb --points p --segments p",
         "query a.umb --boxes p --columns p",
-        "query a --segments p",
         "query a.umb --segments p --taps 3",
         "query a.umb --segments p --encoding f32",
         "query a.umb --boxes p --explain",

@@ -203,6 +203,65 @@ static void boxes_that_are_no_boxes_are_named_and_do_no_harm(void **state)
     volume_fixture_close(&f);
 }
 
+/* Counts how often it is asked, and says no to the box's steps above a limit. */
+struct patience {
+    uint64_t limit, last;
+    unsigned asked;
+};
+
+static int is_patient(void *user, uint64_t steps)
+{
+    struct patience *p = user;
+    p->asked++;
+    p->last = steps;
+    return steps < p->limit;
+}
+
+static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    struct patience patience = {.limit = UINT64_MAX};
+    struct umb_box boxes[2] = {{{-15, -15, -15}, {15, 15, 15}}, {{0, 0, 0}, {1, 1, 1}}};
+    struct umb_box_answer free_of_it[2], got[2];
+    struct umb_box_answers plain = {.boxes = free_of_it};
+    struct umb_box_answers answers = {.boxes = got, .go_on = is_patient, .go_on_user = &patience};
+    volume_fixture_open(&f, fixture_noise, 8, 1, 0);
+    for (unsigned i = 0; i < 2; i++) {
+        for (unsigned k = 0; k < 3; k++) {
+            boxes[i].min[k] += 5 + fixture_origin[k];
+            boxes[i].max[k] += 5 + fixture_origin[k];
+        }
+    }
+    umb_boxes_run(&f.volume, boxes, 0, 2, &plain);
+    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_memory_equal(got, free_of_it, sizeof got);
+    assert_true(patience.asked >= 1 && patience.last >= UMB_BOX_STEPS);
+    patience = (struct patience){.limit = 0};
+    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(patience.asked, 1);
+    assert_true(got[0].voxels == UINT64_MAX);
+    assert_memory_equal(&got[1], &free_of_it[1], sizeof got[1]);
+    volume_fixture_close(&f);
+}
+
+static void corners_make_boxes_in_either_order(void **state)
+{
+    (void)state;
+    struct umb_error error;
+    struct umb_box boxes[1];
+    float ends[12] = {0, 0, 0, 0, 0, 0, 1, 5, 3, 2, 4, 6};
+    struct umb_segments corners = {.ends = ends, .origin = {10, 20, 30}, .count = 2};
+    umb_corners_get(&corners, 1, 1, boxes);
+    assert_true(boxes[0].min[0] == 11 && boxes[0].max[0] == 12);
+    assert_true(boxes[0].min[1] == 24 && boxes[0].max[1] == 25);
+    assert_true(boxes[0].min[2] == 33 && boxes[0].max[2] == 36);
+    assert_int_equal(umb_corners_check(&corners, &error), UMB_OK);
+    ends[10] = INFINITY;
+    assert_int_equal(umb_corners_check(&corners, &error), UMB_E_ARGUMENT);
+    assert_string_equal(error.message, "boxes[1].y1: inf, must be finite");
+}
+
 static void columns_end_at_their_first_shadowed_voxel(void **state)
 {
     (void)state;
@@ -277,6 +336,8 @@ int main(void)
         cmocka_unit_test(boxes_side_by_side_share_no_voxel_and_leave_none_out),
         cmocka_unit_test(voxel_boxes_count_exactly_and_are_clipped_to_the_frustum),
         cmocka_unit_test(boxes_that_are_no_boxes_are_named_and_do_no_harm),
+        cmocka_unit_test(a_box_is_given_up_when_it_takes_too_many_steps),
+        cmocka_unit_test(corners_make_boxes_in_either_order),
         cmocka_unit_test(columns_end_at_their_first_shadowed_voxel),
         cmocka_unit_test(closed_frusta_refuse_columns_and_open_ones_do_not),
         cmocka_unit_test(columns_of_points_that_are_not_finite_touch_nothing),
