@@ -18,6 +18,8 @@ struct gen_mesh {
     uint32_t (*triangles)[3];
     size_t vertex_count, vertex_capacity;
     size_t triangle_count, triangle_capacity;
+    int32_t (*places)[3]; /* where all of it stands, millimetres; none: once, as it is */
+    size_t place_count, place_capacity;
     int failed;
 };
 
@@ -48,6 +50,7 @@ int32_t gen_range(struct gen_rng *rng, int32_t low, int32_t high); /* both inclu
 void gen_mesh_finish(struct gen_mesh *mesh);
 uint32_t gen_vertex(struct gen_mesh *mesh, int32_t x, int32_t y, int32_t z);
 void gen_triangle(struct gen_mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
+void gen_place(struct gen_mesh *mesh, int32_t x, int32_t y, int32_t z);
 void gen_quad(struct gen_mesh *mesh, uint32_t a, uint32_t b, uint32_t c, uint32_t d);
 
 /* Closed outward solids. */
@@ -73,6 +76,7 @@ void gen_city(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_arch(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_bridge(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_hall(struct gen_mesh *mesh, int32_t size, uint64_t seed);
+void gen_forest(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 
 /* Writes the mesh; light: also a sun from south-east, 45 degrees high (GLB). 0 if it failed. */
 int gen_write(FILE *file, const struct gen_mesh *mesh, enum gen_format format, int light);

@@ -33,6 +33,7 @@ void gen_mesh_finish(struct gen_mesh *mesh)
 {
     umb__free(NULL, mesh->vertices);
     umb__free(NULL, mesh->triangles);
+    umb__free(NULL, mesh->places);
     *mesh = (struct gen_mesh){0};
 }
 
@@ -49,6 +50,19 @@ uint32_t gen_vertex(struct gen_mesh *mesh, int32_t x, int32_t y, int32_t z)
     v[1] = y;
     v[2] = z;
     return (uint32_t)mesh->vertex_count++;
+}
+
+void gen_place(struct gen_mesh *mesh, int32_t x, int32_t y, int32_t z)
+{
+    if (mesh->failed || !umb__grow(NULL, &mesh->places, &mesh->place_capacity,
+                                   mesh->place_count + 1, sizeof *mesh->places)) {
+        mesh->failed = 1;
+        return;
+    }
+    int32_t *place = mesh->places[mesh->place_count++];
+    place[0] = x;
+    place[1] = y;
+    place[2] = z;
 }
 
 void gen_triangle(struct gen_mesh *mesh, uint32_t a, uint32_t b, uint32_t c)

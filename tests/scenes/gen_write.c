@@ -47,39 +47,54 @@ static void metres_text(int64_t mm, char text[32])
                    (int)(size % 1000));
 }
 
+/* How often the mesh stands somewhere, and corner k of vertex i there. */
+static size_t times(const struct gen_mesh *mesh)
+{
+    return mesh->place_count > 0 ? mesh->place_count : 1;
+}
+
+static int32_t coordinate(const struct gen_mesh *mesh, size_t place, size_t i, int k)
+{
+    return mesh->vertices[i][k] + (mesh->place_count > 0 ? mesh->places[place][k] : 0);
+}
+
 static void write_obj(FILE *file, const struct gen_mesh *mesh)
 {
     char text[3][32];
     (void)fprintf(file, "# umbrage scenegen, metres, z up\n");
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
+    const size_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
+    for (size_t i = 0; i < times(mesh) * vertices; i++) {
         for (int k = 0; k < 3; k++) {
-            metres_text(mesh->vertices[i][k], text[k]);
+            metres_text(coordinate(mesh, i / vertices, i % vertices, k), text[k]);
         }
         (void)fprintf(file, "v %s %s %s\n", text[0], text[1], text[2]);
     }
-    for (size_t i = 0; i < mesh->triangle_count; i++) {
-        const uint32_t *t = mesh->triangles[i];
-        (void)fprintf(file, "f %" PRIu64 " %" PRIu64 " %" PRIu64 "\n", (uint64_t)t[0] + 1,
-                      (uint64_t)t[1] + 1, (uint64_t)t[2] + 1);
+    for (size_t i = 0; i < times(mesh) * triangles; i++) {
+        const uint32_t *t = mesh->triangles[i % triangles];
+        const uint64_t first = i / triangles * (uint64_t)vertices + 1;
+        (void)fprintf(file, "f %" PRIu64 " %" PRIu64 " %" PRIu64 "\n", t[0] + first, t[1] + first,
+                      t[2] + first);
     }
 }
 
 static void write_ply(FILE *file, const struct gen_mesh *mesh)
 {
+    const size_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
     (void)fprintf(file,
                   "ply\nformat binary_little_endian 1.0\ncomment umbrage scenegen, metres, z up\n"
                   "element vertex %zu\nproperty double x\nproperty double y\nproperty double z\n"
                   "element face %zu\nproperty list uchar uint vertex_indices\nend_header\n",
-                  mesh->vertex_count, mesh->triangle_count);
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
+                  times(mesh) * vertices, times(mesh) * triangles);
+    for (size_t i = 0; i < times(mesh) * vertices; i++) {
         for (int k = 0; k < 3; k++) {
-            put_f64(file, mesh->vertices[i][k] / 1000.0);
+            put_f64(file, coordinate(mesh, i / vertices, i % vertices, k) / 1000.0);
         }
     }
-    for (size_t i = 0; i < mesh->triangle_count; i++) {
+    for (size_t i = 0; i < times(mesh) * triangles; i++) {
         (void)fputc(3, file);
         for (int k = 0; k < 3; k++) {
-            put_u32(file, mesh->triangles[i][k]);
+            put_u32(file, mesh->triangles[i % triangles][k] +
+                              (uint32_t)(i / triangles * vertices));
         }
     }
 }
@@ -118,12 +133,40 @@ static void glb_position(const struct extent *extent, const int32_t point[3], fl
     out[2] = (float)((double)-d[1] / 1000.0);
 }
 
+/* What the file says of the extensions that it uses; "" if none. */
+static void glb_extensions(int many, int light, char used[512])
+{
+    used[0] = '\0';
+    if (many || light) {
+        (void)snprintf(used, 512, "\"extensionsUsed\":[%s%s%s],%s%s",
+                       many ? "\"EXT_mesh_gpu_instancing\"" : "", many && light ? "," : "",
+                       light ? "\"KHR_lights_punctual\"" : "",
+                       many ? "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\"]," : "",
+                       light ? "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":"
+                               "\"directional\",\"name\":\"sun\",\"intensity\":100000,"
+                               "\"color\":[1,1,1]}]}},"
+                             : "");
+    }
+}
+
 /* Returns the length, padded with spaces to a multiple of four, or 0 if it does not fit. */
 static uint32_t glb_json(const struct gen_mesh *mesh, const struct extent *extent, int light,
                          char json[JSON_SIZE])
 {
     float a[3], b[3];
-    char move[3][32];
+    char move[3][32], used[512], places_view[128] = "", places_accessor[128] = "";
+    const int many = mesh->place_count > 0;
+    const size_t mesh_bytes = 12 * (mesh->vertex_count + mesh->triangle_count);
+    if (many) {
+        (void)snprintf(places_view, sizeof places_view,
+                       ",{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu}", mesh_bytes,
+                       12 * mesh->place_count);
+        (void)snprintf(places_accessor, sizeof places_accessor,
+                       ",{\"bufferView\":2,\"componentType\":5126,\"count\":%zu,"
+                       "\"type\":\"VEC3\"}",
+                       mesh->place_count);
+    }
+    glb_extensions(many, light, used);
     glb_position(extent, extent->low, a);
     glb_position(extent, extent->high, b);
     metres_text(extent->centre[0], move[0]);
@@ -134,29 +177,28 @@ static uint32_t glb_json(const struct gen_mesh *mesh, const struct extent *exten
         json, JSON_SIZE,
         "{\"asset\":{\"version\":\"2.0\",\"generator\":\"umbrage scenegen\"},%s"
         "\"scene\":0,\"scenes\":[{\"nodes\":[0%s]}],"
-        "\"nodes\":[{\"mesh\":0,\"name\":\"scene\",\"translation\":[%s,%s,%s]}%s],"
+        "\"nodes\":[{\"mesh\":0,\"name\":\"scene\",\"translation\":[%s,%s,%s]%s}%s],"
         "\"materials\":[{\"name\":\"stone\",\"doubleSided\":true}],"
         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
         "\"material\":0}]}],"
         "\"buffers\":[{\"byteLength\":%zu}],\"bufferViews\":["
         "{\"buffer\":0,\"byteOffset\":0,\"byteLength\":%zu,\"target\":34962},"
-        "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34963}],"
+        "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34963}%s],"
         "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":%zu,\"type\":\"VEC3\","
         "\"min\":[%.9g,%.9g,%.9g],\"max\":[%.9g,%.9g,%.9g]},"
-        "{\"bufferView\":1,\"componentType\":5125,\"count\":%zu,\"type\":\"SCALAR\"}]}",
-        light ? "\"extensionsUsed\":[\"KHR_lights_punctual\"],"
-                "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"directional\","
-                "\"name\":\"sun\",\"intensity\":100000,\"color\":[1,1,1]}]}},"
-              : "",
-        light ? ",1" : "", move[0], move[1], move[2],
+        "{\"bufferView\":1,\"componentType\":5125,\"count\":%zu,\"type\":\"SCALAR\"}%s]}",
+        used, light ? ",1" : "", move[0], move[1], move[2],
+        many ? ",\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{"
+               "\"TRANSLATION\":2}}}"
+             : "",
         light ? ",{\"name\":\"sun\",\"rotation\":[-0.353553390593274,0.353553390593274,"
                 "0.146446609406726,0.853553390593274],"
                 "\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}}"
               : "",
-        12 * (mesh->vertex_count + mesh->triangle_count), 12 * mesh->vertex_count,
-        12 * mesh->vertex_count, 12 * mesh->triangle_count, mesh->vertex_count, (double)a[0],
-        (double)a[1], (double)b[2], (double)b[0], (double)b[1], (double)a[2],
-        3 * mesh->triangle_count);
+        mesh_bytes + 12 * mesh->place_count, 12 * mesh->vertex_count, 12 * mesh->vertex_count,
+        12 * mesh->triangle_count, places_view, mesh->vertex_count, (double)a[0], (double)a[1],
+        (double)b[2], (double)b[0], (double)b[1], (double)a[2], 3 * mesh->triangle_count,
+        places_accessor);
     if (n <= 0 || n > JSON_SIZE - 4) {
         return 0;
     }
@@ -171,7 +213,8 @@ static int write_glb(FILE *file, const struct gen_mesh *mesh, int light)
     char json[JSON_SIZE];
     struct extent extent = extent_of(mesh);
     uint32_t json_bytes = glb_json(mesh, &extent, light, json);
-    uint64_t bin_bytes = 12 * ((uint64_t)mesh->vertex_count + mesh->triangle_count);
+    uint64_t bin_bytes =
+        12 * ((uint64_t)mesh->vertex_count + mesh->triangle_count + mesh->place_count);
     uint64_t total = 12 + 8 + json_bytes + 8 + bin_bytes;
     if (json_bytes == 0 || total > UINT32_MAX) {
         return 0;
@@ -194,6 +237,14 @@ static int write_glb(FILE *file, const struct gen_mesh *mesh, int light)
     for (size_t i = 0; i < mesh->triangle_count; i++) {
         for (int k = 0; k < 3; k++) {
             put_u32(file, mesh->triangles[i][k]);
+        }
+    }
+    const struct extent origin = {.centre = {0, 0, 0}};
+    for (size_t i = 0; i < mesh->place_count; i++) {
+        float place[3];
+        glb_position(&origin, mesh->places[i], place);
+        for (int k = 0; k < 3; k++) {
+            put_f32(file, place[k]);
         }
     }
     return 1;

@@ -21,6 +21,7 @@ static const char usage[] =
     "  arch     open architecture with walls of no thickness; N x N bays of 6 m\n"
     "  bridge   closed parts, wires of 10 mm; N hangers a side\n"
     "  hall     a closed hall with windows and columns; N bays of 6 m\n"
+    "  forest   N x N closed trees of 92 triangles (GLB: one, and instances)\n"
     "  box      a closed cube of N m\n"
     "  sphere   a closed ball of radius 5 m, 8 N^2 triangles\n"
     "Without --format the file's ending tells it. GLB is y up, OBJ and PLY are z up.\n"
@@ -48,7 +49,7 @@ static const struct kind {
 } kinds[] = {
     {"terrain", gen_terrain, 256, 4096}, {"city", gen_city, 50, 150},
     {"arch", gen_arch, 8, 200},          {"bridge", gen_bridge, 60, 5000},
-    {"hall", gen_hall, 7, 1000},
+    {"hall", gen_hall, 7, 1000},         {"forest", gen_forest, 32, 2048},
     {"box", make_box, 10, 100000},       {"sphere", make_sphere, 8, 32},
 };
 
@@ -194,8 +195,9 @@ int main(int argc, char **argv)
             (void)remove(request.path);
             code = EXIT_IO;
         } else {
+            const size_t places = mesh.place_count > 0 ? mesh.place_count : 1;
             (void)fprintf(stderr, "%s: %zu vertices, %zu triangles\n", request.path,
-                          mesh.vertex_count, mesh.triangle_count);
+                          places * mesh.vertex_count, places * mesh.triangle_count);
         }
     }
     gen_mesh_finish(&mesh);

@@ -3,19 +3,20 @@
 #define UMBRAGE_SERVER_BAKE_IMPORT_ASSIMP_NODES_H
 /* The node tree of an Assimp scene: instances of meshes, and lights. */
 #include <assimp/scene.h>
-#include "common/scene_builder.h"
+#include "bake/import/import_job.h"
 
 #define UMBB_NODE_DEPTH_MAX 1024U
 
 /*
- * Walks the tree and appends an instance for each mesh and a light for each light of a node.
+ * Walks the tree and appends an instance for each mesh and a light for each light of a node to
+ * job->scene; as many instances as EXT_mesh_gpu_instancing says.
  *
  * In:    mesh_of: uint32[scene->mNumMeshes], the builder's mesh or UMBS_NO_INDEX for none.
- * Fails: E_BAD_SCENE (too deep, a transform that is not finite or not affine), E_LIMIT,
- * E_NO_MEMORY.
+ * Fails: E_BAD_SCENE (too deep, a transform that is not finite or not affine, instances that cannot
+ *        be read), E_LIMIT, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_assimp_nodes(const struct aiScene *scene, const uint32_t *mesh_of,
-                                              struct umbs_scene_builder *builder,
+                                              struct umbb_import *job, enum umbb_kind kind,
                                               struct umb_error *error);
 
 #endif

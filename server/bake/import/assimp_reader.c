@@ -348,7 +348,7 @@ static enum umb_status convert(struct conversion *c, struct umb_error *error)
     }
     if (status == UMB_OK) {
         warn_about_losses(c);
-        status = umbb_assimp_nodes(scene, mesh_of, builder, error);
+        status = umbb_assimp_nodes(scene, mesh_of, c->textures.job, c->kind, error);
     }
     if (status == UMB_OK && builder->world_triangles == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE,

@@ -46,12 +46,13 @@ static enum umb_status check_asset(struct umbb_cursor *json, int *has_version,
     return UMB_OK;
 }
 
-/* Extensions that change nothing about the shape of a scene, or that Assimp knows. */
+/* Extensions that change nothing about the shape of a scene, or that somebody reads. */
 static int is_harmless(struct umbb_json_text name)
 {
     return umbb_json_is(name, "KHR_lights_punctual") || umbb_json_starts(name, "KHR_materials_") ||
            umbb_json_starts(name, "KHR_texture_") || umbb_json_starts(name, "EXT_texture_") ||
-           umbb_json_is(name, "KHR_xmp") || umbb_json_is(name, "KHR_xmp_json_ld");
+           umbb_json_is(name, "KHR_xmp") || umbb_json_is(name, "KHR_xmp_json_ld") ||
+           umbb_json_is(name, "EXT_mesh_gpu_instancing");
 }
 
 static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_error *error)
@@ -73,24 +74,6 @@ static enum umb_status check_extensions(struct umbb_cursor *json, struct umb_err
         umbb_json_skip(json);
     }
     return UMB_OK;
-}
-
-/* Extensions that a reader may pass over, at the price of things that cast shadows. */
-static void warn_of_extensions(struct umbs_scene_builder *scene, struct umbb_cursor json)
-{
-    if (!umbb_json_enter(&json, '[')) {
-        return;
-    }
-    while (umbb_json_item(&json)) {
-        if (*json.at == '"') {
-            struct umbb_json_text name = umbb_json_string(&json);
-            if (umbb_json_is(name, "EXT_mesh_gpu_instancing")) {
-                umbs_scene_warn(scene, "EXT_mesh_gpu_instancing is not read: of its instances only "
-                                       "one is there");
-            }
-        }
-        umbb_json_skip(&json);
-    }
 }
 
 static void read_accessor(struct umbb_cursor *json, struct accessor *accessor)
@@ -223,8 +206,6 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
         } else {
             if (umbb_json_is(key, "meshes")) {
                 meshes = json; /* read when the accessors are known */
-            } else if (umbb_json_is(key, "extensionsUsed")) {
-                warn_of_extensions(&job->scene, json);
             }
             umbb_json_skip(&json);
         }

@@ -5,7 +5,6 @@
  * Refuses glTF that Assimp 5.2.5 would read wrongly without a word: required extensions it does not
  * know (quantised or compressed meshes come out as garbage), positions that are not floats in
  * threes from a buffer, and versions other than 2.x, which another importer of Assimp's would take.
- * Warns of an extension that is used, need not be known, and yet leaves shadows out.
  */
 #include "bake/import/import_job.h"
 

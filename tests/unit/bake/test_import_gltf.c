@@ -173,18 +173,6 @@ static void gltf_that_would_be_read_wrongly_is_refused(void **state)
     expect_refusal("cut.gltf", "{\"asset\":{\"version\":\"2.0\"", "cut.gltf: ");
 }
 
-static void gltf_that_leaves_instances_out_says_so(void **state)
-{
-    (void)state;
-    struct umbs_scene *scene =
-        import_text("used.gltf", gltf("{\"mesh\":0}", "0",
-                                      PLAIN "\"extensionsUsed\":[\"KHR_lights_punctual\","
-                                            "\"EXT_mesh_gpu_instancing\"],"));
-    assert_non_null(strstr(scene->view.warnings, "EXT_mesh_gpu_instancing"));
-    assert_null(strstr(scene->view.warnings, "KHR_lights"));
-    umbs_scene_destroy(scene);
-}
-
 /* Kinds of primitives that files in the wild have: each must cast its triangles. */
 static void gltf_strips_and_fans_are_read(void **state)
 {
@@ -467,7 +455,6 @@ int main(int argc, char **argv)
         cmocka_unit_test(gltf_lights_shine_along_minus_z_of_their_nodes),
         cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
         cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
-        cmocka_unit_test(gltf_that_leaves_instances_out_says_so),
         cmocka_unit_test(gltf_strips_and_fans_are_read),
         cmocka_unit_test(gltf_sparse_positions_are_read_or_refused),
         cmocka_unit_test(gltf_nodes_too_deep_are_refused),
