@@ -66,7 +66,7 @@ questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_
 
 # Every hard case against long double or exact references, 10^6 random cases or more of each; rays
 # through edges and corners 10^8.
-NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum) \
+NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum maps_moments) \
 	$(addprefix bake/test_,coverage_exact coverage_watertight eye_clip light_frame) core/test_query_places)
 NUMERIC_ROUNDS := $(addprefix $(BUILD)/tests/unit/maps/test_maps_,bounds deep pcf)
 numerics: $(NUMERICS) $(NUMERIC_ROUNDS) $(BUILD)/tests/unit/rays/test_rays_watertight ## hard cases against long double: 10^6 random ones of each

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * `deep`: deep shadow maps of a scene with translucent casters, against brute-force products of
- * traced rays, and what neighbour links are worth.
+ * traced rays; what neighbour links are worth; and maps of moments beside them.
  */
 #include "study/study_command.h"
 
@@ -12,25 +12,31 @@
 #include <string.h>
 #include <time.h>
 #include "common/json_text.h"
-#include "study/gbuffer.h"
+#include "study/light_hits.h"
+#include "study/moment_rows.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/study_vec.h"
+#include "study/technique_view.h"
 #include "study/view_options.h"
-#include "umbrage/maps.h"
 
-#define HITS_MAX   64U  /* of a ray; what lies behind is left out */
-#define STEP_SHARE 1e-7 /* of the range of depth: beyond a hit, to find the next */
-#define REPEATS    3
+#define REPEATS 3
+#define COLUMNS 5U /* of the picture */
+#define GAP     4U /* pixels between tiles */
 
 static const char help[] =
     "usage: umbrage-study deep SCENE [options]\n"
     "\n"
-    "Builds deep shadow maps of a scene and compares them with products over traced hits.\n"
+    "Builds deep shadow maps of a scene, and maps of moments, and compares them with products "
+    "over\n"
+    "traced hits.\n"
     "A surface whose material is BLEND takes --alpha of the light, or its own constant alpha "
     "where\n"
     "that is less than 1; every other surface takes all.\n"
     "\n"
+    "  -o, --output FILE   one view by each, side by side, PNG: the products over the window of a\n"
+    "                      deep map, the deep map, the products over that of the others, then\n"
+    "                      these in the order of the table, five a row\n"
     "  --alpha A           of BLEND surfaces, 0 to 1 (default 0.5)\n"
     "  --resolution N      texels a side, 16 to 2048 (default 512)\n"
     "  --taps N            width of the filter, odd, 1 to 17 (default 7)\n"
@@ -42,7 +48,7 @@ static const char help[] =
     "  --help\n";
 
 struct deep {
-    const char *scene_path, *alpha_text, *epsilon_text;
+    const char *scene_path, *alpha_text, *epsilon_text, *output;
     struct umbt_view_options options;
     uint64_t resolution, taps, threads;
     double alpha, epsilon;
@@ -50,10 +56,11 @@ struct deep {
     struct umbt_view view;
     struct umbt_gbuffer buffer;
     struct umb_map_frustum frustum;
-    struct umb_map_fragment *hits; /* [texels][HITS_MAX] */
-    uint32_t *hit_counts;          /* [texels] */
-    uint64_t *first;               /* [texels + 1] */
-    float *values, *other;         /* [receivers] */
+    struct umbt_light_hits hits;
+    float *values, *other; /* [receivers] */
+    double *box, *between; /* [receivers] products over a box of texels; over boxes around
+                              the four texels that a point lies between, as their weights */
+    struct umbt_picture sheet;
 };
 
 static enum umb_status share_parse(const char *name, const char *text, double *value,
@@ -70,6 +77,8 @@ static enum umb_status share_parse(const char *name, const char *text, double *v
 static enum umb_status options_parse(int argc, char **argv, struct deep *d, struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"-o", UMBT_TEXT, &d->output, 0, 0},
+        {"--output", UMBT_TEXT, &d->output, 0, 0},
         {"--alpha", UMBT_TEXT, &d->alpha_text, 0, 0},
         {"--epsilon", UMBT_TEXT, &d->epsilon_text, 0, 0},
         {"--resolution", UMBT_COUNT, &d->resolution, 16, 2048},
@@ -107,62 +116,27 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
                             : status;
 }
 
-/* Share of the light that a triangle takes. */
-static float triangle_alpha(const struct deep *d, uint32_t triangle)
+/* Lifts points off their surfaces, towards the light, by half of the wider window: a plane does not
+ * shadow itself then, as with bias_normal 1. Maps and products are asked at the same points. */
+static void points_lift(struct deep *d)
 {
-    const struct umbs_scene_view *scene = &d->view.scene.scene->view;
-    const uint32_t material = d->view.scene.materials[triangle];
-    if (material >= scene->material_count ||
-        scene->materials[material].alpha_mode != UMBS_ALPHA_BLEND) {
-        return 1.0F;
-    }
-    const float own = scene->materials[material].base_alpha;
-    return own < 1.0F ? own : (float)d->alpha;
-}
-
-/* All hits of a texel's ray, nearest first. */
-static enum umb_status texel_block(void *user, size_t first, size_t count, struct umb_error *error)
-{
-    struct deep *d = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        const double x = (double)(i % d->resolution) + 0.5, y = (double)(i / d->resolution) + 0.5;
-        double start[3], end[3], direction[3], reached = 0.0;
-        if (!umb_map_frustum_point(&d->frustum, x, y, 0.0, start) ||
-            !umb_map_frustum_point(&d->frustum, x, y, 1.0, end)) {
-            continue;
+    for (size_t i = 0; i < d->buffer.receiver_count; i++) {
+        const float *n = &d->buffer.normals[3 * i];
+        const double normal[3] = {(double)n[0], (double)n[1], (double)n[2]};
+        double shift = 0.0;
+        for (int axis = 0; axis < 2; axis++) {
+            const double *g = d->frustum.world_to_map[axis];
+            shift += 0.5 * ((double)d->taps + 1.0) * fabs(umb__dot(normal, g)) / umb__dot(g, g);
         }
-        umb__subtract(end, start, direction);
-        const double length = umbt_normalize(direction);
-        while (d->hit_counts[i] < HITS_MAX) {
-            struct umbr_hit hit;
-            umbr_nearest(d->view.scene.rays, start, direction, reached, length, &hit);
-            if (hit.distance < 0.0) {
-                break;
-            }
-            d->hits[i * HITS_MAX + d->hit_counts[i]++] = (struct umb_map_fragment){
-                (float)fmin(hit.distance / length, 1.0), triangle_alpha(d, hit.triangle)};
-            reached = hit.distance + STEP_SHARE * length;
+        shift = copysign(shift, umb__dot(normal, d->view.to_light));
+        for (int k = 0; k < 3; k++) {
+            d->buffer.positions[3 * i + (size_t)k] += shift * normal[k];
         }
     }
-    return UMB_OK;
-}
-
-/* Moves the hits together: fragments in `hits`, list i from first[i]. */
-static void hits_gather(struct deep *d, size_t texels)
-{
-    uint64_t used = 0;
-    for (size_t i = 0; i < texels; i++) {
-        d->first[i] = used;
-        memmove(d->hits + used, d->hits + i * HITS_MAX, d->hit_counts[i] * sizeof *d->hits);
-        used += d->hit_counts[i];
-    }
-    d->first[texels] = used;
 }
 
 static enum umb_status scene_open(struct deep *d, struct umb_error *error)
 {
-    const size_t texels = (size_t)d->resolution * d->resolution;
     enum umb_status status = umbt_view_open(&d->options, d->scene_path, &d->view, error);
     if (status == UMB_OK) {
         status = umb_map_frustum_fit(d->view.to_light, &d->view.scene.box, (uint32_t)d->resolution,
@@ -181,20 +155,17 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    d->hits = malloc(texels * HITS_MAX * sizeof *d->hits);
-    d->hit_counts = calloc(texels, sizeof *d->hit_counts);
-    d->first = calloc(texels + 1, sizeof *d->first);
+    points_lift(d);
     d->values = calloc(d->buffer.receiver_count, sizeof *d->values);
     d->other = calloc(d->buffer.receiver_count, sizeof *d->other);
-    if (d->hits == NULL || d->hit_counts == NULL || d->first == NULL || d->values == NULL ||
-        d->other == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
+    d->box = calloc(d->buffer.receiver_count, sizeof *d->box);
+    d->between = calloc(d->buffer.receiver_count, sizeof *d->between);
+    if (d->values == NULL || d->other == NULL || d->box == NULL || d->between == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory",
+                        d->buffer.receiver_count);
     }
-    status = umbt_parallel_for((unsigned)d->threads, texels, 1024, texel_block, d, error);
-    if (status == UMB_OK) {
-        hits_gather(d, texels);
-    }
-    return status;
+    return umbt_light_hits_trace(&d->view.scene, &d->frustum, d->alpha, (unsigned)d->threads,
+                                 &d->hits, error);
 }
 
 static double cpu_s(void)
@@ -227,7 +198,7 @@ struct result {
 static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_settings *settings,
                                float *values, struct result *result, struct umb_error *error)
 {
-    const struct umb_map_fragments in = {d->first, d->hits};
+    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
     const struct umb_points points = points_of(d);
     const struct umb_map_filter filter = filter_of(d);
     struct umb_map *map;
@@ -248,55 +219,150 @@ static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_setting
     return status;
 }
 
-/* Light that a point gets by the fragments themselves: products in long double. */
-static double brute_force(const struct deep *d, const double position[3])
+/* Light left at a depth by a texel's fragments themselves: a product in long double. */
+static long double texel_left(const struct deep *d, int64_t x, int64_t y, double depth)
 {
-    const double(*m)[4] = d->frustum.world_to_map;
-    const int64_t side = (int64_t)d->resolution, taps = (int64_t)d->taps;
-    double p[3], at[3];
-    umb__subtract(position, d->frustum.origin, p);
-    for (int k = 0; k < 3; k++) {
-        at[k] = umb__dot(m[k], p) + m[k][3];
+    const int64_t side = (int64_t)d->resolution;
+    long double left = 1.0L;
+    if (x < 0 || y < 0 || x >= side || y >= side) {
+        return left;
     }
-    const double depth = at[2] - filter_of(d).bias_m / d->frustum.depth_m;
+    const size_t texel = (size_t)(y * side + x);
+    for (uint64_t i = d->hits.first[texel]; i < d->hits.first[texel + 1]; i++) {
+        left *= (double)d->hits.fragments[i].depth < depth
+                    ? 1.0L - (long double)d->hits.fragments[i].alpha
+                    : 1.0L;
+    }
+    return left;
+}
+
+/* The mean over a box of texels around (x, y), whose middle may lie between texels: then those at
+ * its ends count by their share. */
+static double brute_force(const struct deep *d, double x, double y, double depth)
+{
+    const int64_t taps = (int64_t)d->taps;
+    const double x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
     long double sum = 0.0L;
-    for (int64_t k = 0; k < taps * taps; k++) {
-        const int64_t x = (int64_t)floor(at[0]) - taps / 2 + k % taps;
-        const int64_t y = (int64_t)floor(at[1]) - taps / 2 + k / taps;
-        long double left = 1.0L;
-        if (x >= 0 && y >= 0 && x < side && y < side) {
-            const size_t texel = (size_t)(y * side + x);
-            for (uint64_t i = d->first[texel]; i < d->first[texel + 1]; i++) {
-                left *=
-                    (double)d->hits[i].depth < depth ? 1.0L - (long double)d->hits[i].alpha : 1.0L;
-            }
+    for (int64_t i = 0; i <= taps; i++) {
+        const double across = i == 0 ? 1.0 - fx : i == taps ? fx : 1.0;
+        for (int64_t k = 0; k <= taps; k++) {
+            const double weight = across * (k == 0 ? 1.0 - fy : k == taps ? fy : 1.0);
+            sum += weight > 0.0
+                       ? (long double)weight * texel_left(d, (int64_t)x0 + i - taps / 2,
+                                                          (int64_t)y0 + k - taps / 2, depth)
+                       : 0.0L;
         }
-        sum += left;
     }
     return (double)(sum / (long double)(taps * taps));
+}
+
+static enum umb_status truth_block(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    struct deep *d = user;
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        double p[3], at[3];
+        umb__subtract(&d->buffer.positions[3 * i], d->frustum.origin, p);
+        for (int k = 0; k < 3; k++) {
+            at[k] = umb__dot(d->frustum.world_to_map[k], p) + d->frustum.world_to_map[k][3];
+        }
+        const double depth = at[2] - filter_of(d).bias_m / d->frustum.depth_m;
+        d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
+        d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
+    }
+    return UMB_OK;
 }
 
 static double worst_difference(const struct deep *d, const float *values)
 {
     double worst = 0.0;
     for (size_t i = 0; i < d->buffer.receiver_count; i++) {
-        worst = fmax(worst, fabs((double)values[i] - brute_force(d, &d->buffer.positions[3 * i])));
+        worst = fmax(worst, fabs((double)values[i] - d->box[i]));
     }
     return worst;
+}
+
+static void tile_draw(struct deep *d, size_t tile, const float *values)
+{
+    const struct umbt_technique_view view = {
+        .scene = &d->view.scene,
+        .camera = d->view.camera,
+        .to_light = {d->view.to_light[0], d->view.to_light[1], d->view.to_light[2]},
+        .z_up = d->view.z_up,
+        .width = d->options.width,
+        .height = d->options.height,
+        .buffer = d->buffer};
+    if (d->output != NULL) {
+        umbt_technique_draw(&view, values, &d->sheet,
+                            (uint32_t)(tile % COLUMNS) * (d->options.width + GAP),
+                            (uint32_t)(tile / COLUMNS) * (d->options.height + GAP));
+    }
+}
+
+/* The picture: truths as floats, which nothing can tell apart. */
+static void truth_draw(struct deep *d, size_t tile, const double *truth)
+{
+    for (size_t i = 0; i < d->buffer.receiver_count; i++) {
+        d->other[i] = (float)truth[i];
+    }
+    tile_draw(d, tile, d->other);
+}
+
+#define TILES_BEFORE 3U /* two truths and the deep map */
+
+static enum umb_status sheet_begin(struct deep *d, struct umb_error *error)
+{
+    const size_t tiles = TILES_BEFORE + umbt_moment_row_count;
+    const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
+    return d->output == NULL
+               ? UMB_OK
+               : umbt_picture_init(&d->sheet, COLUMNS * (d->options.width + GAP) - GAP,
+                                   rows * (d->options.height + GAP) - GAP, error);
+}
+
+/* All maps of moments. results: [umbt_moment_row_count]. */
+static enum umb_status moments_run(struct deep *d, struct umbt_moment_result *results,
+                                   struct umb_error *error)
+{
+    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
+    const struct umb_points points = points_of(d);
+    const struct umbt_moment_question question = {.frustum = &d->frustum,
+                                                  .fragments = &in,
+                                                  .points = &points,
+                                                  .taps = (uint32_t)d->taps,
+                                                  .bias_m = filter_of(d).bias_m,
+                                                  .truth = d->between};
+    enum umb_status status = UMB_OK;
+    truth_draw(d, 2, d->between);
+    for (size_t i = 0; i < umbt_moment_row_count && status == UMB_OK; i++) {
+        status = umbt_moment_row_run(&umbt_moment_rows[i], &question, d->other, &results[i], error);
+        tile_draw(d, TILES_BEFORE + i, d->other);
+    }
+    if (status == UMB_OK && d->output != NULL) {
+        status = umbt_picture_write(&d->sheet, d->output, error);
+    }
+    return status;
 }
 
 /* What the command found out. */
 struct findings {
     struct result exact, searched, linked, streamed;
-    double exact_error, error;      /* farthest from the products: nothing left out; epsilon */
-    int linked_same, streamed_same; /* 1: the bits of the search */
-    size_t occupied;                /* lists with a fragment */
+    double exact_error, error;          /* farthest from the products: nothing left out; epsilon */
+    int linked_same, streamed_same;     /* 1: the bits of the search */
+    struct umbt_moment_result *moments; /* [umbt_moment_row_count] */
 };
 
 static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_error *error)
 {
     struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
     enum umb_status status = scene_open(d, error);
+    if (status == UMB_OK) {
+        status = umbt_parallel_for((unsigned)d->threads, d->buffer.receiver_count, 1024,
+                                   truth_block, d, error);
+    }
+    if (status == UMB_OK) {
+        status = sheet_begin(d, error);
+    }
     if (status == UMB_OK) {
         status = map_ask(d, &(struct umb_map_deep_settings){0}, d->values, &f->exact, error);
     }
@@ -316,8 +382,10 @@ static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_e
         status = map_ask(d, &settings, d->values, &f->streamed, error);
         f->streamed_same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
     }
-    for (size_t i = 0; status == UMB_OK && i < (size_t)d->resolution * d->resolution; i++) {
-        f->occupied += d->first[i + 1] > d->first[i];
+    if (status == UMB_OK) {
+        tile_draw(d, 1, d->values);
+        truth_draw(d, 0, d->box);
+        status = moments_run(d, f->moments, error);
     }
     return status;
 }
@@ -335,8 +403,8 @@ static void print_text(const struct deep *d, const struct findings *f)
 {
     printf("%s: %" PRIu64 " texels a side, %" PRIu64 " fragments in %zu lists, %zu points, %" PRIu64
            " x %" PRIu64 " texels\n",
-           d->scene_path, d->resolution, d->first[d->resolution * d->resolution], f->occupied,
-           d->buffer.receiver_count, d->taps, d->taps);
+           d->scene_path, d->resolution, d->hits.first[d->resolution * d->resolution],
+           d->hits.occupied, d->buffer.receiver_count, d->taps, d->taps);
     printf("nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
            f->exact.info.fragments, f->exact.info.bytes, f->exact_error);
     printf("epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
@@ -345,6 +413,14 @@ static void print_text(const struct deep *d, const struct findings *f)
            f->searched.query_ns);
     way_print("linked:", &f->linked, &f->searched, f->linked_same);
     way_print("streamed:", &f->streamed, &f->searched, f->streamed_same);
+    printf("%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
+           "most", "slack", "bytes", "build s", "ns/point");
+    for (size_t i = 0; i < umbt_moment_row_count; i++) {
+        const struct umbt_moment_result *r = &f->moments[i];
+        printf("%-18s %9.5f %9.5f %9.5f %9.5f %9.2g %11" PRIu64 " %8.3f %9.0f\n",
+               umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most, r->info.slack,
+               r->info.bytes, r->build_s, r->query_ns);
+    }
 }
 
 static void json_map(const char *name, const struct result *map)
@@ -359,14 +435,24 @@ static void print_json(const struct deep *d, const struct findings *f)
     umbs_json_text(stdout, d->scene_path);
     printf(",\"resolution\":%" PRIu64 ",\"taps\":%" PRIu64
            ",\"epsilon\":%.9g,\"fragments\":%" PRIu64 ",\"lists\":%zu,\"points\":%zu",
-           d->resolution, d->taps, d->epsilon, d->first[d->resolution * d->resolution], f->occupied,
-           d->buffer.receiver_count);
+           d->resolution, d->taps, d->epsilon, d->hits.first[d->resolution * d->resolution],
+           d->hits.occupied, d->buffer.receiver_count);
     printf(",\"exact_error\":%.6g,\"error\":%.6g", f->exact_error, f->error);
     json_map("exact", &f->exact);
     json_map("searched", &f->searched);
     json_map("linked", &f->linked);
     json_map("streamed", &f->streamed);
-    printf(",\"same_bits\":%s}\n", f->linked_same && f->streamed_same ? "true" : "false");
+    printf(",\"same_bits\":%s,\"moments\":[",
+           f->linked_same && f->streamed_same ? "true" : "false");
+    for (size_t i = 0; i < umbt_moment_row_count; i++) {
+        const struct umbt_moment_result *r = &f->moments[i];
+        printf("%s{\"name\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g,\"darker\":%.9g,"
+               "\"most\":%.9g,\"slack\":%.9g,\"bytes\":%" PRIu64
+               ",\"build_s\":%.6f,\"ns_per_point\":%.6g}",
+               i > 0 ? "," : "", umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most,
+               r->info.slack, r->info.bytes, r->build_s, r->query_ns);
+    }
+    printf("]}\n");
 }
 
 int umbt_deep_command(int argc, char **argv)
@@ -381,18 +467,23 @@ int umbt_deep_command(int argc, char **argv)
         return 0;
     }
     if (status == UMB_OK) {
-        status = deep_run(&d, &findings, &error);
+        findings.moments = calloc(umbt_moment_row_count, sizeof *findings.moments);
+        status = findings.moments != NULL
+                     ? deep_run(&d, &findings, &error)
+                     : umb_fail(&error, UMB_E_NO_MEMORY, "results do not fit in memory");
     }
     if (status == UMB_OK && d.json) {
         print_json(&d, &findings);
     } else if (status == UMB_OK && !d.quiet) {
         print_text(&d, &findings);
     }
-    free(d.hits);
-    free(d.hit_counts);
-    free(d.first);
+    umbt_light_hits_finish(&d.hits);
     free(d.values);
     free(d.other);
+    free(d.box);
+    free(d.between);
+    free(findings.moments);
+    umbt_picture_finish(&d.sheet);
     umbt_gbuffer_finish(&d.buffer);
     umbt_view_close(&d.view);
     if (status != UMB_OK) {

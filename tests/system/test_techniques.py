@@ -117,6 +117,19 @@ with test.check("deep maps equal the products over all hits, with and without li
     worst = float(re.search(r"off by at most (\S+)", run.stdout)[1])
     assert worst < 1e-6, run.stdout
 
+with test.check("maps of moments are never too dark by more than they state, and nearer with more moments"):
+    lists = os.path.join(test.folder, "lists.png")
+    run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "128", "--size", "80x50",
+                          "--taps", "5", "-o", lists, "--json"], capture_output=True, timeout=120, text=True)
+    assert run.returncode == 0, run.stderr
+    moments = {row["name"]: row for row in json.loads(run.stdout)["moments"]}
+    assert moments["moments-4"]["mean"] > moments["moments-6"]["mean"] > moments["moments-8"]["mean"], moments
+    assert moments["moments-8-u16"]["mean"] > moments["moments-8"]["mean"], moments
+    for name in ("moments-4", "moments-6", "moments-8", "moments-8-u16"):
+        assert moments[name]["darker"] <= moments[name]["slack"], moments[name]
+    with open(lists, "rb") as png:
+        assert png.read(8) == b"\x89PNG\r\n\x1a\n"
+
 with test.check("deep maps are told as JSON, and --quiet says nothing"):
     run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "64", "--size", "40x25",
                           "--json"], capture_output=True, timeout=120, text=True)

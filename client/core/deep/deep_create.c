@@ -6,8 +6,8 @@
 #include "base/memory.h"
 #include "deep/deep_parts.h"
 
-static enum umb_status fragments_check(const struct umb_map_fragments *in, size_t texels,
-                                       struct umb_error *error)
+enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
+                                     struct umb_error *error)
 {
     for (size_t i = 0; i < texels; i++) {
         if (in->first[i] > in->first[i + 1] || in->first[i + 1] - in->first[i] >= UINT32_MAX) {
@@ -26,8 +26,7 @@ static enum umb_status fragments_check(const struct umb_map_fragments *in, size_
     return UMB_OK;
 }
 
-/* By depth, then by alpha: equal lists give equal products whatever order they came in. */
-static int fragment_compare(const void *a, const void *b)
+int umb__fragment_compare(const void *a, const void *b)
 {
     const struct umb_map_fragment *x = a, *y = b;
     if (x->depth != y->depth) {
@@ -48,7 +47,7 @@ static uint32_t list_write(struct umb_map_fragment *sorted, size_t count,
     double left = 1.0;
     uint32_t length = 0;
     struct umb__deep_node *last = NULL;
-    qsort(sorted, count, sizeof *sorted, fragment_compare);
+    qsort(sorted, count, sizeof *sorted, umb__fragment_compare);
     for (size_t i = 0; i < count; i++) {
         if (sorted[i].alpha == 0.0F) {
             continue;
@@ -210,7 +209,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
 {
     *out = NULL;
     const size_t texels = (size_t)frustum->width * frustum->height;
-    enum umb_status status = fragments_check(fragments, texels, error);
+    enum umb_status status = umb__fragments_check(fragments, texels, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -63,6 +63,25 @@ static inline const struct umb__deep_node *umb__deep_at(const struct umb__deep_l
 uint32_t umb__deep_search(const struct umb__deep_list *list, double depth);
 uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth);
 
+/* Fails: E_ARGUMENT (first not rising, 2^32 - 1 fragments in a texel or more, a depth or alpha not
+ * 0..1). */
+UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
+                                                 struct umb_error *error);
+
+/* For qsort: by depth, then by alpha. Equal lists give equal products whatever order they came in.
+ */
+int umb__fragment_compare(const void *a, const void *b);
+
+/*
+ * The channels of a map of MOMENTS or ABSORBANCE (deep_moments.c).
+ *
+ * Fails: as umb__fragments_check; E_NO_MEMORY; as umb__channels_init.
+ */
+UMB_CHECKED enum umb_status umb__translucent_init(struct umb__channels *channels,
+                                                  const struct umb_map *map,
+                                                  const struct umb_map_fragments *in,
+                                                  struct umb_error *error);
+
 void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc);
 
 /*

@@ -12,10 +12,11 @@ _Static_assert(sizeof(struct umb__map_query) <= sizeof(struct umb_map_query),
                "a prepared query fits its storage");
 
 static const struct umb__technique *const techniques[UMB_MAP_TECHNIQUES] = {
-    [UMB_MAP_PCF] = &umb__map_pcf,   [UMB_MAP_VSM] = &umb__map_vsm,
-    [UMB_MAP_LVSM] = &umb__map_lvsm, [UMB_MAP_CONVOLUTION] = &umb__map_convolution,
-    [UMB_MAP_ESM] = &umb__map_esm,   [UMB_MAP_EVSM] = &umb__map_evsm,
-    [UMB_MAP_MSM] = &umb__map_msm,   [UMB_MAP_DEEP] = &umb__map_deep,
+    [UMB_MAP_PCF] = &umb__map_pcf,         [UMB_MAP_VSM] = &umb__map_vsm,
+    [UMB_MAP_LVSM] = &umb__map_lvsm,       [UMB_MAP_CONVOLUTION] = &umb__map_convolution,
+    [UMB_MAP_ESM] = &umb__map_esm,         [UMB_MAP_EVSM] = &umb__map_evsm,
+    [UMB_MAP_MSM] = &umb__map_msm,         [UMB_MAP_DEEP] = &umb__map_deep,
+    [UMB_MAP_MOMENTS] = &umb__map_moments, [UMB_MAP_ABSORBANCE] = &umb__map_absorbance,
 };
 
 const char *umb_map_technique_name(enum umb_map_technique technique)
@@ -102,6 +103,11 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
     if (status == UMB_OK) {
         status = settings_check(settings, error);
     }
+    if (status == UMB_OK && techniques[settings->technique]->weigh != NULL) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED,
+                          "settings.technique: '%s' is built by umb_map_build_translucent",
+                          techniques[settings->technique]->name);
+    }
     if (status == UMB_OK) {
         status = layer_check(frustum, layer, error);
     }
@@ -114,7 +120,8 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
     map->technique = techniques[settings->technique];
     map->settings = *settings;
     map->nearest = nearest_depth(frustum, layer);
-    status = map->technique->filterable ? umb__channels_init(&map->channels, map, layer, error)
+    const struct umb__texels texels = {.layer = layer};
+    status = map->technique->filterable ? umb__channels_init(&map->channels, map, &texels, error)
                                         : umb__depths_init(&map->depths, map, layer->depth, error);
     if (status != UMB_OK) {
         umb_map_destroy(map);
@@ -165,6 +172,40 @@ enum umb_status umb_map_build_deep(const struct umb_map_frustum *frustum,
     return UMB_OK;
 }
 
+enum umb_status umb_map_build_translucent(const struct umb_map_frustum *frustum,
+                                          const struct umb_map_fragments *fragments,
+                                          const struct umb_map_settings *settings,
+                                          const struct umb_alloc *alloc, struct umb_map **out,
+                                          struct umb_error *error)
+{
+    *out = NULL;
+    struct umb_map *map = NULL;
+    enum umb_status status = umb__frustum_check(frustum, error);
+    if (status == UMB_OK) {
+        status = settings_check(settings, error);
+    }
+    if (status == UMB_OK && techniques[settings->technique]->weigh == NULL) {
+        status =
+            umb_fail(error, UMB_E_UNSUPPORTED, "settings.technique: '%s' is built by umb_map_build",
+                     techniques[settings->technique]->name);
+    }
+    if (status == UMB_OK) {
+        status = map_create(frustum, alloc, &map, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    map->technique = techniques[settings->technique];
+    map->settings = *settings;
+    status = umb__translucent_init(&map->channels, map, fragments, error);
+    if (status != UMB_OK) {
+        umb_map_destroy(map);
+        return status;
+    }
+    *out = map;
+    return UMB_OK;
+}
+
 void umb_map_destroy(struct umb_map *map)
 {
     if (map == NULL) {
@@ -189,7 +230,9 @@ void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
         .fragments = map->deep != NULL
                          ? map->deep->first[(size_t)map->frustum.width * map->frustum.height]
                          : 0,
-        .bound = map->technique->bound,
+        .bound = map->technique->weigh != NULL && map->settings.overestimate > 0.0
+                     ? UMB_MAP_ESTIMATE
+                     : map->technique->bound,
         .slack = map->technique->slack(map),
     };
 }

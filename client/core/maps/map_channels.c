@@ -94,20 +94,28 @@ static double slope_along(const struct umb_map_layer *layer, const struct umb__c
     return isfinite(least) ? least : 0.0;
 }
 
+static double depth_encode(const struct umb_map *map, const struct umb__channels *channels,
+                           const struct umb_map_layer *layer, size_t i, uint32_t k)
+{
+    double gain[2] = {0.0, 0.0};
+    if (map->settings.depth_plane && layer->depth[i] < 1.0F) {
+        gain[0] = 2.0 * slope_along(layer, channels, i, 0);
+        gain[1] = 2.0 * slope_along(layer, channels, i, 1);
+    }
+    return map->technique->encode(&map->settings, k, 2.0 * (double)layer->depth[i] - 1.0, gain);
+}
+
 static void plane_encode(struct plane *plane, const struct umb_map *map,
-                         const struct umb__channels *channels, const struct umb_map_layer *layer,
+                         const struct umb__channels *channels, const struct umb__texels *texels,
                          uint32_t k)
 {
-    const size_t count = (size_t)plane->width * plane->height;
     plane->exponent = channels->exponent[k];
-    for (size_t i = 0; i < count; i++) {
-        double gain[2] = {0.0, 0.0};
-        if (map->settings.depth_plane && layer->depth[i] < 1.0F) {
-            gain[0] = 2.0 * slope_along(layer, channels, i, 0);
-            gain[1] = 2.0 * slope_along(layer, channels, i, 1);
-        }
+    for (size_t i = 0; i < (size_t)plane->width * plane->height; i++) {
         plane->values[i] =
-            map->technique->encode(&map->settings, k, 2.0 * (double)layer->depth[i] - 1.0, gain);
+            texels->layer != NULL
+                ? depth_encode(map, channels, texels->layer, i, k)
+                : map->technique->encode_taken(k, texels->taken + texels->first[i],
+                                               (size_t)(texels->first[i + 1] - texels->first[i]));
     }
 }
 
@@ -230,14 +238,16 @@ static enum umb_status storage_make(struct umb__channels *channels, const struct
 }
 
 static void channel_make(struct plane *plane, struct umb__channels *channels,
-                         const struct umb_map *map, const struct umb_map_layer *layer, uint32_t k)
+                         const struct umb_map *map, const struct umb__texels *texels, uint32_t k)
 {
     static const double flat[2] = {0.0, 0.0};
     plane->width = channels->width;
     plane->height = channels->height;
-    plane_encode(plane, map, channels, layer, k);
+    plane_encode(plane, map, channels, texels, k);
     if (map->settings.blur > 1) {
-        const double beyond = map->technique->encode(&map->settings, k, 1.0, flat);
+        const double beyond = texels->layer != NULL
+                                  ? map->technique->encode(&map->settings, k, 1.0, flat)
+                                  : map->technique->encode_taken(k, NULL, 0);
         plane_blur(plane, map->settings.blur, 0, beyond);
         plane_blur(plane, map->settings.blur, 1, beyond);
     }
@@ -245,7 +255,7 @@ static void channel_make(struct plane *plane, struct umb__channels *channels,
 }
 
 enum umb_status umb__channels_init(struct umb__channels *channels, const struct umb_map *map,
-                                   const struct umb_map_layer *layer, struct umb_error *error)
+                                   const struct umb__texels *texels, struct umb_error *error)
 {
     const struct umb_alloc *alloc = umb__map_alloc(map);
     const struct umb_map_settings *settings = &map->settings;
@@ -271,7 +281,7 @@ enum umb_status umb__channels_init(struct umb__channels *channels, const struct 
         status = umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", count);
     }
     for (uint32_t k = 0; k < channels->count && status == UMB_OK; k++) {
-        channel_make(&plane, channels, map, layer, k);
+        channel_make(&plane, channels, map, texels, k);
     }
     umb__free(alloc, plane.values);
     umb__free(alloc, plane.scratch);

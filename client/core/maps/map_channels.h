@@ -15,13 +15,13 @@
 #include "maps/map_parts.h"
 
 /*
- * Encodes, blurs and stores all channels of a layer.
+ * Encodes, blurs and stores all channels of all texels.
  *
  * Fails: E_NO_MEMORY; E_ARGUMENT (MIPS and sides that are no powers of two).
  */
 UMB_CHECKED enum umb_status umb__channels_init(struct umb__channels *channels,
                                                const struct umb_map *map,
-                                               const struct umb_map_layer *layer,
+                                               const struct umb__texels *texels,
                                                struct umb_error *error);
 void umb__channels_finish(struct umb__channels *channels, const struct umb_map *map);
 

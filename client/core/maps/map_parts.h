@@ -37,6 +37,19 @@ struct umb__channels {
     uint64_t bytes;
 };
 
+/* Where a texel's light is taken: a place of its depth and how much there. */
+struct umb__taken {
+    double depth; /* -1..1 */
+    double share; /* 0..1 of what the technique counts; all of a texel add to at most 1 */
+};
+
+/* What the texels of a map are made of: depths, or lists of what is taken. */
+struct umb__texels {
+    const struct umb_map_layer *layer; /* NULL: lists */
+    const uint64_t *first;             /* [width * height + 1] */
+    const struct umb__taken *taken;    /* [first[width * height]] */
+};
+
 struct umb_map {
     const struct umb__technique *technique;
     struct umb_alloc alloc;
@@ -69,6 +82,11 @@ struct umb__technique {
     /* Filterable: channel k of a depth (-1..1), whose surface gains gain[] of it a texel. */
     double (*encode)(const struct umb_map_settings *settings, uint32_t k, double depth,
                      const double gain[2]);
+    /* Filterable maps of translucent casters, instead of encode. `weigh` makes of fragments, sorted
+     * by depth, where light is taken, and returns how many places there are, at most `count`.
+     * `encode_taken` makes channel k of such a list; an empty one takes nothing. */
+    size_t (*weigh)(const struct umb_map_fragment *sorted, size_t count, struct umb__taken *taken);
+    double (*encode_taken)(uint32_t k, const struct umb__taken *taken, size_t count);
     /* Visibility, 0..1, before `reduction`. Filterable: `at` are the averaged channels. */
     double (*answer)(const struct umb__map_query *query, const struct umb__receiver *receiver,
                      const double *at);
@@ -77,7 +95,7 @@ struct umb__technique {
 };
 
 extern const struct umb__technique umb__map_pcf, umb__map_vsm, umb__map_lvsm, umb__map_convolution,
-    umb__map_esm, umb__map_evsm, umb__map_msm, umb__map_deep;
+    umb__map_esm, umb__map_evsm, umb__map_msm, umb__map_deep, umb__map_moments, umb__map_absorbance;
 
 /*
  * Depth up to which texels light the receiver, for a filter of `width` texels: its own plane rises

@@ -54,6 +54,8 @@ enum umb_map_technique {
     UMB_MAP_EVSM,        /* two moments of an exponential warp, or of two (Lauritzen 2008) */
     UMB_MAP_MSM,         /* four moments (Peters, Klein 2015) */
     UMB_MAP_DEEP,        /* transmittance lists; see umb_map_build_deep */
+    UMB_MAP_MOMENTS,    /* `terms` moments of where light is taken; see umb_map_build_translucent */
+    UMB_MAP_ABSORBANCE, /* the same of absorbance, -log of transmittance, and its sum */
     UMB_MAP_TECHNIQUES
 };
 
@@ -120,8 +122,11 @@ struct umb_map_settings {
     double negative_exponent;   /* EVSM: of -exp(-c depth), 0 = one warp only */
     int linear;                 /* ESM, EVSM: 1 stores exponentials, which bounds the exponent, as a
                                    GPU does; 0 stores logarithms */
-    double moment_bias;         /* MSM: 0..1, 0 = what the format needs */
-    uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16 */
+    double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: 0..1, 0 = what the format needs */
+    uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
+                                   ABSORBANCE: moments, 4, 6 or 8 */
+    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of what may be taken at the
+                                   receiver's own depth that counts; 0: an upper bound of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
 };
 
@@ -252,6 +257,23 @@ UMB_API UMB_CHECKED enum umb_status
 umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_fragments *fragments,
                    const struct umb_map_deep_settings *settings, const struct umb_alloc *alloc,
                    struct umb_map **out, struct umb_error *error);
+
+/*
+ * Builds a filterable map of translucent casters: MOMENTS or ABSORBANCE. Same rules.
+ *
+ * MOMENTS averages as light does, so that any filter is right, and takes opaque casters as they
+ * are. ABSORBANCE is nearer behind everything, but its mean over a filter is that of logarithms,
+ * and what leaves less than 2^-10 of the light, as opaque casters do, counts as 2^-10.
+ *
+ * In:    settings: technique, format (F32 or U16), access, blur, terms, moment_bias, overestimate.
+ * Fails also: as umb_map_build_deep for fragments; E_UNSUPPORTED (another technique or format).
+ * Source: Peters et al. 2017 (MOMENTS); Muenstermann et al. 2018, Sharpe 2018 (ABSORBANCE).
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_map_build_translucent(const struct umb_map_frustum *frustum,
+                          const struct umb_map_fragments *fragments,
+                          const struct umb_map_settings *settings, const struct umb_alloc *alloc,
+                          struct umb_map **out, struct umb_error *error);
 
 /* Frees a map. NULL is allowed. */
 UMB_API void umb_map_destroy(struct umb_map *map);

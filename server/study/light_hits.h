@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STUDY_LIGHT_HITS_H
+#define UMBRAGE_SERVER_STUDY_LIGHT_HITS_H
+/* All that light meets on its way through each texel of a map, by traced rays. */
+#include "study/study_scene.h"
+#include "umbrage/maps.h"
+
+#define UMBT_HITS_MAX 64U /* of a ray; what lies behind is left out */
+
+struct umbt_light_hits {
+    struct umb_map_fragment *fragments; /* [first[texels]], nearest first in a texel */
+    uint64_t *first;                    /* [texels + 1] */
+    size_t occupied;                    /* texels with a fragment */
+};
+
+/*
+ * Traces. A surface whose material is BLEND takes its own constant alpha where that is below 1,
+ * else `alpha`; every other surface takes all.
+ *
+ * Fails: E_NO_MEMORY; hits is then zeroed.
+ */
+UMB_CHECKED enum umb_status umbt_light_hits_trace(const struct umbt_scene *scene,
+                                                  const struct umb_map_frustum *frustum,
+                                                  double alpha, unsigned threads,
+                                                  struct umbt_light_hits *hits,
+                                                  struct umb_error *error);
+void umbt_light_hits_finish(struct umbt_light_hits *hits); /* a zeroed struct is allowed */
+
+#endif
