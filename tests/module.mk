@@ -61,8 +61,15 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_coun
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
-questions: $(BUILD)/tests/unit/core/test_segments $(BUILD)/tests/unit/core/test_boxes ## segments, columns, boxes: 10^6 random cases
-	@for t in $^; do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
+QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments boxes)
+questions: $(QUESTIONS) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
+	@for t in $(QUESTIONS); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && for scene in "city 12" "bridge 30"; do \
+		file=$$folder/$${scene% *} && \
+		$(BUILD)/scenegen $${scene% *} --size $${scene#* } --format ply -o $$file.ply && \
+		$(BUILD)/umbrage-bake $$file.ply -o $$file.umb --closed on --effect front=on --sun 140,38 --resolution 4096 --quiet --verify 0 && \
+		for what in segments columns boxes; do echo "$$scene: $$what against rays" && \
+			$(BUILD)/umbrage verify $$file.umb --scene $$file.ply --ask $$what || exit 1; done || exit 1; done
 
 # Every hard case against long double or exact references, 10^6 random cases or more of each; rays
 # through edges and corners 10^8.

@@ -34,6 +34,7 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
 {
     (void)pthread_mutex_lock(&crew->lock);
     struct umbr_verify_result *total = &crew->total;
+    total->records += result->records;
     total->points += result->points;
     total->near_boundary += result->near_boundary;
     total->skipped_inside += result->skipped_inside;
@@ -45,7 +46,8 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
         crew->worst_block = number;
     }
     if (crew->job.options->progress != NULL) {
-        crew->job.options->progress(crew->job.options->progress_user, total->points);
+        crew->job.options->progress(crew->job.options->progress_user,
+                                    total->records > 0 ? total->records : total->points);
     }
     (void)pthread_mutex_unlock(&crew->lock);
 }
@@ -57,6 +59,26 @@ static int is_stopped(struct crew *crew)
         atomic_store(&crew->stopped, 1);
     }
     return atomic_load(&crew->stopped);
+}
+
+/* Compares so many records. */
+static void run_block(struct umbr_verify_block *block, uint64_t count)
+{
+    uint64_t missing;
+    switch (block->job->options->question) {
+    case UMBR_VERIFY_SEGMENTS:
+        umbr_verify_segments(block, count);
+        break;
+    case UMBR_VERIFY_COLUMNS:
+        umbr_verify_columns(block, count);
+        break;
+    case UMBR_VERIFY_BOXES:
+        umbr_verify_boxes(block, count);
+        break;
+    default:
+        missing = umbr_verify_near(block, count / 2);
+        umbr_verify_uniform(block, count - count / 2 + missing);
+    }
 }
 
 static void *work(void *user)
@@ -78,8 +100,7 @@ static void *work(void *user)
         /* Two steps of the generator keep neighbouring seeds and blocks apart. */
         block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
         block.random = umbr_next_random(&block);
-        const uint64_t missing = umbr_verify_near(&block, count / 2);
-        umbr_verify_uniform(&block, count - count / 2 + missing);
+        run_block(&block, count);
         add_result(crew, number, &block.result);
     }
     return NULL;
@@ -125,6 +146,15 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
         return umb_fail(error, UMB_E_ARGUMENT, "light %u is not in the asset", light);
     }
     status = umb_query_prepare(job->asset, &settings, &job->query, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (job->options->question != UMBR_VERIFY_POINTS) {
+        status = umb_volume_prepare(job->asset, light, &job->volume, error);
+    }
+    if (status == UMB_OK && job->options->question == UMBR_VERIFY_COLUMNS) {
+        status = umb_columns_check(&job->volume, error);
+    }
     if (status != UMB_OK) {
         return status;
     }

@@ -22,8 +22,27 @@
 #include "rays/rays.h"
 #include "umbrage/query.h"
 
+/* What is asked of the asset (umbrage/volume.h), and how an answer is held against rays. */
+enum umbr_verify_question {
+    /* Points, as above. */
+    UMBR_VERIFY_POINTS = 0,
+    /* Segments of all lengths, half of them through a boundary: at four parameters of each, two of
+     * them next to the end of a stretch, the stretches say lit or shadowed, and that is judged as a
+     * point's answer is. */
+    UMBR_VERIFY_SEGMENTS,
+    /* Columns: the first occluder against the nearest hit of the light ray through the texel's
+     * centre. Inside the band: not the same voxel, but within one of those that the rays of a 5x5
+     * grid within one texel find. */
+    UMBR_VERIFY_COLUMNS,
+    /* Boxes of up to five voxels a side: lit voxels against rays from all centres inside. Inside
+     * the band: another number, which the voxels explain that lie in the band or in a closed solid.
+     */
+    UMBR_VERIFY_BOXES,
+};
+
 struct umbr_verify_options {
-    uint64_t points; /* 0 = 1 million */
+    uint64_t points; /* or segments, columns, boxes; 0 = 1 million */
+    enum umbr_verify_question question;
     uint64_t seed;
     const uint8_t *closed;  /* uint8[triangle count], NULL = no closed parts */
     unsigned threads;       /* 0 = all */
@@ -34,6 +53,7 @@ struct umbr_verify_options {
 };
 
 struct umbr_verify_result {
+    uint64_t records;                   /* segments, columns, boxes that were asked */
     uint64_t points, near_boundary;     /* compared; of them drawn near a boundary */
     uint64_t skipped_inside;            /* inside closed parts */
     uint64_t inside_band, outside_band; /* disagreements */
@@ -46,8 +66,9 @@ struct umbr_verify_result {
  *
  * In:    options: may be NULL.
  * Out:   result: zeroed on failure. The same for any number of threads.
- * Fails: E_ARGUMENT, E_NO_MEMORY, E_CANCELLED. A disagreement is not a failure: see the result.
- * Cost:  2 to 5 us a point on one processor: the more, the more of the box lies in closed solids.
+ * Fails: E_ARGUMENT, E_NO_MEMORY, E_CANCELLED; E_UNSUPPORTED (a light that cannot be asked). A
+ * disagreement is not a failure: see the result. Cost:  2 to 5 us a point on one processor: the
+ * more, the more of the box lies in closed solids.
  */
 UMB_CHECKED enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
                                         const struct umbr_rays *rays,

@@ -11,6 +11,7 @@
 #include <stddef.h>
 #include "rays/verify.h"
 #include "rays/verify_frame.h"
+#include "umbrage/volume.h"
 
 #define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
 
@@ -22,6 +23,7 @@ struct umbr_verify_job {
     struct umb_light_info light;
     struct umbr_frame *frames; /* [light.frustum_count] */
     struct umb_query query;
+    struct umb_volume volume; /* for segments, columns and boxes */
 };
 
 struct umbr_verify_block {
@@ -47,6 +49,12 @@ static inline uint64_t umbr_next_random(struct umbr_verify_block *block)
     return z ^ z >> 31;
 }
 
+/* Uniform in [0, 1). */
+static inline double umbr_next_unit(struct umbr_verify_block *block)
+{
+    return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
+}
+
 /* Looks up world points; answers[i]: 1 lit, 0 shadowed. */
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
                      uint8_t *lit);
@@ -62,6 +70,29 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double world[
 /* Looks up and judges count <= UMBR_SAMPLES_MAX samples; returns how many were compared. */
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
                            size_t count);
+
+/* Judges samples by answers from elsewhere: lit[i] 1 or 0; otherwise likewise. */
+uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
+                                   const struct umbr_sample *samples, const uint8_t *lit,
+                                   size_t count);
+
+/* 1 if the asset may say either of a sample of that truth: it lies in the band or in a solid. */
+int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
+                          int truth);
+
+/* Notes a disagreement outside the band. */
+void umbr_verify_note(struct umbr_verify_block *block, const double world[3]);
+
+/* Fills world and centre from voxel; 0 if the point is outside the frustum, or another face's. */
+int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample);
+
+/* A boundary of a random kind; lowers *walks by what it took. Returns 0 if none was found. */
+int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3]);
+
+/* Draws and judges `count` segments, columns or boxes (verify_questions.c). */
+void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count);
+void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count);
+void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count);
 
 /* Draws and judges points near boundaries until `wanted` were compared; returns how many are
  * missing: a scene may hardly have boundaries. */

@@ -25,12 +25,6 @@ enum {
 _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES_MAX,
                "batches fit");
 
-/* Uniform in [0, 1). */
-static double next_unit(struct umbr_verify_block *block)
-{
-    return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
-}
-
 /* 1 if a point is answered by the block's frustum and no other face of its light. */
 static int is_own(const struct umbr_verify_block *block, const double world[3])
 {
@@ -44,8 +38,7 @@ static int is_own(const struct umbr_verify_block *block, const double world[3])
     return 1;
 }
 
-/* Fills world and centre from voxel; 0 if the point is outside the frustum, or another face's. */
-static int place(const struct umbr_verify_block *block, struct umbr_sample *sample)
+int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample)
 {
     const double size = block->frame->size;
     double centre[3];
@@ -68,9 +61,9 @@ void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
         size_t count = 0;
         for (; count < aim && tries > 0; tries--) {
             for (int k = 0; k < 3; k++) {
-                samples[count].voxel[k] = next_unit(block) * block->frame->size;
+                samples[count].voxel[k] = umbr_next_unit(block) * block->frame->size;
             }
-            count += (size_t)place(block, &samples[count]);
+            count += (size_t)umbr_verify_place(block, &samples[count]);
         }
         wanted -= umbr_verify_judge(block, samples, count);
     }
@@ -82,7 +75,7 @@ static int find_surface(struct umbr_verify_block *block, double boundary[3])
     const double size = block->frame->size;
     double from[3], to[3], direction[3], length = 0;
     for (int k = 0; k < 2; k++) {
-        boundary[k] = floor(next_unit(block) * size) + 0.5;
+        boundary[k] = floor(umbr_next_unit(block) * size) + 0.5;
     }
     boundary[2] = size;
     if (!umbr_frame_world(block->frame, boundary, to)) {
@@ -151,10 +144,10 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     uint8_t lit[STATIONS];
     size_t changes = 0, pick = 0;
     for (int k = 0; k < 3; k++) {
-        row.voxel[k] = floor(next_unit(block) * size) + 0.5;
+        row.voxel[k] = floor(umbr_next_unit(block) * size) + 0.5;
     }
     for (size_t i = 0; i < STATIONS; i++) {
-        at[i] = floor(((double)i + next_unit(block)) * size / STATIONS);
+        at[i] = floor(((double)i + umbr_next_unit(block)) * size / STATIONS);
     }
     ask_row(block, &row, at, STATIONS, lit);
     for (size_t i = 1; i < STATIONS; i++) {
@@ -182,9 +175,8 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     return !is_buried(block, &row, high);
 }
 
-/* A boundary of a random kind: half surfaces, the rest changes along the three axes, those along
- * the light the fewest. Gives up after some walks; lowers *walks by what it took. */
-static int find_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
+/* Half surfaces, the rest changes along the three axes, those along the light the fewest. */
+int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;
     for (int i = 0; i<WALKS_A_BOUNDARY && * walks> 0; i++) {
@@ -204,14 +196,15 @@ uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
         struct umbr_sample samples[POINTS_A_BOUNDARY];
         double boundary[3];
         size_t count = 0;
-        if (!find_boundary(block, &walks, boundary)) {
+        if (!umbr_verify_boundary(block, &walks, boundary)) {
             continue;
         }
         for (int i = 0; i < POINTS_A_BOUNDARY && count < wanted; i++) {
             for (int k = 0; k < 3; k++) {
-                samples[count].voxel[k] = boundary[k] + (2 * next_unit(block) - 1) * NEAR_VOXELS;
+                samples[count].voxel[k] =
+                    boundary[k] + (2 * umbr_next_unit(block) - 1) * NEAR_VOXELS;
             }
-            count += (size_t)place(block, &samples[count]);
+            count += (size_t)umbr_verify_place(block, &samples[count]);
         }
         const uint64_t compared = umbr_verify_judge(block, samples, count);
         block->result.near_boundary += compared;

@@ -125,3 +125,17 @@ void umbr_towards_light(const struct umb_light_info *light, const double world[3
     }
     *distance_m = light->kind == UMB_LIGHT_DIRECTIONAL ? INFINITY : length * FREE_SHARE;
 }
+
+int umbr_frame_voxel(const struct umbr_frame *frame, const double world[3], double voxel[3])
+{
+    const double w = frame->parallel ? 1 : umbr_frame_w(frame, world);
+    for (int i = 0; i < 3; i++) {
+        const double *m = frame->world_to_voxel[i];
+        voxel[i] = m[3];
+        for (int k = 0; k < 3; k++) {
+            voxel[i] += m[k] * (world[k] - frame->origin[k]);
+        }
+        voxel[i] /= i < 2 ? w : 1; /* depth is linear */
+    }
+    return w > 0;
+}

@@ -23,6 +23,9 @@ UMB_CHECKED enum umb_status umbr_frame_init(struct umbr_frame *frame, const stru
 /* World position of a point in voxel space; 0 if it lies at or behind a perspective's eye. */
 int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3]);
 
+/* The same the other way; 0 likewise. */
+int umbr_frame_voxel(const struct umbr_frame *frame, const double world[3], double voxel[3]);
+
 /* W of a world point: 1 for directional lights, the distance along the axis for others. */
 double umbr_frame_w(const struct umbr_frame *frame, const double world[3]);
 

@@ -146,6 +146,22 @@ static int in_band(const struct umbr_verify_block *block, const struct umbr_samp
     return 0;
 }
 
+void umbr_verify_note(struct umbr_verify_block *block, const double world[3])
+{
+    struct umbr_verify_result *result = &block->result;
+    result->outside_band++;
+    if (!result->has_worst) {
+        result->has_worst = 1;
+        memcpy(result->worst_point, world, sizeof result->worst_point);
+    }
+}
+
+int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
+                          int truth)
+{
+    return in_band(block, sample, truth) || is_inside_by_vote(block, sample->centre);
+}
+
 /* Judges a sample that the asset and the ray disagree about; returns 1 if it counts as compared. */
 static int judge_disagreement(struct umbr_verify_block *block, const struct umbr_sample *sample,
                               int truth)
@@ -163,24 +179,15 @@ static int judge_disagreement(struct umbr_verify_block *block, const struct umbr
         result->skipped_inside++;
         return 0;
     }
-    result->outside_band++;
-    if (!result->has_worst) {
-        result->has_worst = 1;
-        memcpy(result->worst_point, sample->world, sizeof result->worst_point);
-    }
+    umbr_verify_note(block, sample->world);
     return 1;
 }
 
-uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
-                           size_t count)
+uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
+                                   const struct umbr_sample *samples, const uint8_t *lit,
+                                   size_t count)
 {
-    double world[UMBR_SAMPLES_MAX][3];
-    uint8_t lit[UMBR_SAMPLES_MAX];
     uint64_t compared = 0;
-    for (size_t i = 0; i < count; i++) {
-        memcpy(world[i], samples[i].world, sizeof world[i]);
-    }
-    umbr_verify_ask(block->job, (const double(*)[3])world, count, lit);
     for (size_t i = 0; i < count; i++) {
         int buried;
         const int truth = umbr_verify_trace(block, samples[i].world, &buried);
@@ -194,4 +201,16 @@ uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sa
     }
     block->result.points += compared;
     return compared;
+}
+
+uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
+                           size_t count)
+{
+    double world[UMBR_SAMPLES_MAX][3];
+    uint8_t lit[UMBR_SAMPLES_MAX];
+    for (size_t i = 0; i < count; i++) {
+        memcpy(world[i], samples[i].world, sizeof world[i]);
+    }
+    umbr_verify_ask(block->job, (const double(*)[3])world, count, lit);
+    return umbr_verify_judge_answers(block, samples, lit, count);
 }

@@ -34,6 +34,9 @@ static const char help[] =
     "                  an answer is not what a ray says, a true boundary must lie within it\n"
     "  --points N      points a light, 1 to 1000000000 (default 1000000; with --bounds at most\n"
     "                  10000000, default 100000)\n"
+    "  --ask WHAT      points (default), segments, columns or boxes: what is asked of the asset; "
+    "N of\n"
+    "                  --points is then their number\n"
     "  --light N       only this light (default: all)\n"
     "  --seed N        of the points (default 1); the same seed gives the same points\n"
     "  --threads N     default: all processors\n"
@@ -50,6 +53,8 @@ static const char help[] =
 
 struct verify {
     const char *file, *scene_path;
+    const char *ask; /* one of ASKED, or NULL */
+    enum umbr_verify_question question;
     uint64_t points, light, seed, threads;
     int force, json, quiet, help, bounds;
     struct umb_asset *asset;
@@ -62,11 +67,30 @@ struct verify {
     size_t rows_done; /* with --bounds */
 };
 
+static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
+
+static enum umb_status take_question(struct verify *verify, struct umb_error *error)
+{
+    size_t i = 0;
+    while (verify->ask != NULL && i < 4 && strcmp(verify->ask, ASKED[i]) != 0) {
+        i++;
+    }
+    if (i == 4 || (i > 0 && verify->bounds)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        i == 4 ? "--ask: '%.40s' is not points, segments, columns or boxes"
+                               : "--ask: %.40s goes without --bounds",
+                        verify->ask);
+    }
+    verify->question = (enum umbr_verify_question)i;
+    return UMB_OK;
+}
+
 static enum umb_status verify_parse(int argc, char **argv, struct verify *verify,
                                     struct umb_error *error)
 {
     const struct umbt_option table[] = {
         {"--scene", UMBT_TEXT, &verify->scene_path, 0, 0},
+        {"--ask", UMBT_TEXT, &verify->ask, 0, 0},
         {"--points", UMBT_COUNT, &verify->points, 1, 1000000000},
         {"--light", UMBT_COUNT, &verify->light, 0, UMB_LIGHTS_MAX - 1},
         {"--seed", UMBT_COUNT, &verify->seed, 0, UINT64_MAX},
@@ -99,7 +123,7 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
     }
     verify->file = positionals.values[0];
-    return UMB_OK;
+    return take_question(verify, error);
 }
 
 static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
@@ -166,6 +190,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
             .points = verify->points,
+            .question = verify->question,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
             .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
@@ -203,12 +228,17 @@ static void report_text(const struct verify *verify)
            verify->scene.count, verify->scene.parts.closed_triangles);
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
-        printf("light %u: %" PRIu64 " points compared, %" PRIu64 " near a boundary, %" PRIu64
+        if (result->records > 0) {
+            printf("light %u: %" PRIu64 " %s asked\n", verify->first_light + i, result->records,
+                   ASKED[verify->question]);
+        }
+        printf("light %u: %" PRIu64 " %s compared, %" PRIu64 " near a boundary, %" PRIu64
                " inside solids left out\n"
                "  inside the band:  %" PRIu64 " disagree (%.4f %%)\n"
                "  outside the band: %" PRIu64 " disagree (%.6f %%)\n",
-               verify->first_light + i, result->points, result->near_boundary,
-               result->skipped_inside, result->inside_band,
+               verify->first_light + i, result->points,
+               verify->question > UMBR_VERIFY_SEGMENTS ? ASKED[verify->question] : ASKED[0],
+               result->near_boundary, result->skipped_inside, result->inside_band,
                100.0 * rate(result->inside_band, result->points), result->outside_band,
                100.0 * rate(result->outside_band, result->points));
         if (result->has_worst) {
@@ -231,12 +261,13 @@ static void report_json(const struct verify *verify)
            verify->outside_band > 0 ? "false" : "true");
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
-        printf("%s{\"light\":%u,\"points\":%" PRIu64 ",\"near_boundary\":%" PRIu64
-               ",\"skipped_inside\":%" PRIu64 ",\"inside_band\":%" PRIu64
-               ",\"outside_band\":%" PRIu64 ",\"inside_rate\":%.9g,\"outside_rate\":%.9g",
-               i > 0 ? "," : "", verify->first_light + i, result->points, result->near_boundary,
-               result->skipped_inside, result->inside_band, result->outside_band,
-               rate(result->inside_band, result->points),
+        printf("%s{\"light\":%u,\"records\":%" PRIu64 ",\"points\":%" PRIu64
+               ",\"near_boundary\":%" PRIu64 ",\"skipped_inside\":%" PRIu64
+               ",\"inside_band\":%" PRIu64 ",\"outside_band\":%" PRIu64
+               ",\"inside_rate\":%.9g,\"outside_rate\":%.9g",
+               i > 0 ? "," : "", verify->first_light + i, result->records, result->points,
+               result->near_boundary, result->skipped_inside, result->inside_band,
+               result->outside_band, rate(result->inside_band, result->points),
                rate(result->outside_band, result->points));
         if (result->has_worst) {
             printf(",\"worst_point\":[%.17g,%.17g,%.17g]", result->worst_point[0],

@@ -44,6 +44,10 @@ for kind in "city 12" "bridge 30"; do
     "$BUILD/umbrage" info "$folder/plain.umb" --json >"$folder/none" 2>/dev/null
     same "$name: memory counts it" 0 "$(json "$folder/info" "['memory_bytes'] - sum(
         data[p + '_bytes'] for p in ('grid', 'node', 'brick', 'front', 'transmittance'))")"
+    for question in segments columns boxes; do
+        check "$name: $question agree with rays" "$BUILD/umbrage" verify "$folder/front.umb" \
+            --scene "$scene" --ask $question --points 20000 --quiet
+    done
     same "$name: off has no byte" 0 "$(json "$folder/none" "['front_bytes']")"
     if grep -q 'effect=closed state=on' "$folder/info"; then
         case $(json "$folder/info" "['front_bytes']") in

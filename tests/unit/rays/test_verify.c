@@ -271,6 +271,52 @@ static void planted_wrong_voxels_are_outside_the_band(void **state)
     bytes_finish(&bytes);
 }
 
+static struct umbr_verify_result verify_question(const struct umb_asset *asset,
+                                                 enum umbr_verify_question question,
+                                                 const uint8_t *closed)
+{
+    const struct umbr_verify_options options = {
+        .points = POINTS / 12, .question = question, .seed = 46, .closed = closed};
+    struct umbr_verify_result result;
+    struct umb_error error = {0};
+    if (umbr_verify(asset, 0, world.rays, &options, &result, &error) != UMB_OK) {
+        fail_msg("verify: %s", error.message);
+    }
+    return result;
+}
+
+static void segments_columns_and_boxes_are_held_against_rays(void **state)
+{
+    (void)state;
+    struct bytes good_bytes = {0}, closed_bytes = {0}, bad_bytes = {0};
+    struct umb_asset *good = make(sun, sun, (struct recipe){0}, 0, &good_bytes);
+    struct umb_asset *closed = make(sun, sun, (struct recipe){.fill_inside = 1}, 1, &closed_bytes);
+    struct umb_asset *bad = make(sun, sun, (struct recipe){.planted = 1}, 0, &bad_bytes);
+    for (int q = UMBR_VERIFY_SEGMENTS; q <= UMBR_VERIFY_BOXES; q++) {
+        const enum umbr_verify_question question = (enum umbr_verify_question)q;
+        struct umbr_verify_result result = verify_question(good, question, NULL);
+        print_message("%d: %llu asked, %llu compared, %llu in band\n", q,
+                      (unsigned long long)result.records, (unsigned long long)result.points,
+                      (unsigned long long)result.inside_band);
+        assert_true(result.records >= POINTS / 12 * 9 / 10 && result.points >= result.records / 2);
+        assert_int_equal(result.outside_band, 0);
+        assert_true(verify_question(bad, question, NULL).outside_band > 0);
+        if (question == UMBR_VERIFY_COLUMNS) {
+            continue; /* a closed asset has none without its front: tests/system/test_front.sh */
+        }
+        result = verify_question(closed, question, world.closed);
+        assert_int_equal(result.outside_band, 0);
+        assert_true(result.skipped_inside > 100);
+        assert_true(verify_question(closed, question, NULL).outside_band > 0);
+    }
+    umb_asset_close(good);
+    umb_asset_close(closed);
+    umb_asset_close(bad);
+    bytes_finish(&good_bytes);
+    bytes_finish(&closed_bytes);
+    bytes_finish(&bad_bytes);
+}
+
 static void asset_of_another_light_is_found_out(void **state)
 {
     (void)state;
@@ -463,6 +509,7 @@ int main(void)
         cmocka_unit_test(faithful_asset_has_nothing_outside_the_band),
         cmocka_unit_test(closed_asset_is_judged_outside_its_solids_only),
         cmocka_unit_test(planted_wrong_voxels_are_outside_the_band),
+        cmocka_unit_test(segments_columns_and_boxes_are_held_against_rays),
         cmocka_unit_test(asset_of_another_light_is_found_out),
         cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),
         cmocka_unit_test(asset_without_any_shadow_boundary_still_gets_its_points),
