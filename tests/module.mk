@@ -57,7 +57,7 @@ PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/um
 check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
@@ -99,6 +99,11 @@ determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for t
 		opt_release="-$${b#*-} -DNDEBUG" BUILD=build/det-$$b build/det-$$b/umbrage-bake build/det-$$b/scenegen || exit 1; done
 	@tests/system/determinism.py $(DETERMINISM:%=build/det-%)
 .PHONY: numerics same-bits determinism
+
+# Light behind translucent casters of a bake against products over all that the light meets.
+$(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_common)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_common) -o $@
 
 # Kernels, slices and threads at 16384 voxels a side, 10^7 points of a scene for each window.
 $(BUILD)/kernel_bits: $(BUILD)/tests/agreement/kernel_bits.o $(CORE_LIB)
