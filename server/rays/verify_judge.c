@@ -88,10 +88,13 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double world[
 {
     double towards[3], distance;
     struct umbr_hit hit;
+    *buried = 0;
+    if (!has_undefined(block)) { /* any hit will do, which is found sooner */
+        return traced_lit(block->job, world);
+    }
     umbr_towards_light(&block->job->light, world, towards, &distance);
     umbr_nearest(block->job->rays, world, towards, 0, distance, &hit);
-    *buried = 0;
-    if (hit.distance >= 0 && has_undefined(block) && block->job->options->closed[hit.triangle]) {
+    if (hit.distance >= 0 && block->job->options->closed[hit.triangle]) {
         *buried = is_leaving(&hit, towards);
     }
     return hit.distance < 0;
