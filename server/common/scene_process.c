@@ -20,19 +20,16 @@
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/syscall.h>
-#include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "common/child_process.h"
+#include "common/clock.h"
 #include "common/scene_broker.h"
 #include "common/scene_contract.h"
 #include "common/scene_text.h"
 
-#define CHILD_FDS_MAX   32U /* input, output, one sibling at a time, sanitizer's own */
-#define CHILD_FD_SPARE  10  /* descriptors are parked from here up while 0..5 are laid out */
-#define POLL_STEP_MS    50  /* how late the end of a child is noticed whose pipe somebody holds */
-#define ENVIRONMENT_MAX 8
+#define CHILD_FDS_MAX 32U /* input, output, one sibling at a time, sanitizer's own */
+#define POLL_STEP_MS  50  /* how late the end of a child is noticed whose pipe somebody holds */
 
 /* What connects it with its parent; each [0] is the parent's end. */
 struct lines {
@@ -40,99 +37,26 @@ struct lines {
     int files[2]; /* scene_broker.h */
 };
 
-static int64_t now_ms(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
-}
-
-static int limit(int resource, uint64_t soft, uint64_t hard)
-{
-    struct rlimit value;
-    if (getrlimit((__rlimit_resource_t)resource, &value) != 0) {
-        return -1;
-    }
-    /* Never above what we have ourselves: raising a hard limit would fail. */
-    if (value.rlim_max != RLIM_INFINITY && hard > value.rlim_max) {
-        hard = value.rlim_max;
-    }
-    value.rlim_cur = soft < hard ? soft : hard;
-    value.rlim_max = hard;
-    return setrlimit((__rlimit_resource_t)resource, &value);
-}
-
-/* In the child: signals as a fresh program expects them. */
-static int reset_signals(void)
-{
-    struct sigaction action = {.sa_handler = SIG_DFL};
-    sigset_t none;
-    sigemptyset(&action.sa_mask);
-    sigemptyset(&none);
-    for (int number = 1; number < 32; number++) {
-        if (number != SIGKILL && number != SIGSTOP) {
-            (void)sigaction(number, &action, NULL);
-        }
-    }
-    return sigprocmask(SIG_SETMASK, &none, NULL);
-}
-
-/* In the child: descriptors 0..5 as agreed, all others closed. The sources are parked out of the
- * way first: a parent without standard streams has them among 0..5. */
-static int lay_out_descriptors(const struct umbs_process *process, const struct lines *lines)
-{
-    int sources[6] = {-1, -1, lines->talk[1], process->input, lines->files[1], process->output};
-    static const int targets[6] = {
-        0, 1, 2, UMBS_CHILD_FD_INPUT, UMBS_CHILD_FD_FILES, UMBS_CHILD_FD_OUTPUT};
-    sources[0] = sources[1] = open("/dev/null", O_RDWR | O_CLOEXEC);
-    for (int i = 0; i < 6; i++) {
-        sources[i] = fcntl(sources[i], F_DUPFD, CHILD_FD_SPARE);
-        if (sources[i] < 0) {
-            return -1;
-        }
-    }
-    for (int i = 0; i < 6; i++) {
-        if (dup2(sources[i], targets[i]) < 0) {
-            return -1;
-        }
-    }
-    return close_range(UMBS_CHILD_FD_OUTPUT + 1, ~0U, 0);
-}
+_Static_assert(UMBS_CHILD_FD_INPUT == 3 && UMBS_CHILD_FD_FILES == 4 && UMBS_CHILD_FD_OUTPUT == 5,
+               "as become_program lays them out");
 
 /* In the child: never returns. */
 static void become_program(const struct umbs_process *process, char *const *environment,
                            const struct lines *lines, pid_t parent)
 {
-    uint64_t seconds = process->timeout_s;
-    if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
-        getppid() != parent || /* the parent died before the line above */
-        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || lay_out_descriptors(process, lines) != 0 ||
-        limit(RLIMIT_CORE, 0, 0) != 0 || limit(RLIMIT_CPU, seconds, seconds + 1) != 0 ||
-        limit(RLIMIT_FSIZE, process->max_output_bytes, process->max_output_bytes) != 0 ||
-        limit(RLIMIT_NOFILE, CHILD_FDS_MAX, CHILD_FDS_MAX) != 0 || reset_signals() != 0) {
+    const uint64_t seconds = process->timeout_s, bytes = process->max_output_bytes;
+    int sources[] = {-1, -1, lines->talk[1], process->input, lines->files[1], process->output};
+    if (umbs_child_own_group(parent) != 0 || prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
+        umbs_child_lay_out(sources, sizeof sources / sizeof sources[0]) != 0 ||
+        umbs_child_limit(RLIMIT_CORE, 0, 0) != 0 ||
+        umbs_child_limit(RLIMIT_CPU, seconds, seconds + 1) != 0 ||
+        umbs_child_limit(RLIMIT_FSIZE, bytes, bytes) != 0 ||
+        umbs_child_limit(RLIMIT_NOFILE, CHILD_FDS_MAX, CHILD_FDS_MAX) != 0 ||
+        umbs_child_reset_signals() != 0) {
         _exit(UMBS_PROCESS_EXIT_NOT_STARTED);
     }
     execve(process->program, process->arguments, environment);
     _exit(UMBS_PROCESS_EXIT_NOT_STARTED);
-}
-
-/* The few variables that the importer may see: where libraries are, how a sanitizer behaves. */
-static void choose_environment(char *chosen[ENVIRONMENT_MAX])
-{
-    static const char *const allowed[] = {
-        "LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=", "LSAN_OPTIONS=", "TSAN_OPTIONS="};
-    static char locale[] = "LC_ALL=C";
-    size_t count = 0;
-    chosen[count++] = locale;
-    for (char **entry = environ; entry != NULL && *entry != NULL; entry++) {
-        for (size_t i = 0; i < sizeof(allowed) / sizeof(allowed[0]); i++) {
-            if (count < ENVIRONMENT_MAX - 1 &&
-                strncmp(*entry, allowed[i], strlen(allowed[i])) == 0) {
-                chosen[count++] = *entry;
-            }
-        }
-    }
-    chosen[count] = NULL;
 }
 
 /* Reads what there is; keeps the first bytes, drops the rest. Returns 0 at the end of the pipe. */
@@ -157,22 +81,6 @@ static int drain(int pipe_end, char *talk, size_t size, size_t *used)
     }
 }
 
-static void hang_up(int *fd)
-{
-    if (*fd >= 0) {
-        (void)close(*fd);
-    }
-    *fd = -1;
-}
-
-/* Leaves it a zombie, so that its number, which is its group's too, cannot be another's yet. */
-static int has_ended(pid_t child)
-{
-    siginfo_t facts = {0};
-    int code = waitid(P_PID, (id_t)child, &facts, WEXITED | WNOHANG | WNOWAIT);
-    return code == 0 ? facts.si_pid == child : errno != EINTR;
-}
-
 /* Waits a moment for words or requests, and takes them. */
 static void attend(struct lines *lines, int folder, struct umbs_process_end *end, size_t *used,
                    int64_t left_ms)
@@ -183,23 +91,22 @@ static void attend(struct lines *lines, int folder, struct umbs_process_end *end
     int step_ms = lines->talk[0] < 0 && lines->files[0] < 0 ? 1 : POLL_STEP_MS;
     (void)poll(wanted, 2, left_ms < step_ms ? (int)left_ms : step_ms);
     if (wanted[0].revents != 0 && !drain(lines->talk[0], end->talk, sizeof(end->talk), used)) {
-        hang_up(&lines->talk[0]);
+        umbs_hang_up(&lines->talk[0]);
     }
     if (wanted[1].revents != 0 && !umbs_broker_serve(lines->files[0], folder)) {
-        hang_up(&lines->files[0]);
+        umbs_hang_up(&lines->files[0]);
     }
 }
 
 /* Waits for the end of the child; kills it at the deadline. Returns 1 if its status was taken. */
 static int watch(pid_t child, struct lines *lines, const struct umbs_process *process,
-                 struct umbs_process_end *end, int *wait_status)
+                 struct umbs_process_end *end)
 {
     char talk[UMBS_PROCESS_TALK_BYTES];
-    int64_t deadline_ms = now_ms() + (int64_t)process->timeout_s * 1000;
+    int64_t deadline_ms = umbs_now_ms() + (int64_t)process->timeout_s * 1000;
     size_t used = 0;
-    pid_t ended;
-    while (!has_ended(child)) {
-        int64_t left_ms = deadline_ms - now_ms();
+    while (!umbs_child_has_ended(child)) {
+        int64_t left_ms = deadline_ms - umbs_now_ms();
         if (left_ms <= 0) {
             end->timed_out = 1;
             (void)kill(child, SIGKILL); /* it may have no group yet */
@@ -207,10 +114,7 @@ static int watch(pid_t child, struct lines *lines, const struct umbs_process *pr
         }
         attend(lines, process->folder, end, &used, left_ms);
     }
-    (void)kill(-child, SIGKILL); /* it, and whatever it may have started */
-    do {
-        ended = waitpid(child, wait_status, 0);
-    } while (ended < 0 && errno == EINTR);
+    const int known = umbs_child_reap(child, &end->exit_code, &end->signal);
     if (lines->talk[0] >= 0) {
         (void)drain(lines->talk[0], end->talk, sizeof(end->talk), &used);
     }
@@ -218,7 +122,7 @@ static int watch(pid_t child, struct lines *lines, const struct umbs_process *pr
     size_t length = newline != NULL ? (size_t)(newline - end->talk) : used;
     memcpy(talk, end->talk, length);
     umbs_text_clean(end->talk, sizeof(end->talk), talk, length);
-    return ended == child;
+    return known;
 }
 
 static enum umb_status open_lines(struct lines *lines, struct umb_error *error)
@@ -234,16 +138,16 @@ static enum umb_status open_lines(struct lines *lines, struct umb_error *error)
 static void close_lines(struct lines *lines)
 {
     for (int i = 0; i < 2; i++) {
-        hang_up(&lines->talk[i]);
-        hang_up(&lines->files[i]);
+        umbs_hang_up(&lines->talk[i]);
+        umbs_hang_up(&lines->files[i]);
     }
 }
 
 static enum umb_status run(const struct umbs_process *process, struct lines *lines,
                            struct umbs_process_end *end, struct umb_error *error)
 {
-    char *environment[ENVIRONMENT_MAX];
-    choose_environment(environment);
+    char *environment[UMBS_CHILD_ENVIRONMENT_MAX];
+    umbs_child_environment(environment);
     pid_t parent = getpid();
     pid_t child = fork();
     if (child == 0) {
@@ -252,15 +156,12 @@ static enum umb_status run(const struct umbs_process *process, struct lines *lin
     if (child < 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot start a process for the importer");
     }
-    hang_up(&lines->talk[1]);
-    hang_up(&lines->files[1]);
-    int wait_status = 0;
-    if (!watch(child, lines, process, end, &wait_status)) {
+    umbs_hang_up(&lines->talk[1]);
+    umbs_hang_up(&lines->files[1]);
+    if (!watch(child, lines, process, end)) {
         return umb_fail(error, UMB_E_INTERNAL,
                         "the importer's exit status is lost (SIGCHLD is ignored here?)");
     }
-    end->exit_code = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
-    end->signal = WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : 0;
     return UMB_OK;
 }
 

@@ -22,6 +22,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "common/clock.h"
+
 #define FOLDER_EVENTS                                                                              \
     (IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE | IN_CREATE | IN_ATTRIB |            \
      IN_DELETE_SELF | IN_MOVE_SELF | IN_ONLYDIR)
@@ -42,13 +44,6 @@ struct umbd_store_watch {
     struct umbd_metrics *metrics;
     const struct umbs_log *log;
 };
-
-static uint64_t now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000;
-}
 
 /* Watches a folder of the store and the folders in it; those that are watched already stay so. */
 static void watch_folder(struct umbd_store_watch *watch, const char *path)
@@ -101,7 +96,7 @@ static void scan(struct umbd_store_watch *watch)
                        report.failed, report.removed, report.unchanged);
     }
     watch->rescan_at_ms =
-        now_ms() + (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
+        (uint64_t)umbs_now_ms() + (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
 }
 
 /* Checks one asset if one is due; the next one comes when the disk has had its rest. */
@@ -113,7 +108,7 @@ static void scrub(struct umbd_store_watch *watch)
     if (interval_ms > 0 && umbs_store_scrub(watch->store, interval_ms, &bytes)) {
         pause_ms = 1 + bytes / UMBD_SCRUB_BYTES_PER_MS;
     }
-    watch->scrub_at_ms = now_ms() + pause_ms;
+    watch->scrub_at_ms = (uint64_t)umbs_now_ms() + pause_ms;
 }
 
 /* Sleeps until woken, until a folder changes or until something is due. Returns 1 if a folder
@@ -125,7 +120,7 @@ static int wait_for_work(struct umbd_store_watch *watch)
                                 {.fd = watch->folders, .events = POLLIN}};
     uint64_t next_ms =
         watch->rescan_at_ms < watch->scrub_at_ms ? watch->rescan_at_ms : watch->scrub_at_ms;
-    uint64_t at_ms = now_ms();
+    uint64_t at_ms = (uint64_t)umbs_now_ms();
     int changed = 0;
     if (poll(sources, 2, next_ms > at_ms ? (int)(next_ms - at_ms) : 0) <= 0) {
         return 0;
@@ -144,7 +139,8 @@ static void *watch_thread(void *argument)
     while (!stopping) {
         int changed = wait_for_work(watch);
         int retired = atomic_exchange(&watch->retired, 0);
-        int rescan = changed || atomic_load(&watch->kicked) || now_ms() >= watch->rescan_at_ms;
+        int rescan = changed || atomic_load(&watch->kicked) ||
+                     (uint64_t)umbs_now_ms() >= watch->rescan_at_ms;
         stopping = atomic_load(&watch->stopping);
         if (stopping) {
             break;
@@ -160,7 +156,7 @@ static void *watch_thread(void *argument)
             watch_folders(
                 watch); /* before the scan: what comes into a new folder after it is seen */
             scan(watch);
-        } else if (now_ms() >= watch->scrub_at_ms) {
+        } else if ((uint64_t)umbs_now_ms() >= watch->scrub_at_ms) {
             scrub(watch);
         }
     }
@@ -209,8 +205,9 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     watch->store = store;
     watch->paths = folders;
     umbd_store_watch_set_scrub(watch, scrub_interval_ms);
-    watch->rescan_at_ms = now_ms(); /* at once: for what came between the first scan and now */
-    watch->scrub_at_ms = now_ms() + UMBD_SCRUB_PAUSE_MS;
+    watch->rescan_at_ms =
+        (uint64_t)umbs_now_ms(); /* at once: for what came between the first scan and now */
+    watch->scrub_at_ms = (uint64_t)umbs_now_ms() + UMBD_SCRUB_PAUSE_MS;
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);
     if (code != 0) {
         return umb_fail_errno(error, UMB_E_LIMIT, code, "cannot start the store's thread");

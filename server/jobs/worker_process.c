@@ -12,19 +12,17 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
 #include <sysexits.h>
-#include <time.h>
 #include <unistd.h>
 
-#define ENVIRONMENT_MAX 16
-#define NOT_STARTED     127
-#define SPARE_FD        100  /* sources are parked above it while 0..3 are laid out */
-#define STEP_MS         20   /* between looks whether it has ended */
-#define NICENESS        5    /* queries come first */
-#define GRACE_MS        3000 /* from SIGTERM to SIGKILL: it may have work elsewhere */
+#include "common/child_process.h"
+#include "common/clock.h"
+
+#define NOT_STARTED 127
+#define STEP_MS     20   /* between looks whether it has ended */
+#define NICENESS    5    /* queries come first */
+#define GRACE_MS    3000 /* from SIGTERM to SIGKILL: it may have work elsewhere */
 
 /* Bytes of a pipe that are no whole line yet. */
 struct line_reader {
@@ -33,21 +31,6 @@ struct line_reader {
     int skipping; /* behind a line that was too long */
     char text[UMBJ_CAUSE_SIZE];
 };
-
-static int64_t now_ms(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
-}
-
-static void hang_up(int *fd)
-{
-    if (*fd >= 0) {
-        (void)close(*fd);
-    }
-    *fd = -1;
-}
 
 static void take_bytes(struct line_reader *reader, const char *bytes, size_t count,
                        void (*line)(void *, const char *), void *user)
@@ -78,63 +61,12 @@ static void read_lines(struct line_reader *reader, void (*line)(void *, const ch
             take_bytes(reader, chunk, (size_t)count, line, user);
         } else if (count == 0 || (errno != EAGAIN && errno != EINTR)) {
             take_bytes(reader, "\n", 1, line, user);
-            hang_up(&reader->fd);
+            umbs_hang_up(&reader->fd);
             return;
         } else if (errno == EAGAIN) {
             return;
         }
     }
-}
-
-/* The few variables that the program may see: where libraries are, how a sanitizer behaves. */
-static void choose_environment(char *chosen[ENVIRONMENT_MAX])
-{
-    static const char *const allowed[] = {
-        "LD_LIBRARY_PATH=", "ASAN_OPTIONS=", "UBSAN_OPTIONS=", "LSAN_OPTIONS=", "TSAN_OPTIONS="};
-    static char locale[] = "LC_ALL=C";
-    size_t count = 0;
-    chosen[count++] = locale;
-    for (char **entry = environ; entry != NULL && *entry != NULL; entry++) {
-        for (size_t i = 0; i < sizeof allowed / sizeof allowed[0]; i++) {
-            if (count < ENVIRONMENT_MAX - 1 &&
-                strncmp(*entry, allowed[i], strlen(allowed[i])) == 0) {
-                chosen[count++] = *entry;
-            }
-        }
-    }
-    chosen[count] = NULL;
-}
-
-static int reset_signals(void)
-{
-    struct sigaction action = {.sa_handler = SIG_DFL};
-    sigset_t none;
-    sigemptyset(&action.sa_mask);
-    sigemptyset(&none);
-    for (int number = 1; number < 32; number++) {
-        if (number != SIGKILL && number != SIGSTOP) {
-            (void)sigaction(number, &action, NULL);
-        }
-    }
-    return sigprocmask(SIG_SETMASK, &none, NULL);
-}
-
-static int lay_out_descriptors(int said, int progress)
-{
-    int sources[UMBJ_WORKER_FD_PROGRESS + 1] = {-1, -1, said, progress};
-    sources[0] = sources[1] = open("/dev/null", O_RDWR | O_CLOEXEC);
-    for (int i = 0; i <= UMBJ_WORKER_FD_PROGRESS; i++) {
-        sources[i] = fcntl(sources[i], F_DUPFD, SPARE_FD);
-        if (sources[i] < 0) {
-            return -1;
-        }
-    }
-    for (int i = 0; i <= UMBJ_WORKER_FD_PROGRESS; i++) {
-        if (dup2(sources[i], i) < 0) {
-            return -1;
-        }
-    }
-    return close_range(UMBJ_WORKER_FD_PROGRESS + 1, ~0U, 0);
 }
 
 /* The first that the kernel ends when memory is short; where that cannot be said, it is not. */
@@ -147,20 +79,16 @@ static void offer_to_oom_killer(void)
     }
 }
 
-static int set_limit(int resource, rlim_t value)
-{
-    struct rlimit limit = {value, value};
-    return setrlimit((__rlimit_resource_t)resource, &limit);
-}
-
 /* In the child: never returns. */
 static void become_program(const struct umbj_process *process, char *const *environment, int said,
                            int progress, pid_t parent)
 {
-    if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0 ||
-        getppid() != parent || /* it died before the line above */
-        lay_out_descriptors(said, progress) != 0 || set_limit(RLIMIT_CORE, 0) != 0 ||
-        set_limit(RLIMIT_FSIZE, process->max_output_bytes) != 0 || reset_signals() != 0 ||
+    const uint64_t bytes = process->max_output_bytes;
+    int sources[UMBJ_WORKER_FD_PROGRESS + 1] = {-1, -1, said, progress};
+    if (umbs_child_own_group(parent) != 0 ||
+        umbs_child_lay_out(sources, UMBJ_WORKER_FD_PROGRESS + 1) != 0 ||
+        umbs_child_limit(RLIMIT_CORE, 0, 0) != 0 ||
+        umbs_child_limit(RLIMIT_FSIZE, bytes, bytes) != 0 || umbs_child_reset_signals() != 0 ||
         chdir(process->folder) != 0) {
         _exit(NOT_STARTED);
     }
@@ -170,20 +98,12 @@ static void become_program(const struct umbj_process *process, char *const *envi
     _exit(NOT_STARTED);
 }
 
-/* Leaves it a zombie, so that its number, which is its group's too, cannot be another's yet. */
-static int has_ended(pid_t child)
-{
-    siginfo_t facts = {0};
-    int code = waitid(P_PID, (id_t)child, &facts, WEXITED | WNOHANG | WNOWAIT);
-    return code == 0 ? facts.si_pid == child : errno != EINTR;
-}
-
 /* Hands lines on until the child has ended, or has to. */
 static void attend(const struct umbj_process *process, pid_t child, struct line_reader *said,
                    struct line_reader *progress, struct umbj_process_end *end)
 {
-    int64_t deadline = now_ms() + (int64_t)process->timeout_ms;
-    while (!has_ended(child)) {
+    int64_t deadline = umbs_now_ms() + (int64_t)process->timeout_ms;
+    while (!umbs_child_has_ended(child)) {
         struct pollfd wanted[3] = {{.fd = end->stopped ? -1 : process->stop, .events = POLLIN},
                                    {.fd = said->fd, .events = POLLIN},
                                    {.fd = progress->fd, .events = POLLIN}};
@@ -196,9 +116,9 @@ static void attend(const struct umbj_process *process, pid_t child, struct line_
         }
         if (wanted[0].revents != 0) {
             end->stopped = 1;
-            deadline = now_ms() + GRACE_MS;
+            deadline = umbs_now_ms() + GRACE_MS;
             (void)kill(child, SIGTERM);
-        } else if (now_ms() > deadline) {
+        } else if (umbs_now_ms() > deadline) {
             end->timed_out = !end->stopped;
             (void)kill(child, SIGKILL); /* it may have no group yet */
             return;
@@ -210,31 +130,21 @@ static enum umb_status supervise(const struct umbj_process *process, pid_t child
                                  struct line_reader *said, struct line_reader *progress,
                                  struct umbj_process_end *end, struct umb_error *error)
 {
-    int wait_status = 0;
-    pid_t ended;
     attend(process, child, said, progress, end);
-    (void)kill(-child, SIGKILL); /* it, and whatever it may have started */
-    do {
-        ended = waitpid(child, &wait_status, 0);
-    } while (ended < 0 && errno == EINTR);
+    const int known = umbs_child_reap(child, &end->exit_code, &end->signal);
     for (int i = 0; i < 2; i++) {
         struct line_reader *reader = i == 0 ? said : progress;
         if (reader->fd >= 0) {
             read_lines(reader, i == 0 ? process->said : process->progress, process->user);
         }
     }
-    if (ended != child) {
-        return umb_fail(error, UMB_E_INTERNAL, "worker: its exit status is lost");
-    }
-    end->exit_code = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
-    end->signal = WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : 0;
-    return UMB_OK;
+    return known ? UMB_OK : umb_fail(error, UMB_E_INTERNAL, "worker: its exit status is lost");
 }
 
 enum umb_status umbj_process_run(const struct umbj_process *process, struct umbj_process_end *end,
                                  struct umb_error *error)
 {
-    char *environment[ENVIRONMENT_MAX];
+    char *environment[UMBS_CHILD_ENVIRONMENT_MAX];
     int said[2] = {-1, -1}, progress[2] = {-1, -1};
     *end = (struct umbj_process_end){.exit_code = -1};
     enum umb_status status = UMB_OK;
@@ -245,7 +155,7 @@ enum umb_status umbj_process_run(const struct umbj_process *process, struct umbj
     if (status == UMB_OK) {
         (void)fcntl(said[0], F_SETFL, O_NONBLOCK);
         (void)fcntl(progress[0], F_SETFL, O_NONBLOCK);
-        choose_environment(environment);
+        umbs_child_environment(environment);
         const pid_t parent = getpid();
         child = fork();
         if (child == 0) {
@@ -255,14 +165,14 @@ enum umb_status umbj_process_run(const struct umbj_process *process, struct umbj
             status = umb_fail_errno(error, UMB_E_LIMIT, errno, "worker: no process");
         }
     }
-    hang_up(&said[1]);
-    hang_up(&progress[1]);
+    umbs_hang_up(&said[1]);
+    umbs_hang_up(&progress[1]);
     struct line_reader talk = {.fd = said[0]}, steps = {.fd = progress[0]};
     if (status == UMB_OK) {
         status = supervise(process, child, &talk, &steps, end, error);
     }
-    hang_up(&talk.fd);
-    hang_up(&steps.fd);
+    umbs_hang_up(&talk.fd);
+    umbs_hang_up(&steps.fd);
     return status;
 }
 
