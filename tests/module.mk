@@ -118,6 +118,14 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
 .PHONY: kernel-bits
 
+# Every prefix and every flipped bit of small assets with all kinds of sections, both encodings.
+$(BUILD)/file_sweep: $(BUILD)/tests/agreement/file_sweep.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+file-sweeps: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/file_sweep ## every prefix and flipped bit of small assets, both encodings: minutes
+	@BUILD=$(BUILD) sh tests/agreement/file_sweeps.sh
+.PHONY: file-sweeps
+
 # False shadow and false light at full size.
 accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
