@@ -211,17 +211,6 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     return part;
 }
 
-void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from)
-{
-    to->points += from->points;
-    to->outside += from->outside;
-    to->before += from->before;
-    to->behind += from->behind;
-    to->facing_away += from->facing_away;
-    to->nodes += from->nodes;
-    to->bricks += from->bricks;
-}
-
 /* Footprints of pixels, in the words of umb_points_check. */
 static enum umb_status check_pixels(const struct umbd_batch *batch, size_t first, size_t count,
                                     struct umb_error *error)
@@ -289,7 +278,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
         struct umbs_entry *entry = batch->parts[i].entry;
         status = batch->peeks ? umbs_entry_peek(entry, run_slice, &slice, &result->error)
                               : umbs_entry_read(entry, run_slice, &slice, &result->error);
-        umbd__stats_add(&result->stats, &answers.stats);
+        umb_query_stats_add(&result->stats, &answers.stats);
     }
     result->cpu_ns = batch->want_stats ? cost_clock_ns(count) - from : 0;
     return status;

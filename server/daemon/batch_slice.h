@@ -22,6 +22,4 @@ UMB_CHECKED enum umb_status umbd__slice_run(const struct umbd_batch *batch, size
  * there are no points to answer. */
 void umbd__batch_set_slice(struct umbd_batch *batch);
 
-void umbd__stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
-
 #endif

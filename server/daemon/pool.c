@@ -131,7 +131,7 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t
                         enum umb_status status, const struct umbd__slice_result *result)
 {
     batch->in_flight--;
-    umbd__stats_add(&batch->stats, &result->stats);
+    umb_query_stats_add(&batch->stats, &result->stats);
     batch->cpu_ns += result->cpu_ns;
     if (status == UMB_OK) {
         return;

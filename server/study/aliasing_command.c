@@ -81,6 +81,7 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
                                      struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &a->scene_path, 0, 0},
         {"-o", UMBT_TEXT, &a->output, 0, 0},
         {"--output", UMBT_TEXT, &a->output, 0, 0},
         {"--way", UMBT_TEXT, &a->way, 0, 0},
@@ -96,21 +97,16 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
         {"--quiet", UMBT_FLAG, &a->quiet, 0, 0},
         {"--help", UMBT_FLAG, &a->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     a->resolution = 1024;
     a->cascades = 4;
     a->weight = 0.7;
     a->threads = umbt_processor_count();
     a->options = (struct umbt_view_options){.width = 1280, .height = 720, .size_max = 4096};
     const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || a->help) {
         return status;
     }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
-    }
-    a->scene_path = positionals.values[0];
     if (a->weight_text != NULL) {
         const char *at = a->weight_text;
         if (!umbt_number_read(&at, &a->weight) || *at != '\0' ||

@@ -77,6 +77,7 @@ static enum umb_status share_parse(const char *name, const char *text, double *v
 static enum umb_status options_parse(int argc, char **argv, struct deep *d, struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &d->scene_path, 0, 0},
         {"-o", UMBT_TEXT, &d->output, 0, 0},
         {"--output", UMBT_TEXT, &d->output, 0, 0},
         {"--alpha", UMBT_TEXT, &d->alpha_text, 0, 0},
@@ -92,7 +93,6 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
         {"--quiet", UMBT_FLAG, &d->quiet, 0, 0},
         {"--help", UMBT_FLAG, &d->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     d->resolution = 512;
     d->taps = 7;
     d->alpha = 0.5;
@@ -100,17 +100,13 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
     d->threads = umbt_processor_count();
     d->options = (struct umbt_view_options){.width = 320, .height = 200, .size_max = 2048};
     enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || d->help) {
         return status;
-    }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
     }
     if (d->taps % 2 == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", d->taps);
     }
-    d->scene_path = positionals.values[0];
     status = share_parse("--alpha", d->alpha_text, &d->alpha, error);
     return status == UMB_OK ? share_parse("--epsilon", d->epsilon_text, &d->epsilon, error)
                             : status;

@@ -179,6 +179,7 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
 {
     struct raw raw = {0};
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &run->scene_path, 0, 0},
         {"-o", UMBT_TEXT, &run->file.path, 0, 0},
         {"--output", UMBT_TEXT, &run->file.path, 0, 0},
         {"--kind", UMBT_TEXT, &raw.kind, 0, 0},
@@ -196,21 +197,16 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
         {"--quiet", UMBT_FLAG, &run->quiet, 0, 0},
         {"--help", UMBT_FLAG, &run->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     run->seed = 1;
     run->threads = umbt_processor_count();
     enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || run->help) {
         return status;
-    }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
     }
     if (run->file.path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
     }
-    run->scene_path = positionals.values[0];
     return raw_convert(&raw, run, error);
 }
 

@@ -226,6 +226,7 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
     memset(options, 0, sizeof *options);
     struct raw raw = {0};
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &options->scene, 0, 0},
         {"--asset", UMBT_TEXT, &options->asset, 0, 0},
         {"--address", UMBT_TEXT, &options->daemon.address, 0, 0},
         {"--tls-ca", UMBT_TEXT, &options->daemon.ca_file, 0, 0},
@@ -257,16 +258,11 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
         {"--quiet", UMBT_FLAG, &options->quiet, 0, 0},
         {"--help", UMBT_FLAG, &options->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || options->help) {
         return status;
     }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
-    }
-    options->scene = positionals.values[0];
     status = raw_convert(&raw, options, error);
     return status == UMB_OK ? options_check(options, error) : status;
 }

@@ -60,16 +60,43 @@ static enum umb_status option_set(const struct umbt_option *option, const char *
     return UMB_OK;
 }
 
-static enum umb_status positional_add(struct umbt_positionals *positionals, const char *text,
-                                      struct umb_error *error)
+/* Puts an argument that is no option into the first word that has none. */
+static enum umb_status word_set(const char *text, const struct umbt_option *options,
+                                size_t option_count, struct umb_error *error)
 {
-    if (positionals->count >= positionals->max) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "argument '%.80s': at most %zu arguments besides the options are taken",
-                        text, positionals->max);
+    size_t words = 0;
+    for (size_t i = 0; i < option_count; i++) {
+        if (options[i].kind == UMBT_WORD) {
+            const char **value = options[i].value;
+            if (*value == NULL) {
+                *value = text;
+                return UMB_OK;
+            }
+            words++;
+        }
     }
-    positionals->values[positionals->count++] = text;
-    return UMB_OK;
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "argument '%.80s': at most %zu arguments besides the options are taken", text,
+                    words);
+}
+
+/* Without --help every word is needed. */
+static enum umb_status words_check(const struct umbt_option *options, size_t option_count,
+                                   struct umb_error *error)
+{
+    const struct umbt_option *missing = NULL;
+    for (size_t i = 0; i < option_count; i++) {
+        if (strcmp(options[i].name, "--help") == 0 && *(const int *)options[i].value) {
+            return UMB_OK;
+        }
+        if (options[i].kind == UMBT_WORD && *(const char **)options[i].value == NULL &&
+            missing == NULL) {
+            missing = &options[i];
+        }
+    }
+    return missing == NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "%s: is needed; see --help", missing->name);
 }
 
 /* The long name of a flag that has a letter. */
@@ -79,15 +106,13 @@ static const char *name_of(const char *word)
 }
 
 enum umb_status umbt_args_parse(int argc, char **argv, const struct umbt_option *options,
-                                size_t option_count, struct umbt_positionals *positionals,
-                                struct umb_error *error)
+                                size_t option_count, struct umb_error *error)
 {
     int options_over = 0;
-    positionals->count = 0;
     for (int i = 0; i < argc; i++) {
         enum umb_status status = UMB_OK;
         if (options_over || argv[i][0] != '-' || argv[i][1] == '\0') {
-            status = positional_add(positionals, argv[i], error);
+            status = word_set(argv[i], options, option_count, error);
         } else if (strcmp(argv[i], "--") == 0) {
             options_over = 1;
         } else {
@@ -113,7 +138,7 @@ enum umb_status umbt_args_parse(int argc, char **argv, const struct umbt_option 
             return status;
         }
     }
-    return UMB_OK;
+    return words_check(options, option_count, error);
 }
 
 int umbt_number_read(const char **text, double *value)

@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_STUDY_STUDY_ARGS_H
 /*
  * Command lines by table. Options are `--name VALUE`, `--name=VALUE` or a flag `--name`; `-h` is
- * `--help`; `--` ends them; everything else is a positional argument. Every refusal names the
- * option, the value and the limit. Nothing is copied: texts point into argv.
+ * `--help`; `--` ends them; everything else fills the table's words in turn. Every refusal names
+ * the option, the value and the limit. Nothing is copied: texts point into argv.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -14,25 +14,20 @@ enum umbt_option_kind {
     UMBT_FLAG = 0, /* int *, set to 1 */
     UMBT_COUNT,    /* uint64_t *, decimal, min..max */
     UMBT_TEXT,     /* const char ** */
+    UMBT_WORD,     /* const char **, an argument without dashes; needed unless --help is given */
 };
 
 struct umbt_option {
-    const char *name; /* with its dashes; "-o" style names take a separate value only */
+    const char *name; /* with its dashes; "-o" style names take a separate value only; of a word:
+                         what --help calls it */
     enum umbt_option_kind kind;
     void *value;
     uint64_t min, max; /* UMBT_COUNT */
 };
 
-struct umbt_positionals {
-    const char *values[4];
-    size_t count;
-    size_t max; /* of count, at most 4; set by the caller */
-};
-
 /* Parses argv[0..argc-1]. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbt_args_parse(int argc, char **argv,
                                             const struct umbt_option *options, size_t option_count,
-                                            struct umbt_positionals *positionals,
                                             struct umb_error *error);
 
 /*

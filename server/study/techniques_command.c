@@ -91,6 +91,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
                                      struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &study->scene_path, 0, 0},
         {"-o", UMBT_TEXT, &study->output, 0, 0},
         {"--output", UMBT_TEXT, &study->output, 0, 0},
         {"--asset", UMBT_TEXT, &study->asset_path, 0, 0},
@@ -106,20 +107,15 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
         {"--quiet", UMBT_FLAG, &study->quiet, 0, 0},
         {"--help", UMBT_FLAG, &study->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     study->resolution = 1024;
     study->taps = 9;
     study->threads = umbt_processor_count();
     study->options = (struct umbt_view_options){.width = 256, .height = 160, .size_max = 2048};
     const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || study->help) {
         return status;
     }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
-    }
-    study->scene_path = positionals.values[0];
     return options_check(study, error);
 }
 

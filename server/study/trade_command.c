@@ -57,15 +57,9 @@ static void name_folder(struct umbt_trade_options *options)
     options->folder = options->named;
 }
 
-static enum umb_status options_check(struct umbt_trade_options *options,
-                                     const struct umbt_positionals *positionals,
-                                     struct umb_error *error)
+static enum umb_status options_check(struct umbt_trade_options *options, struct umb_error *error)
 {
     int z_up;
-    if (positionals->count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: is needed; see --help");
-    }
-    options->scene = positionals->values[0];
     if (options->folder == NULL) {
         name_folder(options);
     }
@@ -85,6 +79,7 @@ static enum umb_status options_parse(int argc, char **argv, struct umbt_trade_op
                                      struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"SCENE", UMBT_WORD, &options->scene, 0, 0},
         {"-o", UMBT_TEXT, &options->folder, 0, 0},
         {"--output", UMBT_TEXT, &options->folder, 0, 0},
         {"--quick", UMBT_FLAG, &options->quick, 0, 0},
@@ -100,12 +95,11 @@ static enum umb_status options_parse(int argc, char **argv, struct umbt_trade_op
         {"--quiet", UMBT_FLAG, &options->quiet, 0, 0},
         {"--help", UMBT_FLAG, &options->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     options->seed = 1;
     options->threads = umbt_processor_count();
     const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
-    return status != UMB_OK || options->help ? status : options_check(options, &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
+    return status != UMB_OK || options->help ? status : options_check(options, error);
 }
 
 /* The aliasing heat map of the same view, by the command that makes one. */

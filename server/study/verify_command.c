@@ -89,6 +89,7 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
                                     struct umb_error *error)
 {
     const struct umbt_option table[] = {
+        {"FILE", UMBT_WORD, &verify->file, 0, 0},
         {"--scene", UMBT_TEXT, &verify->scene_path, 0, 0},
         {"--ask", UMBT_TEXT, &verify->ask, 0, 0},
         {"--points", UMBT_COUNT, &verify->points, 1, 1000000000},
@@ -101,11 +102,10 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         {"--quiet", UMBT_FLAG, &verify->quiet, 0, 0},
         {"--help", UMBT_FLAG, &verify->help, 0, 0},
     };
-    struct umbt_positionals positionals = {.max = 1};
     verify->light = UINT64_MAX;
     verify->seed = 1;
     const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], &positionals, error);
+        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || verify->help) {
         return status;
     }
@@ -116,13 +116,9 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         return umb_fail(error, UMB_E_ARGUMENT, "--points: %" PRIu64 ", at most %u with --bounds",
                         verify->points, BOUND_POINTS_MAX);
     }
-    if (positionals.count != 1) {
-        return umb_fail(error, UMB_E_ARGUMENT, "FILE: is needed; see --help");
-    }
     if (verify->scene_path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
     }
-    verify->file = positionals.values[0];
     return take_question(verify, error);
 }
 

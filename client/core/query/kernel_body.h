@@ -303,5 +303,5 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
         }
         umb__store_block(query, &block, first, answers->values);
     }
-    umb__add_stats(&stats, &answers->stats);
+    umb_query_stats_add(&answers->stats, &stats);
 }

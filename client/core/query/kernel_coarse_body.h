@@ -84,5 +84,5 @@ void UMB__COARSE(const struct umb__query *query, const struct umb_points *points
             umb__store_answer(answers->values, query->format, first + i, block.lit[i], HALVES);
         }
     }
-    umb__add_stats(&stats, &answers->stats);
+    umb_query_stats_add(&answers->stats, &stats);
 }

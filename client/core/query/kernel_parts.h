@@ -259,15 +259,4 @@ static inline void umb__store_block(const struct umb__query *q, const struct umb
     }
 }
 
-static inline void umb__add_stats(const struct umb_query_stats *from, struct umb_query_stats *to)
-{
-    to->points += from->points;
-    to->outside += from->outside;
-    to->before += from->before;
-    to->behind += from->behind;
-    to->facing_away += from->facing_away;
-    to->nodes += from->nodes;
-    to->bricks += from->bricks;
-}
-
 #endif

@@ -9,6 +9,17 @@
 #define SLICE_POINTS 8192U
 #define WIDE_POINTS  512U /* penumbras of 0.3 to 5 us each, footprints of up to 4 */
 
+void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stats *from)
+{
+    to->points += from->points;
+    to->outside += from->outside;
+    to->before += from->before;
+    to->behind += from->behind;
+    to->facing_away += from->facing_away;
+    to->nodes += from->nodes;
+    to->bricks += from->bricks;
+}
+
 size_t umb_query_slice(const struct umb_query *query)
 {
     uint32_t taps = umb_query_taps(query);

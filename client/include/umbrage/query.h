@@ -163,6 +163,9 @@ struct umb_query_stats {
     uint64_t bricks;
 };
 
+/* Adds what one run counted to what others did: for who splits a batch himself. */
+UMB_API void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
+
 struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */

@@ -25,25 +25,23 @@ static void options_are_read_in_every_spelling(void **state)
 {
     (void)state;
     uint64_t points = 0;
-    const char *camera = NULL, *output = NULL;
+    const char *camera = NULL, *output = NULL, *scene = NULL, *second = NULL;
     int json = 0;
     const struct umbt_option table[] = {
-        {"--points", UMBT_COUNT, &points, 1, 100},
-        {"--camera", UMBT_TEXT, &camera, 0, 0},
-        {"-o", UMBT_TEXT, &output, 0, 0},
-        {"--json", UMBT_FLAG, &json, 0, 0},
+        {"SCENE", UMBT_WORD, &scene, 0, 0},  {"--points", UMBT_COUNT, &points, 1, 100},
+        {"OTHER", UMBT_WORD, &second, 0, 0}, {"--camera", UMBT_TEXT, &camera, 0, 0},
+        {"-o", UMBT_TEXT, &output, 0, 0},    {"--json", UMBT_FLAG, &json, 0, 0},
     };
     char *argv[] = {"a.glb", "--points=7", "--camera", "eye=1,2,3", "-o",
                     "-",     "--json",     "--",       "--b"};
-    struct umbt_positionals positionals = {.max = 2};
     struct umb_error error;
-    assert_int_equal(umbt_args_parse(9, argv, table, 4, &positionals, &error), UMB_OK);
+    assert_int_equal(umbt_args_parse(9, argv, table, 6, &error), UMB_OK);
     assert_int_equal(points, 7);
     assert_string_equal(camera, "eye=1,2,3");
     assert_string_equal(output, "-");
     assert_int_equal(json, 1);
-    assert_int_equal(positionals.count, 2);
-    assert_string_equal(positionals.values[1], "--b");
+    assert_string_equal(scene, "a.glb");
+    assert_string_equal(second, "--b");
 }
 
 static void bad_options_are_refused_by_name(void **state)
@@ -64,24 +62,28 @@ static void bad_options_are_refused_by_name(void **state)
         {{"--point", "1"}, 2, "'--point' is not known"},
         {{"--json=1", NULL}, 1, "--json: takes no value"},
         {{"a", "b"}, 2, "argument 'b'"},
+        {{"--json", NULL}, 1, "SCENE: is needed"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         uint64_t points = 50;
-        int json = 0;
+        int json = 0, help = 0;
+        const char *scene = NULL;
         const struct umbt_option table[] = {
+            {"SCENE", UMBT_WORD, &scene, 0, 0},
             {"--points", UMBT_COUNT, &points, 1, 100},
             {"--json", UMBT_FLAG, &json, 0, 0},
+            {"--help", UMBT_FLAG, &help, 0, 0},
         };
-        struct umbt_positionals positionals = {.max = 1};
         struct umb_error error = {0};
         char *argv[2] = {cases[i].argv[0], cases[i].argv[1]};
-        const enum umb_status status =
-            umbt_args_parse(cases[i].argc, argv, table, 2, &positionals, &error);
+        const enum umb_status status = umbt_args_parse(cases[i].argc, argv, table, 4, &error);
         if (status != UMB_E_ARGUMENT || strstr(error.message, cases[i].names) == NULL) {
             fail_msg("case %zu: status %d, message '%s' should hold '%s'", i, (int)status,
                      error.message, cases[i].names);
         }
         assert_int_equal(points, 50);
+        char *asks[] = {"--help"};
+        assert_int_equal(umbt_args_parse(1, asks, table, 4, &error), UMB_OK);
     }
 }
 
