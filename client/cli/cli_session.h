@@ -13,25 +13,17 @@
  */
 #include "cli_common.h"
 
-#define UMBC_TOKEN_MAX 4096 /* characters */
-
 extern const struct umbc_option UMBC_SESSION_OPTIONS[UMBC_SESSION_COUNT];
 
 struct umbc_session {
     const char *address;
-    struct umb_client_options options; /* those of tls: and the token set, the rest zero */
-    char token[UMBC_TOKEN_MAX + 2];
+    struct umb_client_options
+        options; /* those of tls: and the token set, the rest zero; borrowed */
 };
 
-/*
- * Finds out address, files and token.
- *
- * In:    values: struct umbc_parsed's session; borrowed as long as the session is used.
- * Fails: E_NO_INPUT, E_IO or E_ARGUMENT (token file).
- */
-UMB_CHECKED enum umb_status umbc_session_read(const char *const values[UMBC_SESSION_COUNT],
-                                              struct umbc_session *session,
-                                              struct umb_error *error);
+/* Finds out address, files and token. In: values: struct umbc_parsed's session; borrowed as long as
+ * the session is used. */
+void umbc_session_read(const char *const values[UMBC_SESSION_COUNT], struct umbc_session *session);
 
 /* Opens a client with the default options. */
 UMB_CHECKED enum umb_status umbc_connect(const char *const values[UMBC_SESSION_COUNT],

@@ -8,10 +8,10 @@
 #include "rpc_cancel.h"
 #include "rpc_connection.h"
 #include "rpc_endpoint.h"
+#include "rpc_identity.h"
 #include "rpc_stream.h"
 
 #include <errno.h>
-#include <openssl/crypto.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -25,7 +25,6 @@
 #define MAX_REQUEST_BYTES  ((uint64_t)256 << 20)
 #define KEEPALIVE_MS       10000
 #define TOKENS_FULL        100
-#define TOKEN_MAX          4096 /* characters */
 
 void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
 {
@@ -268,70 +267,6 @@ static int start_thread(struct umb_client *client)
     return code;
 }
 
-/* What goes into the authorization header. Blanks and control characters have no place there. */
-static enum umb_status make_bearer(const char *token, char **bearer, struct umb_error *error)
-{
-    size_t length = strlen(token);
-    for (size_t i = 0; i < length; i++) {
-        if (token[i] <= ' ' || token[i] > '~') {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "token: character %zu is a blank or no printable ASCII", i + 1);
-        }
-    }
-    if (length == 0 || length > TOKEN_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "token: has %zu characters, must have 1 to %d",
-                        length, TOKEN_MAX);
-    }
-    *bearer = malloc(length + sizeof "Bearer ");
-    if (*bearer == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
-    }
-    memcpy(*bearer, "Bearer ", 7);
-    memcpy(*bearer + 7, token, length + 1);
-    return UMB_OK;
-}
-
-/* Reads the files and copies what the options say about who is who. */
-static enum umb_status take_identity(struct umb_client *client, struct umb_error *error)
-{
-    struct umb_client_options *options = &client->options;
-    const char *file = options->ca_file != NULL            ? options->ca_file
-                       : options->certificate_file != NULL ? options->certificate_file
-                                                           : options->key_file;
-    enum umb_status status = UMB_OK;
-    if (client->any_tls) {
-        status = umb__tls_context_create(options, &client->tls_context, error);
-    } else if (file != NULL) {
-        status = umb_fail(error, UMB_E_ARGUMENT,
-                          "'%.150s': certificates need a tls: address, not "
-                          "%.100s",
-                          file, client->endpoints[0].address.text);
-    }
-    if (status == UMB_OK && options->token != NULL) {
-        status = make_bearer(options->token, &client->bearer, error);
-    }
-    if (status == UMB_OK && options->server_name != NULL) {
-        client->server_name = strdup(options->server_name);
-        if (client->server_name == NULL) {
-            status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
-        }
-    }
-    /* All borrowed: gone when the caller wants. */
-    options->ca_file = options->certificate_file = options->key_file = NULL;
-    options->server_name = options->token = NULL;
-    return status;
-}
-
-static void forget_identity(struct umb_client *client)
-{
-    SSL_CTX_free(client->tls_context);
-    if (client->bearer != NULL) {
-        OPENSSL_cleanse(client->bearer, strlen(client->bearer));
-    }
-    free(client->bearer);
-    free(client->server_name);
-}
-
 static void fill_options(const struct umb_client_options *options, struct umb_client_options *out)
 {
     if (options != NULL) {
@@ -397,7 +332,7 @@ enum umb_status umb_client_open(const char *address, const struct umb_client_opt
     if (status != UMB_OK) {
         goto fail_address;
     }
-    status = take_identity(client, error);
+    status = umb__identity_take(client, error);
     if (status != UMB_OK) {
         goto fail_identity;
     }
@@ -433,7 +368,7 @@ fail_loop:
 fail_lock:
     free(client->receive_buffer);
 fail_identity:
-    forget_identity(client);
+    umb__identity_forget(client);
 fail_address:
     umb__endpoints_free(client);
     free(client);
@@ -453,7 +388,7 @@ void umb_client_close(struct umb_client *client)
     (void)uv_loop_close(&client->loop);
     (void)pthread_mutex_destroy(&client->lock);
     free(client->receive_buffer);
-    forget_identity(client);
+    umb__identity_forget(client);
     umb__endpoints_free(client);
     free(client);
 }

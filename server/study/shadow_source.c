@@ -11,7 +11,6 @@
 #include "study/study_scene.h"
 
 #define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
-#define TOKEN_MAX       4096 /* characters */
 
 static int ends_with(const char *text, const char *end)
 {
@@ -60,32 +59,6 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     return UMB_OK;
 }
 
-/* Reads a file that holds a token and nothing else. */
-static enum umb_status token_read(const char *path, char token[TOKEN_MAX + 2],
-                                  struct umb_error *error)
-{
-    FILE *file = fopen(path, "rb");
-    if (file == NULL) {
-        return umb_fail_errno(error, errno == EACCES ? UMB_E_PERMISSION : UMB_E_NO_INPUT, errno,
-                              "cannot open the token file '%.150s'", path);
-    }
-    size_t count = fread(token, 1, TOKEN_MAX + 1, file);
-    const int failed = ferror(file);
-    (void)fclose(file);
-    if (failed) {
-        return umb_fail(error, UMB_E_IO, "cannot read the token file '%.150s'", path);
-    }
-    while (count > 0 && (token[count - 1] == '\n' || token[count - 1] == '\r')) {
-        count--;
-    }
-    token[count] = '\0';
-    return count > 0 && count <= TOKEN_MAX && strlen(token) == count
-               ? UMB_OK
-               : umb_fail(error, UMB_E_ARGUMENT,
-                          "token file '%.150s': must hold one token of 1 to %d characters", path,
-                          TOKEN_MAX);
-}
-
 /* The text, or the variable of that name, or what else holds; an empty variable is none. */
 static const char *text_or_variable(const char *text, const char *variable, const char *otherwise)
 {
@@ -96,24 +69,18 @@ static const char *text_or_variable(const char *text, const char *variable, cons
 static enum umb_status client_open(struct umbt_source *source, const struct umbt_daemon *daemon,
                                    struct umb_error *error)
 {
-    char token[TOKEN_MAX + 2];
     struct umb_client_options options = {
         .ca_file = daemon->ca_file,
         .certificate_file = daemon->certificate_file,
         .key_file = daemon->key_file,
         .server_name = daemon->server_name,
+        .token_file = daemon->token_file,
     };
-    enum umb_status status = UMB_OK;
-    if (daemon->token_file != NULL) {
-        status = token_read(daemon->token_file, token, error);
-        options.token = token;
-    } else {
+    if (daemon->token_file == NULL) {
         options.token = text_or_variable(NULL, "UMBRAGE_TOKEN", NULL);
     }
-    return status == UMB_OK ? umb_client_open(text_or_variable(daemon->address, "UMBRAGE_ADDRESS",
-                                                               DEFAULT_ADDRESS),
-                                              &options, &source->client, error)
-                            : status;
+    return umb_client_open(text_or_variable(daemon->address, "UMBRAGE_ADDRESS", DEFAULT_ADDRESS),
+                           &options, &source->client, error);
 }
 
 static enum umb_status daemon_open(struct umbt_source *source, const struct umbt_daemon *daemon,

@@ -79,6 +79,7 @@ struct umb_client_options {
     const char *key_file;         /* its private key, without a password; NULL = the same file */
     const char *server_name;      /* that the server's certificate must have; NULL = HOST */
     const char *token; /* bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
+    const char *token_file; /* or a file that holds it alone; a line's end behind it is cut off */
 };
 
 struct umb_client_query_request {
@@ -87,7 +88,7 @@ struct umb_client_query_request {
     /* Chooses taps and level, which must be 0, on the server; zeroed: nothing is chosen. budget_ns
      * is of one of the server's cores, calibrated there on points like these. */
     struct umb_dial dial;
-    struct umb_points points;         /* that they are finite is checked by the server alone */
+    struct umb_points points; /* that they are finite is checked by the server alone */
     /* Instead of points, whose count and positions are then not looked at: a point for each pixel
      * (umbrage/frame.h). NULL: points. */
     const struct umb_picture *picture;
@@ -110,7 +111,7 @@ struct umb_client_query_reply {
      * not say 0. The last two: 0 if the asset carries no accuracy curve. */
     uint32_t level, taps;
     double bound_m, visibility_error, lines;
-    double expected_ns; /* with a budget and stats: nanoseconds a point; else 0 */
+    double expected_ns;    /* with a budget and stats: nanoseconds a point; else 0 */
     uint64_t packed_bytes; /* that the answers took on the wire, if they were packed, else 0 */
     int changes_only;      /* 1: they were packed against `base` */
 };
@@ -163,8 +164,9 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
  * In:    address: one, or several with commas between; copied. options: copied, strings too; NULL
  * for the defaults. Out:   out: the client, or NULL on failure. Owns:  the caller closes it with
  * umb_client_close. Fails: E_ARGUMENT (address, token, a file that cannot be used, files without a
- * tls: address), E_NO_INPUT (a file that cannot be read), E_NO_MEMORY, E_INTERNAL (no lock, loop or
- * thread to be had). Cost:  one thread with all signals blocked, about 0.3 MiB.
+ * tls: address), E_NO_INPUT, E_PERMISSION or E_IO (a file that cannot be read), E_NO_MEMORY,
+ * E_INTERNAL (no lock, loop or thread to be had). Cost:  one thread with all signals blocked, about
+ * 0.3 MiB.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
                                                     const struct umb_client_options *options,

@@ -5,7 +5,9 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "../../../client/rpc/rpc_address.h"
 #include "../../../client/rpc/rpc_reply.h"
 #include "../../../client/rpc/rpc_sha256.h"
@@ -77,6 +79,49 @@ static void bad_tokens_and_files_are_refused_before_anything_is_sent(void **stat
     client.ca_file = NULL;
     assert_int_equal(umb_client_open("tls:h:1", &client, &out, &error), UMB_OK);
     umb_client_close(out);
+}
+
+static void a_token_file_holds_one_token_and_no_more(void **state)
+{
+    static char many[4100];
+    const struct {
+        const char *text;
+        enum umb_status status;
+    } cases[] = {
+        {"0123456789abcdef\n", UMB_OK},
+        {"0123456789abcdef\r\n", UMB_OK},
+        {"abc", UMB_OK},
+        {"\n", UMB_E_ARGUMENT},
+        {"", UMB_E_ARGUMENT},
+        {"a b", UMB_E_ARGUMENT},
+        {"one\ntwo\n", UMB_E_ARGUMENT},
+        {many, UMB_E_ARGUMENT},
+    };
+    char path[] = "/tmp/umbrage-token-XXXXXX";
+    const int fd = mkstemp(path);
+    (void)state;
+    assert_true(fd >= 0);
+    memset(many, 'x', 4097);
+    struct umb_client_options options = {.token_file = path};
+    struct umb_client *client;
+    struct umb_error error;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        assert_int_equal(ftruncate(fd, 0), 0);
+        assert_int_equal(pwrite(fd, cases[i].text, strlen(cases[i].text), 0),
+                         (ssize_t)strlen(cases[i].text));
+        const enum umb_status status = umb_client_open("tcp:h:1", &options, &client, &error);
+        if (status != cases[i].status) {
+            fail_msg("case %zu: %d", i, (int)status);
+        }
+        umb_client_close(client);
+    }
+    (void)close(fd);
+    options.token = "abc";
+    assert_int_equal(umb_client_open("tcp:h:1", &options, &client, &error), UMB_E_ARGUMENT);
+    options.token = NULL;
+    (void)unlink(path);
+    assert_int_equal(umb_client_open("tcp:h:1", &options, &client, &error), UMB_E_NO_INPUT);
+    assert_non_null(strstr(error.message, path));
 }
 
 static void sha256_matches_the_standard_vectors(void **state)
@@ -159,6 +204,7 @@ int main(void)
         cmocka_unit_test(address_forms_are_told_apart),
         cmocka_unit_test(bad_addresses_are_refused),
         cmocka_unit_test(bad_tokens_and_files_are_refused_before_anything_is_sent),
+        cmocka_unit_test(a_token_file_holds_one_token_and_no_more),
         cmocka_unit_test(sha256_matches_the_standard_vectors),
         cmocka_unit_test(reply_is_the_same_split_at_every_point),
         cmocka_unit_test(http_statuses_have_their_meaning),

@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See rpc_identity.h. */
+#include "rpc_identity.h"
+
+#include <errno.h>
+#include <openssl/crypto.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rpc_tls.h"
+
+#define TOKEN_MAX 4096 /* characters */
+
+/* Reads a file that holds a token and nothing else. */
+static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
+                                  struct umb_error *error)
+{
+    FILE *file = fopen(path, "rb");
+    if (file == NULL) {
+        return umb_fail_errno(error, errno == EACCES ? UMB_E_PERMISSION : UMB_E_NO_INPUT, errno,
+                              "cannot open the token file '%.150s'", path);
+    }
+    (void)setvbuf(file, NULL, _IONBF, 0); /* no copy of it stays in a freed buffer */
+    size_t count = fread(token, 1, TOKEN_MAX + 1, file);
+    const bool failed = ferror(file) != 0;
+    (void)fclose(file);
+    if (failed) {
+        return umb_fail(error, UMB_E_IO, "cannot read the token file '%.150s'", path);
+    }
+    while (count > 0 && (token[count - 1] == '\n' || token[count - 1] == '\r')) {
+        count--;
+    }
+    token[count] = '\0';
+    if (count == 0 || count > TOKEN_MAX || strlen(token) != count) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "token file '%.150s': must hold one token of 1 to %d characters", path,
+                        TOKEN_MAX);
+    }
+    return UMB_OK;
+}
+
+/* What goes into the authorization header. Blanks and control characters have no place there. */
+static enum umb_status make_bearer(const char *token, char **bearer, struct umb_error *error)
+{
+    size_t length = strlen(token);
+    for (size_t i = 0; i < length; i++) {
+        if (token[i] <= ' ' || token[i] > '~') {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "token: character %zu is a blank or no printable ASCII", i + 1);
+        }
+    }
+    if (length == 0 || length > TOKEN_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "token: has %zu characters, must have 1 to %d",
+                        length, TOKEN_MAX);
+    }
+    *bearer = malloc(length + sizeof "Bearer ");
+    if (*bearer == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+    }
+    memcpy(*bearer, "Bearer ", 7);
+    memcpy(*bearer + 7, token, length + 1);
+    return UMB_OK;
+}
+
+static enum umb_status take_token(struct umb_client *client, struct umb_error *error)
+{
+    const struct umb_client_options *options = &client->options;
+    char token[TOKEN_MAX + 2];
+    if (options->token_file == NULL) {
+        return options->token != NULL ? make_bearer(options->token, &client->bearer, error)
+                                      : UMB_OK;
+    }
+    if (options->token != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "token and token_file exclude each other");
+    }
+    enum umb_status status = read_token(options->token_file, token, error);
+    if (status == UMB_OK) {
+        status = make_bearer(token, &client->bearer, error);
+    }
+    OPENSSL_cleanse(token, sizeof token);
+    return status;
+}
+
+static enum umb_status take_tls(struct umb_client *client, struct umb_error *error)
+{
+    const struct umb_client_options *options = &client->options;
+    const char *file = options->ca_file != NULL            ? options->ca_file
+                       : options->certificate_file != NULL ? options->certificate_file
+                                                           : options->key_file;
+    if (client->any_tls) {
+        return umb__tls_context_create(options, &client->tls_context, error);
+    }
+    return file == NULL ? UMB_OK
+                        : umb_fail(error, UMB_E_ARGUMENT,
+                                   "'%.150s': certificates need a tls: address, not %.100s", file,
+                                   client->endpoints[0].address.text);
+}
+
+enum umb_status umb__identity_take(struct umb_client *client, struct umb_error *error)
+{
+    struct umb_client_options *options = &client->options;
+    enum umb_status status = take_tls(client, error);
+    if (status == UMB_OK) {
+        status = take_token(client, error);
+    }
+    if (status == UMB_OK && options->server_name != NULL) {
+        client->server_name = strdup(options->server_name);
+        if (client->server_name == NULL) {
+            status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+        }
+    }
+    /* All borrowed: gone when the caller wants. */
+    options->ca_file = options->certificate_file = options->key_file = NULL;
+    options->server_name = options->token = options->token_file = NULL;
+    return status;
+}
+
+void umb__identity_forget(struct umb_client *client)
+{
+    SSL_CTX_free(client->tls_context);
+    if (client->bearer != NULL) {
+        OPENSSL_cleanse(client->bearer, strlen(client->bearer));
+    }
+    free(client->bearer);
+    free(client->server_name);
+}
