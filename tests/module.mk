@@ -61,7 +61,7 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_coun
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
-QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments boxes)
+QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
 questions: $(QUESTIONS) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
 	@for t in $(QUESTIONS); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && for scene in "city 12" "bridge 30"; do \

@@ -286,6 +286,9 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     memcpy(job->asset_id, info.id, sizeof info.id);
     status = umb_volume_prepare(job->asset, options->settings.light, &job->volume, error);
     job->ignores_translucent = status == UMB_OK && umb_volume_ignores_translucent(&job->volume);
+    if (status == UMB_OK && options->question == UMBC_QUESTION_BOXES) {
+        status = umb_volume_check_parallel(&job->volume, error);
+    }
     if (status == UMB_OK && options->question == UMBC_QUESTION_COLUMNS) {
         status = umb_columns_check(&job->volume, error);
     }

@@ -122,6 +122,9 @@ static enum umb_status open_question(struct umbd_call *call, enum umbw_question 
         status = umb_volume_prepare(umbs_entry_asset(question->entry), request->light,
                                     &question->volume, error);
     }
+    if (status == UMB_OK && kind == UMBW_BOXES) {
+        status = umb_volume_check_parallel(&question->volume, error);
+    }
     return status == UMB_OK && kind == UMBW_COLUMNS ? umb_columns_check(&question->volume, error)
                                                     : status;
 }

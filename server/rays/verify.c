@@ -152,6 +152,9 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     if (job->options->question != UMBR_VERIFY_POINTS) {
         status = umb_volume_prepare(job->asset, light, &job->volume, error);
     }
+    if (status == UMB_OK && job->options->question == UMBR_VERIFY_BOXES) {
+        status = umb_volume_check_parallel(&job->volume, error);
+    }
     if (status == UMB_OK && job->options->question == UMBR_VERIFY_COLUMNS) {
         status = umb_columns_check(&job->volume, error);
     }

@@ -9,8 +9,8 @@
  * half of those of a lit surface found by a ray, the others of a change in the asset found by
  * walking it. Each point is looked up without bias and traced towards the light. A disagreement is
  * inside the band if the traced truth is not the same at every sample of a 5x5x5 grid of offsets
- * within one voxel of the point (the voxel's own centre included); otherwise it is outside, which
- * must not happen.
+ * within one voxel of the point (the voxel's own centre and rings around it included, for rods
+ * thinner than the grid); otherwise it is outside, which must not happen.
  *
  * Points inside closed parts of assets baked under the closed rule are left out (counted): answers
  * there are unspecified. A point in shadow that agrees is left out if its ray first meets the inner

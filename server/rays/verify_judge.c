@@ -123,9 +123,42 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     return votes >= VOTES_NEEDED;
 }
 
+/* 1 if the truth is not the same at all of eight places around a point, so far off across the
+ * light. In: voxel: the point. */
+static int changes_around(const struct umbr_verify_block *block, const double voxel[3],
+                          double voxels, int truth)
+{
+    for (int i = 0; i < 8; i++) {
+        const double turn = 0.78539816339744831 * i;
+        const double at[3] = {voxel[0] + voxels * cos(turn), voxel[1] + voxels * sin(turn),
+                              voxel[2]};
+        double world[3];
+        if (umbr_frame_world(block->frame, at, world) && traced_lit(block->job, world) != truth) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* 1 if the truth changes next to the centre of the point's voxel: a rod may be thinner than the
+ * grid of the band, and its edge run through the very centre. */
+static int has_edge_at_centre(const struct umbr_verify_block *block,
+                              const struct umbr_sample *sample, int truth)
+{
+    static const double rings[] = {0.001, 0.01, 0.1, 0.25};
+    const double centre[3] = {floor(sample->voxel[0]) + 0.5, floor(sample->voxel[1]) + 0.5,
+                              floor(sample->voxel[2]) + 0.5};
+    for (size_t i = 0; i < sizeof rings / sizeof rings[0]; i++) {
+        if (changes_around(block, centre, rings[i], truth)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /*
  * 1 if the truth changes within one voxel of the point: somewhere on a 5x5x5 grid of half-voxel
- * offsets, or at the centre of the point's own voxel.
+ * offsets, or at or next to the centre of the point's own voxel.
  */
 static int in_band(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                    int truth)
@@ -146,7 +179,7 @@ static int in_band(const struct umbr_verify_block *block, const struct umbr_samp
             return 1;
         }
     }
-    return 0;
+    return has_edge_at_centre(block, sample, truth);
 }
 
 void umbr_verify_note(struct umbr_verify_block *block, const double world[3])

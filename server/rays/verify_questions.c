@@ -133,9 +133,10 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-/* Depth in voxels of the first thing that the light ray through (x, y) meets; beyond the frustum's
- * last voxel if there is none. Returns 0 if the ray leaves what the frustum sees. */
-static int traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
+/* Depth in voxels of the first thing that the light ray through (x, y) meets, beyond the frustum's
+ * last voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves
+ * what the frustum sees. */
+static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
 {
     const double size = block->frame->size;
     const double first[3] = {x, y, 0}, last[3] = {x, y, size};
@@ -154,7 +155,7 @@ static int traced_depth(const struct umbr_verify_block *block, double x, double 
     }
     umbr_nearest(block->job->rays, from, direction, 0, length, &hit);
     *depth = hit.distance < 0 ? 2 * size : size * hit.distance / length; /* linear along a column */
-    return 1;
+    return length / size;
 }
 
 /* Voxels whose centre lies before a depth. */
@@ -180,7 +181,7 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
             offset[0] = rings[on_ring / 8] * cos(atan(1) * (on_ring % 8));
             offset[1] = rings[on_ring / 8] * sin(atan(1) * (on_ring % 8));
         }
-        if (traced_depth(block, texel[0] + offset[0], texel[1] + offset[1], &depth)) {
+        if (traced_depth(block, texel[0] + offset[0], texel[1] + offset[1], &depth) > 0) {
             least = fmin(least, lit_before(block, depth));
             most = fmax(most, lit_before(block, depth));
         }
@@ -190,28 +191,30 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
 
 static void judge_column(struct umbr_verify_block *block, const double texel[2], double z)
 {
-    const double voxel[3] = {texel[0], texel[1], z};
-    double world[3], depth;
+    struct umbr_sample sample = {.voxel = {texel[0], texel[1], z}};
+    double depth, step_m;
     struct umb_column_answer answer;
     struct umb_column_answers answers = {.columns = &answer};
-    const struct umb_points point = {.positions = world, .format = UMB_POINT_F64, .count = 1};
-    if (!umbr_frame_world(block->frame, voxel, world) ||
-        !traced_depth(block, texel[0], texel[1], &depth)) {
+    const struct umb_points point = {
+        .positions = sample.world, .format = UMB_POINT_F64, .count = 1};
+    if (!umbr_verify_place(block, &sample)) { /* a column is one face's from end to end */
         return;
     }
+    step_m = traced_depth(block, texel[0], texel[1], &depth);
     umb_columns_run(&block->job->volume, &point, 0, 1, &answers);
     block->result.records++;
     block->result.points++;
-    const double lit = (double)answer.lit;
+    const double lit = (double)answer.lit, expected = lit_before(block, depth);
     const int none = lit >= block->frame->size;
+    /* The occluder is half a voxel off at most; rays have floats. */
+    const int is_told = none ? isinf(answer.distance_m)
+                             : fabs(answer.distance_m - (depth - z) * step_m) <= 0.51 * step_m;
     if (answer.outside || none != isinf(answer.distance_m)) {
-        umbr_verify_note(block, world); /* the texel is the frustum's own */
-    } else if (lit != lit_before(block, depth)) {
-        if (is_near_column(block, texel, lit)) {
-            block->result.inside_band++;
-        } else {
-            umbr_verify_note(block, world);
-        }
+        umbr_verify_note(block, sample.world); /* the texel is the frustum's own */
+    } else if (lit != expected && is_near_column(block, texel, lit)) {
+        block->result.inside_band++;
+    } else if (lit != expected || !is_told) {
+        umbr_verify_note(block, sample.world);
     }
 }
 

@@ -12,7 +12,9 @@ enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, dou
                               struct umbt_fog *fog, struct umb_error *error)
 {
     fog->density = density;
-    return umb_volume_prepare(asset, light, &fog->volume, error);
+    enum umb_status status = umb_volume_prepare(asset, light, &fog->volume, error);
+    /* How a lamp's light fades is not known, and fog shows little else. */
+    return status == UMB_OK ? umb_volume_check_parallel(&fog->volume, error) : status;
 }
 
 /* The lit integral over the part [from, to] of a ray. */

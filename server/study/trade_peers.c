@@ -136,6 +136,9 @@ static enum umb_status map_fill(const struct umbt_trade *trade, const struct umb
     struct columns columns = {.bake = bake, .map = map};
     enum umb_status status = umb_volume_prepare(bake->asset, 0, &columns.volume, error);
     if (status == UMB_OK) {
+        status = umb_volume_check_parallel(&columns.volume, error);
+    }
+    if (status == UMB_OK) {
         status = umb_columns_check(&columns.volume, error);
     }
     return status == UMB_OK

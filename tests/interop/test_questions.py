@@ -24,7 +24,8 @@ scene = test.scene("city", 8)
 baked = test.bake(scene, city, "--resolution", 1024, "--closed", "off", "--verify", 0)
 test.bake(scene, store + "/closed.umb", "--resolution", 256, "--closed", "on", "--effect",
           "front=off", "--verify", 0)
-test.bake(scene, store + "/lamp.umb", "--resolution", 64, "--point", "10,30,10", "--verify", 0)
+test.bake(scene, store + "/lamp.umb", "--resolution", 64, "--point", "10,30,10", "--closed", "off",
+          "--verify", 0)
 daemon = test.daemon("--workers", 2)
 client = test.client(daemon.grpc_unix)
 M = test.messages.questions
@@ -76,6 +77,15 @@ for kind, values in RECORDS.items():
                 assert here == there and len(here) > 100, (kind, options, form, len(here), len(there))
         assert printed("city", kind, values) == printed(baked["asset"], kind, values)
         assert printed("city", kind, [], "--json") == printed(city, kind, [], "--json")
+
+with test.check("before a lamp likewise; boxes are refused"):
+    for kind in ("segments", "columns"):
+        here = printed(store + "/lamp.umb", kind, RECORDS[kind], "--json")
+        assert here == printed("lamp", kind, RECORDS[kind], "--json") and b"inf" not in here
+    refused(Code.UNIMPLEMENTED, "light: 0 is not directional", "Boxes", M.BoxesRequest(asset="lamp", boxes=bytes(24)))
+    done = ut.run("umbrage", "query", store + "/lamp.umb", "--boxes", test.path("records"), "--format", "f64",
+                  code=None)
+    assert done.returncode != 0 and b"not directional" in done.stderr, done
 
 with test.check("segments of more stretches than the command keeps are told whole"):
     told = json.loads(printed("city", "segments", [low[0], low[1] + 1, low[2], high[0], low[1] + 1, high[2]],

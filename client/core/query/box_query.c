@@ -340,7 +340,7 @@ void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
         }
     }
     for (size_t i = first; i < first + count; i++) {
-        job.range = range_around(&v, &boxes[i]);
+        job.range = v.face_count > 0 ? (struct range){0} : range_around(&v, &boxes[i]);
         job.world = &boxes[i];
         count_box(&job, &answers->boxes[i]);
     }

@@ -48,34 +48,84 @@ enum umb_status umb_columns_check(const struct umb_volume *volume, struct umb_er
     return UMB_OK;
 }
 
+/* A point in voxel space, and what a voxel of depth is there. */
+struct spot {
+    uint32_t face;
+    double at[3];  /* far outside if no face sees the point */
+    double step_m; /* along the light, a voxel */
+};
+
+/* Before a spot or point light: the face along whose axis p lies farthest. Metres along its ray
+ * are to its distance as W is to its own. */
+static struct spot spot_of(const struct umb__volume *v, const double p[3])
+{
+    struct spot spot = {.at = {-1, -1, 0}};
+    double best = 0, square = 0, scale, offset, h[4];
+    for (uint32_t i = 0; i < v->face_count; i++) {
+        const double *m = v->faces[i].world_to_voxel[3];
+        double w = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        if (w > best) {
+            best = w;
+            spot.face = i;
+        }
+    }
+    if (!(best > 0)) {
+        return spot;
+    }
+    for (unsigned k = 0; k < 3; k++) {
+        const double *m = v->faces[spot.face].world_to_voxel[k];
+        h[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        square += (p[k] - v->position[k]) * (p[k] - v->position[k]);
+    }
+    umb__face_depth(&v->faces[spot.face], &scale, &offset);
+    spot.at[0] = h[0] / best;
+    spot.at[1] = h[1] / best;
+    spot.at[2] = h[2];
+    spot.step_m = scale * sqrt(square) / best;
+    return spot;
+}
+
+static struct umb_column_answer ask_column(const struct umb__volume *v, const struct spot *spot,
+                                           struct umb_volume_stats *stats)
+{
+    const struct umb__tree tree = umb__volume_tree(v, spot->face);
+    const uint32_t size = (uint32_t)1 << tree.log2_size;
+    const double *at = spot->at;
+    struct umb_column_answer answer = {.lit = size, .distance_m = INFINITY};
+    /* False for NaN too, which then touches nothing. */
+    bool inside = at[0] >= 0 && at[0] < size && at[1] >= 0 && at[1] < size;
+    answer.outside = !inside;
+    if (inside) {
+        const uint32_t x = (uint32_t)at[0], y = (uint32_t)at[1];
+        if (v->front == NULL || !umb__front_find(v->front, v->front_roots[spot->face],
+                                                 tree.log2_size, x, y, &answer.lit)) {
+            answer.lit = lit_depth(&tree, x, y, stats);
+        }
+    }
+    if (answer.lit < size) {
+        answer.distance_m = ((double)answer.lit - at[2]) * spot->step_m;
+    }
+    return answer;
+}
+
 void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points, size_t first,
                      size_t count, struct umb_column_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
     const double *step = v.voxel_step[2];
     const double step_m = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    const uint32_t size = (uint32_t)1 << v.tree.log2_size;
     for (size_t i = first; i < first + count; i++) {
-        double p[3], at[3];
+        double p[3];
+        struct spot spot = {.step_m = step_m};
         for (unsigned axis = 0; axis < 3; axis++) {
             p[axis] = points->origin[axis] - v.origin[axis] +
                       umb__scalar_at(points->positions, points->format, 3 * i + axis);
         }
-        umb__volume_to_voxel(&v, p, at);
-        struct umb_column_answer answer = {.lit = size, .distance_m = INFINITY};
-        /* False for NaN too, which then touches nothing. */
-        bool inside = at[0] >= 0 && at[0] < size && at[1] >= 0 && at[1] < size;
-        answer.outside = !inside;
-        if (inside) {
-            const uint32_t x = (uint32_t)at[0], y = (uint32_t)at[1];
-            if (v.front == NULL ||
-                !umb__front_find(v.front, v.front_root, v.tree.log2_size, x, y, &answer.lit)) {
-                answer.lit = lit_depth(&v.tree, x, y, &answers->stats);
-            }
+        if (v.face_count > 0) {
+            spot = spot_of(&v, p);
+        } else {
+            umb__volume_to_voxel(&v, p, spot.at);
         }
-        if (answer.lit < size) {
-            answer.distance_m = ((double)answer.lit - at[2]) * step_m;
-        }
-        answers->columns[i] = answer;
+        answers->columns[i] = ask_column(&v, &spot, &answers->stats);
     }
 }

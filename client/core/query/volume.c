@@ -16,6 +16,32 @@ static int has_translucent(const struct umb_asset *asset, const struct umb_light
     return 0;
 }
 
+/* Faces of a spot or point light. */
+static enum umb_status set_faces(const struct umb_asset *asset, uint32_t index,
+                                 struct umb__volume *v, struct umb_error *error)
+{
+    const struct umb_content *content = &asset->canonical.content;
+    const struct umb_light_info *light = &content->lights[index];
+    v->faces = &content->frusta[light->first_frustum];
+    v->tops = &asset->view.tops[light->first_frustum];
+    v->grid = asset->view.grid;
+    v->face_count = light->frustum_count;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        v->position[axis] = light->position[axis] - content->origin[axis];
+    }
+    for (uint32_t i = 0; i < v->face_count; i++) {
+        double scale, offset;
+        umb__face_depth(&v->faces[i], &scale, &offset);
+        v->closed |= v->faces[i].closed;
+        if (!(scale > 0) || !isfinite(scale) || !isfinite(offset) || i >= UMB__FACES_MAX) {
+            return umb_fail(error, UMB_E_UNSUPPORTED,
+                            "light: %u, depth does not grow with the distance in face %u", index,
+                            i);
+        }
+    }
+    return UMB_OK;
+}
+
 enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light,
                                    struct umb_volume *volume, struct umb_error *error)
 {
@@ -24,9 +50,6 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
     if (light >= content->light_count) {
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
                         content->light_count);
-    }
-    if (content->lights[light].kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", light);
     }
     uint32_t index = content->lights[light].first_frustum;
     const struct umb_frustum_info *frustum = &content->frusta[index];
@@ -41,8 +64,14 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
         .closed = frustum->closed,
         .translucent = has_translucent(asset, &content->lights[light]),
         .front = frustum->closed ? content->front : NULL,
-        .front_root = content->front ? content->front[index] : 0,
+        .front_roots = content->front ? content->front + index : NULL,
     };
+    if (content->lights[light].kind != UMB_LIGHT_DIRECTIONAL) {
+        enum umb_status status = set_faces(asset, light, &v, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
     memcpy(v.world_to_voxel, frustum->world_to_voxel, sizeof v.world_to_voxel);
     memcpy(v.voxel_step, frustum->voxel_step, sizeof v.voxel_step);
     memcpy(v.origin, content->origin, sizeof v.origin);
@@ -53,4 +82,14 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
 int umb_volume_ignores_translucent(const struct umb_volume *volume)
 {
     return umb__volume_of(volume).translucent;
+}
+
+enum umb_status umb_volume_check_parallel(const struct umb_volume *volume, struct umb_error *error)
+{
+    const struct umb__volume v = umb__volume_of(volume);
+    return v.face_count == 0 ? UMB_OK
+                             : umb_fail(error, UMB_E_UNSUPPORTED,
+                                        "light: %u is not directional; its voxels grow with the "
+                                        "distance",
+                                        v.light);
 }

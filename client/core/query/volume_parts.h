@@ -6,13 +6,21 @@
 #include <string.h>
 #include "query/voxel_tree.h"
 
+#define UMB__FACES_MAX 6
+
 struct umb__volume {
-    struct umb__tree tree;
+    struct umb__tree tree; /* of the first frustum */
+    /* Spot and point lights; then what is of one frustum below is the first one's. */
+    const struct umb_frustum_info *faces; /* [face_count] */
+    const struct umb__top *tops;          /* [face_count] */
+    const uint32_t *grid;                 /* of the asset */
+    uint32_t face_count;                  /* 0: a directional light */
+    double position[3];                   /* of the light, minus the asset's origin */
     uint32_t light;
     int closed;
-    int translucent; /* casters that are no voxels stand before the light */
-    const uint32_t *front; /* format/front.h; NULL: not kept */
-    uint32_t front_root;   /* of the frustum */
+    int translucent;             /* casters that are no voxels stand before the light */
+    const uint32_t *front;       /* format/front.h; NULL: not kept */
+    const uint32_t *front_roots; /* [faces] of the frusta */
     double world_to_voxel[3][4]; /* from world minus origin */
     double voxel_step[3][3];     /* row i: world vector of one voxel along axis i */
     double origin[3];            /* the asset's */
@@ -28,7 +36,37 @@ static inline struct umb__volume umb__volume_of(const struct umb_volume *volume)
     return v;
 }
 
-/* p: world minus the asset's origin. */
+/* The tree of a face; 0 of a directional light. */
+static inline struct umb__tree umb__volume_tree(const struct umb__volume *volume, uint32_t face)
+{
+    struct umb__tree tree = volume->tree;
+    if (volume->face_count > 0) {
+        tree.grid = volume->grid + volume->tops[face].first_cell;
+        tree.log2_size = volume->faces[face].log2_size;
+        tree.grid_log2 = volume->tops[face].grid_log2;
+    }
+    return tree;
+}
+
+/* Depth z of a face is linear in its W: W = scale z + offset. */
+static inline void umb__face_depth(const struct umb_frustum_info *face, double *scale,
+                                   double *offset)
+{
+    const double *z = face->world_to_voxel[2], *w = face->world_to_voxel[3];
+    *scale = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / (w[0] * z[0] + w[1] * z[1] + w[2] * z[2]);
+    *offset = w[3] - *scale * z[3];
+}
+
+/* W where a face's frustum begins; next to nothing where that is at the light or behind it. */
+static inline double umb__face_first_w(const struct umb_frustum_info *face)
+{
+    double scale, offset;
+    umb__face_depth(face, &scale, &offset);
+    const double least = (scale * (double)((uint64_t)1 << face->log2_size)) * 0x1p-40;
+    return offset > least ? offset : least;
+}
+
+/* p: world minus the asset's origin; of a directional light. */
 static inline void umb__volume_to_voxel(const struct umb__volume *volume, const double p[3],
                                         double v[3])
 {

@@ -25,6 +25,9 @@
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
  *
+ * Spot and point lights: segments and columns are answered in the voxels of the face that looks at
+ * each place, as points are; boxes are not, since those voxels have no one size.
+ *
  * Precision: ends become voxel coordinates in doubles; where a line crosses the boundary of a voxel
  * is right to some 4 units in the last place of its parameter (2^-50). Answers are bit-equal for
  * every batch size, split, thread count and machine.
@@ -58,13 +61,19 @@ struct umb_volume_stats {
  *
  * In:    asset: borrowed as long as the volume is used. light: index in the asset.
  * Out:   volume: zeroed on failure, and then must not be run.
- * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (the light is not directional).
+ * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (a spot or point light whose depth does not grow with
+ *        the distance: no bake makes such).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */
 UMB_API UMB_CHECKED enum umb_status umb_volume_prepare(const struct umb_asset *asset,
                                                        uint32_t light, struct umb_volume *volume,
                                                        struct umb_error *error);
+
+/* Checks that all voxels are of one size, as boxes need it. Fails: E_UNSUPPORTED (a spot or point
+ * light). */
+UMB_API UMB_CHECKED enum umb_status umb_volume_check_parallel(const struct umb_volume *volume,
+                                                              struct umb_error *error);
 
 /* Returns 1 if translucent casters stand before the light, of which answers know nothing; else 0.
  */
@@ -113,6 +122,15 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
  * (k - start) * (1 / d), evaluated in doubles; at that parameter it is in the voxel behind the
  * plane. On an axis with d = 0 (or so small that 1 / d is infinite) it stays in floor(start).
  *
+ * Before a spot or point light a segment is cut where another face looks at it: with Wf its
+ * distance along face f's axis, linear from W0f to W1f, face g of greater slope takes over at
+ * (W0f - W0g) / ((W1g - W0g) - (W1f - W0f)); ahead of a face's frustum it is lit. In the piece from
+ * t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above, that of z at
+ * s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then t = a + (b - a) s Wa / (Wb - s (Wb - Wa)),
+ * or a + (b - a) s if Wa = Wb, and b at most. Wk = c k + (w3 - c z3), c = w.w / w.z, with the third
+ * and fourth row of the frustum's transform, (z, z3) and (w, w3). A stretch that vanishes there by
+ * rounding is left out.
+ *
  * Not guaranteed: a batch that umb_segments_check refuses is answered without harm, but those
  * answers mean nothing. A segment whose voxel coordinates overflow a double is lit.
  * Threads: disjoint ranges at once, each with its own struct umb_segment_answers and stats.
@@ -147,9 +165,10 @@ UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *v
  *
  * In:    points: checked by umb_points_check; their normals are not looked at.
  * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
- * Not guaranteed: in a volume that umb_columns_check refuses, `lit` is the first voxel stored as
- *        shadowed: nowhere before the first occluder, possibly behind it.
- * Threads: as umb_segments_run.
+ *        Spot and point lights: columns are those of the face that looks at the point, and
+ * distances are along the ray from the light through it. Not guaranteed: in a volume that
+ * umb_columns_check refuses, `lit` is the first voxel stored as shadowed: nowhere before the first
+ * occluder, possibly behind it. Threads: as umb_segments_run.
  */
 UMB_API void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points,
                              size_t first, size_t count, struct umb_column_answers *answers);
@@ -192,7 +211,8 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
                                                     struct umb_error *error);
 
 /*
- * Counts the lit voxels of boxes in world space.
+ * Counts the lit voxels of boxes in world space; for volumes that umb_volume_check_parallel lets
+ * pass. In others no box holds a voxel.
  *
  * In:    boxes: [first + count], metres, world space. A voxel is in the box if its centre is, min
  * <= centre < max, so that boxes side by side share no voxel and leave none out. The centre of
