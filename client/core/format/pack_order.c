@@ -21,8 +21,11 @@ enum {
 };
 
 /* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
- * fifth larger (docs/streaming.md), as references, which copies make unnecessary, take the most. */
+ * fifth larger (docs/streaming.md), as references, which copies make unnecessary, take the most.
+ * That is asked of 16384 roots or a few more, in runs of neighbours. */
 #define COPIES_MAX_FIFTHS 12U
+#define SAMPLE_ROOTS      16384U
+#define SAMPLE_RUN        64U
 
 #define PAGES_MAX  (UINT32_MAX - 1)
 #define LOWEST_END 8U /* levels of the lowest band are below */
@@ -50,8 +53,7 @@ struct traversal {
     struct node_list waiting; /* roots of the next band */
     uint32_t band_low;
     bool alone;            /* the band's pages refer to no other */
-    uint64_t copied_bytes; /* estimate of such pages */
-    uint64_t copied_most;  /* above it they are not worth it */
+    uint64_t copied_bytes; /* estimate of such pages that are closed */
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -114,6 +116,7 @@ static enum umb_status close_page(struct traversal *t)
     for (size_t i = order->page_first[order->page_count]; i < order->node_count; i++) {
         umb__bits_drop(t->here.level[order->sequence[i].level], order->sequence[i].index);
     }
+    t->copied_bytes += t->page_bytes;
     order->page_count++;
     order->page_first[order->page_count] = order->node_count;
     memset(t->page_level_counts, 0, sizeof t->page_level_counts);
@@ -164,19 +167,25 @@ static bool is_placed(const struct traversal *t, struct umb__node_ref node)
     return has(t->alone ? &t->here : &t->placed, node);
 }
 
+static enum umb_status list_add(struct traversal *t, struct node_list *list,
+                                struct umb__node_ref node)
+{
+    if (!umb__grow(t->order->alloc, &list->nodes, &list->capacity, list->count + 1,
+                   sizeof *list->nodes)) {
+        return no_memory(t->error);
+    }
+    list->nodes[list->count++] = node;
+    return UMB_OK;
+}
+
 /* Lets a node of the next band wait, once. */
 static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref child)
 {
     if (has(&t->waits, child) || has(&t->placed, child)) {
         return UMB_OK;
     }
-    if (!umb__grow(t->order->alloc, &t->waiting.nodes, &t->waiting.capacity, t->waiting.count + 1,
-                   sizeof *t->waiting.nodes)) {
-        return no_memory(t->error);
-    }
     umb__bits_add(t->waits.level[child.level], child.index);
-    t->waiting.nodes[t->waiting.count++] = child;
-    return UMB_OK;
+    return list_add(t, &t->waiting, child);
 }
 
 /* Nodes that are to be visited; the last one first. */
@@ -240,30 +249,16 @@ static enum umb_status visit_root(struct traversal *t, struct umb__node_ref root
         return UMB_OK;
     }
     const enum umb_status status = visit(t, root);
-    if (status != UMB_OK || !t->alone || t->page_bytes < UMB__PAGE_RAW_TARGET) {
-        return status;
-    }
-    t->copied_bytes += t->page_bytes;
-    return close_page(t);
+    const bool ends = t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET;
+    return status == UMB_OK && ends ? close_page(t) : status;
 }
 
-/* Stops early where copies turn out to be too many. */
-static enum umb_status visit_band(struct traversal *t, uint32_t band_high,
-                                  const struct node_list *roots)
+static enum umb_status visit_band(struct traversal *t, const struct node_list *roots)
 {
     enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < t->octree->root_count && status == UMB_OK; i++) {
-        const struct umb_octree_root *root = &t->octree->roots[i];
-        if (root->state == UMB_NODE_MIXED && root->level >= t->band_low &&
-            root->level <= band_high) {
-            status = visit_root(t, (struct umb__node_ref){root->level, root->index});
-        }
-    }
-    for (size_t i = 0; i < roots->count && status == UMB_OK && t->copied_bytes <= t->copied_most;
-         i++) {
+    for (size_t i = 0; i < roots->count && status == UMB_OK; i++) {
         status = visit_root(t, roots->nodes[i]);
     }
-    t->copied_bytes += t->alone ? t->page_bytes : 0;
     return status == UMB_OK ? close_page(t) : status;
 }
 
@@ -278,29 +273,72 @@ static void rewind_to(struct traversal *t, size_t node_count, uint32_t page_coun
     }
 }
 
+static bool is_sampled(size_t root, size_t step)
+{
+    return root / SAMPLE_RUN % step == 0;
+}
+
+/* Visits some runs of the lowest band's roots with copies, and says whether the estimate of their
+ * pages is small beside their share of all nodes, each once. */
+static enum umb_status try_copies(struct traversal *t, const struct node_list *roots, bool *worth)
+{
+    const size_t step = 1 + roots->count / SAMPLE_ROOTS;
+    uint64_t own_bytes = 0, sampled = 0;
+    for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
+        own_bytes += t->survey->bytes[level];
+    }
+    for (size_t i = 0; i < roots->count; i++) {
+        sampled += is_sampled(i, step);
+    }
+    const uint64_t most = /* at most 2^40 bytes, 2^15 roots */
+        roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * sampled / (5 * roots->count);
+    enum umb_status status = UMB_OK;
+    t->copied_bytes = 0;
+    for (size_t i = 0; i < roots->count && status == UMB_OK && t->copied_bytes <= most; i++) {
+        status = is_sampled(i, step) ? visit_root(t, roots->nodes[i]) : UMB_OK;
+        if (status == UMB_OK && is_sampled(i, step) && !is_sampled(i + 1, step)) {
+            status = close_page(t);
+        }
+    }
+    status = status == UMB_OK ? close_page(t) : status;
+    *worth = t->copied_bytes <= most;
+    return status;
+}
+
 /* The band of the bricks: with copies of what its trees share, if that costs little. */
 static enum umb_status visit_lowest_band(struct traversal *t, const struct node_list *roots)
 {
     struct umb__pack_order *order = t->order;
     const size_t node_count = order->node_count;
     const uint32_t page_count = order->page_count;
-    uint64_t own_bytes = 0;
-    for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
-        own_bytes += t->survey->bytes[level];
-    }
-    t->copied_bytes = 0;
-    t->copied_most = COPIES_MAX_FIFTHS * own_bytes / 5;
+    bool worth;
     t->alone = true;
-    order->alone_from = page_count;
-    enum umb_status status = visit_band(t, LOWEST_END - 1, roots);
-    if (status == UMB_OK && t->copied_bytes > t->copied_most) {
-        rewind_to(t, node_count, page_count);
-        t->copied_bytes = 0;
-        t->copied_most = UINT64_MAX;
-        t->alone = false;
-        order->alone_from = UINT32_MAX;
-        status = visit_band(t, LOWEST_END - 1, roots);
+    enum umb_status status = try_copies(t, roots, &worth);
+    if (status != UMB_OK) {
+        return status;
     }
+    rewind_to(t, node_count, page_count);
+    t->alone = worth;
+    order->alone_from = worth ? page_count : UINT32_MAX;
+    return visit_band(t, roots);
+}
+
+/* The band's roots: those of frusta, and what the band above ended in. */
+static enum umb_status find_roots(struct traversal *t, uint32_t band_high, struct node_list *roots)
+{
+    enum umb_status status = UMB_OK;
+    memset(roots, 0, sizeof *roots);
+    for (uint32_t i = 0; i < t->octree->root_count && status == UMB_OK; i++) {
+        const struct umb_octree_root *root = &t->octree->roots[i];
+        if (root->state == UMB_NODE_MIXED && root->level >= t->band_low &&
+            root->level <= band_high) {
+            status = list_add(t, roots, (struct umb__node_ref){root->level, root->index});
+        }
+    }
+    for (size_t i = 0; i < t->waiting.count && status == UMB_OK; i++) {
+        status = list_add(t, roots, t->waiting.nodes[i]);
+    }
+    t->waiting.count = 0;
     return status;
 }
 
@@ -309,11 +347,13 @@ static enum umb_status visit_bands(struct traversal *t)
     enum umb_status status = allocate(t);
     uint32_t band_high = UMB_LEVEL_MAX;
     for (size_t band = 0; band < BAND_COUNT && status == UMB_OK; band++) {
-        const struct node_list roots = t->waiting;
-        t->waiting = (struct node_list){0};
+        struct node_list roots;
         t->band_low = band_lows[band];
-        status = t->band_low == UMB_LEVEL_BRICK ? visit_lowest_band(t, &roots)
-                                                : visit_band(t, band_high, &roots);
+        status = find_roots(t, band_high, &roots);
+        if (status == UMB_OK) {
+            status = t->band_low == UMB_LEVEL_BRICK ? visit_lowest_band(t, &roots)
+                                                    : visit_band(t, &roots);
+        }
         umb__free(t->order->alloc, roots.nodes);
         band_high = t->band_low - 1;
     }
@@ -332,11 +372,7 @@ enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pac
         return status;
     }
     memcpy(order->counts, survey.counts, sizeof order->counts);
-    struct traversal t = {.octree = octree,
-                          .survey = &survey,
-                          .order = order,
-                          .error = error,
-                          .copied_most = UINT64_MAX};
+    struct traversal t = {.octree = octree, .survey = &survey, .order = order, .error = error};
     status = visit_bands(&t);
     umb__free(order->alloc, t.waiting.nodes);
     bits_finish(order->alloc, &t.placed);

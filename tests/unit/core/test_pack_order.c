@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The order of a packed file against docs/umb-format.md, section 5, followed word by word: nodes
+ * visited by recursion, what stands where in plain arrays.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "format/node_pool.h"
+#include "format/pack_order.h"
+#include "make_asset.h"
+
+#define PAGE   8192U
+#define WAITS  UINT32_MAX
+#define LEVELS 14U
+
+/* The order under construction. */
+struct slow {
+    const struct umb_octree *octree;
+    uint32_t *page_of[LEVELS]; /* [node] page + 1 that it stands in last, WAITS, or 0 */
+    struct umb__node_ref *sequence, *waiting;
+    size_t *page_first;
+    size_t count, waiting_count;
+    uint32_t pages;
+    uint64_t bytes, all_bytes; /* of the open page; of all closed ones */
+    uint32_t low;
+    int copies;
+};
+
+static void *room(size_t count, size_t size)
+{
+    void *block = calloc(count, size);
+    assert_non_null(block);
+    return block;
+}
+
+static uint32_t count_of(const struct umb_octree *octree, uint32_t level)
+{
+    return level == 3 ? octree->brick_count : octree->level[level].count;
+}
+
+static void slow_close(struct slow *s)
+{
+    if (s->bytes > 0) {
+        s->pages++;
+        s->page_first[s->pages] = s->count;
+        s->all_bytes += s->bytes;
+        s->bytes = 0;
+    }
+}
+
+static uint64_t slow_estimate(const struct slow *s, uint32_t level, uint32_t node)
+{
+    uint64_t bytes = 2;
+    if (level == 3) {
+        bytes = 4;
+        for (int z = 1; z < 8; z++) {
+            bytes += s->octree->bricks[node][z] != s->octree->bricks[node][z - 1] ? 3 : 0;
+        }
+        return bytes;
+    }
+    const struct umb_octree_level *nodes = &s->octree->level[level];
+    for (uint32_t c = nodes->first[node]; c < nodes->first[node + 1]; c++) {
+        const uint32_t page = s->page_of[level - 1][nodes->children[c]];
+        bytes += 1 + (!s->copies && page != 0 && page != s->pages + 1 ? 8U : 0U);
+    }
+    return bytes;
+}
+
+static void slow_visit(struct slow *s, uint32_t level, uint32_t node)
+{
+    const uint32_t page = s->page_of[level][node];
+    if (s->copies ? page == s->pages + 1 : page != 0 && page != WAITS) {
+        return;
+    }
+    s->bytes += slow_estimate(s, level, node);
+    s->page_of[level][node] = s->pages + 1;
+    s->sequence[s->count++] = (struct umb__node_ref){level, node};
+    if (!s->copies && s->bytes >= PAGE) {
+        slow_close(s);
+    }
+    const struct umb_octree_level *nodes = &s->octree->level[level];
+    for (uint32_t c = level > 3 ? nodes->first[node] : 0; level > 3 && c < nodes->first[node + 1];
+         c++) {
+        const uint32_t child = nodes->children[c];
+        if (level > s->low) {
+            slow_visit(s, level - 1, child);
+        } else if (s->page_of[level - 1][child] == 0) {
+            s->page_of[level - 1][child] = WAITS;
+            s->waiting[s->waiting_count++] = (struct umb__node_ref){level - 1, child};
+        }
+    }
+}
+
+static void slow_root(struct slow *s, struct umb__node_ref root)
+{
+    const uint32_t page = s->page_of[root.level][root.index];
+    if (page == 0 || page == WAITS) {
+        slow_visit(s, root.level, root.index);
+        if (s->copies && s->bytes >= PAGE) {
+            slow_close(s);
+        }
+    }
+}
+
+/* Takes the lowest band back. */
+static void slow_rewind(struct slow *s, size_t count, uint32_t pages)
+{
+    s->count = count;
+    s->pages = pages;
+    s->bytes = s->all_bytes = 0;
+    for (uint32_t level = 3; level < 8; level++) {
+        memset(s->page_of[level], 0, count_of(s->octree, level) * sizeof(uint32_t));
+    }
+}
+
+/* Whether copies are worth it: sampled runs against their share of the nodes written once. */
+static int slow_decide(struct slow *s, const struct umb__node_ref *roots, size_t count)
+{
+    const size_t first = s->count, k = 1 + count / 16384;
+    const uint32_t first_page = s->pages;
+    uint64_t own, sampled = 0;
+    s->all_bytes = 0;
+    s->copies = 1; /* an estimate without references; what is in one page stands once */
+    for (size_t i = 0; i < count; i++) {
+        slow_visit(s, roots[i].level, roots[i].index);
+    }
+    slow_close(s);
+    own = s->all_bytes;
+    slow_rewind(s, first, first_page);
+    for (size_t i = 0; i < count; i++) {
+        if (i / 64 % k == 0) {
+            slow_root(s, roots[i]);
+            sampled++;
+        }
+        if (k > 1 && i % 64 == 63) {
+            slow_close(s);
+        }
+    }
+    slow_close(s);
+    const uint64_t copied = s->all_bytes;
+    slow_rewind(s, first, first_page);
+    return 5 * copied * count <= 12 * own * sampled;
+}
+
+/* In: octree: one root, of level 13. Returns whether the lowest band has copies. */
+static int slow_order(struct slow *s)
+{
+    static const uint32_t lows[] = {13, 8, 3};
+    struct umb__node_ref *roots = room(1, sizeof *roots);
+    size_t root_count = 1;
+    roots[0] = (struct umb__node_ref){13, s->octree->roots[0].index};
+    for (int band = 0; band < 3; band++) {
+        s->low = lows[band];
+        if (band == 2) {
+            s->copies = slow_decide(s, roots, root_count);
+        }
+        for (size_t i = 0; i < root_count; i++) {
+            slow_root(s, roots[i]);
+        }
+        slow_close(s);
+        free(roots);
+        roots = s->waiting;
+        root_count = s->waiting_count;
+        s->waiting = room(1 << 20, sizeof *s->waiting);
+        s->waiting_count = 0;
+    }
+    free(roots);
+    return s->copies;
+}
+
+/* A tree of random nodes. In: near: children lie where their parent does in its level, and so are
+ * shared by neighbours; else anywhere. */
+static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb_octree *octree)
+{
+    uint32_t counts[LEVELS] = {0, 0, 0, trees, trees, trees, trees, trees};
+    uint32_t refs[2][1 << 17], level = 13, root = 0;
+    struct umb_pool pool;
+    umb_pool_init(&pool, NULL, SIZE_MAX);
+    for (uint32_t l = 8; l < LEVELS; l++) {
+        counts[l] = counts[l - 1] / 6 + 1;
+    }
+    for (uint32_t l = 3; l < LEVELS; l++) {
+        for (uint32_t i = 0; i < counts[l]; i++) {
+            uint64_t slices[8] = {1, i};
+            uint32_t children[8];
+            for (uint32_t c = 0; c < 8 && l > 3; c++) {
+                const uint64_t any = next_random(&seed) >> 20;
+                const uint64_t at = near ? (uint64_t)i * counts[l - 1] / counts[l] + any % 16
+                                         : (l > 7 ? 6ULL * i + c : any);
+                children[c] =
+                    any % 7 > (l > 7 ? 6 : 3) ? UMB_REF_LIT : refs[l & 1][at % counts[l - 1]];
+            }
+            children[0] = l > 3 && i % 2 ? UMB_REF_SHADOWED : children[0];
+            slices[7] = next_random(&seed) % 3;
+            const enum umb_status status = l == 3 ? umb_pool_brick(&pool, slices, &root, NULL)
+                                                  : umb_pool_node(&pool, l, children, &root, NULL);
+            assert_int_equal(status, UMB_OK);
+            refs[(l + 1) & 1][i] = root;
+        }
+    }
+    assert_int_equal(umb_pool_take(&pool, &root, &level, 1, octree, NULL), UMB_OK);
+    assert_int_equal(octree->roots[0].state, UMB_NODE_MIXED);
+}
+
+/* Returns whether there are copies. */
+static int compare_orders(const struct umb_octree *octree)
+{
+    struct slow s = {.octree = octree};
+    struct umb__pack_order order;
+    const size_t most = (size_t)1 << 24;
+    for (uint32_t level = 3; level < LEVELS; level++) {
+        s.page_of[level] = room(count_of(octree, level) + 1, sizeof(uint32_t));
+    }
+    s.sequence = room(most, sizeof *s.sequence);
+    s.waiting = room(1 << 20, sizeof *s.waiting);
+    s.page_first = room(1 << 20, sizeof *s.page_first);
+    const int copies = slow_order(&s);
+    assert_true(s.count < most);
+    assert_int_equal(umb__pack_order(octree, &order, NULL), UMB_OK);
+    assert_int_equal(order.alone_from != UINT32_MAX, copies);
+    assert_int_equal(order.node_count, s.count);
+    assert_memory_equal(order.sequence, s.sequence, s.count * sizeof *s.sequence);
+    assert_int_equal(order.page_count, s.pages);
+    assert_memory_equal(order.page_first, s.page_first, (s.pages + 1) * sizeof *s.page_first);
+    umb__pack_order_finish(&order);
+    for (uint32_t level = 3; level < LEVELS; level++) {
+        free(s.page_of[level]);
+    }
+    free(s.sequence);
+    free(s.waiting);
+    free(s.page_first);
+    return copies;
+}
+
+static void orders_are_those_of_the_format_page(void **state)
+{
+    /* Trees: so many that all are asked whether copies are worth it, and that some are. */
+    static const uint32_t trees[] = {50, 3000, 15000, 40000};
+    int worth[2] = {0};
+    (void)state;
+    for (uint64_t seed = 1; seed <= 8; seed++) {
+        struct umb_octree octree;
+        random_octree(seed, trees[seed / 2 % 4], seed % 2, &octree);
+        worth[compare_orders(&octree)]++;
+        umb_octree_finish(&octree);
+    }
+    print_message("with copies %d, without %d\n", worth[1], worth[0]);
+    assert_true(worth[0] > 1 && worth[1] > 1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(orders_are_those_of_the_format_page)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
