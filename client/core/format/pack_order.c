@@ -273,6 +273,12 @@ static void rewind_to(struct traversal *t, size_t node_count, uint32_t page_coun
     }
 }
 
+/* Every how many runs of roots one is visited. */
+static size_t sample_step(const struct node_list *roots)
+{
+    return 1 + roots->count / SAMPLE_ROOTS;
+}
+
 static bool is_sampled(size_t root, size_t step)
 {
     return root / SAMPLE_RUN % step == 0;
@@ -282,7 +288,7 @@ static bool is_sampled(size_t root, size_t step)
  * pages is small beside their share of all nodes, each once. */
 static enum umb_status try_copies(struct traversal *t, const struct node_list *roots, bool *worth)
 {
-    const size_t step = 1 + roots->count / SAMPLE_ROOTS;
+    const size_t step = sample_step(roots);
     uint64_t own_bytes = 0, sampled = 0;
     for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
         own_bytes += t->survey->bytes[level];
@@ -317,9 +323,12 @@ static enum umb_status visit_lowest_band(struct traversal *t, const struct node_
     if (status != UMB_OK) {
         return status;
     }
+    order->alone_from = worth ? page_count : UINT32_MAX;
+    if (worth && sample_step(roots) == 1) {
+        return UMB_OK; /* all roots were visited */
+    }
     rewind_to(t, node_count, page_count);
     t->alone = worth;
-    order->alone_from = worth ? page_count : UINT32_MAX;
     return visit_band(t, roots);
 }
 
