@@ -3,9 +3,9 @@
  * Hash-consing of bricks and nodes, level by level.
  *
  * Slots are one 64-bit word, tag above number, so that most probes that miss touch one cache line
- * only. Tables double at three quarters full and are refilled from the keys; arrays double. Where
- * the budget does not allow that, tables fill to seven eighths and arrays grow by an eighth, so
- * that most of the budget can be used. The hash's low half gives the place, the high half the tag.
+ * only. Tables double at three quarters full and are refilled from the old ones; arrays double.
+ * Where the budget does not allow that, tables fill to seven eighths and arrays grow by an eighth,
+ * so that most of the budget can be used.
  */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
@@ -18,7 +18,7 @@
 
 #define EMPTY          UMB__SLOT_EMPTY
 #define SLOTS_LOG2_MIN 10U
-#define SLOTS_LOG2_MAX 33U
+#define SLOTS_LOG2_MAX 32U /* as many bits of a hash are in a slot */
 #define ITEMS_MIN      1024U
 #define LARGE_BYTES    ((size_t)4 << 20) /* arrays from here on are worth large pages */
 
@@ -131,15 +131,15 @@ static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t ite
     return wanted > most ? most : (uint32_t)wanted;
 }
 
-/* Puts a number that is known not to be there. */
-static void slots_put(struct umb_hash_slots *slots, uint64_t hash, uint32_t number)
+/* Puts a word whose number is known not to be there. */
+static void slots_put(struct umb_hash_slots *slots, uint64_t word)
 {
     const size_t last = ((size_t)1 << slots->log2_size) - 1;
-    size_t at = umb__slot_place(slots, hash);
+    size_t at = umb__slot_place(slots, word);
     while (slots->words[at] != EMPTY) {
         at = (at + 1) & last;
     }
-    slots->words[at] = umb__slot_word(hash, number);
+    slots->words[at] = word;
 }
 
 /* Whether a table must grow before it takes one more. */
@@ -154,7 +154,8 @@ static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *
            (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
 }
 
-/* Replaces a table by an empty one twice as large. */
+/* Replaces a table by one twice as large. Words stand in the order of their places in both, so
+ * that the new one is filled from end to end. */
 static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *slots,
                                   struct umb_error *error)
 {
@@ -163,23 +164,26 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
         return umb_fail(error, UMB_E_LIMIT, "shadow octree: hash table over 2^%u slots",
                         SLOTS_LOG2_MAX);
     }
-    const size_t old_bytes =
-        slots->words == NULL ? 0 : ((size_t)1 << slots->log2_size) * sizeof *slots->words;
+    const size_t old_count = slots->words == NULL ? 0 : (size_t)1 << slots->log2_size;
     const size_t bytes = ((size_t)1 << log2_size) * sizeof *slots->words;
     const enum umb_status status = charge(pool, bytes, error);
     if (status != UMB_OK) {
         return status;
     }
-    uint64_t *words = umb__alloc_large(pool->alloc, bytes, 1);
-    if (words == NULL) {
+    struct umb_hash_slots larger = {umb__alloc_large(pool->alloc, bytes, 1), log2_size};
+    if (larger.words == NULL) {
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
     }
-    memset(words, 0xff, bytes);
+    memset(larger.words, 0xff, bytes);
+    for (size_t i = 0; i < old_count; i++) {
+        if (slots->words[i] != EMPTY) {
+            slots_put(&larger, slots->words[i]);
+        }
+    }
     umb__free(pool->alloc, slots->words);
-    pool->bytes -= old_bytes;
-    slots->words = words;
-    slots->log2_size = log2_size;
+    pool->bytes -= old_count * sizeof *slots->words;
+    *slots = larger;
     return UMB_OK;
 }
 
@@ -207,16 +211,9 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
         }
         pool->brick_capacity = capacity;
     }
-    if (slots_full(pool, &pool->brick_slots, pool->brick_count)) {
-        status = slots_grow(pool, &pool->brick_slots, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        for (uint32_t i = 0; i < pool->brick_count; i++) {
-            slots_put(&pool->brick_slots, umb__brick_hash(pool, pool->bricks[i]), i);
-        }
-    }
-    return UMB_OK;
+    return slots_full(pool, &pool->brick_slots, pool->brick_count)
+               ? slots_grow(pool, &pool->brick_slots, error)
+               : UMB_OK;
 }
 
 enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8], uint64_t hash,
@@ -240,7 +237,7 @@ enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slice
     }
     const uint32_t number = pool->brick_count++;
     memcpy(pool->bricks[number], slices, sizeof *pool->bricks);
-    slots_put(&pool->brick_slots, hash, number);
+    slots_put(&pool->brick_slots, umb__slot_word(hash, number));
     *ref = number;
     return UMB_OK;
 }
@@ -278,15 +275,6 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
     }
     key->words[0] = mask;
     key->child_count = count;
-}
-
-static void key_of_node(const struct umb_pool_level *level, uint32_t node,
-                        struct umb__node_key *key)
-{
-    key->words[0] = level->masks[node];
-    key->child_count = level->first[node + 1] - level->first[node];
-    memcpy(key->words + 1, level->children + level->first[node],
-           key->child_count * sizeof key->words[0]);
 }
 
 static int node_equals(const struct umb_pool_level *level, uint32_t node,
@@ -355,18 +343,8 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
         }
         level->child_capacity = capacity;
     }
-    if (slots_full(pool, &level->slots, level->count)) {
-        status = slots_grow(pool, &level->slots, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        struct umb__node_key key;
-        for (uint32_t i = 0; i < level->count; i++) {
-            key_of_node(level, i, &key);
-            slots_put(&level->slots, umb__key_hash(pool, &key), i);
-        }
-    }
-    return UMB_OK;
+    return slots_full(pool, &level->slots, level->count) ? slots_grow(pool, &level->slots, error)
+                                                         : UMB_OK;
 }
 
 enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number,
@@ -395,7 +373,7 @@ enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number
            key->child_count * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;
-    slots_put(&level->slots, hash, number);
+    slots_put(&level->slots, umb__slot_word(hash, number));
     *ref = number;
     return UMB_OK;
 }

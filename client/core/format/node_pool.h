@@ -69,7 +69,7 @@ void umb_pool_clear(struct umb_pool *pool);
  * Finds or adds a brick.
  *
  * Out:   ref: its number, or a uniform state if all its voxels are equal.
- * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 2^32 - 2 bricks). The pool stays as it was.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 7/8 of 2^32 bricks). The pool stays as it was.
  * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
  */
 UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8],

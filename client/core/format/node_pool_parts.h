@@ -4,8 +4,10 @@
 /*
  * Between node_pool.c and pool_merge.c: hashes, keys and slots.
  *
- * A slot is one 64-bit word, tag above number: the hash's low half gives the place, its high half
- * the tag. Slots that follow one another are tried in turn until an empty one.
+ * A slot is one 64-bit word, tag above number. The tag is the hash's high half; its first bits give
+ * the place, so that a word alone says where it goes in a table of any size, and what is left of
+ * them (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that follow
+ * one another are tried in turn until an empty one.
  *
  * Hashes have a seed that nobody outside the process knows: bricks of a stranger's file that all
  * had one hash would each be compared with all before. Numbers do not depend on it.
@@ -14,9 +16,10 @@
 
 #define UMB__SLOT_EMPTY UINT64_MAX
 
+/* In: hash: or a slot's word. */
 static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint64_t hash)
 {
-    return (size_t)(hash & (((uint64_t)1 << slots->log2_size) - 1));
+    return (size_t)(hash >> (64 - slots->log2_size));
 }
 
 static inline uint64_t umb__slot_word(uint64_t hash, uint32_t number)
