@@ -14,6 +14,7 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/cut_out.h"
 #include "bake/depth/tile.h"
+#include "base/vec.h"
 #include "common/parts.h"
 
 void umbb_analysis_finish(struct umbb_analysis *analysis)
@@ -91,6 +92,29 @@ static uint8_t kind_of(const struct umbs_part *part, enum umbb_closed_mode mode)
     return part->closed && part->flipped ? UMBB_CASTER_CLOSED_FLIPPED : UMBB_CASTER_CLOSED;
 }
 
+static double area_of(const double corners[3][3])
+{
+    double a[3], b[3], normal[3];
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umb__cross(a, b, normal);
+    return 0.5 * umb__length(normal);
+}
+
+/* Whether the closed rule is used. If it is for closed parts only it has to be worth it: what lies
+ * inside of them saves bytes where their surfaces are, and takes penumbras and columns away
+ * everywhere. Without it all casters are open. */
+static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
+{
+    const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;
+    const int any = analysis->closed_part_count > 0;
+    analysis->closed_rule = mode == UMBB_CLOSED_ON || (mode == UMBB_CLOSED_AUTO && any && worth);
+    analysis->closed_declined = mode == UMBB_CLOSED_AUTO && any && !worth;
+    for (size_t i = 0; i < analysis->count && analysis->closed_declined; i++) {
+        analysis->kinds[i] = UMBB_CASTER_OPEN;
+    }
+}
+
 /* Takes over what the parts say. Allocates dropped and kinds. */
 static enum umb_status take_parts(struct umbb_analysis *analysis, const struct umbs_parts *parts,
                                   enum umbb_closed_mode mode, struct umb_error *error)
@@ -113,6 +137,10 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
         } else if (cut != UMBS_CUT_NONE && umbs_cut_is_translucent(&analysis->cuts, cut)) {
             analysis->dropped[i] = UMBB_TRANSLUCENT;
         } else { /* a triangle with holes bounds no solid, on nobody's word */
+            const double area = area_of((const double(*)[3])analysis->corners[i]);
+            const int closed = cut == UMBS_CUT_NONE && parts->parts[parts->part_of[i]].closed;
+            analysis->area_m2 += area;
+            analysis->closed_area_m2 += closed ? area : 0.0;
             analysis->kinds[analysis->count++] =
                 cut != UMBS_CUT_NONE ? UMBB_CASTER_OPEN
                                      : kind_of(&parts->parts[parts->part_of[i]], mode);
@@ -132,8 +160,7 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
     if (largest_open != NULL) {
         umbs_part_reason(largest_open, analysis->open_reason, sizeof analysis->open_reason);
     }
-    analysis->closed_rule =
-        mode == UMBB_CLOSED_ON || (mode == UMBB_CLOSED_AUTO && analysis->closed_part_count > 0);
+    decide_closed(analysis, mode);
     return UMB_OK;
 }
 

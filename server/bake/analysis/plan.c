@@ -33,6 +33,10 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
     }
     fprintf(to, "%zu of %zu parts closed and consistently oriented, %zu of %zu triangles",
             a->closed_part_count, a->part_count, a->closed_triangles, a->count);
+    if (a->closed_declined) {
+        fprintf(to, ", %.3g %% of the area: below %.3g %% it saves nothing",
+                100.0 * a->closed_area_m2 / a->area_m2, 100.0 * UMBB_CLOSED_SHARE);
+    }
     if (a->flipped_part_count > 0) {
         fprintf(to, "; %zu wound inside out and turned around", a->flipped_part_count);
     }

@@ -183,6 +183,43 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     umbb_analysis_finish(&a);
 }
 
+/* The cube has 24 square metres, the open triangle 2: with one edge as long as a street it has more
+ * than forty times the cube's. */
+static void closed_parts_of_little_area_are_not_worth_the_rule(void **state)
+{
+    (void)state;
+    struct small_scene s;
+    struct umbb_options options = options_of(UMBB_CLOSED_AUTO);
+    static const double edges[] = {900.0, 950.0}; /* 24 of 924, of 974: 2.6 and 2.46 % */
+    for (int i = 0; i < 2; i++) {
+        struct umbb_analysis a;
+        struct umb_error error;
+        char *plan;
+        small_scene_init(&s);
+        s.positions[9][0] = 90.0 + edges[i];
+        assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+        assert_int_equal(a.closed_rule, i == 0);
+        assert_int_equal(a.frusta[0].closed, i == 0);
+        assert_int_equal(a.kinds[0], i == 0 ? UMBB_CASTER_CLOSED : UMBB_CASTER_OPEN);
+        assert_true(fabs(a.closed_area_m2 - 24.0) < 1e-9);
+        assert_true(fabs(a.area_m2 - 24.0 - edges[i]) < 1e-9);
+        assert_int_equal(umbb_plan_text(&a, &s.view, &options, &plan, &error), UMB_OK);
+        assert_non_null(
+            strstr(plan, i == 0 ? "effect=closed state=on" : "effect=closed state=off"));
+        assert_true((strstr(plan, "2.46 % of the area: below 2.5 % it saves nothing") != NULL) ==
+                    (i == 1));
+        free(plan);
+        umbb_analysis_finish(&a);
+    }
+    /* On somebody's word it is used all the same. */
+    struct umbb_analysis a;
+    struct umb_error error;
+    options = options_of(UMBB_CLOSED_ON);
+    assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
+    assert_true(a.closed_rule && a.frusta[0].closed && a.kinds[0] == UMBB_CASTER_CLOSED);
+    umbb_analysis_finish(&a);
+}
+
 static void closed_option_overrules_the_parts(void **state)
 {
     (void)state;
@@ -547,6 +584,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(analysis_drops_degenerates_and_finds_closed_parts),
         cmocka_unit_test(inside_out_solid_winds_outward_for_the_self_check),
+        cmocka_unit_test(closed_parts_of_little_area_are_not_worth_the_rule),
         cmocka_unit_test(closed_option_overrules_the_parts),
         cmocka_unit_test(lights_are_chosen_by_option),
         cmocka_unit_test(sun_paths_and_sizes_become_lights),
