@@ -267,7 +267,7 @@ static void raster_block(void *state, int slot, unsigned thread, struct umbb_til
     const int32_t n = umbb_tile_block(tile);
     const size_t cell = (size_t)by * bins->cells_x + (size_t)bx;
     const size_t count = (size_t)(bins->first[cell + 1] - bins->first[cell]);
-    const uint32_t *list = bins->entries + bins->first[cell];
+    const uint32_t *list = bins->entries == NULL ? NULL : bins->entries + bins->first[cell];
     int32_t x[BLOCK_SQUARES], y[BLOCK_SQUARES];
     const size_t squares =
         raster->marks == NULL ? BLOCK_SQUARES : open_squares(tile, n, bx, by, x, y);

@@ -158,7 +158,7 @@ enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape, const stru
     *size = 0;
     struct encoder e = {
         .pool = pool,
-        .runs = runs->items + result->column.run_first,
+        .runs = runs->items == NULL ? NULL : runs->items + result->column.run_first,
         .run_count = result->column.run_count,
         .top = shape->tile_log2,
     };
