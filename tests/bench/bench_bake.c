@@ -5,8 +5,9 @@
  *
  * depth_front_vs_embree8: seconds that Embree would take for one ray a covered texel (8-wide
  * coherent packets, at the rate of 64 random windows of 256 x 256 texels) over seconds of the whole
- * depth stage for one layer (listing the triangles by tile, drawing, and writing every texel of the
- * map, covered or not). Both in CPU time of one thread, one right after the other.
+ * depth stage for one layer (listing the triangles by tile, drawing, and writing the texels of
+ * every square of 8x8 that something covers, with the least and the greatest of each). Both in CPU
+ * time of one thread, one right after the other.
  */
 #include <math.h>
 #include <stdio.h>

@@ -50,7 +50,6 @@ void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far)
 
 umbb_draw_fn umbb_draw_quickest(void)
 {
-    umbb_draw_fn draw = umbb_draw_avx512();
-    draw = draw != NULL ? draw : umbb_draw_avx2();
+    const umbb_draw_fn draw = umbb_draw_avx2();
     return draw != NULL ? draw : umbb_draw_plain;
 }

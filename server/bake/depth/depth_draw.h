@@ -60,11 +60,7 @@ void umbb_draw_plain(const struct umbb_coverage *coverages, size_t count,
  * AVX2. */
 umbb_draw_fn umbb_draw_avx2(void);
 
-/* Eight rows and eight texels at a time, the same bits; NULL if this build or this processor lacks
- * AVX-512 (F, VL, BW, DQ). */
-umbb_draw_fn umbb_draw_avx512(void);
-
-/* The quickest of them here. */
+/* The quicker of them here. */
 umbb_draw_fn umbb_draw_quickest(void);
 
 #endif

@@ -15,6 +15,7 @@
 #include "bake/build/job_pool.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/cut_out.h"
+#include "bake/depth/depth_cells.h"
 #include "bake/depth/depth_draw.h"
 #include "bake/depth/depth_store.h"
 #include "bake/depth/front_marks.h"
@@ -44,10 +45,12 @@ struct raster {
     umbb_draw_fn draw;
     umbb_far_fn find_far;
     umbb_store_fn store;
-    struct umbb_bins tiles;     /* the whole map by tile */
-    struct umbb_bins blocks[2]; /* a tile by block, one a slot */
-    int32_t *layers;            /* [threads][LAYERS_STRIDE] */
-    struct umbb_jobs *jobs;     /* help to make ready; idle while blocks are drawn */
+    const struct umbb_cells_steps *steps; /* NULL: triangles are drawn at once, by draw */
+    struct umbb_cells *cells;             /* [threads], with steps */
+    struct umbb_bins tiles;               /* the whole map by tile */
+    struct umbb_bins blocks[2];           /* a tile by block, one a slot */
+    int32_t *layers;                      /* [threads][LAYERS_STRIDE] */
+    struct umbb_jobs *jobs;               /* help to make ready; idle while blocks are drawn */
     struct umb_workers workers;
 };
 
@@ -98,27 +101,65 @@ static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *til
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
-/* Layers of a block under way. */
-struct layers {
-    int32_t *texels; /* [UMBB_LAYER_COUNT][count] */
-    int32_t *far;    /* [UMBB_LAYER_COUNT][LAYER_FAR] */
+/* A block under way. */
+struct drawing {
+    const struct raster *raster;
+    int32_t *texels;          /* [UMBB_LAYER_COUNT][count] */
+    int32_t *far;             /* [UMBB_LAYER_COUNT][LAYER_FAR] */
+    struct umbb_cells *cells; /* NULL: none are noted */
     size_t count;
+    struct umbb_canvas canvas; /* place and size */
+    int has_layers;            /* 1: the layers are in use */
+    int often_hidden;          /* 1: what is to come is likely to be hidden */
 };
 
-/* Points a canvas at the layers that triangles of a kind belong to. */
-static void choose_layers(const struct umbb_casters *casters, uint8_t kind,
-                          const struct layers *layers, struct umbb_canvas *canvas)
+static void fill(int32_t *layer, size_t count, int32_t value)
 {
-    enum umbb_layer front = UMBB_LAYER_OPEN, back = UMBB_LAYER_OPEN;
-    if (casters->closed_rule && kind != UMBB_CASTER_OPEN) {
-        const int flipped = kind == UMBB_CASTER_CLOSED_FLIPPED;
-        front = flipped ? UMBB_LAYER_BACK : UMBB_LAYER_FRONT;
-        back = flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
+    const size_t chunk = count < 512 ? count : 512;
+    for (size_t i = 0; i < chunk; i++) {
+        layer[i] = value;
     }
-    canvas->front = layers->texels + (size_t)front * layers->count;
-    canvas->back = layers->texels + (size_t)back * layers->count;
-    canvas->front_far = layers->far + (size_t)front * LAYER_FAR;
-    canvas->back_far = layers->far + (size_t)back * LAYER_FAR;
+    for (size_t i = chunk; i < count; i += chunk) { /* copying is quicker than setting */
+        memcpy(layer + i, layer, (count - i < chunk ? count - i : chunk) * sizeof *layer);
+    }
+}
+
+/* Takes the layers in use, if they are not. */
+static void need_layers(struct drawing *drawing)
+{
+    const struct umbb_casters *casters = drawing->raster->casters;
+    if (!drawing->has_layers) {
+        fill(drawing->texels, (casters->closed_rule ? UMBB_LAYER_COUNT : 1) * drawing->count,
+             casters->size);
+        fill(drawing->far, UMBB_LAYER_COUNT * LAYER_FAR, casters->size);
+        drawing->has_layers = 1;
+    }
+}
+
+/* Says which layers triangles of a kind belong to. */
+static struct umbb_sides choose_sides(const struct drawing *drawing, uint8_t kind)
+{
+    struct umbb_sides sides = {UMBB_LAYER_OPEN, UMBB_LAYER_OPEN, drawing->often_hidden};
+    if (drawing->raster->casters->closed_rule && kind != UMBB_CASTER_OPEN) {
+        const int flipped = kind == UMBB_CASTER_CLOSED_FLIPPED;
+        sides.front = flipped ? UMBB_LAYER_BACK : UMBB_LAYER_FRONT;
+        sides.back = flipped ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
+    }
+    return sides;
+}
+
+/* The canvas of a kind's layers, which are in use from now on. */
+static const struct umbb_canvas *choose_canvas(struct drawing *drawing, uint8_t kind)
+{
+    const struct umbb_sides sides = choose_sides(drawing, kind);
+    struct umbb_canvas *canvas = &drawing->canvas;
+    need_layers(drawing);
+    canvas->front = drawing->texels + (size_t)sides.front * drawing->count;
+    canvas->back = drawing->texels + (size_t)sides.back * drawing->count;
+    canvas->front_far = drawing->far + (size_t)sides.front * LAYER_FAR;
+    canvas->back_far = drawing->far + (size_t)sides.back * LAYER_FAR;
+    canvas->fresh = !drawing->often_hidden;
+    return canvas;
 }
 
 /* Triangles of one kind. */
@@ -145,10 +186,29 @@ static int is_near_side(const struct umbb_coverage *coverage, uint8_t kind)
     return coverage->facing != (kind == UMBB_CASTER_CLOSED_FLIPPED);
 }
 
-/* Draws a batch, but for the far sides that `later` has room for (NULL: none). */
-static void batch_draw(const struct raster *raster, const struct layers *layers,
-                       struct batch *batch, struct far_sides *later, struct umbb_canvas *canvas)
+/* Draws prepared triangles of a kind, or notes them. */
+static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *coverages,
+                          size_t count, uint8_t kind)
 {
+    const struct raster *raster = drawing->raster;
+    if (drawing->cells == NULL) {
+        raster->draw(coverages, count, choose_canvas(drawing, kind));
+        return;
+    }
+    const struct umbb_sides sides = choose_sides(drawing, kind);
+    for (size_t done = 0; done < count;) {
+        done += raster->steps->note(drawing->cells, coverages + done, count - done, &sides);
+        if (done < count) { /* full */
+            need_layers(drawing);
+            raster->steps->draw(drawing->cells, drawing->texels);
+        }
+    }
+}
+
+/* Draws a batch, but for the far sides that `later` has room for (NULL: none). */
+static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_sides *later)
+{
+    const struct raster *raster = drawing->raster;
     const struct umbb_casters *casters = raster->casters;
     size_t drawn = 0;
     if (batch->count == 0) {
@@ -163,32 +223,32 @@ static void batch_draw(const struct raster *raster, const struct layers *layers,
         }
         if (later != NULL && later->count < FAR_MAX && !is_near_side(coverage, batch->kind)) {
             later->triangles[later->count++] = batch->triangles[i];
+        } else if (drawing->cells != NULL && !umbb_cells_can_note(coverage)) {
+            umbb_draw_plain(coverage, 1, choose_canvas(drawing, batch->kind));
         } else {
             batch->coverages[drawn++] = *coverage;
         }
     }
-    choose_layers(casters, batch->kind, layers, canvas);
-    raster->draw(batch->coverages, drawn, canvas);
+    draw_prepared(drawing, batch->coverages, drawn, batch->kind);
     batch->count = 0;
 }
 
 /* Draws a triangle with holes. */
-static void draw_cut(const struct umbb_casters *casters, uint32_t triangle,
-                     const struct layers *layers, struct umbb_canvas *canvas)
+static void draw_cut(struct drawing *drawing, uint32_t triangle)
 {
+    const struct umbb_casters *casters = drawing->raster->casters;
     struct umbb_coverage coverage;
     if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
-        choose_layers(casters, casters->kinds[triangle], layers, canvas);
-        umbb_cut_draw(casters->cuts, umbb_cut_of(casters->cuts, triangle), &coverage, canvas);
+        umbb_cut_draw(casters->cuts, umbb_cut_of(casters->cuts, triangle), &coverage,
+                      choose_canvas(drawing, casters->kinds[triangle]));
     }
 }
 
 /* Draws the triangles of a list, but for the far sides that `later` has room for (NULL: none). */
-static void draw_list(const struct raster *raster, const uint32_t *list, size_t count,
-                      const struct layers *layers, struct far_sides *later,
-                      struct umbb_canvas *canvas)
+static void draw_list(struct drawing *drawing, const uint32_t *list, size_t count,
+                      struct far_sides *later)
 {
-    const struct umbb_casters *casters = raster->casters;
+    const struct umbb_casters *casters = drawing->raster->casters;
     struct batch batch;
     batch.count = 0;
     batch.kind = UMBB_CASTER_OPEN;
@@ -197,49 +257,60 @@ static void draw_list(const struct raster *raster, const uint32_t *list, size_t 
         const int has_holes = umbb_cut_of(casters->cuts, triangle) != UMBS_CUT_NONE;
         __builtin_prefetch(casters->corners[list[i + AHEAD < count ? i + AHEAD : i]]);
         if (batch.count == UMBB_DRAW_MAX || casters->kinds[triangle] != batch.kind || has_holes) {
-            batch_draw(raster, layers, &batch, later, canvas);
+            batch_draw(drawing, &batch, later);
             batch.kind = casters->kinds[triangle];
         }
         if (has_holes) {
-            draw_cut(casters, triangle, layers, canvas);
+            draw_cut(drawing, triangle);
         } else {
             batch.triangles[batch.count++] = triangle;
         }
     }
-    batch_draw(raster, layers, &batch, later, canvas);
+    batch_draw(drawing, &batch, later);
 }
 
-static void fill(int32_t *layer, size_t count, int32_t value)
+/* Writes what was drawn and noted to the square from (x, y) of the tile on. */
+static void drawing_store(struct drawing *drawing, struct umbb_tile *tile, int32_t x, int32_t y)
 {
-    const size_t chunk = count < 512 ? count : 512;
-    for (size_t i = 0; i < chunk; i++) {
-        layer[i] = value;
+    const struct raster *raster = drawing->raster;
+    if (drawing->cells != NULL && !drawing->has_layers) {
+        raster->steps->store(drawing->cells, tile, x, y);
+        return;
     }
-    for (size_t i = chunk; i < count; i += chunk) { /* copying is quicker than setting */
-        memcpy(layer + i, layer, (count - i < chunk ? count - i : chunk) * sizeof *layer);
+    need_layers(drawing);
+    if (drawing->cells != NULL) {
+        raster->steps->draw(drawing->cells, drawing->texels);
     }
+    raster->store(drawing->texels, drawing->canvas.n, tile, x, y);
 }
 
 /* Draws a square of n texels from (x, y) of the tile on. */
 static void draw_square(const struct raster *raster, unsigned thread, struct umbb_tile *tile,
                         const uint32_t *list, size_t count, int32_t n, int32_t x, int32_t y)
 {
-    const struct umbb_casters *casters = raster->casters;
-    struct layers layers = {.texels = raster->layers + (size_t)thread * LAYERS_STRIDE,
-                            .count = (size_t)n * (size_t)n};
-    layers.far = layers.texels + UMBB_LAYER_COUNT * LAYER_TEXELS;
-    fill(layers.texels, (casters->closed_rule ? UMBB_LAYER_COUNT : 1) * layers.count,
-         casters->size);
-    fill(layers.far, UMBB_LAYER_COUNT * LAYER_FAR, casters->size);
-    struct umbb_canvas canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n, .fresh = 1};
+    struct drawing drawing = {
+        .raster = raster,
+        .texels = raster->layers + (size_t)thread * LAYERS_STRIDE,
+        .cells = raster->steps == NULL ? NULL : &raster->cells[thread],
+        .count = (size_t)n * (size_t)n,
+        .canvas = {.x0 = tile->x0 + x, .y0 = tile->y0 + y, .n = n},
+    };
     struct far_sides later;
+    drawing.far = drawing.texels + UMBB_LAYER_COUNT * LAYER_TEXELS;
     later.count = 0;
-    draw_list(raster, list, count, &layers, &later, &canvas);
-    raster->find_far(layers.texels + UMBB_LAYER_OPEN * layers.count, n,
-                     layers.far + UMBB_LAYER_OPEN * LAYER_FAR);
-    canvas.fresh = 0;
-    draw_list(raster, later.triangles, later.count, &layers, NULL, &canvas);
-    raster->store(layers.texels, n, tile, x, y);
+    if (drawing.cells != NULL) {
+        drawing.cells->background = raster->casters->size;
+        drawing.cells->layer_count = raster->casters->closed_rule ? UMBB_LAYER_COUNT : 1;
+        umbb_cells_begin(drawing.cells, n, drawing.canvas.x0, drawing.canvas.y0);
+    }
+    draw_list(&drawing, list, count, &later);
+    if (drawing.cells == NULL && drawing.has_layers) {
+        raster->find_far(drawing.texels + UMBB_LAYER_OPEN * drawing.count, n,
+                         drawing.far + UMBB_LAYER_OPEN * LAYER_FAR);
+    }
+    drawing.often_hidden = 1;
+    draw_list(&drawing, later.triangles, later.count, NULL);
+    drawing_store(&drawing, tile, x, y);
 }
 
 /* Squares of a block that are not proven; their places go to x and y. */
@@ -294,10 +365,13 @@ static void raster_destroy(void *state)
         umbb_bins_finish(&raster->blocks[1]);
         umbb_jobs_destroy(raster->jobs);
         free(raster->layers);
+        free(raster->cells);
         free(raster->marks);
         free(raster);
     }
 }
+
+_Static_assert(sizeof(struct umbb_cells) % CACHE_LINE == 0, "every thread's are aligned");
 
 /* Rows that do not lie across cache lines. */
 static int32_t *layers_alloc(unsigned threads)
@@ -332,7 +406,11 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     }
     raster->workers = umbb_jobs_workers(raster->jobs);
     raster->layers = layers_alloc(options->threads);
-    if (raster->layers == NULL) {
+    raster->steps = options->plain ? NULL : umbb_cells_avx512();
+    if (raster->steps != NULL) {
+        raster->cells = aligned_alloc(CACHE_LINE, options->threads * sizeof *raster->cells);
+    }
+    if (raster->layers == NULL || (raster->steps != NULL && raster->cells == NULL)) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "rasteriser: layers of %u threads refused",
                           options->threads);
         goto fail;

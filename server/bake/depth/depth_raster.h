@@ -6,7 +6,8 @@
  *
  * Life: create bins the casters by tile once; begin bins a tile's casters by block; block draws
  * them into three layers of integers (nearest front and back face of closed parts, nearest other
- * face) and decides lit and end. The least of integers does not depend on the order of drawing.
+ * face) and decides lit and end; with AVX-512 cell by cell, without layers (depth_cells.h). The
+ * least of integers does not depend on the order of drawing.
  */
 #include "bake/depth/tile.h"
 

@@ -11,7 +11,6 @@
 #include <string.h>
 
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_draw.h"
 
 #define SIZE 64
 
@@ -325,162 +324,6 @@ static void depth_follows_the_plane_and_stays_within_the_corners(void **state)
     }
 }
 
-enum {
-    CANVAS = 32, /* a quarter of the triangles' square, so that all sides clip */
-    CANVAS_TEXELS = CANVAS * CANVAS
-};
-
-/* Two layers as a kernel finds them. */
-struct drawing {
-    int32_t texels[2][CANVAS_TEXELS], far[2][CANVAS_TEXELS / 64];
-};
-
-static void drawing_init(struct drawing *drawing, const int32_t *texels)
-{
-    memcpy(drawing->texels, texels, sizeof drawing->texels);
-    for (int layer = 0; layer < 2; layer++) {
-        umbb_canvas_far(drawing->texels[layer], CANVAS, drawing->far[layer]);
-    }
-}
-
-static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, size_t count,
-                        int round, umbb_draw_fn draw)
-{
-    const int one_layer = round % 5 == 0;
-    const struct umbb_canvas canvas = {
-        .x0 = round & 32,
-        .y0 = round / 2 & 32,
-        .n = CANVAS,
-        .front = drawing->texels[0],
-        .back = drawing->texels[one_layer ? 0 : 1],
-        .front_far = drawing->far[0],
-        .back_far = drawing->far[one_layer ? 0 : 1],
-        .fresh = round % 7 == 0,
-    };
-    draw(c, count, &canvas);
-}
-
-static void random_triangle(int round, double v[4][3])
-{
-    for (int i = 0; i < 9; i++) {
-        v[i / 3][i % 3] = random_coordinate();
-    }
-    if (round % 3 == 0) { /* a sliver with huge or not finite gradients */
-        memcpy(v[1], v[0], sizeof v[1]);
-        v[1][1] = nextafter(v[1][1], 100.0);
-        v[1][2] = random_coordinate();
-    } else if (round % 3 == 1) {
-        flat_solid(v);
-    }
-}
-
-/* Several triangles at once and one after the other, so that what the first ones leave behind lets
- * the kernel skip much of the others. */
-static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
-{
-    seed(5);
-    static struct drawing drawings[2];
-    static int32_t texels[2 * CANVAS_TEXELS];
-    static struct umbb_coverage coverages[UMBB_DRAW_MAX];
-    for (int round = 0; round < 3000; round++) {
-        const int32_t depth = (int32_t)(random_bits() % SIZE);
-        for (size_t i = 0; i < 2 * CANVAS_TEXELS; i++) {
-            texels[i] = round % 2 == 0 ? (int32_t)(random_bits() % (SIZE + 1))
-                                       : depth + (int32_t)(random_bits() % 2);
-        }
-        drawing_init(&drawings[0], texels);
-        drawing_init(&drawings[1], texels);
-        for (int k = 0; k < 4; k++) {
-            const size_t wanted = round % 50 == 0 ? UMBB_DRAW_MAX : (size_t)(round % 3 + 1);
-            size_t count = 0;
-            for (size_t i = 0; i < wanted; i++) {
-                double v[4][3];
-                random_triangle(round + k, v);
-                count +=
-                    (size_t)umbb_coverage_prepare((const double(*)[3])v, SIZE, &coverages[count]);
-            }
-            drawing_add(&drawings[0], coverages, count, round, umbb_draw_plain);
-            drawing_add(&drawings[1], coverages, count, round, quick);
-        }
-        assert_memory_equal(drawings[0].texels, drawings[1].texels, sizeof texels);
-        for (size_t i = 0; i < 2 * CANVAS_TEXELS; i++) {
-            const size_t layer = i / CANVAS_TEXELS, at = i % CANVAS_TEXELS;
-            assert_true(drawings[1].texels[layer][at] <= drawings[1].far[layer][at / 64]);
-        }
-    }
-}
-
-/* A slope along y whose nearest row of a band lies on a voxel's centre to the last bit, before a
- * wall in the next voxel: a bound that is rounded otherwise than the predicate finds it hidden. */
-static void slopes_that_touch_a_centre_are_drawn_by(umbb_draw_fn quick)
-{
-    seed(7);
-    static struct drawing drawings[2];
-    static int32_t texels[2 * CANVAS_TEXELS];
-    int drawn = 0;
-    for (int round = 0; round < 20000; round++) {
-        const double y = -3.0 * random_unit(), below = 7.5 - y;
-        const double gradient = -0.25 * (double)(1 + random_bits() % 4);
-        const int32_t lit = 10 + (int32_t)(random_bits() % 20);
-        const double z = lit + 0.5 - gradient * below;
-        const double v[3][3] = {
-            {-40.0, y, z}, {80.0, y, z}, {-40.0, y + 40.0, z + 40.0 * gradient}};
-        struct umbb_coverage c;
-        assert_int_equal(umbb_coverage_prepare(v, SIZE, &c), 1);
-        for (size_t i = 0; i < 2 * CANVAS_TEXELS; i++) {
-            texels[i] = lit + 1;
-        }
-        drawing_init(&drawings[0], texels);
-        drawing_init(&drawings[1], texels);
-        drawing_add(&drawings[0], &c, 1, 0, umbb_draw_plain);
-        drawing_add(&drawings[1], &c, 1, 0, quick);
-        assert_memory_equal(drawings[0].texels, drawings[1].texels, sizeof texels);
-        drawn += drawings[0].texels[0][7 * 8] == lit;
-    }
-    assert_true(drawn > 1000); /* else nothing was tested */
-}
-
-static void drawing_with_avx2_gives_the_bits_of_the_plain_one(void **state)
-{
-    (void)state;
-    if (umbb_draw_avx2() == NULL) {
-        print_message("skipped: no AVX2 on this processor\n");
-        skip();
-    }
-    kernel_gives_the_bits_of_the_plain_one(umbb_draw_avx2());
-    slopes_that_touch_a_centre_are_drawn_by(umbb_draw_avx2());
-}
-
-static void drawing_with_avx512_gives_the_bits_of_the_plain_one(void **state)
-{
-    (void)state;
-    if (umbb_draw_avx512() == NULL) {
-        print_message("skipped: no AVX-512 on this processor\n");
-        skip();
-    }
-    kernel_gives_the_bits_of_the_plain_one(umbb_draw_avx512());
-    slopes_that_touch_a_centre_are_drawn_by(umbb_draw_avx512());
-}
-
-static void greatest_texels_are_found_by_vectors_too(void **state)
-{
-    (void)state;
-    static int32_t texels[CANVAS_TEXELS], far[2][CANVAS_TEXELS / 64];
-    if (umbb_far_avx2() == NULL) {
-        print_message("skipped: no AVX2 on this processor\n");
-        skip();
-    }
-    seed(6);
-    for (int round = 0; round < 200; round++) {
-        for (size_t i = 0; i < CANVAS_TEXELS; i++) {
-            texels[i] = (int32_t)(random_bits() % (SIZE + 1));
-        }
-        umbb_canvas_far(texels, CANVAS, far[0]);
-        umbb_far_avx2()(texels, CANVAS, far[1]);
-        assert_memory_equal(far[0], far[1], sizeof far[0]);
-    }
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -492,9 +335,6 @@ int main(void)
         cmocka_unit_test(depth_counts_voxel_centres_before_the_surface),
         cmocka_unit_test(depth_follows_the_plane_and_stays_within_the_corners),
         cmocka_unit_test(a_column_that_enters_a_sliver_of_a_solid_leaves_it),
-        cmocka_unit_test(drawing_with_avx2_gives_the_bits_of_the_plain_one),
-        cmocka_unit_test(drawing_with_avx512_gives_the_bits_of_the_plain_one),
-        cmocka_unit_test(greatest_texels_are_found_by_vectors_too),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

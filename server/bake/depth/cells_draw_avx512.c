@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Drawing of noted cells with AVX-512: a cell's texels are four registers, which all its parts
+ * lower one after the other; two rows of eight at a time. The operations of the predicate in the
+ * same order, never fused, hence the same bits.
+ *
+ * A texel is held as twice its depth rounded up, of which lit is the half, rounded down:
+ * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order, so that least and clamp may
+ * come before the halving, which is then done once a cell.
+ */
+#include "bake/depth/cells_avx512.h"
+
+#include <stddef.h>
+
+#if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
+#include <immintrin.h>
+
+#define UP (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
+
+/* Added to a number below 2^30 in magnitude, rounding up, it leaves the next multiple of one half
+ * above in the lower half of the sum's bits, counted in halves. */
+#define HALF_MAGIC 3377699720527872.0 /* 1.5 * 2^51 */
+
+/* Texels of a cell, two rows each, as twice their depth. */
+struct texels {
+    __m512i rows[4];
+};
+
+/* A cell under way. */
+struct place {
+    __m512d x, y; /* centres of its columns and of its rows */
+};
+
+static inline struct place place_of(const struct umbb_cells *cells, size_t cell)
+{
+    const size_t across = (size_t)(cells->n >> 3);
+    const __m512d centres = _mm512_setr_pd(0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5);
+    const double x = (double)(cells->x0 + 8 * (int32_t)(cell % across));
+    const double y = (double)(cells->y0 + 8 * (int32_t)(cell / across));
+    return (struct place){_mm512_add_pd(_mm512_set1_pd(x), centres),
+                          _mm512_add_pd(_mm512_set1_pd(y), centres)};
+}
+
+/* The bits that hold twice the depth of a row. */
+static inline __m512i row_sum(__m512d slopes, double z)
+{
+    const __m512d depth = _mm512_add_pd(_mm512_set1_pd(z), slopes);
+    return _mm512_castpd_si512(_mm512_add_round_pd(depth, _mm512_set1_pd(HALF_MAGIC), UP));
+}
+
+static inline void part_draw(const struct umbb_plane *k, uint64_t bits, const struct place *place,
+                             struct texels *texels)
+{
+    const __m512i lower_halves =
+        _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+    const __m512d slopes = _mm512_mul_pd(_mm512_set1_pd(k->gradient_x),
+                                         _mm512_sub_pd(place->x, _mm512_set1_pd(k->anchor_x)));
+    const __m512d row_z =
+        _mm512_add_pd(_mm512_set1_pd(k->anchor_z),
+                      _mm512_mul_pd(_mm512_set1_pd(k->gradient_y),
+                                    _mm512_sub_pd(place->y, _mm512_set1_pd(k->anchor_y))));
+    const __m512i lit_min = _mm512_set1_epi32(2 * k->lit_min);
+    const __m512i lit_max = _mm512_set1_epi32(2 * k->lit_max + 1);
+    double z[8];
+    _mm512_storeu_pd(z, row_z);
+    for (size_t i = 0; i < 4; i++, bits >>= 16) {
+        __m512i lit = _mm512_permutex2var_epi32(row_sum(slopes, z[2 * i]), lower_halves,
+                                                row_sum(slopes, z[2 * i + 1]));
+        lit = _mm512_min_epi32(_mm512_max_epi32(lit, lit_min), lit_max);
+        texels->rows[i] = _mm512_mask_min_epi32(texels->rows[i], (__mmask16)(bits & 0xffffU),
+                                                texels->rows[i], lit);
+    }
+}
+
+/* Draws a cell's parts; the texels end as lit. */
+static inline void cell_draw(const struct umbb_cells *cells, const struct umbb_cell_layer *layer,
+                             size_t cell, const struct place *place, struct texels *texels)
+{
+    const struct umbb_parts *parts = &cells->parts;
+    const int32_t far = layer->far[cell];
+    for (size_t at = layer->first[cell]; at != 0;) {
+        const uint32_t link = parts->link[at];
+        if (parts->nearest[at] <= far) { /* equal: perhaps what the bound comes from */
+            part_draw(&cells->planes[link >> 16], parts->bits[at], place, texels);
+        }
+        at = link & 0xffffU;
+    }
+    for (size_t i = 0; i < 4; i++) {
+        texels->rows[i] = _mm512_srai_epi32(texels->rows[i], 1);
+    }
+}
+
+static inline struct texels all_of(int32_t value)
+{
+    const __m512i v = _mm512_set1_epi32(value);
+    return (struct texels){{v, v, v, v}};
+}
+
+static void draw(struct umbb_cells *cells, int32_t *layers)
+{
+    const size_t count = (size_t)(cells->n >> 3) * (size_t)(cells->n >> 3);
+    for (int i = 0; i < cells->layer_count; i++, layers += 64 * count) {
+        struct umbb_cell_layer *layer = &cells->layers[i];
+        for (size_t cell = 0; cell < count; cell++) {
+            if (layer->first[cell] == 0) {
+                continue;
+            }
+            const struct place place = place_of(cells, cell);
+            struct texels texels = all_of(2 * cells->background);
+            cell_draw(cells, layer, cell, &place, &texels);
+            for (size_t k = 0; k < 4; k++) {
+                int32_t *at = layers + 64 * cell + 16 * k;
+                _mm512_storeu_si512(at, _mm512_min_epi32(_mm512_loadu_si512(at), texels.rows[k]));
+            }
+            layer->first[cell] = 0;
+        }
+    }
+    cells->plane_count = 0;
+    cells->part_count = 1;
+}
+
+static inline __m512i most_of(const struct texels *t)
+{
+    return _mm512_max_epi32(_mm512_max_epi32(t->rows[0], t->rows[1]),
+                            _mm512_max_epi32(t->rows[2], t->rows[3]));
+}
+
+static inline __m512i least_of(const struct texels *t)
+{
+    return _mm512_min_epi32(_mm512_min_epi32(t->rows[0], t->rows[1]),
+                            _mm512_min_epi32(t->rows[2], t->rows[3]));
+}
+
+/* Cells whose places in the tile are asked for ahead: a tile is larger than the caches. */
+#define AHEAD 4
+
+static inline void texels_ask(const int32_t *to)
+{
+    for (size_t i = 0; i < 4; i++) {
+        __builtin_prefetch(to + 16 * i, 1);
+    }
+}
+
+static inline void texels_write(int32_t *to, const struct texels *texels)
+{
+    for (size_t i = 0; i < 4; i++) {
+        _mm512_storeu_si512(to + 16 * i, texels->rows[i]);
+    }
+}
+
+/* Writes cell `cell` of the notes to cell `to` of the tile, without the closed rule. */
+static inline void open_store(const struct umbb_cells *cells, size_t cell, struct umbb_tile *tile,
+                              size_t to)
+{
+    const struct umbb_cell_layer *layer = &cells->layers[UMBB_LAYER_OPEN];
+    int32_t most = cells->background, least = cells->background;
+    if (layer->first[cell] != 0) {
+        const struct place place = place_of(cells, cell);
+        struct texels texels = all_of(2 * cells->background);
+        texels_ask(tile->lit + 64 * (to + AHEAD));
+        cell_draw(cells, layer, cell, &place, &texels);
+        texels_write(tile->lit + 64 * to, &texels);
+        most = _mm512_reduce_max_epi32(most_of(&texels));
+        least = _mm512_reduce_min_epi32(least_of(&texels));
+    }
+    tile->max_lit[UMB_LEVEL_BRICK][to] = most;
+    tile->min_end[UMB_LEVEL_BRICK][to] = least;
+}
+
+/* The same with it. */
+static inline void closed_store(const struct umbb_cells *cells, size_t cell, struct umbb_tile *tile,
+                                size_t to)
+{
+    const struct umbb_cell_layer *layers = cells->layers;
+    int32_t most = cells->background, least = cells->background;
+    if ((layers[UMBB_LAYER_OPEN].first[cell] | layers[UMBB_LAYER_FRONT].first[cell] |
+         layers[UMBB_LAYER_BACK].first[cell]) != 0) {
+        const struct place place = place_of(cells, cell);
+        const __m512i background = _mm512_set1_epi32(cells->background);
+        struct texels nearest[UMBB_LAYER_COUNT], lit, end;
+        for (size_t i = 0; i < UMBB_LAYER_COUNT; i++) {
+            nearest[i] = all_of(2 * cells->background);
+            cell_draw(cells, &layers[i], cell, &place, &nearest[i]);
+        }
+        for (size_t i = 0; i < 4; i++) { /* umbb_texel_decide */
+            const __m512i front = nearest[UMBB_LAYER_FRONT].rows[i];
+            const __m512i back = nearest[UMBB_LAYER_BACK].rows[i];
+            lit.rows[i] =
+                _mm512_min_epi32(front, _mm512_min_epi32(back, nearest[UMBB_LAYER_OPEN].rows[i]));
+            const __mmask16 inside = _mm512_cmpeq_epi32_mask(front, lit.rows[i]) &
+                                     _mm512_cmplt_epi32_mask(back, background);
+            end.rows[i] = _mm512_mask_mov_epi32(lit.rows[i], inside, back);
+        }
+        texels_write(tile->lit + 64 * to, &lit);
+        texels_write(tile->end + 64 * to, &end);
+        most = _mm512_reduce_max_epi32(most_of(&lit));
+        least = _mm512_reduce_min_epi32(least_of(&end));
+    }
+    tile->max_lit[UMB_LEVEL_BRICK][to] = most;
+    tile->min_end[UMB_LEVEL_BRICK][to] = least;
+}
+
+static void store(const struct umbb_cells *cells, struct umbb_tile *tile, int32_t x, int32_t y)
+{
+    const size_t across = (size_t)(cells->n >> 3);
+    for (size_t row = 0; row < across; row++) {
+        const size_t to = umbb_tile_index(tile, x, y + 8 * (int32_t)row) / 64;
+        for (size_t i = 0; i < across; i++) {
+            if (tile->end == tile->lit) {
+                open_store(cells, row * across + i, tile, to + i);
+            } else {
+                closed_store(cells, row * across + i, tile, to + i);
+            }
+        }
+    }
+}
+
+const struct umbb_cells_steps *umbb_cells_avx512(void)
+{
+    static const struct umbb_cells_steps steps = {umbb__cells_note_avx512, draw, store};
+    const int has = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                    __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
+    return has ? &steps : NULL;
+}
+
+#else
+
+const struct umbb_cells_steps *umbb_cells_avx512(void)
+{
+    return NULL;
+}
+
+#endif

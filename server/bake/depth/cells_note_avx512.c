@@ -1,0 +1,453 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Notes with AVX-512: which cells a triangle covers, eight rows or eight cells at a time. The
+ * operations of the predicate in the same order, never fused, hence the same bits; rounding up and
+ * down is part of the conversion to integers.
+ *
+ * Two steps over several triangles at once: their bands of eight rows, the cells of 8x8 texels of
+ * those bands. What a small triangle covers nobody can predict; one triangle after the other would
+ * wait at each of its bands for what was guessed wrongly.
+ */
+#include "bake/depth/cells_avx512.h"
+
+#include <stddef.h>
+
+#if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
+#include <immintrin.h>
+
+/* Bands under way: their records fit the first-level cache. */
+#define BANDS_MAX ((size_t)64)
+
+#define UP   (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
+#define DOWN (_MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC)
+
+/* What all rows and cells of a triangle share. */
+struct plane {
+    const struct umbb_coverage *coverage;
+    double x_min[3], x_max[3]; /* of the edges 0-1, 1-2 and 0-2 */
+    double left, right;        /* of all corners */
+    double corner_off;         /* x of corner 1, seen from the long edge in its row */
+    uint16_t number;           /* among the notes' planes */
+    double near_x, far_x; /* from a cell's first texel to the centre of its nearest column, .. */
+    size_t near_y, far_y; /* the nearest and the farthest row of a band */
+};
+
+/* Eight rows of a cells, from a multiple of eight on; x counts from the canvas's first texel. */
+struct band {
+    const struct plane *plane;
+    size_t cell;         /* its first among the canvas's */
+    __m256i first, last; /* texels covered; INT32_MAX .. -1 if there are none */
+    double z[8];         /* of each row at the anchor's x */
+    int32_t least, most; /* of first and last */
+    uint64_t front;      /* a byte a row: all ones if it goes to the canvas's front */
+};
+
+/* x where rows at `py` cross the short edge, which is the lower one from corner 1 on. */
+static inline __m512d cross_short(const struct plane *k, __m512d py)
+{
+    const struct umbb_coverage *c = k->coverage;
+    const __mmask8 upper = _mm512_cmp_pd_mask(py, _mm512_set1_pd(c->y[1]), _CMP_GE_OQ);
+    const __m512d xa =
+        _mm512_mask_blend_pd(upper, _mm512_set1_pd(c->x[0]), _mm512_set1_pd(c->x[1]));
+    const __m512d ya =
+        _mm512_mask_blend_pd(upper, _mm512_set1_pd(c->y[0]), _mm512_set1_pd(c->y[1]));
+    const __m512d slope =
+        _mm512_mask_blend_pd(upper, _mm512_set1_pd(c->slope[0]), _mm512_set1_pd(c->slope[1]));
+    const __m512d low =
+        _mm512_mask_blend_pd(upper, _mm512_set1_pd(k->x_min[0]), _mm512_set1_pd(k->x_min[1]));
+    const __m512d high =
+        _mm512_mask_blend_pd(upper, _mm512_set1_pd(k->x_max[0]), _mm512_set1_pd(k->x_max[1]));
+    const __m512d x = _mm512_add_pd(xa, _mm512_mul_pd(_mm512_sub_pd(py, ya), slope));
+    /* max and min give their second operand if the first is a NaN, as the plain form does. */
+    return _mm512_min_pd(_mm512_max_pd(x, low), high);
+}
+
+/* Bits of the rows row .. row + 7 that the triangle meets. */
+static inline unsigned rows_met(const struct umbb_coverage *c, int32_t row)
+{
+    const int32_t above = c->row_first - row, below = row + 7 - c->row_last;
+    return 0xffU << (above > 0 ? above : 0) & 0xffU >> (below > 0 ? below : 0);
+}
+
+static inline int32_t least_of(__m256i v)
+{
+    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));
+    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));
+    return _mm_cvtsi128_si32(m);
+}
+
+static inline int32_t most_of(__m256i v)
+{
+    __m128i m = _mm_max_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0x4e));
+    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0xb1));
+    return _mm_cvtsi128_si32(m);
+}
+
+/* The band of rows from `row` on; at least one of them meets the triangle. */
+static inline void band_find(const struct plane *k, const struct umbb_cells *cells, int32_t row,
+                             struct band *band)
+{
+    const struct umbb_coverage *c = k->coverage;
+    band->plane = k;
+    band->cell = (size_t)((row - cells->y0) >> 3) * (size_t)(cells->n >> 3);
+    const __m512d half = _mm512_set1_pd(0.5);
+    const __m256i number =
+        _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+    const __m512d py = _mm512_add_pd(_mm512_cvtepi32_pd(number), half);
+    const __m512d one = cross_short(k, py);
+    const __m512d below = _mm512_sub_pd(py, _mm512_set1_pd(c->y[0]));
+    __m512d two =
+        _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, _mm512_set1_pd(c->slope[2])));
+    two = _mm512_max_pd(two, _mm512_set1_pd(k->x_min[2]));
+    two = _mm512_min_pd(two, _mm512_set1_pd(k->x_max[2]));
+    _mm512_storeu_pd(band->z, _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
+                                            _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), below)));
+    const __m512d low = _mm512_sub_pd(_mm512_min_pd(one, two), half);
+    const __m512d high = _mm512_sub_pd(_mm512_max_pd(one, two), half);
+    const __m256i origin = _mm256_set1_epi32(cells->x0);
+    const __m256i first = _mm256_max_epi32(
+        _mm256_sub_epi32(_mm512_cvt_roundpd_epi32(low, UP), origin), _mm256_setzero_si256());
+    const __m256i last =
+        _mm256_min_epi32(_mm256_sub_epi32(_mm512_cvt_roundpd_epi32(high, DOWN), origin),
+                         _mm256_set1_epi32(cells->n - 1));
+    /* Nothing: rows of no width, rows beside the triangle, spans beside the canvas. */
+    const unsigned wide = _mm512_cmp_pd_mask(low, high, _CMP_LT_OQ);
+    const unsigned inside = _mm256_cmple_epi32_mask(first, last);
+    const __mmask8 covered = (__mmask8)(wide & inside & rows_met(c, row));
+    band->first = _mm256_mask_mov_epi32(_mm256_set1_epi32(INT32_MAX), covered, first);
+    band->last = _mm256_mask_mov_epi32(_mm256_set1_epi32(-1), covered, last);
+    band->least = least_of(band->first);
+    band->most = most_of(band->last);
+    const unsigned before = _mm512_cmp_pd_mask(one, two, _CMP_LT_OQ);
+    const unsigned facing = c->odd ? ~before : before;
+    band->front = (uint64_t)_mm_cvtsi128_si64(_mm_movm_epi8((__mmask16)(facing & 0xffU)));
+}
+
+/* The texels of the eight cells from texel x of the canvas on that the triangle covers: a byte a
+ * row, the first texel its lowest bit. */
+static inline __m512i cell_bits(const struct band *band, int32_t x)
+{
+    const __m256i zero = _mm256_setzero_si256();
+    const __m256i left =
+        _mm256_max_epi32(_mm256_sub_epi32(band->first, _mm256_set1_epi32(x)), zero);
+    const __m256i right =
+        _mm256_max_epi32(_mm256_sub_epi32(_mm256_set1_epi32(x + 63), band->last), zero);
+    /* 64 texels a row; counts of 64 and more shift everything out. */
+    const __m512i all = _mm512_set1_epi64(-1);
+    const __m512i rows = _mm512_and_si512(_mm512_sllv_epi64(all, _mm512_cvtepu32_epi64(left)),
+                                          _mm512_srlv_epi64(all, _mm512_cvtepu32_epi64(right)));
+    /* Eight rows of eight bytes, turned: first those of two rows side by side, then these pairs. */
+    const __m512i pairs =
+        _mm512_broadcast_i32x4(_mm_setr_epi8(0, 8, 1, 9, 2, 10, 3, 11, 4, 12, 5, 13, 6, 14, 7, 15));
+    const __m512i turn =
+        _mm512_set_epi16(31, 23, 15, 7, 30, 22, 14, 6, 29, 21, 13, 5, 28, 20, 12, 4, 27, 19, 11, 3,
+                         26, 18, 10, 2, 25, 17, 9, 1, 24, 16, 8, 0);
+    return _mm512_permutexvar_epi16(turn, _mm512_shuffle_epi8(rows, pairs));
+}
+
+/* lit of a triangle at a place of each of eight cells that no other of the cell's lies before (or
+ * behind): in the row at depth `z` at the anchor, `off` texels from the cells' first. */
+static inline __m256i bounds(const struct umbb_coverage *c, double z, __m512d first_x, double off)
+{
+    const __m512d centre = _mm512_add_pd(first_x, _mm512_set1_pd(off));
+    const __m512d slope = _mm512_mul_pd(_mm512_set1_pd(c->gradient_x),
+                                        _mm512_sub_pd(centre, _mm512_set1_pd(c->x[0])));
+    __m512d depth = _mm512_add_pd(_mm512_set1_pd(z), slope);
+    depth = _mm512_max_pd(depth, _mm512_set1_pd(c->z_min));
+    depth = _mm512_min_pd(depth, _mm512_set1_pd(c->z_max));
+    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(depth, _mm512_set1_pd(0.5)), UP);
+}
+
+/* Parts of eight cells that follow each other, of one triangle. */
+struct found {
+    __m512i bits;
+    __m256i nearest, farthest; /* bounds of their lits */
+    uint16_t plane;
+};
+
+static inline __m256i load(const void *from)
+{
+    return _mm256_loadu_si256((const __m256i *)from);
+}
+
+static inline void save(void *to, __m256i value)
+{
+    _mm256_storeu_si256((__m256i *)to, value);
+}
+
+/* Notes those parts of the cells from `cell` on that are there and not hidden. */
+static inline void parts_add(struct umbb_cells *cells, struct umbb_cell_layer *layer, size_t cell,
+                             const struct found *found)
+{
+    struct umbb_parts *parts = &cells->parts;
+    const uint32_t number = cells->part_count;
+    const __m512i all = _mm512_set1_epi64(-1);
+    const __m256i far = load(layer->far + cell), first = load(layer->first + cell);
+    const __mmask8 keep = _mm512_test_epi64_mask(found->bits, found->bits) &
+                          _mm256_cmplt_epi32_mask(found->nearest, far);
+    const __m256i link =
+        _mm256_or_si256(first, _mm256_set1_epi32((int32_t)((uint32_t)found->plane << 16)));
+    _mm512_storeu_si512(parts->bits + number, _mm512_maskz_compress_epi64(keep, found->bits));
+    save(parts->nearest + number, _mm256_maskz_compress_epi32(keep, found->nearest));
+    save(parts->link + number, _mm256_maskz_compress_epi32(keep, link));
+    const __m256i numbers = _mm256_add_epi32(_mm256_set1_epi32((int32_t)number),
+                                             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+    save(layer->first + cell, _mm256_mask_expand_epi32(first, keep, numbers));
+    cells->part_count = number + (uint32_t)__builtin_popcount(keep);
+    /* New bounds of the cells: of what covers them alone or, if that is more, together. */
+    const __m512i before = _mm512_loadu_si512(layer->covered + cell);
+    const __m512i covered = _mm512_mask_or_epi64(before, keep, before, found->bits);
+    const __m256i most_before = load(layer->most + cell);
+    const __m256i most = _mm256_mask_max_epi32(most_before, keep, most_before, found->farthest);
+    const __mmask8 alone = keep & _mm512_cmpeq_epi64_mask(found->bits, all);
+    const __mmask8 together = keep & _mm512_cmpeq_epi64_mask(covered, all);
+    __m256i bound = _mm256_mask_min_epi32(far, together, far, most);
+    bound = _mm256_mask_min_epi32(bound, alone, bound, found->farthest);
+    _mm512_storeu_si512(layer->covered + cell, covered);
+    save(layer->most + cell, most);
+    save(layer->far + cell, bound);
+}
+
+/* Notes the cells of a band. */
+static inline void band_note(struct umbb_cells *cells, const struct band *band,
+                             struct umbb_cell_layer *front, struct umbb_cell_layer *back)
+{
+    const struct plane *k = band->plane;
+    const struct umbb_coverage *c = k->coverage;
+    const __m512d eight = _mm512_setr_pd(0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 48.0, 56.0);
+    for (int32_t x = band->least & ~7; x <= band->most; x += 64) {
+        const __m512d first_x = _mm512_add_pd(_mm512_set1_pd((double)(cells->x0 + x)), eight);
+        const __m512i bits = cell_bits(band, x);
+        const size_t cell = band->cell + (size_t)(x >> 3);
+        struct found found = {
+            .bits = bits,
+            .nearest = bounds(c, band->z[k->near_y], first_x, k->near_x),
+            .farthest = bounds(c, band->z[k->far_y], first_x, k->far_x),
+            .plane = k->number,
+        };
+        if (front != back) {
+            const __m512i to_front = _mm512_set1_epi64((int64_t)band->front);
+            found.bits = _mm512_andnot_si512(to_front, bits);
+            parts_add(cells, back, cell, &found);
+            found.bits = _mm512_and_si512(to_front, bits);
+        }
+        parts_add(cells, front, cell, &found);
+    }
+}
+
+static inline double least(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double most(double a, double b)
+{
+    return a < b ? b : a;
+}
+
+static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
+{
+    k->coverage = c;
+    for (size_t edge = 0; edge < 3; edge++) {
+        const double a = c->x[edge == 1], b = c->x[edge == 0 ? 1 : 2];
+        k->x_min[edge] = least(a, b);
+        k->x_max[edge] = most(a, b);
+    }
+    k->left = least(k->x_min[2], c->x[1]);
+    k->right = most(k->x_max[2], c->x[1]);
+    k->corner_off = c->x[1] - (c->x[0] + (c->y[1] - c->y[0]) * c->slope[2]);
+    k->near_x = c->gradient_x < 0.0 ? 7.5 : 0.5;
+    k->far_x = 8.0 - k->near_x;
+    k->near_y = c->gradient_y < 0.0 ? 7 : 0;
+    k->far_y = 7 - k->near_y;
+}
+
+/* Far above what rounding may do to a crossing (texels). */
+#define SLACK 0.01
+
+/* Cells of a band that are looked at to find it hidden. */
+#define CELLS_SEEN 8
+
+/* Bits of lanes where some of `far` from `first` to `last` is more than lit. */
+static inline unsigned lanes_before(const int32_t *far, __m256i first, __m256i last, __m256i lit)
+{
+    /* Two cells without a branch, for the many that have no more. */
+    const __m256i next = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
+    const __m256i two = _mm256_max_epi32(_mm256_i32gather_epi32(far, first, 4),
+                                         _mm256_i32gather_epi32(far, next, 4));
+    unsigned before = _mm256_cmpgt_epi32_mask(two, lit);
+    unsigned left = _mm256_cmplt_epi32_mask(next, last) & ~before;
+    for (int i = 2; i < CELLS_SEEN && left != 0; i++) {
+        first = _mm256_add_epi32(first, _mm256_set1_epi32(1));
+        const __m256i at = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
+        before |= _mm256_cmpgt_epi32_mask(_mm256_i32gather_epi32(far, at, 4), lit);
+        left = _mm256_cmplt_epi32_mask(at, last) & ~before;
+    }
+    return before | left;
+}
+
+/*
+ * Bits of the bands from `row` on, eight of them or those down to `last`, that the triangle may
+ * change. The bounds are quicker to get than a band: at every row the triangle lies between its
+ * long edge and that edge moved over corner 1.
+ */
+static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
+                                  const struct umbb_sides *sides, int32_t row, int32_t last)
+{
+    const struct umbb_coverage *c = k->coverage;
+    const __m256i bands = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+    const __m256i rows = _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_slli_epi32(bands, 3));
+    const __m512d below = _mm512_sub_pd(
+        _mm512_add_pd(_mm512_cvtepi32_pd(rows), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
+    const __m512d slope = _mm512_set1_pd(c->slope[2]);
+    const __m512d top = _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, slope));
+    const __m512d bottom = _mm512_add_pd(top, _mm512_mul_pd(_mm512_set1_pd(7.0), slope));
+    /* The second operand is also what a NaN becomes. */
+    const __m512d left =
+        _mm512_max_pd(_mm512_add_pd(_mm512_min_pd(top, bottom),
+                                    _mm512_set1_pd(least(k->corner_off, 0.0) - SLACK)),
+                      _mm512_set1_pd(k->left));
+    const __m512d right = _mm512_min_pd(
+        _mm512_add_pd(_mm512_max_pd(top, bottom), _mm512_set1_pd(most(k->corner_off, 0.0) + SLACK)),
+        _mm512_set1_pd(k->right));
+    /* Of the nearest row, as the predicate has it: seven more than `below` would round twice. */
+    const __m256i near_row = _mm256_add_epi32(rows, _mm256_set1_epi32((int32_t)k->near_y));
+    const __m512d near_below = _mm512_sub_pd(
+        _mm512_add_pd(_mm512_cvtepi32_pd(near_row), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
+    const __m512d near_x = _mm512_sub_pd(k->near_x < 4.0 ? left : right, _mm512_set1_pd(c->x[0]));
+    __m512d z = _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
+                              _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), near_below));
+    z = _mm512_add_pd(z, _mm512_mul_pd(_mm512_set1_pd(c->gradient_x), near_x));
+    z = _mm512_min_pd(_mm512_max_pd(z, _mm512_set1_pd(c->z_min)), _mm512_set1_pd(c->z_max));
+    const __m256i lit = _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+    const __m512d origin = _mm512_set1_pd((double)cells->x0), zero = _mm512_setzero_pd();
+    const __m512d end = _mm512_set1_pd((double)(cells->n - 1));
+    const __m512d first_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(left, origin), zero), end);
+    const __m512d last_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(right, origin), zero), end);
+    /* Bands beyond the last look at a cell that is there. */
+    const __m256i band = _mm256_min_epi32(bands, _mm256_set1_epi32((last - row) >> 3));
+    const __m256i at =
+        _mm256_add_epi32(_mm256_mullo_epi32(band, _mm256_set1_epi32(cells->n >> 3)),
+                         _mm256_set1_epi32(((row - cells->y0) >> 3) * (cells->n >> 3)));
+    const __m256i first = _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(first_x), 3));
+    const __m256i end_cell =
+        _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(last_x), 3));
+    unsigned seen = lanes_before(cells->layers[sides->front].far, first, end_cell, lit);
+    if (sides->back != sides->front) {
+        seen |= lanes_before(cells->layers[sides->back].far, first, end_cell, lit);
+    }
+    const int32_t count = ((last - row) >> 3) + 1;
+    return count < 8 ? seen & ((1U << count) - 1U) : seen;
+}
+
+/* The first row of a triangle's first band, and the last row, in a canvas. Bands start at multiples
+ * of eight rows of the canvas. */
+static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_cells *cells,
+                              int32_t *last)
+{
+    const int32_t bottom = cells->y0 + cells->n - 1;
+    const int32_t row = c->row_first > cells->y0 ? c->row_first : cells->y0;
+    *last = c->row_last < bottom ? c->row_last : bottom;
+    return row - ((row - cells->y0) & 7);
+}
+
+/* Bits of the bands of a triangle that it may change: at most UMBB_CANVAS_MAX / 8. */
+static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
+                                     const struct umbb_sides *sides)
+{
+    uint32_t seen = 0;
+    int32_t last;
+    const int32_t row = rows_of(k->coverage, cells, &last);
+    if (!sides->often_hidden) {
+        return row > last ? 0 : UINT32_MAX >> (31 - ((last - row) >> 3));
+    }
+    for (int32_t at = row; at <= last; at += 64) {
+        seen |= bands_seen(k, cells, sides, at, last) << ((at - row) >> 3);
+    }
+    return seen;
+}
+
+/* Takes triangles over as far as there is room for planes; finds the bands that each may change. */
+static size_t planes_take(struct umbb_cells *cells, const struct umbb_sides *sides,
+                          const struct umbb_coverage *coverages, size_t count, struct plane *planes,
+                          uint32_t *seen)
+{
+    size_t taken = 0;
+    for (; taken < count && cells->plane_count < UMBB_PLANES_MAX; taken++) {
+        const struct umbb_coverage *c = &coverages[taken];
+        struct plane *k = &planes[taken];
+        plane_init(k, c);
+        seen[taken] = triangle_seen(k, cells, sides);
+        k->number = (uint16_t)cells->plane_count;
+        cells->planes[cells->plane_count++] = (struct umbb_plane){
+            .anchor_x = c->x[0],
+            .anchor_y = c->y[0],
+            .anchor_z = c->anchor_z,
+            .gradient_x = c->gradient_x,
+            .gradient_y = c->gradient_y,
+            .lit_min = umbb_coverage_round(c->z_min),
+            .lit_max = umbb_coverage_round(c->z_max),
+        };
+    }
+    return taken;
+}
+
+/* Triangles under way. */
+struct work {
+    size_t band_count, noted;
+    struct plane planes[UMBB_DRAW_MAX];
+    struct band bands[BANDS_MAX];
+};
+
+/* Notes the bands that were found, as far as there is room; returns 0 if that is not all. */
+static int bands_note(struct work *work, struct umbb_cells *cells, const struct umbb_sides *sides)
+{
+    const uint32_t room = UMBB_PARTS_MAX - 2 * (uint32_t)(cells->n >> 3);
+    size_t i = 0;
+    for (; i < work->band_count && cells->part_count <= room; i++) {
+        band_note(cells, &work->bands[i], &cells->layers[sides->front],
+                  &cells->layers[sides->back]);
+    }
+    work->noted = i;
+    return i == work->band_count;
+}
+
+/* Notes the bands of triangles; returns 0 if there was no room for all. */
+static int triangles_note(struct work *work, struct umbb_cells *cells,
+                          const struct umbb_sides *sides, const uint32_t *seen, size_t count)
+{
+    work->band_count = 0;
+    for (size_t i = 0; i < count; i++) {
+        int32_t last;
+        const struct plane *k = &work->planes[i];
+        const int32_t row = rows_of(k->coverage, cells, &last);
+        for (uint32_t bands = seen[i]; bands != 0; bands &= bands - 1) {
+            if (work->band_count == BANDS_MAX) {
+                if (!bands_note(work, cells, sides)) {
+                    return 0;
+                }
+                work->band_count = 0;
+            }
+            band_find(k, cells, row + 8 * __builtin_ctz(bands), &work->bands[work->band_count++]);
+        }
+    }
+    return bands_note(work, cells, sides);
+}
+
+size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_coverage *coverages,
+                               size_t count, const struct umbb_sides *sides)
+{
+    struct work work;
+    uint32_t seen[UMBB_DRAW_MAX];
+    const size_t taken = planes_take(cells, sides, coverages, count, work.planes, seen);
+    if (triangles_note(&work, cells, sides, seen, taken)) {
+        return taken;
+    }
+    /* What is noted of the triangle that has a band left will be noted once more: the least of
+     * equals is the same. */
+    return (size_t)(work.bands[work.noted].plane - work.planes);
+}
+
+#endif
