@@ -7,8 +7,9 @@ CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
 CORE_LIB := $(BUILD)/libumbrage-core.a
 ifeq ($(config),release)
 # The kernels' inner loops are short: unrolled they take a third less.
-$(BUILD)/client/core/query/kernel_base.o $(BUILD)/client/core/query/kernel_avx2.o: CFLAGS_ALL += -O3 -funroll-loops
+$(patsubst %,$(BUILD)/client/core/query/kernel_%.o,base avx2 avx512): CFLAGS_ALL += -O3 -funroll-loops
 endif
+$(BUILD)/client/core/query/kernel_avx512.o: AVX512_FLAGS := $(if $(AVX512_FLAGS),$(AVX2_FLAGS) $(filter -m%,$(AVX512_FLAGS)))
 CORE_LIBS := -lxxhash -lzstd -lm
 
 RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))

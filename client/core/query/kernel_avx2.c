@@ -2,13 +2,16 @@
 /* The query kernel compiled for x86-64 with AVX2, POPCNT and BMI; elsewhere it is the baseline. */
 #define UMB__KERNEL umb__kernel_avx2
 #if defined(__AVX2__)
-#include "query/kernel_place_avx2.h"
+#include "query/kernel_grid_avx2.h"
+#include "query/kernel_lanes_avx2.h"
+#include "query/kernel_place_lanes.h"
 #include "query/kernel_runs_avx2.h"
-#define UMB__PLACER         umb__placer_avx2
-#define UMB__PLACER_INIT    umb__placer_init_avx2
-#define UMB__PLACE          umb__place_block_avx2
+#define UMB__PLACER         umb__lane_placer
+#define UMB__PLACER_INIT    umb__lane_placer_init
+#define UMB__PLACE          umb__lane_place_block
 #define UMB__GRID           umb__grid_block_avx2
 #define UMB__COMPARE_POINTS umb__compare_points_avx2
+#define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs_avx2
 #else
 #define UMB__PLACER         umb__placer
@@ -16,6 +19,7 @@
 #define UMB__PLACE          umb__place_block
 #define UMB__GRID           umb__grid_block
 #define UMB__COMPARE_POINTS umb__compare_points
+#define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
 #endif
 #include "query/kernel_body.h"

@@ -6,5 +6,6 @@
 #define UMB__PLACE          umb__place_block
 #define UMB__GRID           umb__grid_block
 #define UMB__COMPARE_POINTS umb__compare_points
+#define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
 #include "query/kernel_body.h"

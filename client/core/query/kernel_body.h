@@ -2,8 +2,8 @@
 /*
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
  * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for: placing
- * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__COMPARE_POINTS, UMB__READ_RUNS. No
- * guard: each includes it once.
+ * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__COMPARE_POINTS, UMB__TAKE_HEADS,
+ * UMB__READ_RUNS. No guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
@@ -236,6 +236,7 @@ static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32
 #define FOUR(i)    (i), (i) + 1, (i) + 2, (i) + 3
 #define SIXTEEN(i) FOUR(i), FOUR((i) + 4), FOUR((i) + 8), FOUR((i) + 12)
 static const struct umb__runs each_alone = {
+    UINT64_MAX,
     UMB__BLOCK,
     {SIXTEEN(0), SIXTEEN(16), SIXTEEN(32), SIXTEEN(48), UMB__BLOCK},
 };
@@ -248,10 +249,10 @@ static void count_windows(const struct umb__query *q, const struct window_masks 
     struct umb__block own, *heads = block;
     struct umb__runs found;
     const struct umb__runs *runs = &each_alone;
-    struct umb__closeness close = UMB__COMPARE_POINTS(block, q->column_level);
+    struct umb__closeness close = UMB__COMPARE_POINTS(block);
     uint64_t starts = umb__run_starts(block, close.changes);
     if (umb__count_bits(starts) <= WINDOW_RUNS_MAX) {
-        umb__take_heads(q, block, starts, &own, &found);
+        UMB__TAKE_HEADS(q, block, starts, &own, &found);
         heads = &own;
         runs = &found;
     }

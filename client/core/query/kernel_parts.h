@@ -225,11 +225,23 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
 }
 
 /* Answers of one tap as floats: nothing to divide. */
+static inline void umb__store_tap(const struct umb__block *block, uint32_t i, uint8_t *to)
+{
+    const float value = (float)(int32_t)block->lit[i];
+    memcpy(to + i * sizeof value, &value, sizeof value);
+}
+
+/* Whole blocks have a loop of their own, as long as compilers see it is. */
 static inline void umb__store_taps(const struct umb__block *block, uint8_t *to)
 {
+    if (block->size == UMB__BLOCK) {
+        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+            umb__store_tap(block, i, to);
+        }
+        return;
+    }
     for (uint32_t i = 0; i < block->size; i++) {
-        float value = (float)(int32_t)block->lit[i];
-        memcpy(to + i * sizeof value, &value, sizeof value);
+        umb__store_tap(block, i, to);
     }
 }
 

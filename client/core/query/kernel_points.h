@@ -129,56 +129,163 @@ static inline void umb__descend(const struct umb__query *q, struct umb__block *b
     stats->bricks += points->count;
 }
 
-/* Answers a block whose points are all in one cube of the columns' level, if that is uniform. */
-static inline bool umb__settle_cube(const struct umb__query *q, struct umb__block *block,
-                                    struct umb_query_stats *stats)
+/* What a block's points have in common: the node or brick of `level` around all of them. */
+struct umb__common {
+    bool found; /* else every point begins at its column */
+    uint32_t level, number;
+};
+
+/* Settles a whole block. */
+static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
 {
-    const uint32_t c = q->column_level, row = q->log2_size - c;
+    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+        block->lit[i] = lit;
+    }
+}
+
+/* Goes down with the first point for as long as all others are in the same cubes. Answers the block
+ * and returns true if one of these is uniform. */
+static inline bool umb__descend_together(const struct umb__query *q, struct umb__block *block,
+                                         uint32_t spread, struct umb__common *common,
+                                         struct umb_query_stats *stats)
+{
+    const uint32_t row = q->log2_size - q->column_level;
+    const int32_t x = block->x[0], y = block->y[0], z = block->z[0];
+    uint32_t level = q->column_level;
     uint64_t column;
-    memcpy(&column, q->columns + ((uint32_t)block->x[0] >> c) + ((uint32_t)block->y[0] >> c << row),
-           sizeof column);
-    const uint32_t value = q->pieces[umb__piece_of(column, (uint32_t)block->z[0] >> c)];
-    if (value >= UMB__CELL_FIRST) {
+    if (spread >> level != 0) {
+        common->found = false;
         return false;
     }
-    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-        block->lit[i] = value;
-    }
+    memcpy(&column, q->columns + ((uint32_t)x >> level) + ((uint32_t)y >> level << row),
+           sizeof column);
+    uint32_t value = q->pieces[umb__piece_of(column, (uint32_t)z >> level)];
     stats->nodes++;
-    return true;
+    while (value >= UMB__CELL_FIRST && level > UMB_LEVEL_BRICK && spread >> (level - 2) == 0) {
+        const uint64_t *node = q->nodes + (value - UMB__CELL_FIRST);
+        level -= 2;
+        const unsigned bit = umb__child_bit(x, y, z, level);
+        value = node[0] >> bit & 1 ? *umb__child_place(node, bit) + UMB__CELL_FIRST
+                                   : (uint32_t)(node[1] >> bit & 1);
+        stats->nodes++;
+    }
+    if (value < UMB__CELL_FIRST) {
+        umb__fill_block(block, value);
+        return true;
+    }
+    *common = (struct umb__common){true, level, value - UMB__CELL_FIRST};
+    return false;
+}
+
+/* What a mixed cube's number leads to, or what stands for a uniform one: a node, or a brick. */
+static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
+                                          uint64_t number, uint64_t lit)
+{
+    const uint64_t *const inner = brick ? q->bricks[number] : q->nodes + number;
+    const uint64_t *const uniform = brick ? umb__uniform_bricks[lit] : umb__uniform_nodes + 2 * lit;
+    return (const uint64_t *)umb__select(mixed, (uintptr_t)inner, (uintptr_t)uniform);
+}
+
+/* From the heads' columns to their nodes, or bricks. Returns who is not settled. */
+static inline __attribute__((always_inline)) uint64_t
+umb__enter_heads(const struct umb__query *q, const struct umb__block *heads, bool brick,
+                 const uint64_t *at[UMB__BLOCK])
+{
+    const uint32_t c = q->column_level, row = q->log2_size - c;
+    uint32_t index[UMB__BLOCK], depth[UMB__BLOCK];
+    uint64_t unsettled = 0;
+    for (uint32_t i = 0; i < umb__padded(heads); i++) {
+        index[i] = ((uint32_t)heads->x[i] >> c) + ((uint32_t)heads->y[i] >> c << row);
+        depth[i] = (uint32_t)heads->z[i] >> c;
+    }
+    for (uint32_t i = 0; i < umb__padded(heads); i++) {
+        uint64_t column;
+        memcpy(&column, q->columns + index[i], sizeof column);
+        const uint32_t value = q->pieces[umb__piece_of(column, depth[i])];
+        const uint64_t mixed = value >= UMB__CELL_FIRST;
+        at[i] = umb__target(q, brick, mixed, value - UMB__CELL_FIRST, value & 1);
+        unsettled |= mixed << i;
+    }
+    return unsettled & heads->todo;
+}
+
+/* From the heads' nodes to their children of `level`, as umb__enter_children does. */
+static inline __attribute__((always_inline)) uint64_t
+umb__step_heads(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
+                bool brick, const uint64_t *at[UMB__BLOCK])
+{
+    uint32_t above[UMB__BLOCK];
+    uint64_t unsettled = 0;
+    for (uint32_t i = 0; i < umb__padded(heads); i++) {
+        above[i] = umb__child_bit(heads->x[i], heads->y[i], heads->z[i], level) ^ 63;
+    }
+    for (uint32_t i = 0; i < umb__padded(heads); i++) {
+        const uint64_t *node = at[i];
+        const uint64_t mixed = node[0] << above[i], lit = node[1] << above[i];
+        const uint32_t *numbers = (const uint32_t *)(const void *)node + 3; /* counted from 1 */
+        at[i] = umb__target(q, brick, mixed >> 63, numbers[umb__count_bits(mixed)], lit >> 63);
+        unsettled |= mixed >> 63 << i;
+    }
+    return unsettled & heads->todo;
+}
+
+/*
+ * The brick of every head, a uniform one where it is settled above. Heads are few: all go down all
+ * levels, eight at a time, and what is settled goes on through a uniform node, so that no branch
+ * depends on who is.
+ */
+static inline void umb__find_bricks_of(const struct umb__query *q, const struct umb__block *heads,
+                                       const struct umb__common *common,
+                                       const uint64_t *brick[UMB__BLOCK],
+                                       struct umb_query_stats *stats)
+{
+    uint32_t level = common->found ? common->level : q->column_level;
+    uint64_t unsettled = heads->todo;
+    if (common->found) {
+        const uint64_t *at = umb__target(q, level == UMB_LEVEL_BRICK, 1, common->number, 0);
+        for (uint32_t i = 0; i < umb__padded(heads); i++) {
+            brick[i] = at;
+        }
+    } else {
+        stats->nodes += umb__count_bits(unsettled);
+        unsettled = level == UMB_LEVEL_BRICK ? umb__enter_heads(q, heads, true, brick)
+                                             : umb__enter_heads(q, heads, false, brick);
+    }
+    while (level > UMB_LEVEL_BRICK) {
+        level -= 2;
+        stats->nodes += umb__count_bits(unsettled);
+        unsettled = level == UMB_LEVEL_BRICK ? umb__step_heads(q, heads, level, true, brick)
+                                             : umb__step_heads(q, heads, level, false, brick);
+    }
+    stats->bricks += umb__count_bits(unsettled);
 }
 
 /* Answers a block whose points share bricks: only the heads of its runs go down. */
 static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
-                                   uint64_t starts, struct umb_query_stats *stats)
+                                   uint64_t starts, const struct umb__common *common,
+                                   struct umb_query_stats *stats)
 {
     struct umb__block heads;
     struct umb__runs runs;
-    struct umb__descent points;
     const uint64_t *brick[UMB__BLOCK];
-    umb__take_heads(q, block, starts, &heads, &runs);
-    umb__descend(q, &heads, &points, stats);
-    for (uint32_t h = 0; h < runs.count; h++) {
-        brick[h] = umb__uniform_bricks[heads.lit[h] & 1];
-    }
-    for (uint32_t k = 0; k < points.count; k++) {
-        brick[points.slot[k]] = q->bricks[points.number[k]];
-    }
+    UMB__TAKE_HEADS(q, block, starts, &heads, &runs);
+    umb__find_bricks_of(q, &heads, common, brick, stats);
     UMB__READ_RUNS(block, &heads, &runs, brick);
 }
 
 static inline void umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb_query_stats *stats)
 {
-    struct umb__descent points;
-    struct umb__closeness close = UMB__COMPARE_POINTS(block, q->column_level);
-    if (close.one_cube && umb__settle_cube(q, block, stats)) {
+    struct umb__common common;
+    struct umb__closeness close = UMB__COMPARE_POINTS(block);
+    if (umb__descend_together(q, block, close.spread, &common, stats)) {
         return;
     }
     uint64_t starts = umb__run_starts(block, close.changes);
     if (umb__count_bits(starts) <= UMB__RUNS_MAX) {
-        umb__count_runs(q, block, starts, stats);
+        umb__count_runs(q, block, starts, &common, stats);
     } else {
+        struct umb__descent points;
         umb__descend(q, block, &points, stats);
         umb__read_bricks(q, block, &points);
     }

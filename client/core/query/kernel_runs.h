@@ -15,6 +15,7 @@
 #define UMB__RUNS_MAX 40 /* of a block: with more, every point goes down for itself */
 
 struct umb__runs {
+    uint64_t starts; /* bit i: a run begins with point i */
     uint32_t count;
     uint8_t first[UMB__BLOCK + 1]; /* point that a run begins with; behind the last: the size */
 };
@@ -28,22 +29,21 @@ static const uint64_t umb__uniform_bricks[2][8] = {
 /* Where the points of a block lie beside one another. */
 struct umb__closeness {
     uint64_t changes; /* bit i: point i is in another brick than the one before */
-    bool one_cube;    /* the block is full, and no cube of the level asked for is left */
+    uint32_t spread;  /* bits in which any coordinate of a point differs from the one before;
+                         UINT32_MAX if the block is not full or not all are to be looked up */
 };
 
-static inline struct umb__closeness umb__compare_points(const struct umb__block *block,
-                                                        uint32_t level)
+static inline struct umb__closeness umb__compare_points(const struct umb__block *block)
 {
     struct umb__closeness close = {0};
-    uint32_t any = 0;
     for (uint32_t i = 1; i < block->size; i++) {
         uint32_t differ = (uint32_t)(block->x[i] ^ block->x[i - 1]) |
                           (uint32_t)(block->y[i] ^ block->y[i - 1]) |
                           (uint32_t)(block->z[i] ^ block->z[i - 1]);
-        any |= differ;
+        close.spread |= differ;
         close.changes |= (uint64_t)(differ > 7) << i;
     }
-    close.one_cube = block->todo == UINT64_MAX && any >> level == 0;
+    close.spread |= block->todo == UINT64_MAX ? 0 : UINT32_MAX;
     return close;
 }
 
@@ -64,6 +64,7 @@ static inline void umb__take_heads(const struct umb__query *q, const struct umb_
     int32_t last = ((int32_t)1 << q->log2_size) - q->taps;
     uint32_t count = 0;
     heads->todo = 0;
+    runs->starts = starts;
     while (starts) {
         uint32_t i = umb__first_bit(starts);
         starts &= starts - 1;

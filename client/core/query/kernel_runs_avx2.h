@@ -10,8 +10,7 @@ static inline __m256i umb__load_eight(const int32_t *at)
     return _mm256_loadu_si256((const __m256i *)(const void *)at);
 }
 
-static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *block,
-                                                             uint32_t level)
+static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *block)
 {
     const uint32_t behind = block->size - 1;
     __m256i any = _mm256_setzero_si256();
@@ -31,10 +30,12 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
         any = _mm256_or_si256(any, differ);
         same |= (uint64_t)(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(equal)) << i;
     }
-    __m256i far = _mm256_srl_epi32(any, _mm_cvtsi32_si128((int)level));
+    __m128i half = _mm_or_si128(_mm256_castsi256_si128(any), _mm256_extracti128_si256(any, 1));
+    half = _mm_or_si128(half, _mm_unpackhi_epi64(half, half));
+    const uint64_t spread = (uint64_t)_mm_cvtsi128_si64(half);
     /* Bits beyond the block's points are the caller's business. */
-    return (struct umb__closeness){~same << 1,
-                                   block->todo == UINT64_MAX && _mm256_testz_si256(far, far)};
+    return (struct umb__closeness){
+        ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
 }
 
 /*

@@ -14,20 +14,23 @@
 #include "query/transmittance_stage.h"
 #include "umbrage/curve.h"
 
-static umb__kernel_fn choose_kernel(void)
+static umb__kernel_fn choose_kernel(int32_t taps)
 {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&
         __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")) {
-        return umb__kernel_avx2;
+        const bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                          __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
+        return taps == 1 && wide ? umb__run_taps : umb__kernel_avx2;
     }
 #endif
+    (void)taps;
     return umb__kernel_base;
 }
 
 static umb__kernel_fn choose_coarse_kernel(void)
 {
-    return choose_kernel() == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
+    return choose_kernel(1) == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
 }
 
 static double length3(const double v[3])
@@ -294,7 +297,7 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
 }
 
 /* The stages of a batch, chosen once: no point is asked which effects are on. */
-static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
+static umb__kernel_fn choose_stages(const struct umb_query_settings *settings, int32_t taps)
 {
     if (settings->filter == UMB_FILTER_TENT) {
         return umb__kernel_tent;
@@ -302,7 +305,7 @@ static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
     if (UMB__HAS_PENUMBRA && settings->filter == UMB_FILTER_PENUMBRA) {
         return umb__kernel_penumbra;
     }
-    return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel();
+    return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel(taps);
 }
 
 /* What footprints need to know of the eye and of the frustum. */
@@ -318,15 +321,6 @@ static void set_footprint(struct umb__query *q, const struct umb_asset *asset,
     q->texel_m = (length3(q->voxel_step[0]) + length3(q->voxel_step[1])) / 2;
     q->sample_no_normal_m =
         settings->bias_mode == UMB_BIAS_AUTO ? bias_without_normal(q, 1) : q->no_normal_m;
-}
-
-/* What answers a batch of windows: the stages of a query, outermost first. */
-static umb__kernel_fn choose_run(const struct umb__query *q)
-{
-    if (UMB__HAS_TRANSMITTANCE && q->trans != NULL) {
-        return umb__transmittance_run;
-    }
-    return UMB__HAS_FACES && q->face_count > 0 ? umb__perspective_run : q->kernel;
 }
 
 enum umb_status umb_query_prepare(const struct umb_asset *asset,
@@ -357,7 +351,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         return status;
     }
     struct umb__query q = {
-        .kernel = choose_stages(settings),
+        .kernel = choose_stages(settings, taps),
         .grid = asset->view.grid + top->first_cell,
         .columns = asset->view.columns + top->first_column,
         .pieces = asset->view.pieces + top->first_piece,
@@ -387,7 +381,10 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     } else {
         set_faces(&q, asset, settings);
     }
-    q.run = q.window_run = choose_run(&q);
+    q.opaque_run = UMB__HAS_FACES && q.face_count > 0 ? umb__perspective_run : q.kernel;
+    q.window_run =
+        UMB__HAS_TRANSMITTANCE && q.trans != NULL ? umb__transmittance_run : q.opaque_run;
+    q.run = q.window_run;
     if (UMB__HAS_FOOTPRINTS && settings->filter == UMB_FILTER_FOOTPRINT) {
         set_footprint(&q, asset, settings);
     }

@@ -22,6 +22,7 @@ typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_
 struct umb__query {
     umb__kernel_fn run;          /* answers a batch: the outermost stage (query.c) */
     umb__kernel_fn window_run;   /* the same without footprints */
+    umb__kernel_fn opaque_run;   /* the same without translucent casters */
     umb__kernel_fn kernel;       /* answers points of parallel light, or of one face */
     const uint32_t *grid;        /* of the light's frustum */
     const struct umb__column *columns; /* likewise */
@@ -250,6 +251,13 @@ void umb__kernel_base(const struct umb__query *query, const struct umb_points *p
                       size_t count, struct umb_answers *answers);
 void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
+
+/* One tap only. */
+void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
+                        size_t first, size_t count, struct umb_answers *answers);
+/* One tap: pieces of a batch by umb__kernel_avx2 or umb__kernel_avx512 (taps_run.c). */
+void umb__run_taps(const struct umb__query *query, const struct umb_points *points, size_t first,
+                   size_t count, struct umb_answers *answers);
 
 /* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */
 void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,

@@ -109,16 +109,6 @@ double umb__transmittance_at(const struct umb__query *q, const struct umb_points
     return share_left(lost, all);
 }
 
-static void run_opaque(const struct umb__query *q, const struct umb_points *points, size_t first,
-                       size_t count, struct umb_answers *answers)
-{
-    if (q->face_count > 0) {
-        umb__perspective_run(q, points, first, count, answers);
-    } else {
-        q->kernel(q, points, first, count, answers);
-    }
-}
-
 static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
                       const struct umb_points *points, size_t first, size_t count,
                       struct umb_answers *answers)
@@ -131,14 +121,14 @@ static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
     struct umb__query opaque = *q;
     opaque.trans = NULL;
     if (any == 0) {
-        run_opaque(&opaque, points, first, count, answers);
+        q->opaque_run(&opaque, points, first, count, answers);
         return;
     }
     float values[CHUNK];
     const struct umb_points part = umb__some_points(points, first, count);
     struct umb_answers shares = {.values = values, .stats = answers->stats};
     opaque.format = UMB_ANSWER_F32;
-    run_opaque(&opaque, &part, 0, count, &shares);
+    q->opaque_run(&opaque, &part, 0, count, &shares);
     answers->stats = shares.stats;
     for (size_t i = 0; i < count; i++) {
         umb__store_share(answers->values, q->format, first + i,

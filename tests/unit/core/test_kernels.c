@@ -43,16 +43,27 @@ struct kernel {
     umb__kernel_fn run;
 };
 
-static size_t list_kernels(struct kernel kernels[2])
+enum {
+    KERNELS = 4
+};
+
+/* What this processor runs for so many taps. */
+static size_t list_kernels(int32_t taps, struct kernel kernels[KERNELS])
 {
-    kernels[0] = (struct kernel){"base", umb__kernel_base};
+    size_t count = 0;
+    kernels[count++] = (struct kernel){"base", umb__kernel_base};
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
-        kernels[1] = (struct kernel){"avx2", umb__kernel_avx2};
-        return 2;
+        kernels[count++] = (struct kernel){"avx2", umb__kernel_avx2};
+        if (taps == 1 && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
+            __builtin_cpu_supports("avx512dq")) {
+            kernels[count++] = (struct kernel){"avx512", umb__kernel_avx512};
+            kernels[count++] = (struct kernel){"either, in pieces", umb__run_taps};
+        }
     }
 #endif
-    return 1;
+    (void)taps;
+    return count;
 }
 
 static double doubles[POINTS][3];
@@ -111,11 +122,11 @@ static void make_picture(uint32_t size, double pixel_voxels, uint64_t *seed)
 
 static void check_batch(const struct umb_query *query, const struct umb_points *points)
 {
-    static float values[2][POINTS];
-    struct umb_query_stats stats[2];
-    struct kernel kernels[2];
-    size_t count = list_kernels(kernels);
+    static float values[KERNELS][POINTS];
+    struct umb_query_stats stats[KERNELS];
+    struct kernel kernels[KERNELS];
     const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
+    size_t count = list_kernels(q->taps, kernels);
     for (size_t k = 0; k < count; k++) {
         struct umb_answers answers = {.values = values[k]};
         kernels[k].run(q, points, 0, POINTS, &answers);
@@ -198,7 +209,7 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
     struct voxels voxels = {stepped, &ground, 8, 1};
     struct bytes file = make_packed(&voxels, voxel_m, origin);
     struct umb_asset *asset;
-    struct kernel kernels[2];
+    struct kernel kernels[KERNELS];
     uint64_t seed = 11;
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
     static double mixed[POINTS][3];
@@ -215,7 +226,7 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
         struct umb_query query;
         assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
         const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-        for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
+        for (size_t k = 0, count = list_kernels((int32_t)taps, kernels); k < count; k++) {
             static float values[POINTS];
             struct umb_answers far = {.values = values}, near = {.values = values};
             kernels[k].run(q, &picture, 0, POINTS, &near);
@@ -245,7 +256,7 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
     struct umb_query_settings settings = {.light = 0};
     struct umb_asset *asset;
     struct umb_query query;
-    struct kernel kernels[2];
+    struct kernel kernels[KERNELS];
     uint64_t seed = 7;
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
     assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
@@ -253,7 +264,7 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
     struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
     memcpy(points.origin, origin, sizeof origin);
     make_points(ground.size, 0.9, &seed);
-    for (size_t k = 0, kernel_count = list_kernels(kernels); k < kernel_count; k++) {
+    for (size_t k = 0, kernel_count = list_kernels(1, kernels); k < kernel_count; k++) {
         for (size_t count = 1; count <= 65; count++) {
             float values[65];
             struct umb_answers answers = {.values = values};

@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX2_H
+#define UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX2_H
+/* Lanes (kernel_place_lanes.h) of AVX2: four doubles. */
+#include <immintrin.h>
+#include "query/kernel_parts.h"
+
+#define UMB__LANES 4U
+
+typedef __m256d umb__lanes;
+typedef __m128i umb__lane_ints;
+typedef __m256d umb__lane_mask;
+
+static inline umb__lanes umb__lanes_of(double value)
+{
+    return _mm256_set1_pd(value);
+}
+
+static inline umb__lanes umb__lanes_add(umb__lanes a, umb__lanes b)
+{
+    return _mm256_add_pd(a, b);
+}
+
+static inline umb__lanes umb__lanes_sub(umb__lanes a, umb__lanes b)
+{
+    return _mm256_sub_pd(a, b);
+}
+
+static inline umb__lanes umb__lanes_mul(umb__lanes a, umb__lanes b)
+{
+    return _mm256_mul_pd(a, b);
+}
+
+static inline umb__lanes umb__lanes_div(umb__lanes a, umb__lanes b)
+{
+    return _mm256_div_pd(a, b);
+}
+
+static inline umb__lanes umb__lanes_sqrt(umb__lanes a)
+{
+    return _mm256_sqrt_pd(a);
+}
+
+static inline umb__lanes umb__lanes_abs(umb__lanes a)
+{
+    return _mm256_andnot_pd(_mm256_set1_pd(-0.0), a);
+}
+
+static inline umb__lane_mask umb__lanes_above(umb__lanes a, umb__lanes b)
+{
+    return _mm256_cmp_pd(a, b, _CMP_GT_OQ);
+}
+
+static inline umb__lane_mask umb__lanes_at_least(umb__lanes a, umb__lanes b)
+{
+    return _mm256_cmp_pd(a, b, _CMP_GE_OQ);
+}
+
+static inline umb__lane_mask umb__mask_and(umb__lane_mask a, umb__lane_mask b)
+{
+    return _mm256_and_pd(a, b);
+}
+
+static inline unsigned umb__mask_bits(umb__lane_mask mask)
+{
+    return (unsigned)_mm256_movemask_pd(mask);
+}
+
+/* yes in the lanes of the mask, no in the others. */
+static inline umb__lanes umb__lanes_select(umb__lane_mask mask, umb__lanes yes, umb__lanes no)
+{
+    return _mm256_blendv_pd(no, yes, mask);
+}
+
+/* The lanes in which any of three numbers is negative, or -0. */
+static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)
+{
+    return (unsigned)_mm256_movemask_pd(_mm256_or_pd(_mm256_or_pd(a, b), c));
+}
+
+/* Towards zero; INT32_MIN for what is beyond 32 bits or not a number. */
+static inline umb__lane_ints umb__lanes_truncate(umb__lanes a)
+{
+    return _mm256_cvttpd_epi32(a);
+}
+
+/* From x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3. Blends and loads that convert are cheaper than what
+ * moves numbers between lanes, of which there are three. */
+static inline void umb__separate_axes(__m256d a, __m256d b, __m256d c, umb__lanes axis[3])
+{
+    __m256d xyxy = _mm256_blend_pd(a, b, 0xc);
+    __m256d zxzx = _mm256_permute2f128_pd(a, c, 0x21);
+    __m256d yzyz = _mm256_blend_pd(b, c, 0xc);
+    axis[0] = _mm256_shuffle_pd(xyxy, zxzx, 0xa);
+    axis[1] = _mm256_shuffle_pd(xyxy, yzyz, 0x5);
+    axis[2] = _mm256_blend_pd(zxzx, yzyz, 0xa);
+}
+
+/* Three floats a point, x y z interleaved, of as many points as there are lanes. */
+static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
+{
+    const float *f = (const float *)(const void *)at;
+    umb__separate_axes(_mm256_cvtps_pd(_mm_loadu_ps(f)), _mm256_cvtps_pd(_mm_loadu_ps(f + 4)),
+                       _mm256_cvtps_pd(_mm_loadu_ps(f + 8)), axis);
+}
+
+/* The same of doubles. */
+static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
+{
+    const double *d = (const double *)(const void *)at;
+    umb__separate_axes(_mm256_loadu_pd(d), _mm256_loadu_pd(d + 4), _mm256_loadu_pd(d + 8), axis);
+}
+
+/* Eight integers from two times four lanes. */
+static inline __m256i umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
+{
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(part[0]), part[1], 1);
+}
+
+#endif

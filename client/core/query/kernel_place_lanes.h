@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_PLACE_LANES_H
+#define UMBRAGE_CORE_QUERY_KERNEL_PLACE_LANES_H
+/*
+ * Placing a block many points at a time, a point a lane: operation by operation what umb__move,
+ * umb__to_voxel and umb__window_at do, in doubles, in the same order and without contraction, so
+ * that every voxel index is the same. Eight points of which one is not plainly inside the frustum
+ * go point by point instead.
+ *
+ * How wide lanes are and what they are called is said by kernel_lanes_avx2.h (four) or
+ * kernel_lanes_avx512.h (eight), of which one is included before.
+ */
+#include "query/kernel_parts.h"
+
+/* What placing needs of a query and its points, once for a batch: equal lanes each. */
+struct umb__lane_placer {
+    struct umb__placer plain;
+    bool fits;
+    bool still;           /* offset and push are 0 */
+    umb__lanes offset[3]; /* the batch's origin less the asset's */
+    umb__lanes push[3];   /* towards the light, for points without a normal */
+    umb__lanes to_voxel[3][4];
+    umb__lanes voxel_step[3][3]; /* these two: only if the points have normals */
+    umb__lanes direction[3];
+    __m256i half, reach; /* texels before a window's centre, and from its first to its last */
+    __m128i log2_size;
+};
+
+static inline void umb__lane_placer_init(const struct umb__query *q,
+                                         const struct umb_points *points,
+                                         struct umb__lane_placer *placer)
+{
+    umb__placer_init(q, points, &placer->plain);
+    placer->fits = umb__stages_fit(q);
+    placer->still = q->no_normal_m == 0;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        placer->still &= points->origin[axis] == q->origin[axis];
+        placer->offset[axis] = umb__lanes_of(points->origin[axis] - q->origin[axis]);
+        placer->push[axis] = umb__lanes_of(q->direction[axis] * q->no_normal_m);
+        placer->direction[axis] = umb__lanes_of(q->direction[axis]);
+        for (unsigned k = 0; k < 4; k++) {
+            placer->to_voxel[axis][k] = umb__lanes_of(q->world_to_voxel[axis][k]);
+        }
+        for (unsigned k = 0; k < 3; k++) {
+            placer->voxel_step[axis][k] = umb__lanes_of(q->voxel_step[axis][k]);
+        }
+    }
+    placer->half = _mm256_set1_epi32(q->taps / 2);
+    placer->reach = _mm256_set1_epi32(q->taps - 1);
+    placer->log2_size = _mm_cvtsi32_si128((int)q->log2_size);
+}
+
+static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes w[3])
+{
+    umb__lanes x = umb__lanes_mul(v[0], w[0]);
+    umb__lanes y = umb__lanes_mul(v[1], w[1]);
+    umb__lanes z = umb__lanes_mul(v[2], w[2]);
+    return umb__lanes_add(umb__lanes_add(x, y), z);
+}
+
+/* What forms a batch has, constants where they are used. `still`: points are relative to the
+ * asset's origin and nothing pushes them, so that they are what is transformed. */
+struct umb__form {
+    bool f32, normals, still;
+};
+
+static inline void umb__load_lanes(const struct umb_points *points, size_t i, bool f32,
+                                   umb__lanes axis[3])
+{
+    const uint8_t *positions = points->positions;
+    if (f32) {
+        umb__lanes_load_f32(positions + 12 * i, axis);
+    } else {
+        umb__lanes_load_f64(positions + 24 * i, axis);
+    }
+}
+
+/* umb__move for points with normals; returns the lanes whose normal faces away. */
+static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
+                                       umb__lanes p[3])
+{
+    const struct umb__query *q = placer->plain.query;
+    const uint8_t *normals = placer->plain.points->normals;
+    const umb__lanes zero = umb__lanes_of(0);
+    umb__lanes n[3], scale;
+    umb__lanes_load_f32(normals + 12 * i, n);
+    umb__lanes length2 = umb__lanes_mul(n[0], n[0]);
+    length2 = umb__lanes_add(length2, umb__lanes_mul(n[1], n[1]));
+    length2 = umb__lanes_add(length2, umb__lanes_mul(n[2], n[2]));
+    umb__lane_mask has =
+        umb__mask_and(umb__lanes_above(length2, zero),
+                      umb__lanes_at_least(umb__lanes_of(UMB__LENGTH2_MAX), length2));
+    if (q->bias_mode == UMB_BIAS_AUTO) {
+        umb__lanes sum[3];
+        for (unsigned axis = 0; axis < 3; axis++) {
+            sum[axis] = umb__lanes_abs(umb__lanes_dot(n, placer->voxel_step[axis]));
+        }
+        scale = umb__lanes_mul(umb__lanes_of(q->taps), umb__lanes_add(sum[0], sum[1]));
+        scale = umb__lanes_add(scale, sum[2]);
+        scale = umb__lanes_mul(umb__lanes_of(0.5 * UMB__BIAS_SLACK), scale);
+        scale = umb__lanes_div(scale, length2);
+    } else {
+        scale = umb__lanes_div(umb__lanes_of(q->bias_m), umb__lanes_sqrt(length2));
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        umb__lanes pushed = umb__lanes_sub(p[axis], placer->push[axis]);
+        umb__lanes moved = umb__lanes_add(p[axis], umb__lanes_mul(n[axis], scale));
+        p[axis] = umb__lanes_select(has, moved, pushed);
+    }
+    umb__lane_mask away = umb__lanes_at_least(umb__lanes_dot(n, placer->direction), zero);
+    return umb__mask_bits(umb__mask_and(away, has));
+}
+
+/* Texels of a point a lane, and a bit for each that is negative or faces away. */
+struct umb__placed_lanes {
+    umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or not a number */
+    unsigned negative, away;
+};
+
+static inline __attribute__((always_inline)) struct umb__placed_lanes
+umb__place_lanes(const struct umb__lane_placer *placer, size_t index, struct umb__form form)
+{
+    struct umb__placed_lanes to = {.away = 0};
+    umb__lanes p[3], v[3];
+    umb__load_lanes(placer->plain.points, index, form.f32, p);
+    for (unsigned axis = 0; axis < 3 && !form.still; axis++) {
+        p[axis] = umb__lanes_add(placer->offset[axis], p[axis]);
+    }
+    if (form.normals) {
+        to.away = umb__move_lanes(placer, index, p);
+    } else if (!form.still) {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            p[axis] = umb__lanes_sub(p[axis], placer->push[axis]);
+        }
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const umb__lanes *m = placer->to_voxel[axis];
+        v[axis] = umb__lanes_add(umb__lanes_dot(p, m), m[3]);
+        to.axis[axis] = umb__lanes_truncate(v[axis]);
+    }
+    to.negative = umb__lanes_negative(v[0], v[1], v[2]);
+    return to;
+}
+
+/* Voxel 0, 0, 0 in the lanes of points that are not to be looked up. */
+static inline void umb__clear_lanes(__m256i v[3], unsigned away)
+{
+    const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+    __m256i cleared = _mm256_and_si256(_mm256_set1_epi32((int)away), bits);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        v[axis] = _mm256_andnot_si256(_mm256_cmpeq_epi32(cleared, bits), v[axis]);
+    }
+}
+
+/*
+ * Points index .. index + 7, as lanes i .. i + 7 of the block. Returns the lanes to be looked up in
+ * the low byte, in the next those that face away. If they are not all eight, a point is neither
+ * plainly inside nor faces away, and what stands in the block means nothing: a window lies inside
+ * if no bit from the frustum's size up is set in any of its ends.
+ */
+static inline __attribute__((always_inline)) unsigned
+umb__place_eight(const struct umb__lane_placer *placer, size_t index, struct umb__form form,
+                 struct umb__block *block, uint32_t i)
+{
+    umb__lane_ints part[3][8 / UMB__LANES];
+    unsigned negative = 0, away = 0;
+    for (unsigned k = 0; k < 8 / UMB__LANES; k++) {
+        const struct umb__placed_lanes placed =
+            umb__place_lanes(placer, index + k * UMB__LANES, form);
+        for (unsigned axis = 0; axis < 3; axis++) {
+            part[axis][k] = placed.axis[axis];
+        }
+        negative |= placed.negative << k * UMB__LANES;
+        away |= placed.away << k * UMB__LANES;
+    }
+    __m256i v[3], ends;
+    v[2] = ends = umb__join_ints(part[2]);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        /* The window's first texel, not its centre. */
+        v[axis] = _mm256_sub_epi32(umb__join_ints(part[axis]), placer->half);
+        ends = _mm256_or_si256(ends, v[axis]);
+        ends = _mm256_or_si256(ends, _mm256_add_epi32(v[axis], placer->reach));
+    }
+    __m256i beyond = _mm256_srl_epi32(ends, placer->log2_size);
+    __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
+    unsigned look = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(inside)) & ~negative & ~away;
+    if (away) {
+        umb__clear_lanes(v, away);
+    }
+    _mm256_storeu_si256((__m256i *)(void *)(block->x + i), v[0]);
+    _mm256_storeu_si256((__m256i *)(void *)(block->y + i), v[1]);
+    _mm256_storeu_si256((__m256i *)(void *)(block->z + i), v[2]);
+    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_setzero_si256());
+    return look | away << 8;
+}
+
+/* Places whole eights again, point by point: those that have a point in `others`. */
+static inline void umb__place_again(const struct umb__lane_placer *placer, size_t first,
+                                    uint64_t others, struct umb__block *block,
+                                    struct umb_query_stats *stats)
+{
+    while (others) {
+        const uint32_t i = umb__first_bit(others) & ~7U;
+        const uint64_t eight = (uint64_t)0xff << i;
+        block->todo &= ~eight;
+        umb__place_points(&placer->plain, first + i, block, i, i + 8, stats);
+        others &= ~eight;
+    }
+}
+
+/* The eights of a block; a point of its own is rare, so that the loop has no call in it and keeps
+ * its constants in registers. */
+static inline __attribute__((always_inline)) void
+umb__place_eights(const struct umb__lane_placer *placer, size_t first, struct umb__form form,
+                  struct umb__block *block, struct umb_query_stats *stats)
+{
+    uint64_t look = 0, away = 0, others = 0;
+    uint32_t i = 0;
+    for (; i + 8 <= block->size; i += 8) {
+        const unsigned lanes = umb__place_eight(placer, first + i, form, block, i);
+        const unsigned eight = lanes & 0xff, behind = lanes >> 8;
+        look |= (uint64_t)eight << i;
+        away |= (uint64_t)((eight | behind) == 0xff ? behind : 0) << i;
+        others |= (uint64_t)(~(eight | behind) & 0xff) << i;
+    }
+    block->todo = look;
+    stats->facing_away += umb__count_bits(away);
+    if (others) {
+        umb__place_again(placer, first, others, block, stats);
+    }
+    umb__place_points(&placer->plain, first + i, block, i, block->size, stats);
+}
+
+static inline void umb__lane_place_block(const struct umb__lane_placer *placer, size_t first,
+                                         struct umb__block *block, struct umb_query_stats *stats)
+{
+    const struct umb_points *points = placer->plain.points;
+    const bool f32 = points->format == UMB_POINT_F32, normals = points->normals != NULL;
+    if (!placer->fits) {
+        umb__place_block(&placer->plain, first, block, stats);
+        return;
+    }
+    if (f32 && !normals && placer->still) {
+        umb__place_eights(placer, first, (struct umb__form){true, false, true}, block, stats);
+    } else if (f32) {
+        umb__place_eights(placer, first, (struct umb__form){true, normals, false}, block, stats);
+    } else {
+        umb__place_eights(placer, first, (struct umb__form){false, normals, false}, block, stats);
+    }
+    umb__pad_block(block);
+}
+
+#endif
