@@ -12,6 +12,8 @@
 #include "cli_session.h"
 #include "umbrage/questions.h"
 
+#define BOXES_A_CALL 8192 /* half of what a server takes by default */
+
 #define KEPT                                                                                       \
     16 /* stretches kept of each segment; one with more is asked again with room for all           \
         */
@@ -298,6 +300,9 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
 static enum umb_status open_answers(struct job *job, struct umb_error *error)
 {
     size_t count = job->options->batch;
+    if (job->client != NULL && job->options->question == UMBC_QUESTION_BOXES) {
+        count = count < BOXES_A_CALL ? count : BOXES_A_CALL;
+    }
     bool good = true;
     switch (job->options->question) {
     case UMBC_QUESTION_SEGMENTS:

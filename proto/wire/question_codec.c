@@ -12,8 +12,9 @@
 #include "wire/query_check.h"
 #include "wire/wire_buffer.h"
 
-#define SEGMENT_POINTS 16 /* a walk through the frustum takes some ten times a point's way down */
-#define BOX_POINTS     64
+/* One-tap points that take about as long (make bench-questions). */
+#define SEGMENT_POINTS 64
+#define BOX_POINTS     256
 
 const size_t umbw_answer_sizes[UMBW_QUESTION_COUNT][UMBW_ANSWER_FIELDS] = {
     [UMBW_SEGMENTS] = {8, 8, 4, 16},

@@ -16,6 +16,7 @@
 #define SLICE_POINTS 4096
 
 #define BRICK_VOXELS 8.0
+#define BRICK_POINTS 16 /* of a brick that a side cuts */
 #define BOXES_CHUNK  64
 
 static void free_question(void *user)
@@ -46,9 +47,9 @@ static double voxel_m(const struct umb_asset *asset, uint32_t light, double *sid
     return sum / 3;
 }
 
-/* Bricks of the sides of all boxes, no more of one than of the frustum: what counting them takes,
- * where a surface or two run through them. */
-static uint64_t side_bricks(const struct umbd_question *question)
+/* Points that counting the sides of all boxes counts as, no more of one than of the frustum: nearly
+ * all of a large box's time goes where its sides cut bricks. */
+static uint64_t side_points(const struct umbd_question *question)
 {
     const struct umb_segments pairs = umbd_question_pairs(&question->request);
     double side = 0;
@@ -69,7 +70,7 @@ static uint64_t side_bricks(const struct umbd_question *question)
             sum += bricks < most ? bricks : most; /* also for NaN, which is refused later */
         }
     }
-    return (uint64_t)sum;
+    return (uint64_t)(BRICK_POINTS * sum);
 }
 
 /* Allocates the answers: stretches first, since they are aligned as malloc's blocks are. */
@@ -188,7 +189,7 @@ static void serve(struct umbd_call *call, enum umbw_question kind)
     uint64_t points = request->count * umbw_question_points(kind, request->max_stretches);
     if (kind == UMBW_BOXES) {
         const uint64_t from = umbd_conn_began(call->conn);
-        points += side_bricks(question);
+        points += side_points(question);
         umbd_conn_spent(call->conn, from);
     }
     if (!umbd_call_take_points(call, points) || !umbd_call_charge(call, call->charged + bytes)) {

@@ -133,8 +133,8 @@ with test.check("a foreign client gets the same numbers, as arrays"):
 
 with test.check("what cannot be is refused with the field's name, the value and the limit"):
     limits = client.limits(test.messages.shadows.LimitsRequest(), timeout=60)
-    assert limits.max_columns == limits.max_points and limits.max_segments == limits.max_points // 16
-    assert limits.max_boxes == limits.max_points // 64 and limits.max_box_steps == 1 << 26
+    assert limits.max_columns == limits.max_points and limits.max_segments == limits.max_points // 64
+    assert limits.max_boxes == limits.max_points // 256 and limits.max_box_steps == 1 << 26
     bad = array.array("f", [0.0] * 6000)
     bad[5991] = float("nan")
     for words, name, request in (
@@ -153,15 +153,15 @@ with test.check("what cannot be is refused with the field's name, the value and 
     refused(Code.NOT_FOUND, "nope", "Columns", M.ColumnsRequest(asset="nope"))
     refused(Code.NOT_FOUND, "light: 7", "Segments", M.SegmentsRequest(asset="city", light=7))
     refused(Code.UNIMPLEMENTED, "closed rule", "Columns", M.ColumnsRequest(asset="closed", points=bytes(12)))
-    refused(Code.RESOURCE_EXHAUSTED, "segments: 262145, each counts as 16 points; the limit is 4194304 points",
-            "Segments", M.SegmentsRequest(asset="city", segments=bytes(24 * 262145)))
+    refused(Code.RESOURCE_EXHAUSTED, "segments: 65537, each counts as 64 points; the limit is 4194304 points",
+            "Segments", M.SegmentsRequest(asset="city", segments=bytes(24 * 65537)))
     refused(Code.RESOURCE_EXHAUSTED, "segments: 2, each counts as 4194304 points", "Segments",
             M.SegmentsRequest(asset="city", segments=bytes(48), max_stretches=4194304))
-    refused(Code.RESOURCE_EXHAUSTED, "boxes: 65537", "Boxes", M.BoxesRequest(asset="city", boxes=bytes(24 * 65537)))
+    refused(Code.RESOURCE_EXHAUSTED, "boxes: 16385", "Boxes", M.BoxesRequest(asset="city", boxes=bytes(24 * 16385)))
 
 with test.check("a deadline ends the work, a cancelled call stops it, and the server is well"):
     many = M.SegmentsRequest(asset="city", max_stretches=16,
-                             segments_f64=array.array("d", anywhere(2 * 200000)).tobytes())
+                             segments_f64=array.array("d", anywhere(2 * 65536)).tobytes())
     refused_by_deadline = 0
     try:
         ask["Segments"](many, timeout=0.003)

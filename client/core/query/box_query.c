@@ -143,6 +143,9 @@ static void slab_masks(const struct count *count, unsigned axis, const struct cu
             row[x] += ((double)(brick->low[1] + y) + 0.5) * count->step[1][axis];
         }
         for (int32_t z = 0; z < 8; z++) {
+            if (!(inside[z] >> (8 * y) & 0xffU)) {
+                continue; /* the range or another slab has taken the row out */
+            }
             double depth = ((double)(brick->low[2] + z) + 0.5) * count->step[2][axis];
             uint64_t bits = 0;
             for (int32_t x = 0; x < 8; x++) {

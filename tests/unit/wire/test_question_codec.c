@@ -27,7 +27,7 @@ static struct umbw_question_request request_of(enum umbw_question question)
                                           .format = UMB_POINT_F64,
                                           .origin = {1e6, 0, -5},
                                           .count = COUNT,
-                                          .max_stretches = question == UMBW_SEGMENTS ? 20 : 0,
+                                          .max_stretches = question == UMBW_SEGMENTS ? 70 : 0,
                                           .want_stats = 1};
 }
 
@@ -120,16 +120,16 @@ static void limits_count_as_points(void **state)
     assert_int_equal(umbw_encode_question_request(&in, &buffer, NULL), UMB_OK);
     const uint8_t *message = buffer.bytes + UMBW_PREFIX_BYTES;
     const size_t size = buffer.size - UMBW_PREFIX_BYTES;
-    assert_int_equal(umbw_decode_question_request(UMBW_SEGMENTS, message, size, 60, &out, &error),
+    assert_int_equal(umbw_decode_question_request(UMBW_SEGMENTS, message, size, 210, &out, &error),
                      UMB_OK);
-    assert_int_equal(umbw_decode_question_request(UMBW_SEGMENTS, message, size, 59, &out, &error),
+    assert_int_equal(umbw_decode_question_request(UMBW_SEGMENTS, message, size, 209, &out, &error),
                      UMB_E_TOO_LARGE);
     assert_string_equal(error.message,
-                        "segments_f64: 3, each counts as 20 points; the limit is 59 points");
+                        "segments_f64: 3, each counts as 70 points; the limit is 209 points");
     umbw_buffer_finish(&buffer);
-    assert_int_equal(umbw_question_points(UMBW_SEGMENTS, 0), 16);
+    assert_int_equal(umbw_question_points(UMBW_SEGMENTS, 0), 64);
     assert_int_equal(umbw_question_points(UMBW_COLUMNS, 0), 1);
-    assert_int_equal(umbw_question_points(UMBW_BOXES, 0), 64);
+    assert_int_equal(umbw_question_points(UMBW_BOXES, 0), 256);
 }
 
 static void requests_that_do_not_fit_are_named(void **state)
