@@ -26,6 +26,7 @@
 #include <unistd.h>
 #include "wire/grpc.h"
 #include "wire/messages.h"
+#include "wire/questions.h"
 
 #define FAKE_CONNECTIONS 16
 #define FAKE_BODY_MAX    ((size_t)32 << 20)
@@ -328,6 +329,41 @@ static void fake_health(struct fake_stream *stream)
     fake_append_buffer(stream, &buffer);
 }
 
+/* Segments: of segment i share i is lit, in i stretches, each from its number on; "lies" tells one
+ * stretch less than it counts, "few" answers one segment less. Other questions get no answer. */
+static void fake_segments(struct fake_stream *stream)
+{
+    struct umbw_question_request request;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    double lit[16], stretches[16 * 16][2];
+    uint32_t counts[16];
+    size_t told = 0;
+    if (umbw_decode_question_request(UMBW_SEGMENTS, stream->body + 5, stream->body_size - 5, 1000,
+                                     &request, NULL) != UMB_OK) {
+        return; /* an empty reply */
+    }
+    for (uint32_t i = 0; i < request.count && i < 16; i++) {
+        lit[i] = counts[i] = i;
+        for (uint32_t k = 0; k < i && k < request.max_stretches; k++, told++) {
+            stretches[told][0] = k;
+            stretches[told][1] = k + 0.5;
+        }
+    }
+    const struct umbw_question_reply reply = {
+        .question = UMBW_SEGMENTS,
+        .asset_id = {0xab},
+        .has_stats = request.want_stats,
+        .nodes = 7,
+        .count = request.count - (strcmp(request.asset, "few") == 0),
+        .fields = {(const void *)lit, (const void *)lit, (const void *)counts,
+                   (const void *)stretches},
+        .stretch_count = told - (strcmp(request.asset, "lies") == 0)};
+    if (umbw_encode_question_reply(&reply, &buffer, NULL) != UMB_OK) {
+        abort();
+    }
+    fake_append_buffer(stream, &buffer);
+}
+
 static void fake_respond(struct fake_connection *connection, struct fake_stream *stream)
 {
     struct umbw_query_request request;
@@ -347,6 +383,8 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
             fake_list(stream);
         } else if (strcmp(stream->path, UMBW_PATH_DESCRIBE) == 0) {
             fake_describe(stream);
+        } else if (strncmp(stream->path, "/umbrage.v1.Questions/", 22) == 0) {
+            fake_segments(stream);
         } else {
             fake_health(stream);
         }
