@@ -68,7 +68,7 @@ static int32_t voxel_at(const struct umb__axis *axis, double t, int32_t from)
         return from;
     }
     int32_t near = from, far = axis->step > 0 ? axis->last : 0; /* near is reached */
-    double guess = floor(coordinate(axis, t));
+    double guess = coordinate(axis, t);
     double low = axis->step > 0 ? from : far, high = axis->step > 0 ? far : from;
     int32_t voxel = (int32_t)(guess > low ? guess < high ? guess : high : low); /* also NaN */
     if ((voxel == near || has_reached(axis, voxel, t)) &&
