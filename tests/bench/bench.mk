@@ -89,6 +89,9 @@ bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the da
 bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at twice the knee; greedy and polite clients
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_overload.py
 
+bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
+
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
@@ -97,7 +100,7 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 	$(BUILD)/bench_query --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
-.PHONY: bench-overload bench bench-bake bench-query bench-service
+.PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
 
 # Segments, columns and boxes: closed scenes with their front, in process and from a daemon.
 $(BUILD)/bench_questions: $(BUILD)/tests/bench/bench_questions.o $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
