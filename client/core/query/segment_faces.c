@@ -83,13 +83,10 @@ static void walk_piece(const struct umb__volume *volume, uint32_t face, const st
     if (!begins && !ends) {
         return;
     }
-    const double cut = fmin(fmax((first_w - sight->at[2]) / sight->gain[2], from), to);
-    if (!begins) {
-        line.from = cut;
-        line.near_w = first_w;
-    } else if (!ends) {
-        line.to = cut;
-        line.far_w = first_w;
+    if (begins != ends) { /* so that W changes */
+        const double cut = fmin(fmax((first_w - sight->at[2]) / sight->gain[2], from), to);
+        *(begins ? &line.to : &line.from) = cut;
+        *(begins ? &line.far_w : &line.near_w) = first_w;
     }
     if (line.to > line.from) {
         walk_behind(volume, face, sight, &line, out);
@@ -115,9 +112,12 @@ void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
         double until = 1;
         for (uint32_t i = 0; i < volume->face_count; i++) {
             const double steeper = sights[i].gain[2] - own->gain[2];
+            if (!(steeper > 0)) {
+                continue;
+            }
             const double meets = (own->at[2] - sights[i].at[2]) / steeper;
-            if (steeper > 0 && (meets < until || (meets == until && next != face &&
-                                                  sights[i].gain[2] > sights[next].gain[2]))) {
+            if (meets < until ||
+                (meets == until && next != face && sights[i].gain[2] > sights[next].gain[2])) {
                 until = meets;
                 next = i;
             }

@@ -38,7 +38,10 @@ static inline double crossing(const struct umb__axis *axis, int32_t plane)
 static inline double coordinate(const struct umb__axis *axis, double s)
 {
     double place = axis->start + s * axis->slope;
-    return axis->scale != 0 ? (-1 / place - axis->offset) / axis->scale : place;
+    if (axis->scale == 0) {
+        return place;
+    }
+    return ((place < 0 ? -1 / place : INFINITY) - axis->offset) / axis->scale;
 }
 
 /* Where the segment leaves voxels low..high. */
@@ -125,7 +128,8 @@ static double segment_parameter(const struct umb__line *line, double s)
         return s <= 0 ? line->from : line->to;
     }
     if (line->near_w != line->far_w) {
-        u = s * line->near_w / (line->far_w - s * (line->far_w - line->near_w));
+        double w = line->far_w - s * (line->far_w - line->near_w);
+        u = w > 0 ? s * line->near_w / w : 1; /* 0 by rounding alone */
     }
     return fmin(line->from + u * (line->to - line->from), line->to);
 }

@@ -48,12 +48,13 @@ static inline struct umb__tree umb__volume_tree(const struct umb__volume *volume
     return tree;
 }
 
-/* Depth z of a face is linear in its W: W = scale z + offset. */
+/* Depth z of a face is linear in its W: W = scale z + offset. A scale of 0: it is not. */
 static inline void umb__face_depth(const struct umb_frustum_info *face, double *scale,
                                    double *offset)
 {
     const double *z = face->world_to_voxel[2], *w = face->world_to_voxel[3];
-    *scale = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / (w[0] * z[0] + w[1] * z[1] + w[2] * z[2]);
+    const double along = w[0] * z[0] + w[1] * z[1] + w[2] * z[2];
+    *scale = along > 0 ? (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / along : 0;
     *offset = w[3] - *scale * z[3];
 }
 
