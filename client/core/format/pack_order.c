@@ -87,6 +87,7 @@ static bool has(const struct node_bits *bits, struct umb__node_ref node)
 static enum umb_status allocate(struct traversal *t)
 {
     struct umb__pack_order *order = t->order;
+    size_t nodes = 1; /* without copies */
     bool complete = bits_init(t->octree, &t->placed);
     complete = bits_init(t->octree, &t->here) && complete;
     complete = bits_init(t->octree, &t->waits) && complete;
@@ -94,7 +95,11 @@ static enum umb_status allocate(struct traversal *t)
         const size_t count = umb__octree_level_count(t->octree, level);
         order->places[level] = umb__alloc_large(order->alloc, count, sizeof *order->places[level]);
         complete = complete && order->places[level] != NULL;
+        nodes += t->survey->counts[level];
     }
+    order->sequence = umb__alloc_large(order->alloc, nodes, sizeof *order->sequence);
+    order->sequence_capacity = order->sequence != NULL ? nodes : 0;
+    complete = complete && order->sequence != NULL;
     return complete ? UMB_OK : no_memory(t->error);
 }
 
@@ -135,8 +140,8 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
     size_t bytes = umb__node_estimate(end - first);
     for (uint32_t i = first; i < end && !t->alone; i++) {
         const struct umb__node_ref child = {node.level - 1, level->children[i]};
-        const bool elsewhere = has(&t->placed, child) || has(&t->waits, child);
-        bytes += elsewhere && !has(&t->here, child) ? 8 : 0;
+        const bool waits = node.level == t->band_low && has(&t->waits, child);
+        bytes += waits || (has(&t->placed, child) && !has(&t->here, child)) ? 8 : 0;
     }
     return bytes;
 }
@@ -202,24 +207,37 @@ static void push(const struct traversal *t, struct umb__node_ref node, struct st
     }
 }
 
-/* What follows a node: bricks stand right behind it, other children are visited, or wait. */
+/* Bricks stand right behind the node above them; what is read of them is asked for together. */
+static enum umb_status place_bricks(struct traversal *t, const uint32_t *bricks, uint32_t count)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < count; i++) {
+        __builtin_prefetch(t->survey->brick_bytes + bricks[i]);
+    }
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        const struct umb__node_ref brick = {UMB_LEVEL_BRICK, bricks[i]};
+        status = is_placed(t, brick) ? UMB_OK : place(t, brick);
+    }
+    return status;
+}
+
+/* What follows a node: bricks, or children that are to be visited, or wait. */
 static enum umb_status visit_children(struct traversal *t, struct umb__node_ref node,
                                       struct stack *stack)
 {
     const struct umb_octree_level *level = &t->octree->level[node.level];
-    const uint32_t first = level->first[node.index];
-    const uint32_t count = level->first[node.index + 1] - first;
+    const uint32_t *children = level->children + level->first[node.index];
+    const uint32_t count = level->first[node.index + 1] - level->first[node.index];
+    if (node.level == UMB_LEVEL_BRICK + 1) {
+        return place_bricks(t, children, count);
+    }
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        struct umb__node_ref child = {node.level - 1, level->children[first + i]};
         if (node.level == t->band_low) {
-            status = wait_for_next_band(t, child);
-        } else if (child.level > UMB_LEVEL_BRICK) {
+            status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
+        } else {
             /* The stack gives children back in reverse, so the last one goes first. */
-            child.index = level->children[first + count - 1 - i];
-            push(t, child, stack);
-        } else if (!is_placed(t, child)) {
-            status = place(t, child);
+            push(t, (struct umb__node_ref){node.level - 1, children[count - 1 - i]}, stack);
         }
     }
     return status;
