@@ -271,19 +271,25 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
 #define CELLS_SEEN 8
 
 /* Bits of lanes where some of `far` from `first` to `last` is more than lit. */
-static inline unsigned lanes_before(const int32_t *far, __m256i first, __m256i last, __m256i lit)
+static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t band, __m256i first,
+                                    __m256i last, __m256i lit)
 {
+    const int32_t *far = hiding->far;
+    const unsigned some = _mm256_cmplt_epi32_mask(lit, load(hiding->band_far + band));
+    if (some == 0) {
+        return 0;
+    }
     /* Two cells without a branch, for the many that have no more. */
     const __m256i next = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
     const __m256i two = _mm256_max_epi32(_mm256_i32gather_epi32(far, first, 4),
                                          _mm256_i32gather_epi32(far, next, 4));
     unsigned before = _mm256_cmpgt_epi32_mask(two, lit);
-    unsigned left = _mm256_cmplt_epi32_mask(next, last) & ~before;
+    unsigned left = _mm256_cmplt_epi32_mask(next, last) & ~before & some;
     for (int i = 2; i < CELLS_SEEN && left != 0; i++) {
         first = _mm256_add_epi32(first, _mm256_set1_epi32(1));
         const __m256i at = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
         before |= _mm256_cmpgt_epi32_mask(_mm256_i32gather_epi32(far, at, 4), lit);
-        left = _mm256_cmplt_epi32_mask(at, last) & ~before;
+        left = _mm256_cmplt_epi32_mask(at, last) & ~before & some;
     }
     return before | left;
 }
@@ -294,7 +300,7 @@ static inline unsigned lanes_before(const int32_t *far, __m256i first, __m256i l
  * long edge and that edge moved over corner 1.
  */
 static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
-                                  const struct umbb_sides *sides, int32_t row, int32_t last)
+                                  const struct umbb__hiding hiding[2], int32_t row, int32_t last)
 {
     const struct umbb_coverage *c = k->coverage;
     const __m256i bands = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
@@ -334,9 +340,10 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
     const __m256i first = _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(first_x), 3));
     const __m256i end_cell =
         _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(last_x), 3));
-    unsigned seen = lanes_before(cells->layers[sides->front].far, first, end_cell, lit);
-    if (sides->back != sides->front) {
-        seen |= lanes_before(cells->layers[sides->back].far, first, end_cell, lit);
+    const size_t at_band = (size_t)(row - cells->y0) >> 3;
+    unsigned seen = lanes_before(&hiding[0], at_band, first, end_cell, lit);
+    if (hiding[1].far != hiding[0].far) {
+        seen |= lanes_before(&hiding[1], at_band, first, end_cell, lit);
     }
     const int32_t count = ((last - row) >> 3) + 1;
     return count < 8 ? seen & ((1U << count) - 1U) : seen;
@@ -353,35 +360,56 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
     return row - ((row - cells->y0) & 7);
 }
 
-/* Bits of the bands of a triangle that it may change: at most UMBB_CANVAS_MAX / 8. */
+/* Bits of the bands of a triangle that it may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
+ * layers of both sides, or NULL where too little is there to ask. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
-                                     const struct umbb_sides *sides)
+                                     const struct umbb__hiding *hiding)
 {
     uint32_t seen = 0;
     int32_t last;
     const int32_t row = rows_of(k->coverage, cells, &last);
-    if (!sides->often_hidden) {
+    if (hiding == NULL) {
         return row > last ? 0 : UINT32_MAX >> (31 - ((last - row) >> 3));
     }
     for (int32_t at = row; at <= last; at += 64) {
-        seen |= bands_seen(k, cells, sides, at, last) << ((at - row) >> 3);
+        seen |= bands_seen(k, cells, hiding, at, last) << ((at - row) >> 3);
     }
     return seen;
 }
 
+/* Whether all of a triangle lies behind everything in both layers. */
+static inline int triangle_hidden(const struct umbb_coverage *c, const struct umbb__hiding *hiding)
+{
+    return hiding != NULL && umbb_coverage_round(c->z_min) >= hiding[0].all_far &&
+           umbb_coverage_round(c->z_min) >= hiding[1].all_far;
+}
+
+/* Triangles under way. */
+struct work {
+    size_t band_count, noted;
+    uint32_t seen[UMBB_DRAW_MAX]; /* bits of bands */
+    struct plane planes[UMBB_DRAW_MAX];
+    struct band bands[BANDS_MAX];
+};
+
 /* Takes triangles over as far as there is room for planes; finds the bands that each may change. */
-static size_t planes_take(struct umbb_cells *cells, const struct umbb_sides *sides,
-                          const struct umbb_coverage *coverages, size_t count, struct plane *planes,
-                          uint32_t *seen)
+static size_t planes_take(struct work *work, struct umbb_cells *cells,
+                          const struct umbb_coverage *coverages, size_t count,
+                          const struct umbb__hiding *hiding)
 {
     size_t taken = 0;
     for (; taken < count && cells->plane_count < UMBB_PLANES_MAX; taken++) {
         const struct umbb_coverage *c = &coverages[taken];
-        struct plane *k = &planes[taken];
+        struct plane *k = &work->planes[taken];
+        k->coverage = c;
+        work->seen[taken] = 0;
+        if (triangle_hidden(c, hiding)) {
+            continue;
+        }
         plane_init(k, c);
-        seen[taken] = triangle_seen(k, cells, sides);
+        work->seen[taken] = triangle_seen(k, cells, hiding);
         k->number = (uint16_t)cells->plane_count;
-        cells->planes[cells->plane_count++] = (struct umbb_plane){
+        cells->planes[cells->plane_count] = (struct umbb_plane){
             .anchor_x = c->x[0],
             .anchor_y = c->y[0],
             .anchor_z = c->anchor_z,
@@ -390,16 +418,10 @@ static size_t planes_take(struct umbb_cells *cells, const struct umbb_sides *sid
             .lit_min = umbb_coverage_round(c->z_min),
             .lit_max = umbb_coverage_round(c->z_max),
         };
+        cells->plane_count += work->seen[taken] != 0;
     }
     return taken;
 }
-
-/* Triangles under way. */
-struct work {
-    size_t band_count, noted;
-    struct plane planes[UMBB_DRAW_MAX];
-    struct band bands[BANDS_MAX];
-};
 
 /* Notes the bands that were found, as far as there is room; returns 0 if that is not all. */
 static int bands_note(struct work *work, struct umbb_cells *cells, const struct umbb_sides *sides)
@@ -416,14 +438,14 @@ static int bands_note(struct work *work, struct umbb_cells *cells, const struct 
 
 /* Notes the bands of triangles; returns 0 if there was no room for all. */
 static int triangles_note(struct work *work, struct umbb_cells *cells,
-                          const struct umbb_sides *sides, const uint32_t *seen, size_t count)
+                          const struct umbb_sides *sides, size_t count)
 {
     work->band_count = 0;
     for (size_t i = 0; i < count; i++) {
         int32_t last;
         const struct plane *k = &work->planes[i];
         const int32_t row = rows_of(k->coverage, cells, &last);
-        for (uint32_t bands = seen[i]; bands != 0; bands &= bands - 1) {
+        for (uint32_t bands = work->seen[i]; bands != 0; bands &= bands - 1) {
             if (work->band_count == BANDS_MAX) {
                 if (!bands_note(work, cells, sides)) {
                     return 0;
@@ -440,9 +462,14 @@ size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_cover
                                size_t count, const struct umbb_sides *sides)
 {
     struct work work;
-    uint32_t seen[UMBB_DRAW_MAX];
-    const size_t taken = planes_take(cells, sides, coverages, count, work.planes, seen);
-    if (triangles_note(&work, cells, sides, seen, taken)) {
+    struct umbb__hiding hiding[2];
+    if (sides->often_hidden) {
+        umbb__cells_hiding_avx512(cells, sides->front, &hiding[0]);
+        umbb__cells_hiding_avx512(cells, sides->back, &hiding[1]);
+    }
+    const size_t taken =
+        planes_take(&work, cells, coverages, count, sides->often_hidden ? hiding : NULL);
+    if (triangles_note(&work, cells, sides, taken)) {
         return taken;
     }
     /* What is noted of the triangle that has a band left will be noted once more: the least of
