@@ -80,8 +80,10 @@ static double map_run(const struct race *race, const struct umbt_map16_query *ma
 
 static double floor_run(struct race *race)
 {
+    const int wide = __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq");
     const double start = bench_cpu_s();
-    place_floor_run(&race->queries[0], &race->batches[0], race->answers);
+    (wide ? place_floor_avx512 : place_floor_avx2)(&race->queries[0], &race->batches[0],
+                                                   race->answers);
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 

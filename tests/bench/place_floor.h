@@ -8,8 +8,12 @@
  */
 #include "umbrage/query.h"
 
-/* One tap, answers as floats; they mean nothing. */
-void place_floor_run(const struct umb_query *query, const struct umb_points *points,
-                     float *answers);
+/* One tap, answers as floats; they mean nothing. With AVX2. */
+void place_floor_avx2(const struct umb_query *query, const struct umb_points *points,
+                      float *answers);
+
+/* The same with AVX-512. */
+void place_floor_avx512(const struct umb_query *query, const struct umb_points *points,
+                        float *answers);
 
 #endif
