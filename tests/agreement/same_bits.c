@@ -169,6 +169,17 @@ static void deep(void)
         ask_map(map, names[way]);
         umb_map_destroy(map);
     }
+    /* No integers, but no function of libm either, beside sqrt. */
+    static const char *const moments[] = {"moments-4", "moments-6", "moments-8"};
+    for (uint32_t i = 0; i < 3; i++) {
+        const struct umb_map_settings settings = {.technique = UMB_MAP_MOMENTS, .terms = 4 + 2 * i};
+        struct umb_map *map;
+        if (umb_map_build_translucent(&frustum, &in, &settings, NULL, &map, NULL) != UMB_OK) {
+            abort();
+        }
+        ask_map(map, moments[i]);
+        umb_map_destroy(map);
+    }
 }
 
 static uint64_t octree_digest(const struct umb_octree *octree)
