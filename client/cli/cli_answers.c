@@ -150,11 +150,12 @@ static void explain_steps(FILE *file, const struct umb_explanation *e)
 
 static void explain_text(FILE *file, uint64_t number, float value, const struct umb_explanation *e)
 {
-    (void)fprintf(file, "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s\n",
-                  number, (double)value, e->lit_taps, e->taps * e->taps,
-                  e->facing_away ? ", faces away" : "", e->outside ? ", outside" : "",
-                  e->before ? ", before the first voxel" : "",
-                  e->behind ? ", behind the last voxel" : "");
+    (void)fprintf(
+        file, "point %" PRIu64 ": %.9g, %" PRIu32 " of %" PRIu32 " texels lit%s%s%s%s%s\n", number,
+        (double)value, e->lit_taps, e->taps * e->taps, e->facing_away ? ", faces away" : "",
+        e->outside ? ", outside" : "", e->before ? ", before the first voxel" : "",
+        e->behind ? ", behind the last voxel" : "",
+        e->undefined ? ", undefined: too far from any surface" : "");
     (void)fprintf(file, "  bias %s: moved %.6g m ", umb_bias_mode_name(e->bias_mode), e->bias_m);
     if (e->has_normal) {
         (void)fprintf(file, "along the normal, which faces the light at cosine %.4f\n", e->cosine);
@@ -195,6 +196,7 @@ static void explain_json(struct umbc_json *json, uint64_t number, float value,
     umbc_json_integer(json, "level", e->level);
     umbc_json_number(json, "transmittance", e->transmittance);
     umbc_json_bool(json, "facing_away", e->facing_away != 0);
+    umbc_json_bool(json, "undefined", e->undefined != 0);
     umbc_json_bool(json, "outside", e->outside != 0);
     umbc_json_bool(json, "before", e->before != 0);
     umbc_json_bool(json, "behind", e->behind != 0);
@@ -283,6 +285,7 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     umbc_json_integer(json, "before", total->stats.before);
     umbc_json_integer(json, "behind", total->stats.behind);
     umbc_json_integer(json, "facing_away", total->stats.facing_away);
+    umbc_json_integer(json, "undefined", total->stats.undefined);
     umbc_json_integer(json, "nodes", total->stats.nodes);
     umbc_json_integer(json, "bricks", total->stats.bricks);
     umbc_json_end(json, '}');

@@ -149,6 +149,11 @@ static void print_file_sizes(const struct umb_asset_info *info)
         umbc_format_bytes(info->transmittance_bytes, file);
         (void)printf("transmittance  %s of translucent casters\n", file);
     }
+    if (info->near_bytes != 0) {
+        umbc_format_bytes(info->near_bytes, file);
+        (void)printf("near           %s of where surfaces are: baked under the static rule\n",
+                     file);
+    }
     if (info->packed_bytes != 0) {
         umbc_format_bytes(info->packed_bytes, file);
         (void)printf("packed form    %s (%" PRIu64 " bytes)\n", file, info->packed_bytes);
@@ -221,6 +226,7 @@ static void json_sizes(struct umbc_json *json, const struct umb_asset_info *info
     umbc_json_integer(json, "brick_bytes", info->brick_bytes);
     umbc_json_integer(json, "front_bytes", info->front_bytes);
     umbc_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
+    umbc_json_integer(json, "near_bytes", info->near_bytes);
     umbc_json_begin(json, "level_nodes", '[');
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umbc_json_integer(json, NULL, info->level_nodes[level]);

@@ -64,6 +64,7 @@ static void add_stats(struct umb_query_stats *sum, const struct umb_query_stats 
     sum->before += part->before;
     sum->behind += part->behind;
     sum->facing_away += part->facing_away;
+    sum->undefined += part->undefined;
     sum->nodes += part->nodes;
     sum->bricks += part->bricks;
 }
@@ -423,6 +424,12 @@ static void print_summary(const struct umbc_query_total *total)
                   total->points, total->seconds, (double)total->points / seconds,
                   total->stats.outside, total->stats.before, total->stats.behind,
                   total->stats.facing_away);
+    if (total->stats.undefined > 0) {
+        (void)fprintf(stderr,
+                      "%" PRIu64 " points undefined: too far from any surface of an asset baked "
+                      "under the static rule\n",
+                      total->stats.undefined);
+    }
     if (total->bound_m > 0) {
         (void)fprintf(stderr, "level %" PRIu32 ", %" PRIu32 " taps: true boundaries within %.4g m",
                       total->level, total->taps, total->bound_m);

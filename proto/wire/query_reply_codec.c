@@ -39,6 +39,7 @@ static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_r
     reply->stats.before = stats->before;
     reply->stats.behind = stats->behind;
     reply->stats.facing_away = stats->facing_away;
+    reply->stats.undefined = stats->undefined;
     reply->stats.nodes = stats->nodes;
     reply->stats.bricks = stats->bricks;
     reply->nanoseconds = stats->nanoseconds;
@@ -109,8 +110,10 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define TAG_VISIBILITY_ERROR 0x69
 #define TAG_LINES            0x71
 #define TAG_EXPECTED_NS      0x79 /* stats, field 15, fixed64 */
+#define TAG_UNDEFINED        0x80 /* stats, field 16, varint: two bytes */
 #define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
-#define STATS_MAX            (8 * 11 + 2 * 6 + 5 * 9) /* varints of 64 and 32 bits, doubles, tags */
+/* Varints of 64 bits, one of them with a longer tag, and of 32 bits, doubles; with their tags. */
+#define STATS_MAX            (8 * 11 + 12 + 2 * 6 + 5 * 9)
 #define VARINT_MAX           10
 
 static size_t varint_size(uint64_t value)
@@ -165,6 +168,10 @@ static size_t write_stats(const struct umbw_query_reply *reply, uint8_t out[STAT
     size += write_double(TAG_VISIBILITY_ERROR, reply->visibility_error, out + size);
     size += write_double(TAG_LINES, reply->lines, out + size);
     size += write_double(TAG_EXPECTED_NS, reply->expected_ns, out + size);
+    if (stats->undefined != 0) {
+        size += umbw_varint_write(TAG_UNDEFINED, out + size);
+        size += umbw_varint_write(stats->undefined, out + size);
+    }
     return size;
 }
 

@@ -11,6 +11,7 @@
 #include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
+#include "format/near.h"
 
 /* What all frusta share. */
 struct series {
@@ -39,12 +40,13 @@ static void series_progress(void *user, uint64_t texels_done, uint64_t tiles, ui
 static enum umb_status open_depth(const struct series *series, const struct umbb_casters *casters,
                                   struct umbb_depth *depth, struct umb_error *error)
 {
-    const struct umbb_depth_options options = {.tile_log2 = series->memory->tile_log2,
-                                               .threads = series->options->threads,
-                                               .prove = series->fronts != NULL ? UMBB_PROVE_NEVER
-                                                                               : UMBB_PROVE_AUTO,
-                                               .max_bytes = series->memory->shared_max_bytes,
-                                               .plain = series->options->depth == UMBB_DEPTH_PLAIN};
+    const struct umbb_depth_options options = {
+        .tile_log2 = series->memory->tile_log2,
+        .threads = series->options->threads,
+        .prove = series->fronts != NULL || series->job->near_cells != NULL ? UMBB_PROVE_NEVER
+                                                                           : UMBB_PROVE_AUTO,
+        .max_bytes = series->memory->shared_max_bytes,
+        .plain = series->options->depth == UMBB_DEPTH_PLAIN};
     if (series->options->depth == UMBB_DEPTH_EMBREE) {
         return umbb_depth_embree_create(casters, &options, depth, error);
     }
@@ -109,7 +111,16 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
         wanted_tiles(series, number, &options.only_first, &options.only_end);
     }
     struct umbb_bake_figures figures = {0};
-    status = umbb_bake_into(&depth, &options, &series->pool, root, &figures, error);
+    struct umbb_static rule = {0};
+    if (series->job->near_cells != NULL) {
+        status = umbb_static_init(&rule, casters, frustum,
+                                  series->job->near_cells + number * UMB__NEAR_WORDS, error);
+        options.rule = &rule;
+    }
+    if (status == UMB_OK) {
+        status = umbb_bake_into(&depth, &options, &series->pool, root, &figures, error);
+    }
+    umbb_static_finish(&rule);
     depth.destroy(depth.state);
     series->figures.texels += figures.texels;
     series->figures.tiles += figures.tiles;
@@ -118,6 +129,28 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     series->figures.seconds_build += figures.seconds_build;
     series->figures.octree_bytes = figures.octree_bytes;
     series->texels_before += figures.texels;
+    return status;
+}
+
+/* The static rule has an `end` of its own, also where no caster is closed: then all count as open,
+ * under the closed rule. */
+static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
+                                   uint32_t number, uint32_t *root, struct umb_error *error)
+{
+    struct umbb_casters ruled = *casters;
+    uint8_t *open = NULL;
+    _Static_assert(UMBB_CASTER_OPEN == 0, "zeroed kinds are open");
+    if (!casters->closed_rule) {
+        open = calloc(casters->count + 1, 1);
+        if (open == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory for %zu triangles refused",
+                            casters->count);
+        }
+        ruled.kinds = open;
+        ruled.closed_rule = 1;
+    }
+    const enum umb_status status = bake_one(series, &ruled, number, root, error);
+    free(open);
     return status;
 }
 
@@ -140,6 +173,10 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
         .open_on_word = series->options->closed == UMBB_CLOSED_ON &&
                         analysis->closed_part_count < analysis->part_count,
     };
+    if (light->kind == UMB_LIGHT_DIRECTIONAL && series->job->near_cells != NULL) {
+        umbb_analysis_to_voxels(analysis, number);
+        return bake_static(series, &casters, number, root, error);
+    }
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         umbb_analysis_to_voxels(analysis, number);
         return bake_one(series, &casters, number, root, error);

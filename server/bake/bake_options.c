@@ -51,8 +51,10 @@ const char umbb_options_help[] =
     "  --effect NAME=on|off   overrule the plan: closed, front (first occluders of closed\n"
     "                         solids, for columns), penumbra (on: front as well; off: lights\n"
     "                         without an extent), cut-out (holes by the alpha of textures),\n"
-    "                         transmittance (glass, hair: casters that take part of the light);\n"
-    "                         static, mraa and voaa can only be off in this version\n"
+    "                         transmittance (glass, hair: casters that take part of the light),\n"
+    "                         static; mraa and voaa can only be off in this version\n"
+    "  --static               nothing moves: only points on surfaces are asked for, and what lies\n"
+    "                         elsewhere is left undefined, counted in every reply\n"
     "  --threads N            1 to 256 (the processors there are)\n"
     "  --memory SIZE          stay within this, for example 900MiB (4GiB)\n"
     "  --tile N               texels a side baked at a time, a power of two from 64 (4096)\n"
@@ -386,6 +388,7 @@ static const struct {
     size_t offset; /* of an int in struct umbb_options */
 } flags[] = {
     {"--plan", offsetof(struct umbb_options, plan)},
+    {"--static", offsetof(struct umbb_options, static_rule)},
     {"--json", offsetof(struct umbb_options, json)},
     {"--quiet", offsetof(struct umbb_options, quiet)},
     {"-q", offsetof(struct umbb_options, quiet)},
@@ -428,9 +431,6 @@ static enum umb_status take_valued(struct umbb_options *options, int argc, char 
         if (strlen(flags[i].name) == length && strncmp(word, flags[i].name, length) == 0) {
             return umb_fail(error, UMB_E_ARGUMENT, "%s: takes no value", flags[i].name);
         }
-    }
-    if (strcmp(word, "--static") == 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--static: this version does not have the effect");
     }
     return umb_fail(error, UMB_E_ARGUMENT, "unknown option '%.64s'; see --help", word);
 }

@@ -64,6 +64,7 @@ struct umbb_options {
     enum umbb_closed_mode closed;
     int front;               /* effect `front`, where the closed rule holds */
     int front_refused;       /* `front` was said to be off */
+    int static_rule;         /* effect `static`: nothing moves */
     int opaque_cut_outs;     /* effect `cut-out` switched off */
     int opaque_translucents; /* effect `transmittance` switched off */
     enum umbb_penumbra_mode penumbra;

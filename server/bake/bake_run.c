@@ -25,6 +25,10 @@
 #include "bake/write/publish.h"
 #include "common/file.h"
 #include "common/scene_file.h"
+#include "format/near.h"
+
+/* 32 KiB each, in a head of at most 64 MiB. */
+#define STATIC_FRUSTA_MAX 1024U
 
 /* A run under way. */
 struct run {
@@ -36,6 +40,7 @@ struct run {
     struct umb_octree octree;
     struct umbb_front_words front;
     struct umb_trans_bytes transmittance;
+    uint64_t *near_cells; /* [frusta][UMB__NEAR_WORDS] of the static rule, or NULL */
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_keeping keeping; /* where tiles are kept; folder of its cache NULL: nowhere */
@@ -102,7 +107,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
         .log2_size = o->resolution_log2,
         .tile_log2 = o->tile_log2,
         .threads = o->threads,
-        .closed_rule = run->analysis.closed_rule,
+        .closed_rule = run->analysis.closed_rule || o->static_rule,
         .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),
@@ -195,6 +200,10 @@ static enum umb_status open_keeping(struct run *run, struct umb_error *error)
     } else if (o->task == UMBB_TASK_MERGE) {
         status =
             umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_MERGE, o->from, UINT64_MAX, error);
+    } else if (o->cache != NULL && o->static_rule) {
+        print_notices(o->quiet ? NULL
+                               : "--cache: the static rule needs the whole map: every tile is "
+                                 "baked");
     } else if (o->cache != NULL) {
         status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_CACHE, o->cache, o->cache_bytes,
                                         error);
@@ -236,6 +245,35 @@ static enum umb_status bake_transmittance(struct run *run, const struct umbb_mem
                                    &run->report.transmittance_level, error);
 }
 
+/* What the static rule takes, and room for what it says. */
+static enum umb_status open_static(struct run *run, struct umb_error *error)
+{
+    const struct umbb_analysis *analysis = &run->analysis;
+    if (!run->options->static_rule) {
+        return UMB_OK;
+    }
+    if (sees_from_a_point(analysis)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "--static: the rule is for directional lights; leave out spot and point "
+                        "lights, or the option");
+    }
+    if (analysis->cuts.translucent.triangles > 0 && !run->options->opaque_translucents) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "--static: %llu triangles take part of the light; switch that off "
+                        "(--effect transmittance=off), or leave out the option",
+                        (unsigned long long)analysis->cuts.translucent.triangles);
+    }
+    if (analysis->frustum_count > STATIC_FRUSTA_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "--static: %u lights, at most %u",
+                        analysis->frustum_count, STATIC_FRUSTA_MAX);
+    }
+    run->near_cells = calloc(analysis->frustum_count * UMB__NEAR_WORDS, sizeof *run->near_cells);
+    return run->near_cells != NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory of %u lights refused",
+                          analysis->frustum_count);
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -244,6 +282,9 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     enum umb_status status = umbb_memory_divide(&input, &memory, error);
     if (status == UMB_OK) {
         status = check_tiles(run, &memory, error);
+    }
+    if (status == UMB_OK) {
+        status = open_static(run, error);
     }
     if (status == UMB_OK) {
         status = open_keeping(run, error);
@@ -265,6 +306,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .memory = &memory,
         .keeping = run->keeping.cache.folder != NULL ? &run->keeping : NULL,
         .front = run->options->front && run->analysis.closed_rule ? &run->front : NULL,
+        .near_cells = run->near_cells,
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
     if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
@@ -310,6 +352,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
         .front_words = run->front.count,
         .transmittance = run->transmittance.data,
         .transmittance_bytes = run->transmittance.count,
+        .near_cells = run->near_cells,
         .notes = notes,
     };
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
@@ -462,6 +505,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     umbb_publish_abandon(&run.publish);
     umb_octree_finish(&run.octree);
     umb_front_words_free(NULL, run.front.words);
+    free(run.near_cells);
     umb_trans_bytes_finish(&run.transmittance);
     umbb_tile_keeping_close(&run.keeping);
     free(run.plan);

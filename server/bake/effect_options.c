@@ -27,7 +27,7 @@ static const struct {
     {"penumbra", BY_CALLER, NULL},
     {"cut-out", BY_CALLER, NULL},
     {"transmittance", BY_CALLER, NULL},
-    {"static", BY_VERSION, NULL},
+    {"static", BY_CALLER, NULL},
     {"mraa", BY_VERSION, NULL},
     {"voaa", BY_VERSION, NULL},
 };
@@ -42,6 +42,8 @@ static void decide(struct umbb_options *options, const char *name, int on)
         options->opaque_cut_outs = !on;
     } else if (strcmp(name, "transmittance") == 0) {
         options->opaque_translucents = !on;
+    } else if (strcmp(name, "static") == 0) {
+        options->static_rule = on;
     } else if (strcmp(name, "penumbra") == 0) {
         options->penumbra = on ? UMBB_PENUMBRA_ON : UMBB_PENUMBRA_OFF;
     } else {
@@ -65,8 +67,8 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
     }
     if (i == count) {
         return umbb_option_refuse(error, option, value,
-                                  "an effect: closed, front, penumbra, cut-out, transmittance; off "
-                                  "also for static, mraa, voaa");
+                                  "an effect: closed, front, static, penumbra, cut-out, "
+                                  "transmittance; off also for mraa, voaa");
     }
     if (effects[i].decider == BY_SCENE) {
         return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': the effect follows from %s", option,
@@ -105,5 +107,14 @@ enum umb_status umbb_effects_settle(struct umbb_options *options, struct umb_err
             "--effect: 'front=off' leaves out what 'penumbra=on' needs of closed solids");
     }
     options->front |= for_penumbra && !options->front_refused;
+    if (options->static_rule && (options->front || for_penumbra)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--effect: '%s' beside static: what it needs lies off the surfaces",
+                        for_penumbra ? "penumbra=on" : "front=on");
+    }
+    if (options->static_rule && options->task != UMBB_TASK_BAKE) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--static: the rule needs the whole map: tile and merge do not take it");
+    }
     return UMB_OK;
 }

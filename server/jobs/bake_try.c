@@ -174,7 +174,9 @@ enum umbj_failure umbj_bake_here(struct umbj_try *try)
     umbj_words_add(&words, "--threads=%u", options->threads);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
     /* Embree does not tell which triangles reach a tile, so that its tiles cannot be kept. */
-    if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree")) {
+    if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree") &&
+        !umbj_settings_have(work->settings, "--static") &&
+        !umbj_settings_have(work->settings, "--effect=static=on")) {
         umbj_words_add(&words, "--cache=%s", work->cache);
         umbj_words_add(&words, "--cache-size=%llu", (unsigned long long)options->cache_bytes);
     }

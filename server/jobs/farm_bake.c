@@ -463,8 +463,10 @@ static enum umbj_failure bake(struct umbj_try *try)
     if (failure != UMBJ_NO_FAILURE) {
         return failure;
     }
-    if (umbj_settings_have(settings, "--depth=embree")) {
-        return merge(try, NULL); /* tiles of it cannot be kept */
+    if (umbj_settings_have(settings, "--depth=embree") ||
+        umbj_settings_have(settings, "--static") ||
+        umbj_settings_have(settings, "--effect=static=on")) {
+        return merge(try, NULL); /* tiles of these cannot be kept */
     }
     tiles_folder(try, folder, sizeof folder);
     for (int round = 0; round < ROUNDS; round++) {

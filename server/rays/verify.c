@@ -76,6 +76,10 @@ static void run_block(struct umbr_verify_block *block, uint64_t count)
         umbr_verify_boxes(block, count);
         break;
     default:
+        if (block->job->is_static) {
+            umbr_verify_surfaces(block, count);
+            break;
+        }
         missing = umbr_verify_near(block, count / 2);
         umbr_verify_uniform(block, count - count / 2 + missing);
     }
@@ -164,6 +168,9 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     if (job->light.frustum_count == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "light %u has no frustum", light);
     }
+    struct umb_asset_info info;
+    umb_asset_get_info(job->asset, &info);
+    job->is_static = info.near_bytes > 0;
     job->frames = umb__alloc_zeroed(NULL, job->light.frustum_count, sizeof *job->frames);
     if (job->frames == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta",

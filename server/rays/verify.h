@@ -12,6 +12,10 @@
  * within one voxel of the point (the voxel's own centre and rings around it included, for rods
  * thinner than the grid); otherwise it is outside, which must not happen.
  *
+ * Assets baked under the static rule know of points on surfaces only: all points are such, found by
+ * rays along the light from anywhere in the box and moved by the automatic bias of one tap, on the
+ * light's side.
+ *
  * Points inside closed parts of assets baked under the closed rule are left out (counted): answers
  * there are unspecified. A point in shadow that agrees is left out if its ray first meets the inner
  * side of a closed part; one that disagrees only if five of six rays into opposite directions find

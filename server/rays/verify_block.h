@@ -24,6 +24,7 @@ struct umbr_verify_job {
     struct umbr_frame *frames; /* [light.frustum_count] */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
+    int is_static;            /* baked under the static rule */
 };
 
 struct umbr_verify_block {
@@ -97,6 +98,13 @@ void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count);
 /* Draws and judges points near boundaries until `wanted` were compared; returns how many are
  * missing: a scene may hardly have boundaries. */
 uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted);
+
+/*
+ * Draws and judges points of surfaces, moved off them by the automatic bias of one tap, until
+ * `wanted` were compared or too many draws were in vain: what assets baked under the static rule
+ * are asked for.
+ */
+void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted);
 
 /* Draws and judges points uniform in the box until `wanted` were compared or too many draws were in
  * vain. */

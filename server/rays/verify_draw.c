@@ -13,6 +13,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
+#define BIAS_SLACK (65.0 / 64.0) /* as automatic biases have (client/core/query) */
+#define GRAZING    1e-6          /* cosine below which a surface is seen edge on */
+
 enum {
     STATIONS = 32, /* look-ups along a row before halving */
     POINTS_A_BOUNDARY = 8,
@@ -211,4 +216,71 @@ uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
         wanted -= compared;
     }
     return wanted;
+}
+
+/* Voxel space of a world point of parallel light. */
+static void to_voxel(const struct umbr_frame *frame, const double world[3], double voxel[3])
+{
+    for (int i = 0; i < 3; i++) {
+        const double *m = frame->world_to_voxel[i];
+        voxel[i] = m[3];
+        for (int k = 0; k < 3; k++) {
+            voxel[i] += m[k] * (world[k] - frame->origin[k]);
+        }
+    }
+}
+
+/* Moves a surface's point along its normal, turned to the light, as a query of one tap does.
+ * Returns 0 if the light grazes it. */
+static int lift(const struct umbr_verify_block *block, const double normal[3], double world[3])
+{
+    const double facing = umb__dot(normal, block->job->light.direction);
+    double length = 0;
+    for (int i = 0; i < 3; i++) {
+        length += 0.5 * fabs(umb__dot(normal, block->frame->step[i]));
+    }
+    for (int k = 0; k < 3; k++) {
+        world[k] += (facing < 0 ? 1 : -1) * BIAS_SLACK * length * normal[k];
+    }
+    return fabs(facing) > GRAZING;
+}
+
+/* A point just off a surface that a ray along the light finds from somewhere in the box; 0 if it
+ * finds none. */
+static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sample)
+{
+    const double *light = block->job->light.direction;
+    double from[3], world[3];
+    for (int k = 0; k < 3; k++) {
+        sample->voxel[k] = umbr_next_unit(block) * block->frame->size;
+    }
+    struct umbr_hit hit;
+    if (!umbr_frame_world(block->frame, sample->voxel, from)) {
+        return 0;
+    }
+    umbr_nearest(block->job->rays, from, light, 0, INFINITY, &hit);
+    for (int k = 0; k < 3; k++) {
+        world[k] = from[k] + hit.distance * light[k];
+    }
+    if (hit.distance < 0 || !lift(block, hit.normal, world)) {
+        return 0;
+    }
+    to_voxel(block->frame, world, sample->voxel);
+    return umbr_verify_place(block, sample);
+}
+
+void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)
+{
+    uint64_t tries = wanted * TRIES_A_POINT;
+    while (wanted > 0 && tries > 0) {
+        struct umbr_sample samples[UMBR_SAMPLES_MAX];
+        const uint64_t aim = wanted < UMBR_SAMPLES_MAX ? wanted : UMBR_SAMPLES_MAX;
+        size_t count = 0;
+        for (; count < aim && tries > 0; tries--) {
+            count += (size_t)find_receiver(block, &samples[count]);
+        }
+        const uint64_t compared = umbr_verify_judge(block, samples, count);
+        block->result.near_boundary += compared;
+        wanted -= compared;
+    }
 }

@@ -177,6 +177,7 @@ enum umb_status umbt_source_answer(const struct umbt_source *source, const doubl
         stats->before += reply.stats.before;
         stats->behind += reply.stats.behind;
         stats->facing_away += reply.stats.facing_away;
+        stats->undefined += reply.stats.undefined;
         stats->nodes += reply.stats.nodes;
         stats->bricks += reply.stats.bricks;
     }

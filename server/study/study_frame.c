@@ -50,6 +50,7 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
     sum->before += stats.before;
     sum->behind += stats.behind;
     sum->facing_away += stats.facing_away;
+    sum->undefined += stats.undefined;
     sum->nodes += stats.nodes;
     sum->bricks += stats.bricks;
     pthread_mutex_unlock(&frame->mutex);

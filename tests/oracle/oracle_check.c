@@ -219,6 +219,9 @@ static int compare_frustum(const struct options *options, const struct oracle_sc
             const uint32_t column[3] = {x, y, number};
             counts->texels++;
             counts->ties += row[x].tie != 0;
+            if (oracle->near.data != NULL) {
+                row[x].end = side; /* what is defined there, triangles and windows decide */
+            }
             compare_column(inputs, options->file_count, column, &row[x], counts);
             compare_front(oracle, column, &row[x], counts);
         }

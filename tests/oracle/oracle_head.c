@@ -334,13 +334,14 @@ enum entry_tag {
     ENTRY_PLAN,
     ENTRY_BAKE,
     ENTRY_ROOT,
-    ENTRY_FRNT, /* these two may lack */
+    ENTRY_FRNT, /* these three may lack */
     ENTRY_TRNS,
+    ENTRY_NEAR,
     ENTRY_COUNT,
 };
 
 static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN",
-                                                 "BAKE", "ROOT", "FRNT", "TRNS"};
+                                                 "BAKE", "ROOT", "FRNT", "TRNS", "NEAR"};
 
 static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
                         char error[ORACLE_ERROR_SIZE])
@@ -400,9 +401,11 @@ int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     }
     oracle->frnt = found[ENTRY_FRNT];
     oracle->trns = found[ENTRY_TRNS];
+    oracle->near = found[ENTRY_NEAR];
     return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
            read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
            read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&
            read_roots(oracle, found[ENTRY_ROOT].data, found[ENTRY_ROOT].size, error) &&
-           check_ranges(oracle, error) && oracle_read_transmittance(oracle, error);
+           check_ranges(oracle, error) && oracle_check_near(oracle, error) &&
+           oracle_read_transmittance(oracle, error);
 }

@@ -132,7 +132,9 @@ static enum umb_status list_settings(const struct umb_asset *bare, uint32_t ligh
     const struct umb_light_info *info = &bare->canonical.content.lights[light];
     const struct umb_frustum_info *frustum = &bare->canonical.content.frusta[info->first_frustum];
     const uint32_t highest =
-        info->kind == UMB_LIGHT_DIRECTIONAL ? umb_level_max(frustum->log2_size) : 0;
+        info->kind == UMB_LIGHT_DIRECTIONAL && bare->canonical.content.near_cells == NULL
+            ? umb_level_max(frustum->log2_size)
+            : 0;
     enum umb_status status = UMB_OK;
     *count = 0;
     for (uint32_t taps = 1; taps <= UMB_TAPS_MAX && status == UMB_OK; taps += 2) {

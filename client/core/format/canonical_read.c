@@ -7,6 +7,7 @@
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
 #include "format/front.h"
+#include "format/near.h"
 
 static bool all_zero(const uint8_t *bytes, uint64_t count)
 {
@@ -155,7 +156,8 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
         lengths[ENTRY_FRUSTA] % UMB__FRUSTUM_SIZE != 0 ||
         lengths[ENTRY_ROOTS] != frusta * UMB__ROOT_SIZE ||
         lengths[ENTRY_CURVE] % UMB__CURVE_SIZE != 0 ||
-        (entries->bytes[ENTRY_CURVE] && lengths[ENTRY_CURVE] == 0)) {
+        (entries->bytes[ENTRY_CURVE] && lengths[ENTRY_CURVE] == 0) ||
+        (entries->bytes[ENTRY_NEAR] && lengths[ENTRY_NEAR] != frusta * UMB__NEAR_WORDS * 8)) {
         return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry lengths do not fit");
     }
     if (lengths[ENTRY_PLAN] > UMB__TEXT_MAX || lengths[ENTRY_SETTINGS] > UMB__TEXT_MAX ||
@@ -211,6 +213,24 @@ static enum umb_status read_transmittance(const struct entries *entries,
     }
     memcpy(content->transmittance, bytes, (size_t)length);
     content->transmittance_bytes = length;
+    return UMB_OK;
+}
+
+static enum umb_status read_near(const struct entries *entries, const struct umb_alloc *alloc,
+                                 struct umb_content *content, struct umb_error *error)
+{
+    const uint8_t *bytes = entries->bytes[ENTRY_NEAR];
+    const size_t words = content->frustum_count * UMB__NEAR_WORDS;
+    if (!bytes) {
+        return UMB_OK;
+    }
+    content->near_cells = umb__alloc(alloc, words, sizeof *content->near_cells);
+    if (!content->near_cells) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+    }
+    for (size_t i = 0; i < words; i++) {
+        content->near_cells[i] = umb__load64(bytes + 8 * i);
+    }
     return UMB_OK;
 }
 
@@ -270,6 +290,9 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     status = umb__front_load(entries->bytes[ENTRY_FRONT], entries->lengths[ENTRY_FRONT], alloc,
                              &content->front, &content->front_words, error);
     if (status == UMB_OK) {
+        status = read_near(entries, alloc, content, error);
+    }
+    if (status == UMB_OK) {
         status = umb__content_check(content, error);
     }
     if (status == UMB_OK) {
@@ -308,6 +331,7 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
     umb__free(alloc, canonical->content.settings);
     umb__free(alloc, canonical->content.front);
     umb__free(alloc, canonical->content.transmittance);
+    umb__free(alloc, canonical->content.near_cells);
     umb__trans_finish(&canonical->trans, alloc);
     umb__free(alloc, canonical->content.curve);
     umb__free(alloc, canonical->roots);

@@ -6,6 +6,7 @@
 #include "base/memory.h"
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
+#include "format/near.h"
 
 static void write_scene(uint8_t *at, const struct umb_content *content)
 {
@@ -106,6 +107,11 @@ static void write_entry(uint8_t *at, enum umb__entry entry, const struct umb__ca
     case ENTRY_TRANSMITTANCE:
         memcpy(at, content->transmittance, (size_t)content->transmittance_bytes);
         break;
+    case ENTRY_NEAR:
+        for (size_t i = 0; i < content->frustum_count * UMB__NEAR_WORDS; i++) {
+            umb__store64(at + 8 * i, content->near_cells[i]);
+        }
+        break;
     case ENTRY_COUNT:
         break;
     }
@@ -150,6 +156,7 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
         [ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE,
         [ENTRY_FRONT] = content->front_words * 4,
         [ENTRY_TRANSMITTANCE] = content->transmittance_bytes,
+        [ENTRY_NEAR] = content->near_cells ? content->frustum_count * UMB__NEAR_WORDS * 8 : 0,
     };
     enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
     if (status == UMB_OK) {

@@ -36,10 +36,12 @@ struct umb_content {
     char *notes;                    /* outside the identity */
     struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
-    uint32_t *front;      /* [front_words] first occluders (format/front.h), or NULL */
-    uint64_t front_words; /* 0 if not kept */
+    uint32_t *front;        /* [front_words] first occluders (format/front.h), or NULL */
+    uint64_t front_words;   /* 0 if not kept */
     uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
+    uint64_t *near_cells; /* [frustum_count][UMB__NEAR_WORDS] format/near.h: baked under the static
+                             rule; or NULL */
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */

@@ -229,6 +229,11 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < content->light_count && status == UMB_OK; i++) {
         status = check_light(content, i, error);
+        if (status == UMB_OK && content->near_cells != NULL &&
+            content->lights[i].kind != UMB_LIGHT_DIRECTIONAL) {
+            status = umb_fail(error, UMB_E_CORRUPT,
+                              "lights[%u]: the static rule is for directional lights", i);
+        }
     }
     for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
         status = check_frustum(content, i, error);

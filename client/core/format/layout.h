@@ -101,6 +101,7 @@ enum {
 #define UMB__TAG_FRONT    UMB__TAG('F', 'R', 'N', 'T')
 #define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
 #define UMB__TAG_TRANSMITTANCE UMB__TAG('T', 'R', 'N', 'S') /* only with translucent casters */
+#define UMB__TAG_NEAR     UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS UMB__TAG('T', 'O', 'P', 'S') /* per frustum: struct umb__top of view.h */

@@ -44,4 +44,11 @@
 #define UMB__HAS_TRANSMITTANCE 1
 #endif
 
+/* Assets whose receivers do not move (near_stage.c). */
+#ifdef UMB_WITHOUT_STATIC
+#define UMB__HAS_STATIC 0
+#else
+#define UMB__HAS_STATIC 1
+#endif
+
 #endif

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "query/footprint.h"
+#include "query/near_stage.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -130,6 +131,7 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     e.before = answers.stats.before != 0;
     e.behind = answers.stats.behind != 0;
     e.facing_away = answers.stats.facing_away != 0;
+    e.undefined = q.near_cells != NULL && umb__near_is_undefined(&q, points, index);
     e.nodes = (uint32_t)answers.stats.nodes;
     e.bricks = (uint32_t)answers.stats.bricks;
     e.frustum = q.frustum;

@@ -9,6 +9,7 @@
 #include "format/asset_parts.h"
 #include "query/effect_switches.h"
 #include "query/footprint.h"
+#include "query/near_stage.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -183,6 +184,22 @@ static enum umb_status check_level(const struct umb_asset *asset,
     return UMB_OK;
 }
 
+/* Under the static rule voxels are defined where windows of points on surfaces lie, and nowhere
+ * else: what looks around may not ask. */
+static enum umb_status check_static(const struct umb_asset *asset,
+                                    const struct umb_query_settings *settings,
+                                    struct umb_error *error)
+{
+    const int is_window = settings->filter == UMB_FILTER_BOX || settings->filter == UMB_FILTER_TENT;
+    if (asset->canonical.content.near_cells == NULL || (is_window && settings->level == 0)) {
+        return UMB_OK;
+    }
+    return umb_fail(error, UMB_E_UNSUPPORTED,
+                    "%s: the asset was baked under the static rule, which leaves out what lies "
+                    "off the surfaces; it takes level 0 and the box or the tent filter",
+                    is_window ? "level" : "filter");
+}
+
 /* Window width: what the settings say, or the odd number of texels nearest to their footprint. */
 static enum umb_status choose_taps(const struct umb_query_settings *settings,
                                    const struct umb_frustum_info *frustum, int32_t *taps,
@@ -336,6 +353,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         status = check_penumbra(asset, settings, error);
     }
     if (status == UMB_OK) {
+        status = check_static(asset, settings, error);
+    }
+    if (status == UMB_OK) {
         status = check_footprint(settings, error);
     }
     if (status != UMB_OK) {
@@ -385,6 +405,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     q.window_run =
         UMB__HAS_TRANSMITTANCE && q.trans != NULL ? umb__transmittance_run : q.opaque_run;
     q.run = q.window_run;
+    if (UMB__HAS_STATIC && content->near_cells != NULL) {
+        umb__near_set(&q, content);
+    }
     if (UMB__HAS_FOOTPRINTS && settings->filter == UMB_FILTER_FOOTPRINT) {
         set_footprint(&q, asset, settings);
     }

@@ -65,6 +65,9 @@ struct umb__query {
     int32_t trans_taps;                   /* voxels across that the light left is a mean over */
     int32_t trans_bias_taps;              /* taps for whose bias points move before that look-up */
     double trans_no_normal_m;             /* no_normal_m of that bias */
+    /* The static rule (near_stage.h). */
+    const uint64_t *near_cells;           /* of the frustum; NULL: off, the stage is left out */
+    umb__kernel_fn near_inner;            /* what answers */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");

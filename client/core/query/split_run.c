@@ -16,6 +16,7 @@ void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stat
     to->before += from->before;
     to->behind += from->behind;
     to->facing_away += from->facing_away;
+    to->undefined += from->undefined;
     to->nodes += from->nodes;
     to->bricks += from->bricks;
 }
@@ -51,6 +52,7 @@ static void add_stats(struct umb_query_stats *to, const struct umb_query_stats *
     add(&to->before, from->before);
     add(&to->behind, from->behind);
     add(&to->facing_away, from->facing_away);
+    add(&to->undefined, from->undefined);
     add(&to->nodes, from->nodes);
     add(&to->bricks, from->bricks);
 }

@@ -51,6 +51,12 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
                         content->light_count);
     }
+    if (content->near_cells != NULL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "light: %u was baked under the static rule, which leaves out what lies off "
+                        "the surfaces; segments, columns and boxes need it",
+                        light);
+    }
     uint32_t index = content->lights[light].first_frustum;
     const struct umb_frustum_info *frustum = &content->frusta[index];
     const struct umb__top *top = &asset->view.tops[index];

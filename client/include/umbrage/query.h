@@ -22,6 +22,9 @@
  * Outside: a texel beyond the frustum in x or y is lit, a point before z = 0 is lit, one behind
  * the last voxel takes the last voxel's answer. All are counted.
  *
+ * Assets baked under the static rule know of points on surfaces only. Elsewhere an answer means
+ * nothing; farther from every surface than the plan says it is counted as undefined.
+ *
  * Precision: a point becomes a voxel index in doubles (53 bits; a coordinate of 1e7 m resolves
  * 2e-9 m). The window is counted in integers. Answers are bit-equal for every batch size, split,
  * thread count and instruction set.
@@ -157,6 +160,8 @@ struct umb_query_stats {
     uint64_t before;      /* before the first voxel in z: lit */
     uint64_t behind;      /* behind the last voxel in z: clamped */
     uint64_t facing_away; /* shadowed by their normal */
+    uint64_t undefined; /* of assets baked under the static rule: too far from any surface, so that
+                         * the answer means nothing */
     /* What was read. Points of a run that lie together share what they read, so that these two
      * depend on how a batch is cut; the others and the answers do not. */
     uint64_t nodes; /* cells, columns and nodes; 1 for a window that the grid settles */
@@ -174,7 +179,7 @@ struct umb_answers {
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
 struct umb_query {
-    uint64_t opaque[64];
+    uint64_t opaque[72];
 };
 
 /*
@@ -183,7 +188,8 @@ struct umb_query {
  * In:    asset: borrowed as long as the query is used. settings: copied.
  * Out:   query: zeroed on failure, and then must not be run.
  * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range
- *        whatever the mode, unknown mode or format).
+ *        whatever the mode, unknown mode or format), E_UNSUPPORTED (the light or the asset lacks
+ *        what it takes).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */
@@ -267,14 +273,15 @@ UMB_API void umb_query_run_lights(const struct umb_query *queries, size_t query_
 /* How one point was answered, for people. */
 struct umb_explanation {
     int facing_away, outside, before, behind; /* 0 or 1 each */
-    double bias_m;                            /* metres moved */
-    double moved[3];                          /* metres, world space: where the look-up happened */
-    double voxel[3];                          /* the same in voxel space, before flooring */
-    int64_t cell[3];                          /* voxel index after flooring and clamping of z */
-    double voxel_size_m;                      /* mean edge of the voxel (cell) that answered, m */
-    double answer;                            /* 0..1 */
-    double transmittance;    /* what translucent casters left, a factor of the answer; 1: all */
-    uint32_t level;          /* where the look-up stopped; 0: at the voxel */
+    int undefined;        /* 1: too far from any surface of an asset baked under the static rule */
+    double bias_m;        /* metres moved */
+    double moved[3];      /* metres, world space: where the look-up happened */
+    double voxel[3];      /* the same in voxel space, before flooring */
+    int64_t cell[3];      /* voxel index after flooring and clamping of z */
+    double voxel_size_m;  /* mean edge of the voxel (cell) that answered, m */
+    double answer;        /* 0..1 */
+    double transmittance; /* what translucent casters left, a factor of the answer; 1: all */
+    uint32_t level;       /* where the look-up stopped; 0: at the voxel */
     uint32_t lit_taps, taps; /* of taps * taps; of coarse look-ups 1 if all lit */
     enum umb_bias_mode bias_mode;
     int has_normal;    /* 1: the point moved along its normal; 0: towards the light */

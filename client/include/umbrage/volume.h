@@ -62,7 +62,7 @@ struct umb_volume_stats {
  * In:    asset: borrowed as long as the volume is used. light: index in the asset.
  * Out:   volume: zeroed on failure, and then must not be run.
  * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (a spot or point light whose depth does not grow with
- *        the distance: no bake makes such).
+ *        the distance: no bake makes such; an asset baked under the static rule).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */

@@ -10,6 +10,7 @@
 #include "bake/effect_options.h"
 #include "bake/print_text.h"
 #include "common/json_text.h"
+#include "format/near.h"
 
 /* Share of a float's significand: what a coordinate in floats may be off. */
 #define FLOAT_HALF_STEP 0x1p-24
@@ -66,6 +67,29 @@ static void write_front(FILE *to, const struct umbb_analysis *a, const struct um
                : "none");
 }
 
+/* Nothing moves. */
+static void write_static(FILE *to, const struct umbb_analysis *a,
+                         const struct umbb_options *options)
+{
+    if (!options->static_rule) {
+        return;
+    }
+    double most = 0.0;
+    for (uint32_t i = 0; i < a->frustum_count; i++) {
+        double edges[3];
+        umb_frustum_voxel_edges(&a->frusta[i], edges);
+        const double cell = (double)((uint64_t)1 << a->frusta[i].log2_size >> UMB__NEAR_LOG2);
+        most = fmax(most,
+                    cell * sqrt(edges[0] * edges[0] + edges[1] * edges[1] + edges[2] * edges[2]));
+    }
+    fprintf(to,
+            "effect=static state=on reason=\"switched on: nothing moves, only points on surfaces "
+            "are asked\" cost=\"every texel is drawn twice; points more than %.4g m from every "
+            "surface are undefined and counted, a look-up a point; no levels, footprints, "
+            "penumbras, segments, columns or boxes\"\n",
+            2 * most);
+}
+
 /* Whether floats in world space would be off by more than a voxel's hundredth. */
 static void write_origin(FILE *to, const struct umbb_analysis *a)
 {
@@ -117,6 +141,9 @@ static const char *penumbra_refusal(const struct umbb_analysis *a,
 {
     if (light->kind != UMB_LIGHT_DIRECTIONAL) {
         return "queries have none of spot and point lights: ";
+    }
+    if (options->static_rule) {
+        return "the static rule leaves out what lies off the surfaces: ";
     }
     return a->closed_rule && !options->front
                ? "the closed rule leaves out the first occluders that it needs (--effect "
@@ -277,6 +304,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     }
     write_closed(to, analysis, options->closed);
     write_front(to, analysis, options);
+    write_static(to, analysis, options);
     write_origin(to, analysis);
     write_penumbra(to, analysis, options);
     write_lights(to, analysis);
@@ -317,6 +345,9 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
         }
     }
     fprintf(to, "resolution=%u\n", 1U << options->resolution_log2);
+    if (options->static_rule) {
+        fputs("static=on\n", to);
+    }
     if (analysis->cuts.translucent.triangles > 0 && !options->opaque_translucents) {
         fputs("transmittance=on\n", to);
     }

@@ -37,6 +37,7 @@ struct loop {
     atomic_int failed;    /* blocks not yet begun are left out */
     int only;             /* only some tiles, for the keeper */
     int drawn_slot;       /* of the tile whose depth is under way */
+    int ruled_slot;       /* of the tile that the static rule is applied to */
     uint32_t square_jobs; /* of the tile that is built meanwhile */
     struct umbb_bake_figures figures;
 };
@@ -74,7 +75,8 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
     }
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
     for (int i = 0; i < slots && status == UMB_OK; i++) {
-        status = umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule, error);
+        status =
+            umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule || o->rule != NULL, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -288,6 +290,27 @@ static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_
     return status;
 }
 
+/* A band of the tile that is about to be built. */
+static void static_job(void *user, uint32_t job, unsigned thread)
+{
+    struct loop *loop = user;
+    (void)thread;
+    if (!umbb_static_band(loop->options->rule, &loop->tiles[loop->ruled_slot], job)) {
+        atomic_store_explicit(&loop->failed, 1, memory_order_relaxed);
+    }
+}
+
+/* Brings a drawn tile under the static rule. Returns 0 if memory was refused. */
+static int static_bands(struct loop *loop, int slot)
+{
+    struct umbb_tile *tile = &loop->tiles[slot];
+    umbb_static_begin(loop->options->rule, tile);
+    loop->ruled_slot = slot;
+    umbb_jobs_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
+    umbb_jobs_wait(loop->jobs, NULL, NULL);
+    return !atomic_load_explicit(&loop->failed, memory_order_relaxed);
+}
+
 /*
  * Builds a drawn tile while the next is drawn.
  *
@@ -305,6 +328,9 @@ static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t ne
     }
     if (status != UMB_OK) {
         return status;
+    }
+    if (loop->options->rule != NULL && !static_bands(loop, slot)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory for a band refused");
     }
     umbb_tile_pyramid(&loop->tiles[slot]);
     umbb_squares_begin(loop->squares, &loop->tiles[slot]);
@@ -348,6 +374,27 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         loop->figures.seconds_build += now_s() - depth_done;
     }
     atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
+    return status;
+}
+
+/* Draws every tile for the static rule, which asks what lies in the light. */
+static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
+{
+    const uint32_t n = grid_width(loop->options);
+    enum umb_status status = UMB_OK;
+    for (uint32_t number = 0; number < n * n && status == UMB_OK; number++) {
+        uint32_t blocks = 0;
+        if (is_cancelled(loop)) {
+            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
+        }
+        status = depth_begin(loop, number, 0, &blocks, error);
+        if (status == UMB_OK) {
+            umbb_jobs_start(loop->jobs, run_job, loop, blocks);
+            umbb_jobs_wait(loop->jobs, NULL, NULL);
+            umbb_static_survey(loop->options->rule, &loop->tiles[0]);
+        }
+    }
+    atomic_store(&loop->texels_done, 0); /* they were not built */
     return status;
 }
 
@@ -414,6 +461,9 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
     atomic_init(&loop.texels_done, 0);
     atomic_init(&loop.failed, 0);
     enum umb_status status = loop_init(&loop, error);
+    if (status == UMB_OK && options->rule != NULL) {
+        status = static_survey(&loop, error);
+    }
     if (status == UMB_OK) {
         status = all_tiles(&loop, error);
     }

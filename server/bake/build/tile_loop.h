@@ -9,6 +9,7 @@
  * built at the end from each tile's column. Equal casters give equal octrees up to numbering,
  * whatever the tile size and threads.
  */
+#include "bake/build/static_rule.h"
 #include "bake/build/tile_keeper.h"
 #include "format/front_build.h"
 
@@ -37,7 +38,10 @@ struct umbb_bake_options {
     const struct umbb_tile_keeper *keeper; /* may be NULL; borrowed */
     struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no square is
                               * proven from bounds, and the keeper, if any, keeps them too */
-    int (*cancelled)(void);  /* may be NULL; from any thread */
+    /* The static rule, begun; NULL: receivers may be anywhere. With it no keeper, no front, no
+     * square proven from bounds, and all tiles; the depth path draws each tile twice. */
+    struct umbb_static *rule;
+    int (*cancelled)(void); /* may be NULL; from any thread */
     /* May be NULL; from the owner. tiles: finished, _found: of these, those that the keeper had,
      * which were no work; texels_done does not count them. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);

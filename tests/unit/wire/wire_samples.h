@@ -46,6 +46,7 @@ static inline struct umbw_query_reply sample_reply(const uint8_t *visibility, si
                   .before = 2,
                   .behind = 3,
                   .facing_away = 4,
+                  .undefined = 1ULL << 33,
                   .nodes = 1ULL << 40,
                   .bricks = 7},
         .nanoseconds = 123456789,

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_NEAR_STAGE_H
+#define UMBRAGE_CORE_QUERY_NEAR_STAGE_H
+/*
+ * The stage of assets baked under the static rule: what the other stages answer stays as it is, and
+ * points whose look-up lies in no cell that holds receivers (format/near.h) are counted as
+ * undefined. Not counted are those whose answer is known without a voxel: shadowed by their normal,
+ * beyond the frustum in x or y, before its first voxel.
+ */
+#include "format/content.h"
+#include "query/query_parts.h"
+
+/* Puts the stage before what the query runs. In: content: with near_cells. */
+void umb__near_set(struct umb__query *query, const struct umb_content *content);
+
+/* Whether point i is undefined. In: query: with near_cells. */
+bool umb__near_is_undefined(const struct umb__query *query, const struct umb_points *points,
+                            size_t i);
+
+#endif
