@@ -32,8 +32,8 @@ static const struct umbc_command COMMAND = {
     .summary = "Sends a scene with its buffers and textures to a daemon, which bakes it.\n\n"
                "Bake options are those of umbrage-bake that decide what the asset holds:\n"
                "--resolution, --sun, --sun-path, --point, --spot, --light, --light-size, --up,\n"
-               "--closed, --effect, --max-error, --depth, --verify. The same scene with\n"
-               "the same options is the same job, however often it is submitted.",
+               "--closed, --static, --effect, --max-error, --depth, --verify. The same scene\n"
+               "with the same options is the same job, however often it is submitted.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .min_words = 1,

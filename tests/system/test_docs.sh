@@ -48,6 +48,15 @@ printf '%s\n' --check --check-config --help --print-config --version | sort >"$f
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
 all_in "every option has a row in the table of docs/operations.md" "$folder/options" "$folder/listed"
 
+# What a job may be told (the table of server/jobs/bundle.c) is what umbrage submit says and docs/protocol.md.
+sed -n 's/^ *{"[a-z]/&/p' "$root/server/jobs/bundle.c" | grep -oE '\{"[a-z-]+", [01]\}' | cut -d'"' -f2 | sort -u >"$folder/bake.options"
+[ "$(wc -l <"$folder/bake.options")" -gt 10 ] || bad "jobs take bake options" "$(cat "$folder/bake.options")"
+"$BUILD/umbrage" submit --help | sed -n '/^Bake options/,/^options:/p' | grep -oE -- '--[a-z-]+' | sed 's/--//' | sort -u >"$folder/submit.options"
+all_in "umbrage submit --help names every bake option that a job takes" "$folder/bake.options" "$folder/submit.options"
+all_in "and no other" "$folder/submit.options" "$folder/bake.options"
+names '`[a-z-]+`' "$protocol" | tr -d '`' | sort -u >"$folder/protocol.words"
+all_in "docs/protocol.md names them, too" "$folder/bake.options" "$folder/protocol.words"
+
 # Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
 /usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
 import re
