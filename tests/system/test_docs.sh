@@ -57,6 +57,18 @@ all_in "and no other" "$folder/submit.options" "$folder/bake.options"
 names '`[a-z-]+`' "$protocol" | tr -d '`' | sort -u >"$folder/protocol.words"
 all_in "docs/protocol.md names them, too" "$folder/bake.options" "$folder/protocol.words"
 
+# A table is a header, a line of dashes and rows, each one line long; else a page shows bars.
+find "$root/docs" "$root/README.md" -name '*.md' | sort | while read -r page; do
+    awk -v page="${page#"$root"/}" '
+        /^```/ { code = !code }
+        !code && /^\|/ {
+            if (!/\|$/) print page ":" FNR ": a row does not end with a bar"
+            if (++rows == 2 && !/^[|: -]+$/) print page ":" FNR ": no line of dashes below a header"
+        }
+        !/^\|/ { if (rows == 1) print page ":" FNR - 1 ": a row without a table"; rows = 0 }' "$page"
+done >"$folder/tables"
+same "tables hold together" "" "$(cat "$folder/tables")"
+
 # Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
 /usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
 import re
