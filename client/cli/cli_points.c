@@ -247,8 +247,8 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
             return left == 0
                        ? UMB_OK
                        : umb_fail(error, UMB_E_TRUNCATED,
-                                  "%.120s: the last %zu bytes are no whole point of %zu bytes",
-                                  points->name, left, record);
+                                  "%.120s: the last %zu bytes are no whole %s of %zu bytes",
+                                  points->name, left, points->pairs ? "record" : "point", record);
         }
         const uint8_t *bytes = (const uint8_t *)points->buffer + points->begin;
         points->begin += record;

@@ -130,8 +130,18 @@ static void pairs_stay_together_and_have_six_numbers(void **state)
         }
         assert_int_equal(count, 4);
         assert_memory_equal(found, raw, sizeof raw);
-        umbc_batch_finish(&batch);
         umbc_points_close(&points);
+        if (wide) {
+            write_file(raw, sizeof raw - 4);
+            assert_int_equal(umbc_points_open(path, format, false, &points, &error), UMB_OK);
+            points.pairs = true;
+            assert_int_equal(umbc_points_read(&points, &batch, &error), UMB_OK);
+            assert_int_equal(umbc_points_read(&points, &batch, &error), UMB_E_TRUNCATED);
+            assert_non_null(
+                strstr(error.message, "the last 44 bytes are no whole record of 48 bytes"));
+            umbc_points_close(&points);
+        }
+        umbc_batch_finish(&batch);
     }
 }
 
