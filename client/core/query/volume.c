@@ -54,7 +54,7 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
     if (content->near_cells != NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "light: %u was baked under the static rule, which leaves out what lies off "
-                        "the surfaces; segments, columns and boxes need it",
+                        "the surfaces; only points can be asked for",
                         light);
     }
     uint32_t index = content->lights[light].first_frustum;
