@@ -41,7 +41,7 @@ const char umbt_render_help[] =
     "  --traced             shadows by rays instead of the asset: the reference; rays pass\n"
     "                       through translucent casters if the asset knows of any\n"
     "  --compare            both; prints how they differ where the surface faces the light\n"
-    "                       (of opaque casters; a daemon's answers hold translucent ones, too)\n"
+    "                       (of opaque casters)\n"
     "  --difference FILE    with --compare: a picture, red where the asset is lighter, blue "
     "darker\n"
     "  --reference FILE     with --compare: the traced picture\n"
