@@ -25,7 +25,8 @@ struct umb__canonical {
 
 /*
  * Encodes; *bytes is allocated with malloc semantics of alloc.
- * Fails: E_ARGUMENT (a count, level, name or number out of its range, named), E_NO_MEMORY.
+ * Fails: E_ARGUMENT (a count, level, name or number out of its range, named; more bytes than
+ * readers take), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
                                                   const struct umb_alloc *alloc, uint8_t **bytes,

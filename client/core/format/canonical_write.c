@@ -169,6 +169,10 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
         *length += entry_length(i, lengths[i]);
     }
+    if (*length > UMB__CANONICAL_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "canonical block: %llu bytes, at most %u",
+                        (unsigned long long)*length, UMB__CANONICAL_MAX);
+    }
     *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
     if (!*bytes) {
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory for %llu bytes",

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -227,6 +228,50 @@ static void damaged_entries_are_refused_by_reader_and_oracle(void **state)
     bytes_finish(&none);
 }
 
+/* 64 MiB, whole: cells of 2048 frusta are as much, so that with the lights they are more. */
+static void a_block_longer_than_readers_take_is_not_written(void **state)
+{
+    (void)state;
+    enum {
+        LIGHTS = 2048
+    };
+    struct umb_octree octree;
+    struct umb_content content;
+    struct bytes packed = {0};
+    struct umb_error error;
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&slope, &octree);
+    make_content(&slope, 0.5, origin, &content);
+    struct umb_octree many = octree;
+    struct umb_light_info *lights = calloc(LIGHTS, sizeof *lights);
+    struct umb_frustum_info *frusta = calloc(LIGHTS, sizeof *frusta);
+    many.roots = calloc(LIGHTS, sizeof *many.roots);
+    content.near_cells = calloc((size_t)LIGHTS * UMB__NEAR_WORDS, sizeof *content.near_cells);
+    assert_true(lights && frusta && many.roots && content.near_cells);
+    for (uint32_t i = 0; i < LIGHTS; i++) {
+        lights[i] = content.lights[0];
+        lights[i].first_frustum = i;
+        (void)snprintf(lights[i].name, sizeof lights[i].name, "sun%u", i);
+        frusta[i] = content.frusta[0];
+        frusta[i].light = i;
+        many.roots[i] = octree.roots[0];
+    }
+    content.lights = lights;
+    content.frusta = frusta;
+    content.light_count = content.frustum_count = many.root_count = LIGHTS;
+    struct umb_sink sink = bytes_sink(&packed);
+    assert_int_equal(umb_pack_write(&content, &many, &tf_digest, &sink, id, &error),
+                     UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "canonical block"));
+    assert_true(packed.size == 0);
+    bytes_finish(&packed);
+    free(content.near_cells);
+    free(many.roots);
+    free(frusta);
+    free(lights);
+    umb_octree_finish(&octree);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -234,6 +279,7 @@ int main(void)
         cmocka_unit_test(what_an_asset_gives_back_packs_to_the_same_bytes),
         cmocka_unit_test(questions_off_the_surfaces_are_refused),
         cmocka_unit_test(damaged_entries_are_refused_by_reader_and_oracle),
+        cmocka_unit_test(a_block_longer_than_readers_take_is_not_written),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
