@@ -4,8 +4,8 @@
 /*
  * The stage of assets baked under the static rule: what the other stages answer stays as it is, and
  * points whose look-up lies in no cell that holds receivers (format/near.h) are counted as
- * undefined. Not counted are those whose answer is known without a voxel: shadowed by their normal,
- * beyond the frustum in x or y, before its first voxel.
+ * undefined. Not counted are those shadowed by their normal, before the first voxel, and beyond the
+ * frustum in x or y: these count as outside, though a window may reach into it.
  */
 #include "format/content.h"
 #include "query/query_parts.h"

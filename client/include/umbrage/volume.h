@@ -166,9 +166,10 @@ UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *v
  * In:    points: checked by umb_points_check; their normals are not looked at.
  * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
  *        Spot and point lights: columns are those of the face that looks at the point, and
- * distances are along the ray from the light through it. Not guaranteed: in a volume that
- * umb_columns_check refuses, `lit` is the first voxel stored as shadowed: nowhere before the first
- * occluder, possibly behind it. Threads: as umb_segments_run.
+ *        distances are along the ray from the light through it.
+ * Not guaranteed: in a volume that umb_columns_check refuses, `lit` is the first voxel stored as
+ *        shadowed: nowhere before the first occluder, possibly behind it.
+ * Threads: as umb_segments_run.
  */
 UMB_API void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points,
                              size_t first, size_t count, struct umb_column_answers *answers);
