@@ -16,7 +16,8 @@
  * Error: MOMENTS: `bias` (moment_bound.h). ABSORBANCE: channels are off by e; a mean of the
  * normalised distribution by 2 e over its sum s, which `bias` follows; so the absorbance before a
  * receiver is off by s * bias and e more, times DARKEST, and the answer by no more than that, and
- * 2^-10.
+ * 2^-10. A `moment_bias` of the caller's that is below what errors want bounds nothing: the slack
+ * says so.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -122,7 +123,9 @@ static double light_answer(const struct umb__map_query *query, const struct umb_
 
 static double light_slack(const struct umb_map *map)
 {
-    return light_bias(&map->settings);
+    const struct umb_map_settings *settings = &map->settings;
+    const double bias = light_bias(settings);
+    return bias < umb__moment_bias(settings->terms, channel_error(settings)) ? 1.0 : bias;
 }
 
 static size_t absorbance_weigh(const struct umb_map_fragment *sorted, size_t count,
@@ -178,10 +181,14 @@ static double absorbance_answer(const struct umb__map_query *query,
 static double absorbance_slack(const struct umb_map *map)
 {
     const struct umb_map_settings *settings = &map->settings;
-    const double e = channel_error(settings);
-    const double bias = settings->moment_bias > 0.0 ? settings->moment_bias
-                                                    : umb__moment_bias(settings->terms, 2.0 * e);
-    return fmin(darkest * (bias + e) + 0x1p-10, 1.0);
+    const double e = channel_error(settings), own = settings->moment_bias;
+    double share = umb__moment_bias(settings->terms, 2.0 * e);
+    if (own > 0.0) {
+        /* It suffices for sums above least_sum; of one below no more than all can be wrong. */
+        const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
+        share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
+    }
+    return fmin(darkest * (share + e) + 0x1p-10, 1.0);
 }
 
 /* What every texel's fragments take, one list after another: fills in first and *taken. */

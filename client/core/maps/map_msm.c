@@ -150,7 +150,8 @@ static double msm_answer(const struct umb__map_query *query, const struct umb__r
 
 static double msm_slack(const struct umb_map *map)
 {
-    return fmin(bias_of(&map->settings), 1.0);
+    const double bias = bias_of(&map->settings);
+    return bias < default_bias(&map->settings) ? 1.0 : fmin(bias, 1.0); /* less bounds nothing */
 }
 
 const struct umb__technique umb__map_msm = {

@@ -122,7 +122,8 @@ struct umb_map_settings {
     double negative_exponent;   /* EVSM: of -exp(-c depth), 0 = one warp only */
     int linear;                 /* ESM, EVSM: 1 stores exponentials, which bounds the exponent, as a
                                    GPU does; 0 stores logarithms */
-    double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: 0..1, 0 = what the format needs */
+    double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: 0..1, 0 = what the format needs; less
+                                   bounds nothing, and `slack` is then 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
     double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of what may be taken at the

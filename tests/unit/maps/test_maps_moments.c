@@ -345,6 +345,31 @@ static void light_is_never_below_the_products_and_nearer_with_more_moments(void 
     assert_true(tables.below <= tables.info.slack + 1e-6);
 }
 
+/* Who asks for less bias than the format's errors want is told that nothing is promised. */
+static void a_bias_below_what_the_format_needs_has_no_slack_to_state(void **state)
+{
+    (void)state;
+    const struct umb_map_fragments in = strands(2017, MOST, 0.02);
+    for (int technique = UMB_MAP_MOMENTS; technique <= UMB_MAP_ABSORBANCE; technique++) {
+        for (uint32_t terms = 4; terms <= 8; terms += 2) {
+            const struct umb_map_settings settings = {
+                .terms = terms, .format = UMB_MAP_U16, .moment_bias = 1e-12};
+            const struct off off = run(&in, (enum umb_map_technique)technique, settings, 1);
+            assert_true(off.below <= off.info.slack + 1e-6);
+        }
+    }
+    const struct umb_map_frustum frustum = plain_frustum(2, 1);
+    const struct umb_map_layer layer = {.depth = (const float[2]){0.25F, 0.5F}};
+    const struct umb_map_settings msm = {
+        .technique = UMB_MAP_MSM, .format = UMB_MAP_U16, .moment_bias = 1e-12};
+    struct umb_map *map;
+    struct umb_map_info info;
+    assert_int_equal(umb_map_build(&frustum, &layer, &msm, NULL, &map, NULL), UMB_OK);
+    umb_map_get_info(map, &info);
+    assert_true(info.slack == 1.0);
+    umb_map_destroy(map);
+}
+
 /* Texel by texel absorbance bounds light as well, and behind everything it is nearly exact; over
  * a filter it is too dark, as the logarithm of a mean is not the mean of logarithms. */
 static void absorbance_is_a_bound_in_a_texel_and_exact_behind_all(void **state)
@@ -541,6 +566,7 @@ int main(void)
         cmocka_unit_test(bounds_equal_long_double_ones),
         cmocka_unit_test(distributions_lie_within_their_bounds),
         cmocka_unit_test(light_is_never_below_the_products_and_nearer_with_more_moments),
+        cmocka_unit_test(a_bias_below_what_the_format_needs_has_no_slack_to_state),
         cmocka_unit_test(absorbance_is_a_bound_in_a_texel_and_exact_behind_all),
         cmocka_unit_test(overestimating_trades_light_for_a_smaller_error),
         cmocka_unit_test(opaque_casters_are_dark_within_the_stated_bound),
