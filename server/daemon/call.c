@@ -275,6 +275,16 @@ int umbd_method_gives_many(enum umbd_method method)
     return method < UMBD_METHOD_UNKNOWN && methods[method].gives_many;
 }
 
+/* Whoever asks for points, bricks or bytes pays for the call with them, in one: two takings, one
+ * behind the other, would have the first refuse the second when a call costs more than a rate lets
+ * one be ahead. Streams pay for each request. */
+static int pays_with_request(enum umbd_method method)
+{
+    return method == UMBD_METHOD_QUERY || umbd_method_asks_space(method) ||
+           method == UMBD_METHOD_REGIONS_STREAM || method == UMBD_METHOD_REGIONS_DERIVE ||
+           umbd_method_takes_many(method);
+}
+
 void umbd_call_headers_end(struct umbd_call *call)
 {
     call->headers_whole = 1;
@@ -291,9 +301,7 @@ void umbd_call_headers_end(struct umbd_call *call)
     } else if (call->bad_timeout) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
                        "grpc-timeout: must be 1 to 8 digits and one of H, M, S, m, u, n");
-    } else if (umbd_call_is_allowed(call) && call->method != UMBD_METHOD_QUERY &&
-               !umbd_method_takes_many(call->method)) {
-        /* Queries pay with their points, streams for each request. */
+    } else if (umbd_call_is_allowed(call) && !pays_with_request(call->method)) {
         (void)umbd_call_take_points(call, UMBD_CALL_POINTS);
     }
 }

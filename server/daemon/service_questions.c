@@ -192,7 +192,8 @@ static void serve(struct umbd_call *call, enum umbw_question kind)
         points += side_points(question);
         umbd_conn_spent(call->conn, from);
     }
-    if (!umbd_call_take_points(call, points) || !umbd_call_charge(call, call->charged + bytes)) {
+    if (!umbd_call_take_points(call, UMBD_CALL_POINTS + points) ||
+        !umbd_call_charge(call, call->charged + bytes)) {
         free_question(question);
         return;
     }

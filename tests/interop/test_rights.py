@@ -22,7 +22,7 @@ BOXES = "boxes-0123456789abcdef"
 store = test.path("store")
 os.mkdir(store)
 test.bake(test.scene("city", 3), store + "/city.umb", "--resolution", 256, "--depth", "raster",
-          "--verify", 0)
+          "--closed", "off", "--verify", 0)
 tokens = test.path("tokens")
 
 
@@ -184,6 +184,29 @@ with test.check("a first budget is answered, though its calibration is paid for 
     budget = M.QueryRequest(asset="city", points=bytes(120), budget_ns=100000.0)
     assert len(one.query(budget, timeout=60).visibility) == 10
     one.refused(lambda: one.query(budget, timeout=60), Code.RESOURCE_EXHAUSTED, "rate")
+    one.close()
+    small.stop()
+with test.check("who comes again when he was told to is answered, whatever he asks for: a call pays once"):
+    G = test.messages.regions
+    small = test.daemon("--address-rate", 40)  # a call costs more than the second that one may be ahead
+    one = test.client(small.grpc_tcp)
+    segments = one.unary("/umbrage.v1.Questions/Segments", Q.SegmentsReply)
+    served = [one.channel.unary_stream(f"/umbrage.v1.Regions/{name}",
+                                       response_deserializer=G.RegionReply.FromString,
+                                       request_serializer=lambda message: message.SerializeToString())
+              for name in ("Stream", "DeriveMap")]
+    for ask in (lambda: segments(Q.SegmentsRequest(asset="city", segments=bytes(24)), timeout=30),
+                lambda: list(served[0](G.RegionRequest(asset="city", offsets=[0], lengths=[16]), timeout=30)),
+                lambda: list(served[1](G.DeriveMapRequest(asset="city", width=1, height=1), timeout=30))):
+        begin = time.monotonic()
+        for attempt in range(3):
+            try:
+                assert ask()
+                break
+            except grpc.RpcError as error:
+                assert error.code() == Code.RESOURCE_EXHAUSTED and attempt < 1, (attempt, error.details())
+                time.sleep(pushback(error) / 1000)
+        assert time.monotonic() - begin < 4
     one.close()
     small.stop()
 with test.check("an address may have so many connections and no more"):
