@@ -279,8 +279,6 @@ void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)
         for (; count < aim && tries > 0; tries--) {
             count += (size_t)find_receiver(block, &samples[count]);
         }
-        const uint64_t compared = umbr_verify_judge(block, samples, count);
-        block->result.near_boundary += compared;
-        wanted -= compared;
+        wanted -= umbr_verify_judge(block, samples, count);
     }
 }

@@ -24,9 +24,9 @@ static const char help[] =
     "\n"
     "Compares an asset with rays traced through the scene it was baked from. Half of the points "
     "lie\n"
-    "within 4 voxels of a shadow boundary. Disagreement within one voxel of a boundary is "
-    "counted;\n"
-    "outside that band there must be none.\n"
+    "within 4 voxels of a shadow boundary; of an asset baked under the static rule all lie on\n"
+    "surfaces. Disagreement within one voxel of a boundary is counted; outside that band there\n"
+    "must be none.\n"
     "\n"
     "  --scene SCENE   the scene file\n"
     "  --bounds        check the bound of every setting of the asset's accuracy curve instead: "
@@ -228,13 +228,15 @@ static void report_text(const struct verify *verify)
             printf("light %u: %" PRIu64 " %s asked\n", verify->first_light + i, result->records,
                    ASKED[verify->question]);
         }
-        printf("light %u: %" PRIu64 " %s compared, %" PRIu64 " near a boundary, %" PRIu64
-               " inside solids left out\n"
+        printf("light %u: %" PRIu64 " %s compared, ", verify->first_light + i, result->points,
+               verify->question > UMBR_VERIFY_SEGMENTS ? ASKED[verify->question] : ASKED[0]);
+        if (verify->question == UMBR_VERIFY_POINTS && verify->info.near_bytes == 0) {
+            printf("%" PRIu64 " near a boundary, ", result->near_boundary);
+        }
+        printf("%" PRIu64 " inside solids left out\n"
                "  inside the band:  %" PRIu64 " disagree (%.4f %%)\n"
                "  outside the band: %" PRIu64 " disagree (%.6f %%)\n",
-               verify->first_light + i, result->points,
-               verify->question > UMBR_VERIFY_SEGMENTS ? ASKED[verify->question] : ASKED[0],
-               result->near_boundary, result->skipped_inside, result->inside_band,
+               result->skipped_inside, result->inside_band,
                100.0 * rate(result->inside_band, result->points), result->outside_band,
                100.0 * rate(result->outside_band, result->points));
         if (result->has_worst) {
