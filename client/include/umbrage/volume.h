@@ -195,7 +195,7 @@ struct umb_box_answers {
     void *go_on_user;
 };
 
-#define UMB_BOX_STEPS 65536 /* below a millisecond */
+#define UMB_BOX_STEPS 65536 /* a few milliseconds at most */
 
 /*
  * Boxes as files and requests have them: pairs of opposite corners, in either order on each axis.
