@@ -253,12 +253,12 @@ static enum umb_status open_static(struct run *run, struct umb_error *error)
         return UMB_OK;
     }
     if (sees_from_a_point(analysis)) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
+        return umb_fail(error, UMB_E_BAD_SCENE,
                         "--static: the rule is for directional lights; leave out spot and point "
                         "lights, or the option");
     }
     if (analysis->cuts.translucent.triangles > 0 && !run->options->opaque_translucents) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
+        return umb_fail(error, UMB_E_BAD_SCENE,
                         "--static: %llu triangles take part of the light; switch that off "
                         "(--effect transmittance=off), or leave out the option",
                         (unsigned long long)analysis->cuts.translucent.triangles);

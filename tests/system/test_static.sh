@@ -97,6 +97,7 @@ check "a person is told how many" grep -q "points undefined" "$folder/said"
 try 69 umbrage query "$folder/static.umb" --points "$folder/air" --level 3
 try 69 umbrage query "$folder/static.umb" --columns "$folder/air"
 try 2 umbrage-bake "$scene" -o "$folder/x.umb" --static --effect front=on
+try 65 umbrage-bake "$scene" -o "$folder/x.umb" --static --point 0,0,3 --resolution 256
 try 2 umbrage-bake tile "$scene" -o "$folder/tiles" --static
 
 mkdir "$folder/store"
