@@ -21,7 +21,7 @@
 #define POLYGON_MAX 8                        /* corners of a triangle that four lines cut */
 #define BIAS_SLACK  (65.0 / 64.0)            /* as automatic biases have (client/core/query) */
 #define WINDOW_HALF (UMB_TAPS_MAX / 2 + 1.0) /* of the window, and half a texel */
-#define VERTICAL    1e-9                     /* of its normal's length: a triangle seen edge on */
+#define VERTICAL    1e-6                     /* of its normal's length: a triangle seen edge on */
 
 /*
  * How far the bias s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 moves a point, in voxels of edges e:
@@ -258,6 +258,8 @@ static int window_depths(const struct asked *asked, const double reach[3], const
         *most = asked->high[2];
         return 1;
     }
+    /* The box's corners may lie far off the triangle, and a steep plane there beyond any depth. */
+    low = low < asked->high[2] ? low : asked->high[2];
     *least = (low > asked->low[2] ? low : asked->low[2]) - reach[2];
     *most = high < asked->high[2] ? high : asked->high[2];
     *most = *most < plane - 0.5 ? *most : plane - 0.5;

@@ -207,7 +207,8 @@ static size_t check_lit(const struct ruled *r, const struct slow *slow)
     return freed;
 }
 
-static void check_soup(struct ruled *r, size_t points)
+/* Returns how many voxels the rule has freed. */
+static size_t check_soup(struct ruled *r, size_t points)
 {
     struct slow *slow = slow_make(r);
     size_t asked = 0, behind = 0;
@@ -228,9 +229,10 @@ static void check_soup(struct ruled *r, size_t points)
     }
     assert_true(asked > 0 && asked < r->soup->count);
     assert_true(behind > 0);
-    assert_true(check_lit(r, slow) > 0);
+    const size_t freed = check_lit(r, slow);
     release(r);
     free(slow);
+    return freed;
 }
 
 /* A mixture, and two large squares under it that shadows fall on, one of them steep. */
@@ -256,10 +258,29 @@ static void windows_of_asked_triangles_read_what_is_there(void **state)
         r.open = calloc(soup.count, 1);
         assert_non_null(r.open);
         memcpy(r.edge, edges[seed > 302], sizeof r.edge);
-        check_soup(&r, 60);
+        assert_true(check_soup(&r, 60) > 0);
         free(r.open);
         soup_finish(&soup);
     }
+}
+
+/* Walls across the diagonal, 1e-8 off the light's direction: beside them their planes lie beyond
+ * all depths that fit whole numbers. */
+static void walls_next_to_vertical_are_asked_where_they_are(void **state)
+{
+    (void)state;
+    struct soup soup;
+    make_soup(&soup, 331);
+    const double wall[3][3] = {{10, 10, 10}, {118, 118, 10}, {64 + 7e-7, 64 - 7e-7, 118}};
+    const double other[3][3] = {{10, 10, 10}, {118, 118, 10}, {64 - 7e-7, 64 + 7e-7, 118}};
+    soup_add(&soup, wall[0], wall[1], wall[2], UMBB_CASTER_OPEN);
+    soup_add(&soup, other[0], other[1], other[2], UMBB_CASTER_OPEN);
+    struct ruled r = {.soup = &soup, .edge = {1, 1, 1}};
+    r.open = calloc(soup.count, 1);
+    assert_non_null(r.open);
+    (void)check_soup(&r, 60);
+    free(r.open);
+    soup_finish(&soup);
 }
 
 static void tiles_and_threads_change_nothing(void **state)
@@ -315,6 +336,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(windows_of_asked_triangles_read_what_is_there),
+        cmocka_unit_test(walls_next_to_vertical_are_asked_where_they_are),
         cmocka_unit_test(tiles_and_threads_change_nothing),
         cmocka_unit_test(cells_are_marked_near_surfaces_only),
     };
