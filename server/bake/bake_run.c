@@ -108,6 +108,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
         .tile_log2 = o->tile_log2,
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule || o->static_rule,
+        .ruled = o->static_rule,
         .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),

@@ -11,6 +11,8 @@
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
 #define EMBREE_BYTES    200U /* user primitive in a hierarchy, while building */
+/* Of a triangle under the static rule: what was seen of it, its place in a list, its kind. */
+#define RULED_BYTES  (1 + 4 + 1)
 #define LAYER_BYTES     ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
 #define GRID_CELL       80U                 /* of a tile: column, runs, bounds, bins */
 #define OCTREE_MIN      ((uint64_t)1 << 20) /* the least worth starting with */
@@ -20,14 +22,16 @@ static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_
 {
     const uint64_t cells = (uint64_t)1 << (2 * (input->log2_size - tile_log2));
     const size_t drawn = umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule);
-    return (input->merging ? 0 : drawn) + cells * GRID_CELL;
+    const uint64_t band = ((uint64_t)UMBB_STATIC_BAND << tile_log2) * 4; /* of a thread */
+    return (input->merging ? 0 : drawn) + cells * GRID_CELL +
+           (input->ruled ? input->threads * band : 0);
 }
 
 /* Of a triangle while baking. */
 static uint64_t baked_triangle(const struct umbb_memory_input *input)
 {
     return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0) +
-           (input->projected ? PROJECTED_BYTES : 0);
+           (input->projected ? PROJECTED_BYTES : 0) + (input->ruled ? RULED_BYTES : 0);
 }
 
 /* What does not depend on the tile. */

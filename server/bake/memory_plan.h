@@ -19,7 +19,8 @@ struct umbb_memory_input {
     uint32_t log2_size;
     uint32_t tile_log2; /* the largest wanted */
     unsigned threads;
-    int closed_rule;
+    int closed_rule; /* or `ruled`: tiles with an `end` of their own */
+    int ruled;       /* by the static rule */
     int merging;   /* every tile is found: none is drawn */
     int traced;    /* depth by rays: a bounding volume hierarchy */
     int projected; /* spot or point lights: triangles stand beside their projections */

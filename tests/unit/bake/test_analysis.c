@@ -548,6 +548,18 @@ static void memory_is_divided_within_the_limit(void **state)
     input.memory_bytes = (uint64_t)100 << 20;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "100 MiB"));
+    /* The static rule: 6 bytes a triangle, 64 rows of the tile a thread. */
+    input.memory_bytes = (uint64_t)4 << 30;
+    input.threads = 256;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    const uint64_t free_of_rules = plan.fixed_bytes;
+    input.ruled = 1;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    assert_int_equal(plan.tile_log2, 12);
+    assert_true(plan.fixed_bytes >= free_of_rules + ((uint64_t)256 << 20));
+    assert_true(plan.fixed_bytes + plan.octree_max_bytes <= input.memory_bytes);
+    input.ruled = 0;
+    input.threads = 2;
     /* A merge draws no tile: the size asked for is free. */
     input.memory_bytes = (uint64_t)700 << 20;
     input.merging = 1;
