@@ -12,10 +12,10 @@
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
 #define EMBREE_BYTES    200U /* user primitive in a hierarchy, while building */
 /* Of a triangle under the static rule: what was seen of it, its place in a list, its kind. */
-#define RULED_BYTES  (1 + 4 + 1)
-#define LAYER_BYTES     ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
-#define GRID_CELL       80U                 /* of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN      ((uint64_t)1 << 20) /* the least worth starting with */
+#define RULED_BYTES (1 + 4 + 1)
+#define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
+#define GRID_CELL   80U                 /* of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN  ((uint64_t)1 << 20) /* the least worth starting with */
 
 /* Everything but the octree and what does not depend on the tile. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
