@@ -4,7 +4,9 @@
  *
  * Waiting batches form a ring of lanes: the first batch of each connection is in the ring and its
  * later ones follow it in a list. A worker takes a slice of the ring's first lane and moves the
- * lane to the back, so turns go round between connections.
+ * lane to the back, so turns go round between connections. A slice that takes many turns, as one
+ * large box does, is paid for in advance: its lane gives up that many turns, as long as others want
+ * them, so that who comes with small slices meanwhile does not wait for it again and again.
  *
  * Invariants, under the mutex: a batch is linked exactly while it has points not handed out; it is
  * given back (done) by whoever finds it neither linked nor in flight, which happens once, because
@@ -146,6 +148,39 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t
     }
 }
 
+/* Whether a lane's head has given up enough turns. One whose time is over is due to be told so. */
+static int is_due(const struct umbd_batch *head)
+{
+    return head->waited + 1 >= head->slice_turns ||
+           (head->deadline_ns != 0 && umbd_now_ns() >= head->deadline_ns);
+}
+
+/* Moves the lane whose turn it is to the front of the ring, which is not empty. */
+static void turn_ring(struct umbd_pool *pool)
+{
+    const struct umbd_batch *const last = pool->last;
+    uint64_t least = UINT64_MAX;
+    for (int rounded = 0; !rounded && !is_due(pool->first);) {
+        struct umbd_batch *head = pool->first;
+        head->waited++;
+        const uint64_t left = head->slice_turns - 1 - head->waited;
+        least = left < least ? left : least;
+        rounded = head == last;
+        ring_remove(pool, head);
+        ring_append(pool, head);
+        if (rounded) { /* nobody wanted a turn: as many rounds as make one due, at once */
+            for (head = pool->first; head != NULL; head = head->ring_next) {
+                head->waited += least;
+            }
+        }
+    }
+    while (!is_due(pool->first)) { /* one is */
+        struct umbd_batch *head = pool->first;
+        ring_remove(pool, head);
+        ring_append(pool, head);
+    }
+}
+
 /*
  * Hands out the next slice of the ring's first lane. Returns the batch with *count points from
  * *first on, or with *count 0 if it expired and is to be given back, or NULL if there was none to
@@ -153,7 +188,9 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t
  */
 static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
 {
+    turn_ring(pool);
     struct umbd_batch *batch = pool->first;
+    batch->waited = 0;
     *first = batch->next_point;
     *count = 0;
     if (batch->deadline_ns != 0 && umbd_now_ns() >= batch->deadline_ns) {

@@ -65,6 +65,7 @@ struct umbd_batch {
     struct umbd_frame frame; /* a picture instead of points, and how answers are packed */
     uint64_t deadline_ns;    /* CLOCK_MONOTONIC, 0 = none */
     uint64_t lane;           /* serial of the connection */
+    uint64_t slice_turns;    /* that a slice takes, about; 0 counts as 1 */
     int32_t stream_id;
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */
@@ -86,6 +87,7 @@ struct umbd_batch {
 
     /* the pool's, under its mutex */
     uint64_t queued_ns; /* when it was submitted */
+    uint64_t waited;    /* turns that it gave up for its next slice */
     size_t next_point;  /* first point not handed out */
     size_t slice_points;
     size_t in_flight;   /* slices being answered */

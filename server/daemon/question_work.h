@@ -10,9 +10,10 @@
 #include "umbrage/volume.h"
 #include "wire/questions.h"
 
-/* Steps after which a box is given up (umbrage/volume.h): seconds, since a brick that its sides
- * cut, 64 of them, takes 1 to 3 us. The slice of a worker that holds it ends no earlier. */
-#define UMBD_BOX_STEPS_MAX (1U << 26)
+/* Steps after which a box is given up (umbrage/volume.h): most of a second, since a brick that
+ * its sides cut, 64 of them, takes 1 to 3 us. The slice of a worker that holds it ends no earlier.
+ */
+#define UMBD_BOX_STEPS_MAX (1U << 24)
 
 struct umbd_question {
     struct umbw_question_request request; /* its records lie in: */

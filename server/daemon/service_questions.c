@@ -17,7 +17,11 @@
 
 #define BRICK_VOXELS 8.0
 #define BRICK_POINTS 16 /* of a brick that a side cuts */
-#define BOXES_CHUNK  64
+
+/* Of a box that takes all its steps, 64 a brick. */
+#define TURNS_MAX (UMBD_BOX_STEPS_MAX / 64 * BRICK_POINTS / SLICE_POINTS)
+
+#define BOXES_CHUNK 64
 
 static void free_question(void *user)
 {
@@ -136,6 +140,7 @@ static enum umb_status hand_over(struct umbd_call *call, struct umbd_question *q
 {
     const size_t count = question->request.count;
     const uint64_t each = points / count + 1, slice = SLICE_POINTS / each;
+    const uint64_t turns = each / SLICE_POINTS;
     const struct umbd_work work = {
         .run = umbd_question_run,
         .end = umbd_question_end,
@@ -143,6 +148,7 @@ static enum umb_status hand_over(struct umbd_call *call, struct umbd_question *q
         .user = question,
         .count = count,
         .slice = slice > 0 ? (size_t)slice : 1,
+        .turns = turns < TURNS_MAX ? turns : TURNS_MAX,
         .bytes = call->message_size + bytes,
     };
     enum umb_status status = take_message(call, question, error);

@@ -122,6 +122,7 @@ enum umb_status umbd_call_send_work(struct umbd_call *call, const struct umbd_wo
     batch->work_free = work->free;
     batch->work_user = work->user;
     batch->slice_points = work->slice;
+    batch->slice_turns = work->turns;
     batch->deadline_ns = call->deadline_ns;
     batch->lane = call->conn->serial;
     batch->stream_id = call->stream_id;

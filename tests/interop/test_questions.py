@@ -134,7 +134,7 @@ with test.check("a foreign client gets the same numbers, as arrays"):
 with test.check("what cannot be is refused with the field's name, the value and the limit"):
     limits = client.limits(test.messages.shadows.LimitsRequest(), timeout=60)
     assert limits.max_columns == limits.max_points and limits.max_segments == limits.max_points // 64
-    assert limits.max_boxes == limits.max_points // 256 and limits.max_box_steps == 1 << 26
+    assert limits.max_boxes == limits.max_points // 256 and limits.max_box_steps == 1 << 24
     bad = array.array("f", [0.0] * 6000)
     bad[5991] = float("nan")
     for words, name, request in (

@@ -324,6 +324,43 @@ static void pool_takes_turns_between_lanes(void **state)
     umbd_batch_destroy(gate);
 }
 
+static void slices_of_many_turns_let_others_pass_first(void **state)
+{
+    struct fixture *f = *state;
+    struct umbd_pool *pool;
+    struct umbd_batch *batches[4];
+    struct umbd_batch *gate = make_batch(f, 10, 9, UMB_ANSWER_U8);
+    static const size_t counts[4] = {100, 100, 100, POINTS};
+    static const uint64_t lanes[4] = {1, 2, 3, 4}, turns[4] = {1000, 3, 2000, 0};
+    assert_int_equal(umbd_pool_create(1, 32, &f->metrics, &pool, NULL), UMB_OK);
+    gate->done = hold_worker;
+    assert_int_equal(umbd_pool_submit(pool, gate, NULL), UMB_OK);
+    pthread_mutex_lock(&f->mutex);
+    while (!f->held) {
+        pthread_cond_wait(&f->changed, &f->mutex);
+    }
+    pthread_mutex_unlock(&f->mutex);
+    for (size_t i = 0; i < 4; i++) {
+        batches[i] = make_batch(f, counts[i], lanes[i], UMB_ANSWER_U8);
+        batches[i]->slice_turns = turns[i];
+        assert_int_equal(umbd_pool_submit(pool, batches[i], NULL), UMB_OK);
+    }
+    pthread_mutex_lock(&f->mutex);
+    f->gate_open = 1;
+    pthread_cond_broadcast(&f->changed);
+    pthread_mutex_unlock(&f->mutex);
+    wait_done(f, 4);
+    /* Lane 4 has more slices than lane 2 waits for; the others wait for all of them, not longer. */
+    static const uint64_t order[4] = {2, 4, 1, 3};
+    assert_memory_equal(f->order, order, sizeof order);
+    umbd_pool_destroy(pool);
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(batches[i]->status, UMB_OK);
+        umbd_batch_destroy(batches[i]);
+    }
+    umbd_batch_destroy(gate);
+}
+
 static void batch_of_parts_answers_each_as_if_alone(void **state)
 {
     struct fixture *f = *state;
@@ -423,6 +460,7 @@ int main(void)
         WITH_STORE(pool_cancel_takes_a_waiting_batch_out_anywhere),
         WITH_STORE(pool_cancel_of_a_running_batch_ends_it_once),
         WITH_STORE(pool_takes_turns_between_lanes),
+        WITH_STORE(slices_of_many_turns_let_others_pass_first),
         WITH_STORE(batch_of_parts_answers_each_as_if_alone),
         WITH_STORE(batch_in_used_memory_repeats_only_the_same_question_of_the_same_turn),
         WITH_STORE(batch_create_names_what_is_wrong_and_keeps_nothing),
