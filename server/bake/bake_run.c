@@ -163,6 +163,30 @@ static enum umb_status choose_resolution(struct run *run, struct umb_error *erro
     return status;
 }
 
+/* What the static rule takes. */
+static enum umb_status check_static(const struct run *run, struct umb_error *error)
+{
+    const struct umbb_analysis *analysis = &run->analysis;
+    if (!run->options->static_rule) {
+        return UMB_OK;
+    }
+    if (sees_from_a_point(analysis)) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "--static: the rule is for directional lights; leave out spot and point "
+                        "lights, or the option");
+    }
+    if (analysis->cuts.translucent.triangles > 0 && !run->options->opaque_translucents) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "--static: %llu triangles take part of the light; switch that off "
+                        "(--effect transmittance=off), or leave out the option",
+                        (unsigned long long)analysis->cuts.translucent.triangles);
+    }
+    return analysis->frustum_count <= STATIC_FRUSTA_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_BAD_SCENE, "--static: %u lights, at most %u",
+                          analysis->frustum_count, STATIC_FRUSTA_MAX);
+}
+
 static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -170,6 +194,9 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
     umbb_progress_phase("analysis");
     const struct umbs_scene_view *view = &run->scene->view;
     enum umb_status status = umbb_analysis_run(view, o, &run->analysis, error);
+    if (status == UMB_OK) {
+        status = check_static(run, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
@@ -246,33 +273,17 @@ static enum umb_status bake_transmittance(struct run *run, const struct umbb_mem
                                    &run->report.transmittance_level, error);
 }
 
-/* What the static rule takes, and room for what it says. */
+/* Room for what the static rule says. */
 static enum umb_status open_static(struct run *run, struct umb_error *error)
 {
-    const struct umbb_analysis *analysis = &run->analysis;
+    const uint32_t count = run->analysis.frustum_count;
     if (!run->options->static_rule) {
         return UMB_OK;
     }
-    if (sees_from_a_point(analysis)) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "--static: the rule is for directional lights; leave out spot and point "
-                        "lights, or the option");
-    }
-    if (analysis->cuts.translucent.triangles > 0 && !run->options->opaque_translucents) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "--static: %llu triangles take part of the light; switch that off "
-                        "(--effect transmittance=off), or leave out the option",
-                        (unsigned long long)analysis->cuts.translucent.triangles);
-    }
-    if (analysis->frustum_count > STATIC_FRUSTA_MAX) {
-        return umb_fail(error, UMB_E_LIMIT, "--static: %u lights, at most %u",
-                        analysis->frustum_count, STATIC_FRUSTA_MAX);
-    }
-    run->near_cells = calloc(analysis->frustum_count * UMB__NEAR_WORDS, sizeof *run->near_cells);
-    return run->near_cells != NULL
-               ? UMB_OK
-               : umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory of %u lights refused",
-                          analysis->frustum_count);
+    run->near_cells = calloc(count * UMB__NEAR_WORDS, sizeof *run->near_cells);
+    return run->near_cells != NULL ? UMB_OK
+                                   : umb_fail(error, UMB_E_NO_MEMORY,
+                                              "static rule: memory of %u lights refused", count);
 }
 
 static enum umb_status bake(struct run *run, struct umb_error *error)

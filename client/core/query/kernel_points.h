@@ -276,7 +276,7 @@ static inline void umb__count_runs(const struct umb__query *q, struct umb__block
 static inline void umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb_query_stats *stats)
 {
-    struct umb__common common;
+    struct umb__common common = {0};
     struct umb__closeness close = UMB__COMPARE_POINTS(block);
     if (umb__descend_together(q, block, close.spread, &common, stats)) {
         return;
