@@ -84,6 +84,25 @@ static uint32_t clamp_floor(double v, uint32_t count)
     return !(v >= 1) ? 0 : v >= count ? count - 1 : (uint32_t)v;
 }
 
+/* Marks all cells that look-ups of the points of a box may lie in. */
+static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
+                     uint64_t *cells)
+{
+    const uint32_t across = 1U << UMB__NEAR_LOG2;
+    const double cell = (double)rule->casters->size / across, *reach = rule->reach;
+    uint32_t first[3], last[3];
+    for (int k = 0; k < 3; k++) {
+        first[k] = clamp_floor((low[k] - reach[k]) / cell, across);
+        last[k] = clamp_floor((high[k] + (k < 2 ? reach[k] : 1)) / cell, across);
+    }
+    const uint64_t row = UINT64_MAX << first[0] & UINT64_MAX >> (across - 1 - last[0]);
+    for (uint32_t z = first[2]; z <= last[2]; z++) {
+        for (uint32_t y = first[1]; y <= last[1]; y++) {
+            cells[umb__near_word(y, z)] |= row;
+        }
+    }
+}
+
 /* Marks the cells that look-ups of a triangle's points may lie in. */
 static void mark_cells(const struct umbb_static *rule, const double corners[3][3], uint64_t *cells)
 {
@@ -91,6 +110,10 @@ static void mark_cells(const struct umbb_static *rule, const double corners[3][3
     const double cell = (double)rule->casters->size / across, *reach = rule->reach;
     double low[3], high[3];
     bounds_of(corners, 3, low, high);
+    if (high[0] - low[0] <= cell && high[1] - low[1] <= cell && high[2] - low[2] <= cell) {
+        mark_box(rule, low, high, cells); /* cutting it into cells would say hardly less */
+        return;
+    }
     const uint32_t x1 = clamp_floor((high[0] + reach[0]) / cell, across);
     const uint32_t y1 = clamp_floor((high[1] + reach[1]) / cell, across);
     for (uint32_t y = clamp_floor((low[1] - reach[1]) / cell, across); y <= y1; y++) {
