@@ -76,13 +76,25 @@ static enum umb_status add_meshes(const struct walk *walk, const struct aiNode *
     return status;
 }
 
-/* The node's meshes, once or at all its places. In: number: in the file. */
+/* 1 if a node shows triangles. */
+static int has_meshes(const struct walk *walk, const struct aiNode *node)
+{
+    int found = 0;
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        const unsigned mesh = node->mMeshes[i];
+        found |= mesh < walk->scene->mNumMeshes && walk->mesh_of[mesh] != UMBS_NO_INDEX;
+    }
+    return found;
+}
+
+/* The node's meshes, once or at all its places: the limit of triangles ends those where there are
+ * any, so that places of nodes without are not walked. In: number: in the file. */
 static enum umb_status add_instances(const struct walk *walk, const struct aiNode *node,
                                      uint32_t number, const double world[3][4])
 {
     struct umbb_gltf_places places;
     enum umb_status status = umbb_gltf_places_open(walk->instances, number, &places, walk->error);
-    if (status == UMB_OK && places.count == 0) {
+    if (status == UMB_OK && (places.count == 0 || !has_meshes(walk, node))) {
         return add_meshes(walk, node, world);
     }
     for (size_t i = 0; status == UMB_OK && i < places.count; i++) {

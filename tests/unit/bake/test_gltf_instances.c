@@ -127,6 +127,21 @@ static void the_nodes_of_the_file_are_found_again_in_the_tree(void **state)
     umbs_scene_destroy(scene);
 }
 
+/* Such a node costs nothing however many places it has: a place that is none goes unseen. */
+static void places_of_a_node_that_shows_nothing_are_not_walked(void **state)
+{
+    (void)state;
+    struct parts parts = whole;
+    parts.places_uri = "data:;base64,AACAPwAAAEAAAEBAAAAAAAAAAAAAAKDAAAAAAAAAAAA=";
+    parts.attributes = "\"TRANSLATION\":1";
+    parts.nodes = "{\"children\":[1],\"extensions\":{\"EXT_mesh_gpu_instancing\":{"
+                  "\"attributes\":{\"ROTATION\":2}}}},";
+    struct umbs_scene *scene = import_text("empty.gltf", gltf(&parts));
+    assert_int_equal(scene->view.instance_count, 2);
+    expect_corner(scene, 1, 1, 101, 0, -5);
+    umbs_scene_destroy(scene);
+}
+
 static void places_that_cannot_be_read_are_refused_by_name(void **state)
 {
     (void)state;
@@ -210,6 +225,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_node_stands_at_every_place_of_its_accessors),
         cmocka_unit_test(the_nodes_of_the_file_are_found_again_in_the_tree),
+        cmocka_unit_test(places_of_a_node_that_shows_nothing_are_not_walked),
         cmocka_unit_test(places_that_cannot_be_read_are_refused_by_name),
         cmocka_unit_test(every_prefix_and_change_is_harmless),
     };
