@@ -163,7 +163,7 @@ sanitize:
 SANITIZED := $(if $(filter tsan,$(config)),$(filter-out $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire),$(UNIT_TESTS)),$(UNIT_TESTS))
 sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
 	@echo "== $(config)"
-	@BUILD=$(BUILD) TEST_ATTEMPTS=2 TEST_TIMEOUT=2400 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
+	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check

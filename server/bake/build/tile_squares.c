@@ -109,16 +109,37 @@ static uint32_t job_of(size_t x, size_t y)
     return job;
 }
 
+/*
+ * Whether the tile's tree comes down to a square: nothing above it is uniform. Below what is, the
+ * texels and the pyramid need not have been written (tile.h).
+ */
+static int is_wanted(const struct umbb_tile *tile, const struct umbb_square *square)
+{
+    for (uint32_t level = tile->log2_size; level > square->level; level--) {
+        const size_t x = square->place[0] >> (level - square->level);
+        const size_t y = square->place[1] >> (level - square->level);
+        const size_t at = (y << (tile->log2_size - level)) + x;
+        const struct umbb_column column =
+            umbb_column_bounds(level, tile->max_lit[level][at], tile->min_end[level][at]);
+        if (column.mixed_first == column.mixed_end) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 void umbb_squares_job(struct umbb_squares *squares, uint32_t job)
 {
     struct square *square = &squares->squares[job];
     const struct umbb_square place = {squares->level, {even_bits(job), even_bits(job >> 1)}};
-    umb_pool_clear(&square->pool);
-    square->pool.alloc = NULL;
-    square->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
-    square->runs.count = 0;
-    square->status = umbb_column_of_square(&square->pool, squares->tile, &place, &square->runs,
-                                           &square->column, NULL);
+    if (is_wanted(squares->tile, &place)) { /* if not, nobody takes it */
+        umb_pool_clear(&square->pool);
+        square->pool.alloc = NULL;
+        square->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
+        square->runs.count = 0;
+        square->status = umbb_column_of_square(&square->pool, squares->tile, &place, &square->runs,
+                                               &square->column, NULL);
+    }
     atomic_store_explicit(&square->is_done, 1, memory_order_release);
 }
 
