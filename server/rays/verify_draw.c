@@ -57,21 +57,39 @@ int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample 
            umbr_frame_world(block->frame, centre, sample->centre) && is_own(block, sample->world);
 }
 
-void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
+/* Draws and compares points until so many count, or so many were drawn. In: draw: fills in a sample
+ * and returns 1, or 0 if there is none this time. */
+static void compare_drawn(struct umbr_verify_block *block,
+                          int (*draw)(struct umbr_verify_block *block, struct umbr_sample *sample),
+                          uint64_t wanted, uint64_t tries)
 {
-    uint64_t tries = wanted * DRAWS_A_POINT;
     while (wanted > 0 && tries > 0) {
         struct umbr_sample samples[UMBR_SAMPLES_MAX];
         const uint64_t aim = wanted < UMBR_SAMPLES_MAX ? wanted : UMBR_SAMPLES_MAX;
         size_t count = 0;
         for (; count < aim && tries > 0; tries--) {
-            for (int k = 0; k < 3; k++) {
-                samples[count].voxel[k] = umbr_next_unit(block) * block->frame->size;
-            }
-            count += (size_t)umbr_verify_place(block, &samples[count]);
+            count += (size_t)draw(block, &samples[count]);
         }
         wanted -= umbr_verify_judge(block, samples, count);
     }
+}
+
+static void draw_anywhere(struct umbr_verify_block *block, double voxel[3])
+{
+    for (int k = 0; k < 3; k++) {
+        voxel[k] = umbr_next_unit(block) * block->frame->size;
+    }
+}
+
+static int find_anywhere(struct umbr_verify_block *block, struct umbr_sample *sample)
+{
+    draw_anywhere(block, sample->voxel);
+    return umbr_verify_place(block, sample);
+}
+
+void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
+{
+    compare_drawn(block, find_anywhere, wanted, wanted * DRAWS_A_POINT);
 }
 
 /* The first surface that light meets in a random column; 0 if there is none. */
@@ -251,9 +269,7 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
 {
     const double *light = block->job->light.direction;
     double from[3], world[3];
-    for (int k = 0; k < 3; k++) {
-        sample->voxel[k] = umbr_next_unit(block) * block->frame->size;
-    }
+    draw_anywhere(block, sample->voxel);
     struct umbr_hit hit;
     if (!umbr_frame_world(block->frame, sample->voxel, from)) {
         return 0;
@@ -271,14 +287,5 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
 
 void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)
 {
-    uint64_t tries = wanted * TRIES_A_POINT;
-    while (wanted > 0 && tries > 0) {
-        struct umbr_sample samples[UMBR_SAMPLES_MAX];
-        const uint64_t aim = wanted < UMBR_SAMPLES_MAX ? wanted : UMBR_SAMPLES_MAX;
-        size_t count = 0;
-        for (; count < aim && tries > 0; tries--) {
-            count += (size_t)find_receiver(block, &samples[count]);
-        }
-        wanted -= umbr_verify_judge(block, samples, count);
-    }
+    compare_drawn(block, find_receiver, wanted, wanted * TRIES_A_POINT);
 }

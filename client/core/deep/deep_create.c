@@ -26,7 +26,7 @@ enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t 
     return UMB_OK;
 }
 
-int umb__fragment_compare(const void *a, const void *b)
+static int fragment_compare(const void *a, const void *b)
 {
     const struct umb_map_fragment *x = a, *y = b;
     if (x->depth != y->depth) {
@@ -35,19 +35,39 @@ int umb__fragment_compare(const void *a, const void *b)
     return (x->alpha > y->alpha) - (x->alpha < y->alpha);
 }
 
+uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels)
+{
+    uint64_t longest = 0;
+    for (size_t i = 0; i < texels; i++) {
+        const uint64_t count = in->first[i + 1] - in->first[i];
+        longest = count > longest ? count : longest;
+    }
+    return longest;
+}
+
+size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
+                           struct umb_map_fragment *sorted)
+{
+    const size_t count = (size_t)(in->first[texel + 1] - in->first[texel]);
+    if (count > 0) {
+        memcpy(sorted, &in->fragments[in->first[texel]], count * sizeof *sorted);
+    }
+    qsort(sorted, count, sizeof *sorted, fragment_compare);
+    return count;
+}
+
 /*
  * Writes the list of one texel and returns its length. Products are doubles, rounded to 2^-30 once
  * a node: n factors are off by n 2^-53. Fragments that take nothing are left out; the first node
  * that leaves less than epsilon, or nothing, is the last.
  */
-static uint32_t list_write(struct umb_map_fragment *sorted, size_t count,
+static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
 {
     const double epsilon = deep->settings.epsilon;
     double left = 1.0;
     uint32_t length = 0;
     struct umb__deep_node *last = NULL;
-    qsort(sorted, count, sizeof *sorted, umb__fragment_compare);
     for (size_t i = 0; i < count; i++) {
         if (sorted[i].alpha == 0.0F) {
             continue;
@@ -70,21 +90,15 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
                                   const struct umb_alloc *alloc, struct umb_error *error)
 {
     const size_t texels = (size_t)deep->width * deep->height;
-    uint64_t longest = 0, used = 0;
-    for (size_t i = 0; i < texels; i++) {
-        const uint64_t count = in->first[i + 1] - in->first[i];
-        longest = count > longest ? count : longest;
-    }
+    const uint64_t longest = umb__fragments_longest(in, texels);
+    uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(alloc, longest, sizeof *sorted);
     if (sorted == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
                         (unsigned long long)longest);
     }
     for (size_t i = 0; i < texels; i++) {
-        const size_t count = (size_t)(in->first[i + 1] - in->first[i]);
-        if (count > 0) {
-            memcpy(sorted, &in->fragments[in->first[i]], count * sizeof *sorted);
-        }
+        const size_t count = umb__fragments_sort(in, i, sorted);
         deep->first[i] = used;
         used += list_write(sorted, count, deep, deep->nodes + used * deep->stride);
     }

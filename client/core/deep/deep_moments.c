@@ -20,8 +20,6 @@
  * says so.
  */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/memory.h"
 #include "deep/deep_parts.h"
 #include "maps/map_channels.h"
@@ -197,22 +195,15 @@ static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_
                                     struct umb_error *error)
 {
     const size_t texels = (size_t)map->frustum.width * map->frustum.height;
-    uint64_t longest = 0, used = 0;
-    for (size_t i = 0; i < texels; i++) {
-        const uint64_t count = in->first[i + 1] - in->first[i];
-        longest = count > longest ? count : longest;
-    }
+    const uint64_t longest = umb__fragments_longest(in, texels);
+    uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(umb__map_alloc(map), longest, sizeof *sorted);
     if (sorted == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
                         (unsigned long long)longest);
     }
     for (size_t i = 0; i < texels; i++) {
-        const size_t count = (size_t)(in->first[i + 1] - in->first[i]);
-        if (count > 0) {
-            memcpy(sorted, &in->fragments[in->first[i]], count * sizeof *sorted);
-        }
-        qsort(sorted, count, sizeof *sorted, umb__fragment_compare);
+        const size_t count = umb__fragments_sort(in, i, sorted);
         first[i] = used;
         used += map->technique->weigh(sorted, count, taken + used);
     }

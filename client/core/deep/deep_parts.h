@@ -68,9 +68,13 @@ uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, doubl
 UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                                  struct umb_error *error);
 
-/* For qsort: by depth, then by alpha. Equal lists give equal products whatever order they came in.
- */
-int umb__fragment_compare(const void *a, const void *b);
+/* Fragments of the texel that has the most: room for umb__fragments_sort. */
+uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels);
+
+/* Copies those of one texel by depth, then by alpha, and returns their number. Equal lists give
+ * equal products whatever order they came in. */
+size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
+                           struct umb_map_fragment *sorted);
 
 /*
  * The channels of a map of MOMENTS or ABSORBANCE (deep_moments.c).

@@ -63,6 +63,24 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
     return techniques[settings->technique]->check(settings, error);
 }
 
+/* The frustum, and settings of a technique that the caller builds. In: translucent: 1 for
+ * umb_map_build_translucent, 0 for umb_map_build. */
+static enum umb_status filtered_check(const struct umb_map_frustum *frustum,
+                                      const struct umb_map_settings *settings, int translucent,
+                                      struct umb_error *error)
+{
+    enum umb_status status = umb__frustum_check(frustum, error);
+    if (status == UMB_OK) {
+        status = settings_check(settings, error);
+    }
+    if (status == UMB_OK && translucent != (techniques[settings->technique]->weigh != NULL)) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED, "settings.technique: '%s' is built by %s",
+                          techniques[settings->technique]->name,
+                          translucent ? "umb_map_build" : "umb_map_build_translucent");
+    }
+    return status;
+}
+
 static double nearest_depth(const struct umb_map_frustum *frustum,
                             const struct umb_map_layer *layer)
 {
@@ -99,15 +117,7 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
 {
     *out = NULL;
     struct umb_map *map = NULL;
-    enum umb_status status = umb__frustum_check(frustum, error);
-    if (status == UMB_OK) {
-        status = settings_check(settings, error);
-    }
-    if (status == UMB_OK && techniques[settings->technique]->weigh != NULL) {
-        status = umb_fail(error, UMB_E_UNSUPPORTED,
-                          "settings.technique: '%s' is built by umb_map_build_translucent",
-                          techniques[settings->technique]->name);
-    }
+    enum umb_status status = filtered_check(frustum, settings, 0, error);
     if (status == UMB_OK) {
         status = layer_check(frustum, layer, error);
     }
@@ -180,15 +190,7 @@ enum umb_status umb_map_build_translucent(const struct umb_map_frustum *frustum,
 {
     *out = NULL;
     struct umb_map *map = NULL;
-    enum umb_status status = umb__frustum_check(frustum, error);
-    if (status == UMB_OK) {
-        status = settings_check(settings, error);
-    }
-    if (status == UMB_OK && techniques[settings->technique]->weigh == NULL) {
-        status =
-            umb_fail(error, UMB_E_UNSUPPORTED, "settings.technique: '%s' is built by umb_map_build",
-                     techniques[settings->technique]->name);
-    }
+    enum umb_status status = filtered_check(frustum, settings, 1, error);
     if (status == UMB_OK) {
         status = map_create(frustum, alloc, &map, error);
     }

@@ -13,7 +13,7 @@
 #include <stddef.h>
 
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
-#include <immintrin.h>
+#include "bake/depth/lane_extremes.h"
 
 /* Bands under way: their records fit the first-level cache. */
 #define BANDS_MAX ((size_t)64)
@@ -69,22 +69,6 @@ static inline unsigned rows_met(const struct umbb_coverage *c, int32_t row)
     return 0xffU << (above > 0 ? above : 0) & 0xffU >> (below > 0 ? below : 0);
 }
 
-static inline int32_t least_of(__m256i v)
-{
-    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));
-    return _mm_cvtsi128_si32(m);
-}
-
-static inline int32_t most_of(__m256i v)
-{
-    __m128i m = _mm_max_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0x4e));
-    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0xb1));
-    return _mm_cvtsi128_si32(m);
-}
-
 /* The band of rows from `row` on; at least one of them meets the triangle. */
 static inline void band_find(const struct plane *k, const struct umbb_cells *cells, int32_t row,
                              struct band *band)
@@ -118,8 +102,8 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
     const __mmask8 covered = (__mmask8)(wide & inside & rows_met(c, row));
     band->first = _mm256_mask_mov_epi32(_mm256_set1_epi32(INT32_MAX), covered, first);
     band->last = _mm256_mask_mov_epi32(_mm256_set1_epi32(-1), covered, last);
-    band->least = least_of(band->first);
-    band->most = most_of(band->last);
+    band->least = umbb_least_of_8(band->first);
+    band->most = umbb_most_of_8(band->last);
     const unsigned before = _mm512_cmp_pd_mask(one, two, _CMP_LT_OQ);
     const unsigned facing = c->odd ? ~before : before;
     band->front = (uint64_t)_mm_cvtsi128_si64(_mm_movm_epi8((__mmask16)(facing & 0xffU)));

@@ -49,6 +49,16 @@ struct umbb_coverage {
                      * turn around. umbb_coverage_row decides row by row */
 };
 
+/* The forms in vectors write sixteen numbers, the last two of which are pairs of integers. */
+_Static_assert(sizeof(struct umbb_coverage) == 16 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, slope) == 6 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, anchor_z) == 9 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, z_min) == 12 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, row_first) == 14 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, odd) == 15 * sizeof(double) &&
+                   offsetof(struct umbb_coverage, facing) == 15 * sizeof(double) + sizeof(int32_t),
+               "the numbers of a coverage lie as vectors write them");
+
 /*
  * Prepares a triangle.
  *
@@ -129,8 +139,28 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     return front;
 }
 
-/* The same without what lies on the second crossing: a centre on an edge that two triangles side
- * by side share belongs to one of them. For those who count what they meet. */
+/* The rows among y0 .. y0 + n - 1 that a triangle meets: none if *first > *last. */
+static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverage, int32_t y0,
+                                             int32_t n, int32_t *first, int32_t *last)
+{
+    const int32_t bottom = y0 + n - 1;
+    *first = coverage->row_first > y0 ? coverage->row_first : y0;
+    *last = coverage->row_last < bottom ? coverage->row_last : bottom;
+}
+
+/* umbb_coverage_row of the texels x0 .. x0 + n - 1: covers span[0] .. span[1] of them. */
+static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage, int32_t row,
+                                           int32_t x0, int32_t n, int32_t span[2])
+{
+    const int32_t right = x0 + n - 1;
+    const int front = umbb_coverage_row(coverage, row, &span[0], &span[1]);
+    span[0] = span[0] > x0 ? span[0] : x0;
+    span[1] = span[1] < right ? span[1] : right;
+    return front;
+}
+
+/* umbb_coverage_row without what lies on the second crossing: a centre on an edge that two
+ * triangles side by side share belongs to one of them. For those who count what they meet. */
 static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, int32_t row,
                                           int32_t *x_first, int32_t *x_last)
 {

@@ -5,22 +5,13 @@
  */
 #include "bake/depth/coverage.h"
 
-#include <stddef.h>
-
 #ifdef __AVX2__
 #include <immintrin.h>
 
 #define LANES ((size_t)4)
 
 /* A coverage is four rows of four numbers. */
-_Static_assert(sizeof(struct umbb_coverage) == 4 * LANES * sizeof(double) &&
-                   offsetof(struct umbb_coverage, slope) == 6 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, anchor_z) == 9 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, z_min) == 12 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, row_first) == 14 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, odd) == 15 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, facing) == 15 * sizeof(double) + sizeof(int32_t),
-               "the rows that prepare writes");
+_Static_assert(sizeof(struct umbb_coverage) == 4 * LANES * sizeof(double), "whole rows");
 
 /* One corner of four triangles. */
 struct corner {

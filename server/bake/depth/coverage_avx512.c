@@ -6,8 +6,6 @@
  */
 #include "bake/depth/coverage.h"
 
-#include <stddef.h>
-
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
 #include <immintrin.h>
 
@@ -15,14 +13,7 @@
 #define UP    (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
 
 /* A coverage is two rows of eight numbers: x, y and two slopes; what follows them. */
-_Static_assert(sizeof(struct umbb_coverage) == 2 * LANES * sizeof(double) &&
-                   offsetof(struct umbb_coverage, slope) == 6 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, anchor_z) == 9 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, z_min) == 12 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, row_first) == 14 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, odd) == 15 * sizeof(double) &&
-                   offsetof(struct umbb_coverage, facing) == 15 * sizeof(double) + sizeof(int32_t),
-               "the rows that prepare writes");
+_Static_assert(sizeof(struct umbb_coverage) == 2 * LANES * sizeof(double), "whole rows");
 
 /* One corner of eight triangles. */
 struct corner {

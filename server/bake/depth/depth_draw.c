@@ -4,21 +4,16 @@
 
 static void draw_one(const struct umbb_coverage *coverage, const struct umbb_canvas *canvas)
 {
-    const int32_t bottom = canvas->y0 + canvas->n - 1, right = canvas->x0 + canvas->n - 1;
-    const int32_t last = coverage->row_last < bottom ? coverage->row_last : bottom;
-    int32_t row = coverage->row_first > canvas->y0 ? coverage->row_first : canvas->y0;
+    int32_t row, last, span[2];
+    umbb_coverage_rows_within(coverage, canvas->y0, canvas->n, &row, &last);
     for (; row <= last; row++) {
-        int32_t x_first, x_last;
-        const int front = umbb_coverage_row(coverage, row, &x_first, &x_last);
+        const int front = umbb_coverage_row_within(coverage, row, canvas->x0, canvas->n, span);
         const double row_z = umbb_coverage_row_z(coverage, row);
         int32_t *line = (front ? canvas->front : canvas->back) +
                         umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
-        x_first = x_first > canvas->x0 ? x_first : canvas->x0;
-        x_last = x_last < right ? x_last : right;
-        for (int32_t x = x_first; x <= x_last; x++) {
+        for (int32_t x = span[0]; x <= span[1]; x++) {
             const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
-            const size_t column = (size_t)(x - canvas->x0);
-            int32_t *at = line + 64 * (column >> 3) + (column & 7);
+            int32_t *at = umbb_canvas_at(canvas, line, x);
             *at = lit < *at ? lit : *at;
         }
     }

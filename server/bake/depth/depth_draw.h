@@ -40,6 +40,13 @@ static inline size_t umbb_canvas_row(size_t n, size_t y)
     return (y >> 3) * 8 * n + (y & 7) * 8;
 }
 
+/* A texel of a row that starts at `line`, by its number in the frustum. */
+static inline int32_t *umbb_canvas_at(const struct umbb_canvas *canvas, int32_t *line, int32_t x)
+{
+    const size_t column = (size_t)(x - canvas->x0);
+    return line + 64 * (column >> 3) + (column & 7);
+}
+
 /* Triangles that are drawn at once. */
 #define UMBB_DRAW_MAX 32
 

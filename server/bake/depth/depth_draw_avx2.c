@@ -19,7 +19,7 @@
 #include <stddef.h>
 
 #ifdef __AVX2__
-#include <immintrin.h>
+#include "bake/depth/lane_extremes.h"
 
 /* Below this a depth converts to int32_t without a clamp. */
 #define DEPTH_MAX 1e9
@@ -121,20 +121,6 @@ static inline struct spans four_rows(const struct edges *e, int32_t row, double 
     };
 }
 
-static inline int32_t least_of(__m128i v)
-{
-    v = _mm_min_epi32(v, _mm_shuffle_epi32(v, 0x4e));
-    v = _mm_min_epi32(v, _mm_shuffle_epi32(v, 0xb1));
-    return _mm_cvtsi128_si32(v);
-}
-
-static inline int32_t most_of(__m128i v)
-{
-    v = _mm_max_epi32(v, _mm_shuffle_epi32(v, 0x4e));
-    v = _mm_max_epi32(v, _mm_shuffle_epi32(v, 0xb1));
-    return _mm_cvtsi128_si32(v);
-}
-
 /* The band of rows from `row` on. */
 static inline void band_find(const struct edges *edges, int32_t row, struct band *band)
 {
@@ -144,10 +130,10 @@ static inline void band_find(const struct edges *edges, int32_t row, struct band
     _mm_storeu_si128((__m128i *)(void *)(band->first + 4), b.first);
     _mm_storeu_si128((__m128i *)(void *)band->last, a.last);
     _mm_storeu_si128((__m128i *)(void *)(band->last + 4), b.last);
-    band->least = least_of(_mm_min_epi32(a.first, b.first));
-    band->most_first = most_of(_mm_max_epi32(a.first, b.first));
-    band->most = most_of(_mm_max_epi32(a.last, b.last));
-    band->least_last = least_of(_mm_min_epi32(a.last, b.last));
+    band->least = umbb_least_of_4(_mm_min_epi32(a.first, b.first));
+    band->most_first = umbb_most_of_4(_mm_max_epi32(a.first, b.first));
+    band->most = umbb_most_of_4(_mm_max_epi32(a.last, b.last));
+    band->least_last = umbb_least_of_4(_mm_min_epi32(a.last, b.last));
     /* The last texel is negative where there is none. */
     band->covered = 0xffU & ~((unsigned)_mm_movemask_ps(_mm_castsi128_ps(a.last)) |
                               (unsigned)_mm_movemask_ps(_mm_castsi128_ps(b.last)) << 4);
@@ -208,7 +194,7 @@ static inline int32_t draw_whole_cell(const struct plane *k, const struct slopes
         save(cell + 8 * i, value);
         most = _mm256_max_epi32(most, value);
     }
-    return most_of(_mm_max_epi32(_mm256_castsi256_si128(most), _mm256_extracti128_si256(most, 1)));
+    return umbb_most_of_8(most);
 }
 
 /* Rows of a cell that starts at texel x of the canvas: those of the bits of `rows`. */
@@ -340,8 +326,7 @@ static void find_far(const int32_t *layer, int32_t n, int32_t *far)
         for (size_t i = 8; i < 64; i += 8) {
             most = _mm256_max_epi32(most, load(layer + i));
         }
-        far[block] =
-            most_of(_mm_max_epi32(_mm256_castsi256_si128(most), _mm256_extracti128_si256(most, 1)));
+        far[block] = umbb_most_of_8(most);
     }
 }
 

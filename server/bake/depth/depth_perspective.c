@@ -90,21 +90,16 @@ static void draw(const struct umbb_casters *casters, uint32_t triangle, const st
     }
     const uint8_t kind = casters->closed_rule ? casters->kinds[triangle] : UMBB_CASTER_OPEN;
     const uint32_t cut = umbb_cut_of(casters->cuts, triangle);
-    const int32_t bottom = square->y0 + square->n - 1, right = square->x0 + square->n - 1;
-    const int32_t last = coverage.row_last < bottom ? coverage.row_last : bottom;
-    int32_t row = coverage.row_first > square->y0 ? coverage.row_first : square->y0;
+    int32_t row, last, span[2];
+    umbb_coverage_rows_within(&coverage, square->y0, square->n, &row, &last);
     for (; row <= last; row++) {
-        int32_t x_first, x_last;
-        const int front = umbb_coverage_row(&coverage, row, &x_first, &x_last);
+        const int front = umbb_coverage_row_within(&coverage, row, square->x0, square->n, span);
         const double row_z = umbb_coverage_row_z(&coverage, row);
         struct fragment *line = square->fragments + (size_t)(row - square->y0) * (size_t)square->n;
-        x_first = x_first > square->x0 ? x_first : square->x0;
-        x_last = x_last < right ? x_last : right;
-        for (int32_t x = x_first; x <= x_last; x++) {
+        for (int32_t x = span[0]; x <= span[1]; x++) {
             const int32_t lit = umbb_perspective_lit(casters, &coverage, row_z, x);
             int32_t *at = layer_of(&line[x - square->x0], kind, front);
-            if (lit < *at &&
-                (cut == UMBS_CUT_NONE || umbb_cut_casts(casters->cuts, cut, x, row))) {
+            if (lit < *at && (cut == UMBS_CUT_NONE || umbb_cut_casts(casters->cuts, cut, x, row))) {
                 *at = lit;
             }
         }

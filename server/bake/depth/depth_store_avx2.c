@@ -3,7 +3,7 @@
 #include "bake/depth/depth_store.h"
 
 #ifdef __AVX2__
-#include <immintrin.h>
+#include "bake/depth/lane_extremes.h"
 
 static inline __m256i load(const int32_t *from)
 {
@@ -13,22 +13,6 @@ static inline __m256i load(const int32_t *from)
 static inline void save(int32_t *to, __m256i value)
 {
     _mm256_storeu_si256((__m256i *)(void *)to, value);
-}
-
-static inline int32_t greatest(__m256i v)
-{
-    __m128i m = _mm_max_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0x4e));
-    m = _mm_max_epi32(m, _mm_shuffle_epi32(m, 0xb1));
-    return _mm_cvtsi128_si32(m);
-}
-
-static inline int32_t least(__m256i v)
-{
-    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));
-    return _mm_cvtsi128_si32(m);
 }
 
 /* One 8x8 block: decides, stores, reduces. */
@@ -53,8 +37,8 @@ static inline void store_square(const int32_t *layers, size_t texels, struct umb
         most = _mm256_max_epi32(most, lit);
         fewest = _mm256_min_epi32(fewest, end);
     }
-    tile->max_lit[UMB_LEVEL_BRICK][square] = greatest(most);
-    tile->min_end[UMB_LEVEL_BRICK][square] = least(fewest);
+    tile->max_lit[UMB_LEVEL_BRICK][square] = umbb_most_of_8(most);
+    tile->min_end[UMB_LEVEL_BRICK][square] = umbb_least_of_8(fewest);
 }
 
 static void store(const int32_t *layers, int32_t n, struct umbb_tile *tile, int32_t x0, int32_t y0)
