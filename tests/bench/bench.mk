@@ -3,7 +3,7 @@
 # UMBRAGE_BENCH_BARS=FILE the table shows the bars of that file. SIZE=quick|full.
 SIZE ?= quick
 BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
-BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_machine bench_scene \
+BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_arguments bench_machine bench_scene \
 	bench_points bench_map16 place_floor_avx2 place_floor_avx512 embree_peer yardstick_2014 voxel_truth bake_race)
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
 BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)

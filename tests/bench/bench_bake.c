@@ -16,6 +16,7 @@
 
 #include "bake/depth/depth_raster.h"
 #include "bake_race.h"
+#include "bench_arguments.h"
 #include "bench_machine.h"
 #include "bench_report.h"
 #include "bench_scene.h"
@@ -330,25 +331,22 @@ static void parts_choose(struct choice *choice, const char *only)
         found |= asked;
     }
     if (!found) {
-        usage_print(stderr);
-        bench_fail("--only: '%.40s' is not a figure", only);
+        bench_misuse("--only: '%.40s' is not a figure", only);
     }
 }
 
 int main(int argc, char **argv)
 {
-    static const char *const scenes[] = {"terrain", "city"};
+    static const char *const options[] = {"--size", "--scene", "--only", "--assets", NULL};
+    static const char *const scenes[] = {"terrain", "city", "largest", NULL};
     struct choice choice = {0};
-    if (argc > 1 && strcmp(argv[1], "--help") == 0) {
-        usage_print(stdout);
-        return 0;
-    }
+    bench_arguments(argc, argv, options, usage_print);
     const char *size = bench_size(argc, argv);
     choice.full = strcmp(size, "full") == 0;
     choice.assets = bench_option(argc, argv, "--assets", NULL);
-    choice.scene = bench_option(argc, argv, "--scene", NULL);
+    choice.scene = bench_choice(argc, argv, "--scene", scenes, NULL);
     parts_choose(&choice, bench_option(argc, argv, "--only", NULL));
-    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
+    for (size_t i = 0; strcmp(scenes[i], "largest") != 0; i++) {
         if (choice_asks(&choice, scenes[i])) {
             scene_run(scenes[i], &choice);
         }

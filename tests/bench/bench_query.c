@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bench_arguments.h"
 #include "bench_machine.h"
 #include "bench_map16.h"
 #include "bench_nanovdb.h"
@@ -417,14 +418,26 @@ static void threads_race(const char *name, const char *assets)
     bench_scene_finish(&stage.scene);
 }
 
+static void usage_print(FILE *to)
+{
+    fputs("usage: bench_query [--size quick|full] [--scene terrain|city] [--assets DIR]\n"
+          "  --size    quick: assets of 16384 voxels a side; full: of 65536, two threads against\n"
+          "            one, and a sparse volume as peer (quick)\n"
+          "  --scene   this scene alone\n"
+          "  --assets  read and keep bakes in this folder, which other benchmarks share\n",
+          to);
+}
+
 int main(int argc, char **argv)
 {
+    static const char *const options[] = {"--size", "--scene", "--assets", NULL};
+    static const char *const scenes[] = {"terrain", "city", NULL};
+    bench_arguments(argc, argv, options, usage_print);
     const char *size = bench_size(argc, argv);
     const char *assets = bench_option(argc, argv, "--assets", NULL);
     const int full = strcmp(size, "full") == 0;
-    const char *only = bench_option(argc, argv, "--scene", NULL);
-    static const char *const scenes[] = {"terrain", "city"};
-    for (size_t i = 0; i < sizeof scenes / sizeof scenes[0]; i++) {
+    const char *only = bench_choice(argc, argv, "--scene", scenes, NULL);
+    for (size_t i = 0; scenes[i] != NULL; i++) {
         if (only == NULL || strcmp(only, scenes[i]) == 0) {
             scene_run(scenes[i], full ? 16 : 14, assets);
             if (full) {

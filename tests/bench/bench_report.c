@@ -213,25 +213,6 @@ void bench_say(const char *format, ...)
     va_end(arguments);
 }
 
-const char *bench_option(int argc, char **argv, const char *name, const char *otherwise)
-{
-    const char *value = otherwise;
-    for (int i = 1; i + 1 < argc; i++) {
-        value = strcmp(argv[i], name) == 0 ? argv[i + 1] : value;
-    }
-    return value;
-}
-
-const char *bench_size(int argc, char **argv)
-{
-    const char *size = bench_option(argc, argv, "--size", "quick");
-    if (strcmp(size, "quick") != 0 && strcmp(size, "full") != 0) {
-        fprintf(stderr, "usage: %s [--size quick|full]; '%.40s' is neither\n", argv[0], size);
-        exit(2);
-    }
-    return size;
-}
-
 const char *bench_text(const char *format, ...)
 {
     char text[160];

@@ -56,12 +56,6 @@ void bench_fail(const char *format, ...) UMB_PRINTF(1, 2) __attribute__((noretur
 /* A line of talk on stderr, with the seconds since the start. */
 void bench_say(const char *format, ...) UMB_PRINTF(1, 2);
 
-/* The value of an option `--name VALUE` on a command line, or `otherwise`. */
-const char *bench_option(int argc, char **argv, const char *name, const char *otherwise);
-
-/* The value of --size, "quick" or "full"; ends the program on anything else. */
-const char *bench_size(int argc, char **argv);
-
 /* A text made from a format, alive to the end of the program. */
 const char *bench_text(const char *format, ...) UMB_PRINTF(1, 2);
 

@@ -21,6 +21,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "bench_arguments.h"
 #include "bench_machine.h"
 #include "bench_points.h"
 #include "bench_protocol.h"
@@ -247,17 +248,28 @@ static void race_run(const struct bench_scene *scene, const struct bench_asset *
     free(values);
 }
 
+static void usage_print(FILE *to)
+{
+    fputs(
+        "usage: bench_service --umbraged PROGRAM [--size quick|full] [--assets DIR] [--peers DIR]\n"
+        "  --umbraged  the daemon\n"
+        "  --size      the bars that rows are held against; both run the same (quick)\n"
+        "  --assets    read and keep bakes in this folder, which other benchmarks share\n"
+        "  --peers     the folder that peer_raw and peer_grpcpp are in (.)\n",
+        to);
+}
+
 int main(int argc, char **argv)
 {
+    static const char *const options[] = {"--umbraged", "--size", "--assets", "--peers", NULL};
+    bench_arguments(argc, argv, options, usage_print);
     struct bench_scene scene;
     struct bench_asset asset;
     struct bench_points points;
     const char *size = bench_size(argc, argv);
     const char *program = bench_option(argc, argv, "--umbraged", NULL);
     if (program == NULL) {
-        fprintf(stderr, "usage: %s --umbraged PROGRAM [--size quick|full] [--peers DIR]\n",
-                argv[0]);
-        return 2;
+        bench_misuse("--umbraged is missing");
     }
     bench_scene_make(&scene, "city", 14, bench_option(argc, argv, "--assets", NULL));
     bench_scene_trace(&scene);
