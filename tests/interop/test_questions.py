@@ -171,7 +171,7 @@ with test.check("a deadline ends the work, a cancelled call stops it, and the se
     assert refused_by_deadline
     for _ in range(10):
         call = ask["Segments"].future(many, timeout=60)
-        time.sleep(0.002)
+        ut.wait_until(lambda: call.done() or daemon.metric("umbrage_buffered_bytes") > 0, 20, "it is asked")
         call.cancel()
     assert len(ask["Columns"](M.ColumnsRequest(asset="city", points=bytes(1200)), timeout=60).lit) == 400
 

@@ -242,12 +242,14 @@ static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t 
     depth.destroy(depth.state);
 }
 
-/* 1 if the octree says that a voxel is lit: from the root down, a child at a time. */
-static inline int octree_voxel(const struct umb_octree *octree, uint32_t x, uint32_t y, uint32_t z)
+/* Which of the eight voxels of a column from z & ~7 on the octree says are lit, a bit each: from
+ * the root down, a child at a time. */
+static inline unsigned octree_eight(const struct umb_octree *octree, uint32_t x, uint32_t y,
+                                    uint32_t z)
 {
     const struct umb_octree_root *root = &octree->roots[0];
     if (root->state != UMB_NODE_MIXED) {
-        return root->state == UMB_NODE_LIT;
+        return root->state == UMB_NODE_LIT ? 0xff : 0;
     }
     uint32_t node = root->index;
     for (uint32_t level = root->level; level > UMB_LEVEL_BRICK; level--) {
@@ -255,19 +257,29 @@ static inline int octree_voxel(const struct umb_octree *octree, uint32_t x, uint
         const uint32_t bit = level - 1;
         const unsigned child = ((x >> bit) & 1) + 2 * ((y >> bit) & 1) + 4 * ((z >> bit) & 1);
         assert_true(node < l->count);
+        const enum umb_node_state state = umb_mask_state(l->masks[node], child);
+        if (state != UMB_NODE_MIXED) {
+            return state == UMB_NODE_LIT ? 0xff : 0;
+        }
         uint32_t before = 0;
         for (unsigned c = 0; c < child; c++) {
             before += umb_mask_state(l->masks[node], c) == UMB_NODE_MIXED;
-        }
-        const enum umb_node_state state = umb_mask_state(l->masks[node], child);
-        if (state != UMB_NODE_MIXED) {
-            return state == UMB_NODE_LIT;
         }
         assert_true(l->first[node] + before < l->first[node + 1]);
         node = l->children[l->first[node] + before];
     }
     assert_true(node < octree->brick_count);
-    return (int)(octree->bricks[node][z & 7] >> ((x & 7) + 8 * (y & 7)) & 1);
+    unsigned lit = 0;
+    for (unsigned k = 0; k < 8; k++) {
+        lit |= (unsigned)(octree->bricks[node][k] >> ((x & 7) + 8 * (y & 7)) & 1) << k;
+    }
+    return lit;
+}
+
+/* 1 if the octree says that a voxel is lit. */
+static inline int octree_voxel(const struct umb_octree *octree, uint32_t x, uint32_t y, uint32_t z)
+{
+    return (int)(octree_eight(octree, x, y, z) >> (z & 7) & 1);
 }
 
 #endif

@@ -82,10 +82,12 @@ static void covered(const struct soup *soup, size_t triangle, texel_fn fn, void 
     }
 }
 
-/* Nearest fragments of all texels: of open casters, fronts and backs; then lit and end. */
+/* Nearest fragments of all texels: of open casters, fronts and backs; then lit and end; and what
+ * the octree says, eight voxels of a column a byte. */
 struct slow {
     int32_t near[3][TEXELS], lit[TEXELS], end[TEXELS];
     int layer_front, layer_back;
+    uint8_t said[TEXELS][SIZE / 8];
 };
 
 static void lower(void *user, size_t texel, int32_t lit, int front)
@@ -114,6 +116,20 @@ static struct slow *slow_make(const struct ruled *r)
         umbb_texel_decide(nearest, SIZE, &s->lit[i], &s->end[i]);
     }
     return s;
+}
+
+static void read_octree(const struct umb_octree *octree, struct slow *s)
+{
+    for (uint32_t i = 0; i < (uint32_t)TEXELS; i++) {
+        for (uint32_t z = 0; z < SIZE; z += 8) {
+            s->said[i][z / 8] = (uint8_t)octree_eight(octree, i % SIZE, i / SIZE, z);
+        }
+    }
+}
+
+static int says_lit(const struct slow *s, size_t texel, int32_t z)
+{
+    return s->said[texel][z / 8] >> z % 8 & 1;
 }
 
 /* Whether some shadow touches a triangle, or nothing is known of it. */
@@ -167,7 +183,7 @@ static int window(struct ruled *r, size_t triangle, int taps, double v[3])
 }
 
 /* Compares a point's window; returns how many of its voxels lie behind a first caster. */
-static int check_window(const struct ruled *r, const struct slow *slow, int taps, const double v[3])
+static int check_window(const struct slow *slow, int taps, const double v[3])
 {
     int behind = 0;
     for (int i = 0; i < taps * taps; i++) {
@@ -178,7 +194,7 @@ static int check_window(const struct ruled *r, const struct slow *slow, int taps
         }
         const size_t texel = (size_t)y * SIZE + (size_t)x;
         if (z < slow->lit[texel] || z >= slow->end[texel]) {
-            const int lit = octree_voxel(&r->octree, (uint32_t)x, (uint32_t)y, (uint32_t)z);
+            const int lit = says_lit(slow, texel, z);
             behind += z >= slow->lit[texel];
             if (lit != (z < slow->lit[texel])) {
                 fail_msg("%d taps at %g %g %g: voxel %d %d %d of lit %d end %d is %d", taps, v[0],
@@ -190,13 +206,12 @@ static int check_window(const struct ruled *r, const struct slow *slow, int taps
 }
 
 /* Lit voxels are lit; returns how many of those beyond `end` are lit, too. */
-static size_t check_lit(const struct ruled *r, const struct slow *slow)
+static size_t check_lit(const struct slow *slow)
 {
     size_t freed = 0;
     for (size_t i = 0; i < TEXELS; i++) {
         for (int32_t z = 0; z < SIZE; z++) {
-            const int lit =
-                octree_voxel(&r->octree, (uint32_t)(i % SIZE), (uint32_t)(i / SIZE), (uint32_t)z);
+            const int lit = says_lit(slow, i, z);
             if (z < slow->lit[i] && !lit) {
                 fail_msg("voxel %zu %zu %d of lit %d is dark", i % SIZE, i / SIZE, (int)z,
                          (int)slow->lit[i]);
@@ -213,6 +228,7 @@ static size_t check_soup(struct ruled *r, size_t points)
     struct slow *slow = slow_make(r);
     size_t asked = 0, behind = 0;
     bake(r, 7, 2);
+    read_octree(&r->octree, slow);
     for (size_t i = 0; i < r->soup->count; i++) {
         const int wanted = is_asked(r, slow, i);
         assert_int_equal(r->rule.met[i] != 1, wanted);
@@ -223,13 +239,13 @@ static size_t check_soup(struct ruled *r, size_t points)
             if (window(r, i, taps, v)) {
                 const uint32_t voxel[3] = {(uint32_t)v[0], (uint32_t)v[1], (uint32_t)v[2]};
                 assert_true(umb__near_has(r->cells, 7, voxel));
-                behind += wanted ? (size_t)check_window(r, slow, taps, v) : 0;
+                behind += wanted ? (size_t)check_window(slow, taps, v) : 0;
             }
         }
     }
     assert_true(asked > 0 && asked < r->soup->count);
     assert_true(behind > 0);
-    const size_t freed = check_lit(r, slow);
+    const size_t freed = check_lit(slow);
     release(r);
     free(slow);
     return freed;
@@ -295,9 +311,9 @@ static void tiles_and_threads_change_nothing(void **state)
     bake(&other, 6, 3);
     assert_memory_equal(one.cells, other.cells, sizeof one.cells);
     assert_memory_equal(one.rule.met, other.rule.met, soup.count);
-    for (uint32_t i = 0; i < (uint32_t)SIZE * SIZE * SIZE; i++) {
-        const uint32_t x = i % SIZE, y = i / SIZE % SIZE, z = i / SIZE / SIZE;
-        assert_int_equal(octree_voxel(&one.octree, x, y, z), octree_voxel(&other.octree, x, y, z));
+    for (uint32_t i = 0; i < (uint32_t)(TEXELS * SIZE / 8); i++) {
+        const uint32_t x = i % SIZE, y = i / SIZE % SIZE, z = i / SIZE / SIZE * 8;
+        assert_int_equal(octree_eight(&one.octree, x, y, z), octree_eight(&other.octree, x, y, z));
     }
     release(&one);
     release(&other);

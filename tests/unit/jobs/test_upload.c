@@ -5,13 +5,13 @@
 #include <stddef.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <sched.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 #include <cmocka.h>
 
@@ -239,6 +239,7 @@ static void removing_a_folder_does_not_follow_links(void **state)
 struct writer {
     int work;
     atomic_int ended;
+    atomic_uint made; /* files */
 };
 
 static void *write_logs(void *user)
@@ -250,6 +251,7 @@ static void *write_logs(void *user)
         int fd = openat(writer->work, name, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
         if (fd >= 0) {
             close(fd);
+            atomic_fetch_add(&writer->made, 1);
         }
     }
     return NULL;
@@ -264,7 +266,9 @@ static void a_folder_is_gone_at_once_for_those_who_write_into_it(void **state)
     for (int round = 0; round < 50; round++) {
         assert_int_equal(mkdirat(writer.work, "job", 0700), 0);
         assert_int_equal(mkdirat(writer.work, "job/tile", 0700), 0);
-        nanosleep(&(struct timespec){.tv_nsec = 2000000}, NULL);
+        for (unsigned made = atomic_load(&writer.made); atomic_load(&writer.made) < made + 3;) {
+            (void)sched_yield();
+        }
         umbj_folder_drop(writer.work, "job");
         assert_int_equal(faccessat(writer.work, "job", F_OK, 0), -1);
         umbj_folder_remove(writer.work, "job.gone"); /* a file that was being made meanwhile */

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -97,7 +98,9 @@ static void a_token_file_holds_one_token_and_no_more(void **state)
         {"one\ntwo\n", UMB_E_ARGUMENT},
         {many, UMB_E_ARGUMENT},
     };
-    char path[] = "/tmp/umbrage-token-XXXXXX";
+    const char *folder = getenv("TMPDIR");
+    char path[512];
+    (void)snprintf(path, sizeof path, "%s/umbrage-token-XXXXXX", folder != NULL ? folder : "/tmp");
     const int fd = mkstemp(path);
     (void)state;
     assert_true(fd >= 0);
