@@ -2,7 +2,7 @@
 /*
  * See pack_order.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
  * Most of a traversal is finding that a child stands somewhere already. That, and whether it is in
- * the open page, are bits, which fit the cache where places do not.
+ * the open page, are two bits a node, which fit the cache where ordinals do not.
  */
 #include "format/pack_order.h"
 
@@ -28,7 +28,10 @@ enum {
 #define SAMPLE_RUN        64U
 
 #define PAGES_MAX  (UINT32_MAX - 1)
-#define LOWEST_END 8U /* levels of the lowest band are below */
+#define NODES_MAX  UINT32_MAX /* of a level, copies included */
+#define LOWEST_END 8U         /* levels of the lowest band are below */
+
+#define HINT_ORDINALS 64U
 
 /* A growing list of nodes. */
 struct node_list {
@@ -36,9 +39,12 @@ struct node_list {
     size_t count, capacity;
 };
 
-/* Bits of all levels' nodes. */
-struct node_bits {
-    uint64_t *level[UMB_LEVEL_MAX + 1];
+/* What became of a node so far. */
+enum node_state {
+    NOT_MET = 0,
+    WAITS = 1,  /* met by a band above, as a root of the next */
+    BEFORE = 2, /* stands in a closed page only */
+    HERE = 3,   /* stands in the open page */
 };
 
 struct traversal {
@@ -46,11 +52,10 @@ struct traversal {
     const struct umb__pack_survey *survey;
     struct umb__pack_order *order;
     struct umb_error *error;
-    struct node_bits placed, here,
-        waits;         /* stands in a page; in the open one; met by a band above */
-    size_t page_bytes; /* estimate for the open page */
-    uint32_t page_level_counts[UMB_LEVEL_MAX + 1];
-    struct node_list waiting; /* roots of the next band */
+    uint64_t *states[UMB_LEVEL_MAX + 1]; /* enum node_state, two bits a node */
+    uint32_t next[UMB_LEVEL_MAX + 1];    /* ordinal */
+    size_t page_bytes;                   /* estimate for the open page */
+    struct node_list waiting;            /* roots of the next band */
     uint32_t band_low;
     bool alone;            /* the band's pages refer to no other */
     uint64_t copied_bytes; /* estimate of such pages that are closed */
@@ -61,46 +66,44 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
 }
 
-static bool bits_init(const struct umb_octree *octree, struct node_bits *bits)
+static size_t state_words(const struct traversal *t, uint32_t level)
 {
-    bool complete = true;
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        const size_t words = umb__bits_words(umb__octree_level_count(octree, level));
-        bits->level[level] = umb__alloc_zeroed(octree->alloc, words, sizeof *bits->level[level]);
-        complete = complete && bits->level[level] != NULL;
-    }
-    return complete;
+    return umb__octree_level_count(t->octree, level) / 32 + 1;
 }
 
-static void bits_finish(const struct umb_alloc *alloc, struct node_bits *bits)
+static enum node_state state_of(const struct traversal *t, struct umb__node_ref node)
 {
-    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(alloc, bits->level[level]);
-    }
+    return (enum node_state)(t->states[node.level][node.index / 32] >> (2 * (node.index % 32)) & 3);
 }
 
-static bool has(const struct node_bits *bits, struct umb__node_ref node)
+static void set_state(struct traversal *t, struct umb__node_ref node, enum node_state state)
 {
-    return umb__bits_has(bits->level[node.level], node.index);
+    uint64_t *word = &t->states[node.level][node.index / 32];
+    const unsigned shift = 2 * (node.index % 32);
+    *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
 }
 
 static enum umb_status allocate(struct traversal *t)
 {
     struct umb__pack_order *order = t->order;
-    size_t nodes = 1; /* without copies */
-    bool complete = bits_init(t->octree, &t->placed);
-    complete = bits_init(t->octree, &t->here) && complete;
-    complete = bits_init(t->octree, &t->waits) && complete;
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+    bool complete =
+        umb__grow(order->alloc, &order->begins, &order->begins_capacity, 1, sizeof *order->begins);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
         const size_t count = umb__octree_level_count(t->octree, level);
-        order->places[level] = umb__alloc_large(order->alloc, count, sizeof *order->places[level]);
-        complete = complete && order->places[level] != NULL;
-        nodes += t->survey->counts[level];
+        const size_t reached = (size_t)t->survey->counts[level]; /* more with copies */
+        t->states[level] =
+            umb__alloc_zeroed(order->alloc, state_words(t, level), sizeof *t->states[level]);
+        order->ordinals[level] =
+            umb__alloc_large(order->alloc, count, sizeof *order->ordinals[level]);
+        order->nodes[level] = umb__alloc_large(order->alloc, reached, sizeof *order->nodes[level]);
+        order->node_capacity[level] = reached;
+        complete = t->states[level] && order->ordinals[level] && order->nodes[level];
     }
-    order->sequence = umb__alloc_large(order->alloc, nodes, sizeof *order->sequence);
-    order->sequence_capacity = order->sequence != NULL ? nodes : 0;
-    complete = complete && order->sequence != NULL;
-    return complete ? UMB_OK : no_memory(t->error);
+    if (!complete) {
+        return no_memory(t->error);
+    }
+    memset(order->begins[0], 0, sizeof order->begins[0]);
+    return UMB_OK;
 }
 
 /* Ends the open page, if it holds anything. */
@@ -113,18 +116,18 @@ static enum umb_status close_page(struct traversal *t)
     if (order->page_count == PAGES_MAX) {
         return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
     }
-    if (!umb__grow(order->alloc, &order->page_first, &order->page_capacity,
-                   (size_t)order->page_count + 2, sizeof *order->page_first)) {
+    if (!umb__grow(order->alloc, &order->begins, &order->begins_capacity,
+                   (size_t)order->page_count + 2, sizeof *order->begins)) {
         return no_memory(t->error);
     }
-    order->page_first[0] = 0;
-    for (size_t i = order->page_first[order->page_count]; i < order->node_count; i++) {
-        umb__bits_drop(t->here.level[order->sequence[i].level], order->sequence[i].index);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        for (uint32_t i = order->begins[order->page_count][level]; i < t->next[level]; i++) {
+            set_state(t, (struct umb__node_ref){level, order->nodes[level][i]}, BEFORE);
+        }
     }
     t->copied_bytes += t->page_bytes;
     order->page_count++;
-    order->page_first[order->page_count] = order->node_count;
-    memset(t->page_level_counts, 0, sizeof t->page_level_counts);
+    memcpy(order->begins[order->page_count], t->next, sizeof t->next);
     t->page_bytes = 0;
     return UMB_OK;
 }
@@ -139,9 +142,9 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
     const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
     size_t bytes = umb__node_estimate(end - first);
     for (uint32_t i = first; i < end && !t->alone; i++) {
-        const struct umb__node_ref child = {node.level - 1, level->children[i]};
-        const bool waits = node.level == t->band_low && has(&t->waits, child);
-        bytes += waits || (has(&t->placed, child) && !has(&t->here, child)) ? 8 : 0;
+        const enum node_state child =
+            state_of(t, (struct umb__node_ref){node.level - 1, level->children[i]});
+        bytes += child == WAITS || child == BEFORE ? 8 : 0;
     }
     return bytes;
 }
@@ -150,18 +153,20 @@ static size_t estimate(const struct traversal *t, struct umb__node_ref node)
 static enum umb_status place(struct traversal *t, struct umb__node_ref node)
 {
     struct umb__pack_order *order = t->order;
-    if (!umb__grow(order->alloc, &order->sequence, &order->sequence_capacity, order->node_count + 1,
-                   sizeof *order->sequence)) {
+    const uint32_t ordinal = t->next[node.level];
+    if (ordinal == NODES_MAX) {
+        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: level %u: more than %u copies",
+                        node.level, NODES_MAX);
+    }
+    if (!umb__grow(order->alloc, &order->nodes[node.level], &order->node_capacity[node.level],
+                   (size_t)ordinal + 1, sizeof *order->nodes[node.level])) {
         return no_memory(t->error);
     }
     t->page_bytes += estimate(t, node);
-    umb__bits_add(t->placed.level[node.level], node.index);
-    umb__bits_add(t->here.level[node.level], node.index);
-    order->places[node.level][node.index] = (struct umb__node_place){
-        .page = order->page_count,
-        .position = t->page_level_counts[node.level]++,
-    };
-    order->sequence[order->node_count++] = node;
+    set_state(t, node, HERE);
+    order->ordinals[node.level][node.index] = ordinal;
+    order->nodes[node.level][ordinal] = node.index;
+    t->next[node.level] = ordinal + 1;
     /* Pages that stand alone end between the trees of two roots. */
     return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
 }
@@ -169,7 +174,7 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
 /* True if a node stands where it is needed: anywhere, or in the open page if that stands alone. */
 static bool is_placed(const struct traversal *t, struct umb__node_ref node)
 {
-    return has(t->alone ? &t->here : &t->placed, node);
+    return state_of(t, node) >= (t->alone ? HERE : BEFORE);
 }
 
 static enum umb_status list_add(struct traversal *t, struct node_list *list,
@@ -186,10 +191,10 @@ static enum umb_status list_add(struct traversal *t, struct node_list *list,
 /* Lets a node of the next band wait, once. */
 static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref child)
 {
-    if (has(&t->waits, child) || has(&t->placed, child)) {
+    if (state_of(t, child) != NOT_MET) {
         return UMB_OK;
     }
-    umb__bits_add(t->waits.level[child.level], child.index);
+    set_state(t, child, WAITS);
     return list_add(t, &t->waiting, child);
 }
 
@@ -232,6 +237,7 @@ static enum umb_status visit_children(struct traversal *t, struct umb__node_ref 
         return place_bricks(t, children, count);
     }
     enum umb_status status = UMB_OK;
+    const size_t depth = stack->depth;
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         if (node.level == t->band_low) {
             status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
@@ -239,6 +245,10 @@ static enum umb_status visit_children(struct traversal *t, struct umb__node_ref 
             /* The stack gives children back in reverse, so the last one goes first. */
             push(t, (struct umb__node_ref){node.level - 1, children[count - 1 - i]}, stack);
         }
+    }
+    for (size_t i = depth; i < stack->depth; i++) {
+        const struct umb_octree_level *below = &t->octree->level[node.level - 1];
+        __builtin_prefetch(below->children + below->first[stack->nodes[i].index]);
     }
     return status;
 }
@@ -263,7 +273,7 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
 /* Visits a root of the band, unless it stands below another one, or is the root of two frusta. */
 static enum umb_status visit_root(struct traversal *t, struct umb__node_ref root)
 {
-    if (has(&t->placed, root)) {
+    if (state_of(t, root) >= BEFORE) {
         return UMB_OK;
     }
     const enum umb_status status = visit(t, root);
@@ -281,13 +291,12 @@ static enum umb_status visit_band(struct traversal *t, const struct node_list *r
 }
 
 /* Takes back what the lowest band has placed. */
-static void rewind_to(struct traversal *t, size_t node_count, uint32_t page_count)
+static void rewind_to(struct traversal *t, uint32_t page_count)
 {
-    t->order->node_count = node_count;
     t->order->page_count = page_count;
+    memcpy(t->next, t->order->begins[page_count], sizeof t->next);
     for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
-        const size_t words = umb__bits_words(umb__octree_level_count(t->octree, level));
-        memset(t->placed.level[level], 0, words * sizeof *t->placed.level[level]);
+        memset(t->states[level], 0, state_words(t, level) * sizeof *t->states[level]);
     }
 }
 
@@ -333,7 +342,6 @@ static enum umb_status try_copies(struct traversal *t, const struct node_list *r
 static enum umb_status visit_lowest_band(struct traversal *t, const struct node_list *roots)
 {
     struct umb__pack_order *order = t->order;
-    const size_t node_count = order->node_count;
     const uint32_t page_count = order->page_count;
     bool worth;
     t->alone = true;
@@ -345,7 +353,7 @@ static enum umb_status visit_lowest_band(struct traversal *t, const struct node_
     if (worth && sample_step(roots) == 1) {
         return UMB_OK; /* all roots were visited */
     }
-    rewind_to(t, node_count, page_count);
+    rewind_to(t, page_count);
     t->alone = worth;
     return visit_band(t, roots);
 }
@@ -387,6 +395,45 @@ static enum umb_status visit_bands(struct traversal *t)
     return status;
 }
 
+/* Notes the pages of every 64th ordinal of each level, and of the last. */
+static enum umb_status make_hints(struct traversal *t)
+{
+    struct umb__pack_order *order = t->order;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        const uint32_t count = t->next[level];
+        const size_t hints = count / HINT_ORDINALS + 2;
+        uint32_t page = 0, *hint = umb__alloc(order->alloc, hints, sizeof *hint);
+        order->hints[level] = hint;
+        if (!hint) {
+            return no_memory(t->error);
+        }
+        for (size_t i = 0; i < hints && count > 0; i++) {
+            const size_t ordinal = i * HINT_ORDINALS < count ? i * HINT_ORDINALS : count - 1;
+            while (order->begins[page + 1][level] <= ordinal) {
+                page++;
+            }
+            hint[i] = page;
+        }
+    }
+    return UMB_OK;
+}
+
+struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
+                                       uint32_t ordinal)
+{
+    const uint32_t *hint = order->hints[level] + ordinal / HINT_ORDINALS;
+    uint32_t low = hint[0], high = hint[1];
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (order->begins[middle + 1][level] <= ordinal) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return (struct umb__node_place){low, ordinal - order->begins[low][level]};
+}
+
 enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
                                 struct umb_error *error)
 {
@@ -401,10 +448,11 @@ enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pac
     memcpy(order->counts, survey.counts, sizeof order->counts);
     struct traversal t = {.octree = octree, .survey = &survey, .order = order, .error = error};
     status = visit_bands(&t);
+    status = status == UMB_OK ? make_hints(&t) : status;
     umb__free(order->alloc, t.waiting.nodes);
-    bits_finish(order->alloc, &t.placed);
-    bits_finish(order->alloc, &t.here);
-    bits_finish(order->alloc, &t.waits);
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(order->alloc, t.states[level]);
+    }
     umb__pack_survey_finish(&survey);
     if (status != UMB_OK) {
         umb__pack_order_finish(order);
@@ -415,9 +463,10 @@ enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pac
 void umb__pack_order_finish(struct umb__pack_order *order)
 {
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(order->alloc, order->places[level]);
+        umb__free(order->alloc, order->nodes[level]);
+        umb__free(order->alloc, order->ordinals[level]);
+        umb__free(order->alloc, order->hints[level]);
     }
-    umb__free(order->alloc, order->sequence);
-    umb__free(order->alloc, order->page_first);
+    umb__free(order->alloc, order->begins);
     memset(order, 0, sizeof *order);
 }

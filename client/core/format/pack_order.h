@@ -23,29 +23,36 @@ struct umb__node_ref {
     uint32_t index; /* in the octree's numbering */
 };
 
-/* Where a node stands; one of several in the lowest band, the only one of the roots of a band. */
+/* Where a node stands. */
 struct umb__node_place {
     uint32_t page;
     uint32_t position; /* among the page's nodes of the level */
 };
 
+/* Numbers of one level's nodes in the order of the file, copies included, are its ordinals. */
 struct umb__pack_order {
-    size_t node_count;              /* copies included */
-    struct umb__node_ref *sequence; /* [node_count], in the order of the file */
-    size_t sequence_capacity;
+    uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal], in the octree's numbering */
+    size_t node_capacity[UMB_LEVEL_MAX + 1];
+    /* [count of the level] the ordinal of what is reached: of one of several in the lowest band,
+     * the only one of the roots of a band. */
+    uint32_t *ordinals[UMB_LEVEL_MAX + 1];
     uint32_t page_count;
     uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
-    size_t *page_first;  /* [page_count + 1], in sequence */
-    size_t page_capacity;
-    struct umb__node_place
-        *places[UMB_LEVEL_MAX + 1];     /* [count of the level]; of what is reached */
+    uint32_t (*begins)[UMB_LEVEL_MAX + 1]; /* [page_count + 1][level] a page's first ordinals */
+    size_t begins_capacity;
+    uint32_t *hints[UMB_LEVEL_MAX + 1]; /* the page of every 64th ordinal and of the last */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* distinct reached nodes of each level */
     const struct umb_alloc *alloc;
 };
 
-/* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages). */
+/* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
+ * or copies). */
 UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,
                                             struct umb__pack_order *order, struct umb_error *error);
 void umb__pack_order_finish(struct umb__pack_order *order);
+
+/* Finds where an ordinal of a level stands. Cost: a search among the pages of 64 ordinals. */
+struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
+                                       uint32_t ordinal);
 
 #endif

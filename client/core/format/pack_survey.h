@@ -25,11 +25,6 @@ static inline void umb__bits_add(uint64_t *bits, uint32_t number)
     bits[number / 64] |= (uint64_t)1 << (number % 64);
 }
 
-static inline void umb__bits_drop(uint64_t *bits, uint32_t number)
-{
-    bits[number / 64] &= ~((uint64_t)1 << (number % 64));
-}
-
 /* Number of unique nodes of a level (bricks for level 3). */
 uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level);
 

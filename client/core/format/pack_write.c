@@ -102,8 +102,7 @@ static enum umb_status write_page(const struct writer *w, struct page_worker *wo
     umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(w->stored[page], length));
     entry[UMB__PAGE_LEVEL_HIGH] = e->raw[1];
     entry[UMB__PAGE_LEVEL_LOW] = e->raw[2];
-    umb__store32(entry + UMB__PAGE_RECORDS,
-                 (uint32_t)(w->order.page_first[page + 1] - w->order.page_first[page]));
+    umb__store32(entry + UMB__PAGE_RECORDS, e->node_count);
     const void *part = e->raw;
     w->sha256->digest(w->sha256->user, &part, &e->raw_size, 1, entry + UMB__PAGE_HASH);
     return umb__digest_made(entry + UMB__PAGE_HASH) ? UMB_OK : no_memory(&worker->error);
@@ -195,7 +194,8 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
         const struct umb_octree_root *root = &w->octree->roots[i];
         canonical.roots[i].state = (uint32_t)root->state;
         if (root->state == UMB_NODE_MIXED) {
-            const struct umb__node_place place = w->order.places[root->level][root->index];
+            const struct umb__node_place place = umb__pack_place(
+                &w->order, root->level, w->order.ordinals[root->level][root->index]);
             canonical.roots[i].page = place.page;
             canonical.roots[i].position = place.position;
         }

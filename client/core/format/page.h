@@ -51,10 +51,11 @@ UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, str
 struct umb__page_encoder {
     uint8_t *raw; /* [raw_size] the page encoded last */
     size_t raw_size, raw_capacity;
-    uint32_t *nodes; /* of the page, level by level */
-    size_t nodes_capacity;
+    uint32_t node_count;  /* nodes and bricks in it */
     uint32_t *references; /* of a level */
     size_t references_capacity;
+    uint8_t *runs; /* of the bricks */
+    size_t runs_capacity;
     struct umb__value_set table; /* a level's nodes in other pages, or leaves */
     struct umb__value_set own;   /* the page's nodes of a level, by their number in the octree */
 };

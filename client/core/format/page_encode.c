@@ -18,8 +18,7 @@ struct writer {
     bool failed; /* out of memory: checked at the end */
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
-    size_t node_first[UMB_LEVEL_MAX + 1];      /* of the level, in e->nodes */
-    size_t reference_count[UMB_LEVEL_MAX + 1]; /* [3]: runs of all bricks */
+    const uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [node_count] in the order of the page */
 };
 
 static uint8_t *append(struct writer *w, size_t count)
@@ -48,52 +47,22 @@ static unsigned brick_runs(const uint64_t *brick)
 /* How many nodes or children ahead of the one at work memory is asked for. */
 #define AHEAD 16U
 
-static void ask_ahead(const struct umb_octree *octree, struct umb__node_ref node)
+/* Finds the page's nodes of each level. */
+static void find_nodes(struct writer *w)
 {
-    if (node.level == UMB_LEVEL_BRICK) {
-        __builtin_prefetch(octree->bricks[node.index]);
-    } else {
-        __builtin_prefetch(octree->level[node.level].first + node.index);
-    }
-}
-
-/* Sorts the page's nodes by level, in the order of the page, and counts. False: out of memory. */
-static bool collect(struct writer *w)
-{
-    const size_t first = w->order->page_first[w->page], end = w->order->page_first[w->page + 1];
-    const struct umb__node_ref *sequence = w->order->sequence;
+    const uint32_t *begins = w->order->begins[w->page], *ends = w->order->begins[w->page + 1];
     w->level_high = UMB_LEVEL_BRICK;
     w->level_low = UMB_LEVEL_MAX;
-    for (size_t s = first; s < end; s++) {
-        const uint32_t level = sequence[s].level;
-        w->node_count[level]++;
-        w->level_high = level > w->level_high ? level : w->level_high;
-        w->level_low = level < w->level_low ? level : w->level_low;
-    }
-    if (!umb__grow(w->order->alloc, &w->e->nodes, &w->e->nodes_capacity, end - first,
-                   sizeof *w->e->nodes)) {
-        return false;
-    }
-    size_t place[UMB_LEVEL_MAX + 1], next = 0;
-    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        place[level] = w->node_first[level] = next;
-        next += w->node_count[level];
-    }
-    for (size_t s = first; s < end; s++) {
-        const struct umb__node_ref node = sequence[s];
-        if (s + AHEAD < end) {
-            ask_ahead(w->octree, sequence[s + AHEAD]);
-        }
-        w->e->nodes[place[node.level]++] = node.index;
-        if (node.level == UMB_LEVEL_BRICK) {
-            w->reference_count[UMB_LEVEL_BRICK] +=
-                (size_t)__builtin_popcount(brick_runs(w->octree->bricks[node.index]));
-        } else {
-            const uint32_t *begins = w->octree->level[node.level].first + node.index;
-            w->reference_count[node.level] += begins[1] - begins[0];
+    w->e->node_count = 0;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        w->nodes[level] = w->order->nodes[level] + begins[level];
+        w->node_count[level] = ends[level] - begins[level];
+        w->e->node_count += w->node_count[level];
+        if (w->node_count[level] > 0) {
+            w->level_high = level;
+            w->level_low = level < w->level_low ? level : w->level_low;
         }
     }
-    return true;
 }
 
 /* Writes what is known of the counts; the others are put in as the levels are written. */
@@ -121,15 +90,14 @@ static void put_table_count(struct writer *w, uint32_t level, size_t count)
     umb__store32(w->e->raw + 4 + 4 * (levels + w->level_high - level), (uint32_t)count);
 }
 
-/* Makes room for a level's references and an empty table. False: out of memory. */
-static bool begin_table(struct writer *w, uint32_t level)
+/* Makes room for at most so many references of a level and an empty table. False: out of memory. */
+static bool begin_table(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
-    const size_t count = w->reference_count[level];
     if (w->failed ||
-        !umb__grow(w->order->alloc, &e->references, &e->references_capacity, count + 1,
+        !umb__grow(w->order->alloc, &e->references, &e->references_capacity, most + 1,
                    sizeof *e->references) ||
-        !umb__value_set_begin(&e->table, w->order->alloc, count)) {
+        !umb__value_set_begin(&e->table, w->order->alloc, most)) {
         w->failed = true;
     }
     return !w->failed;
@@ -144,115 +112,168 @@ static bool sort_table(struct writer *w)
 /* Marks a reference to the table; the page's own nodes are numbered by position. */
 #define IN_TABLE 0x80000000U
 
-/* Lists the children of a level's nodes, in their order. */
-static void list_children(struct writer *w, uint32_t node_level)
+/* Lists the children of a level's nodes, in their order, and returns how many there are. */
+static size_t list_children(struct writer *w, uint32_t node_level)
 {
     const struct umb_octree_level *level = &w->octree->level[node_level];
-    const uint32_t *nodes = w->e->nodes + w->node_first[node_level];
-    size_t n = 0;
-    for (uint32_t i = 0; i < w->node_count[node_level]; i++) {
+    const uint32_t *nodes = w->nodes[node_level];
+    const uint32_t count = w->node_count[node_level];
+    uint32_t *reference = w->e->references;
+    for (uint32_t i = 0; i < count; i++) {
+        if (i + 2 * AHEAD < count) {
+            __builtin_prefetch(level->first + nodes[i + 2 * AHEAD]);
+            __builtin_prefetch(level->masks + nodes[i + 2 * AHEAD]);
+        }
+        if (i + AHEAD < count) {
+            __builtin_prefetch(level->children + level->first[nodes[i + AHEAD]]);
+        }
         for (uint32_t c = level->first[nodes[i]]; c < level->first[nodes[i] + 1]; c++) {
-            w->e->references[n++] = level->children[c];
+            *reference++ = level->children[c];
         }
     }
+    return (size_t)(reference - w->e->references);
 }
 
 /* Turns children into positions in the page, where all of them stand: the set numbers nodes as it
  * meets them, which is their order in the page. False: out of memory. */
-static bool number_own(struct writer *w, uint32_t node_level)
+static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 {
     struct umb__value_set *own = &w->e->own;
-    const uint32_t *below = w->e->nodes + w->node_first[node_level - 1];
+    const uint32_t *below = w->nodes[node_level - 1];
     if (!umb__value_set_begin(own, w->order->alloc, w->node_count[node_level - 1])) {
         return false;
     }
     for (uint32_t i = 0; i < w->node_count[node_level - 1]; i++) {
         (void)umb__value_set_add(own, below[i]);
     }
-    for (size_t i = 0; i < w->reference_count[node_level]; i++) {
+    for (size_t i = 0; i < count; i++) {
         w->e->references[i] = umb__value_set_add(own, w->e->references[i]);
     }
     return true;
 }
 
 /* Turns children into positions in the page, or numbers in the table of those in others. */
-static void number_all(struct writer *w, uint32_t node_level)
+static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
-    const struct umb__node_place *places = w->order->places[node_level - 1];
-    const size_t count = w->reference_count[node_level];
+    const uint32_t *ordinals = w->order->ordinals[node_level - 1];
+    const uint32_t begin = w->order->begins[w->page][node_level - 1];
+    const uint32_t own = w->node_count[node_level - 1];
     uint32_t *references = w->e->references;
     for (size_t i = 0; i < count; i++) {
         if (i + AHEAD < count) {
-            __builtin_prefetch(places + references[i + AHEAD]);
+            __builtin_prefetch(ordinals + references[i + AHEAD]);
         }
-        const struct umb__node_place place = places[references[i]];
-        const uint64_t far = (uint64_t)place.page << 32 | place.position;
-        references[i] = place.page == w->page ? place.position
-                                              : IN_TABLE | umb__value_set_add(&w->e->table, far);
+        const uint32_t ordinal = ordinals[references[i]];
+        references[i] = ordinal - begin < own
+                            ? ordinal - begin
+                            : IN_TABLE | umb__value_set_add(&w->e->table, ordinal);
     }
+}
+
+/* Writes numbers of a width. */
+static uint8_t *put_numbers(uint8_t *at, const uint32_t *numbers, size_t count, unsigned width)
+{
+    if (width == 1) {
+        for (size_t i = 0; i < count; i++) {
+            at[i] = (uint8_t)numbers[i];
+        }
+    } else if (width == 2) {
+        for (size_t i = 0; i < count; i++) {
+            umb__store16(at + 2 * i, (uint16_t)numbers[i]);
+        }
+    } else {
+        for (size_t i = 0; i < count; i++) {
+            umb__store_narrow(at + width * i, numbers[i], width);
+        }
+    }
+    return at + width * count;
+}
+
+/* Writes where the table's nodes, all in other pages, stand. */
+static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *at)
+{
+    const struct umb__value_set *table = &w->e->table;
+    for (size_t i = 0; i < table->count; i++) {
+        const struct umb__node_place place =
+            umb__pack_place(w->order, level, (uint32_t)table->values[i]);
+        umb__store32(at + 4 * i, place.page);
+        umb__store32(at + 4 * (table->count + i), place.position);
+    }
+    return at + 8 * table->count;
 }
 
 static void write_nodes(struct writer *w, uint32_t node_level)
 {
     const struct umb__value_set *table = &w->e->table;
-    if (!begin_table(w, node_level)) {
+    const uint32_t nodes = w->node_count[node_level], own = w->node_count[node_level - 1];
+    if (!begin_table(w, 8 * (size_t)nodes)) {
         return;
     }
-    list_children(w, node_level);
+    uint32_t *references = w->e->references;
+    const size_t count = list_children(w, node_level);
     if (w->page >= w->order->alone_from) {
-        w->failed = !number_own(w, node_level);
+        w->failed = !number_own(w, node_level, count);
     } else {
-        number_all(w, node_level);
+        number_all(w, node_level, count);
     }
     if (!sort_table(w)) {
         return;
     }
-    const size_t externals = table->count, nodes = w->node_count[node_level];
-    const uint32_t own = w->node_count[node_level - 1];
-    const unsigned width = umb__narrow_width((uint64_t)own + externals);
-    uint8_t *at = append(w, 8 * externals + 2 * nodes + width * w->reference_count[node_level]);
+    const unsigned width = umb__narrow_width((uint64_t)own + table->count);
+    uint8_t *at = append(w, 8 * table->count + 2 * (size_t)nodes + width * count);
     if (!at) {
         return;
     }
-    put_table_count(w, node_level, externals);
-    for (size_t i = 0; i < externals; i++) {
-        umb__store32(at + 4 * i, (uint32_t)(table->values[i] >> 32));
-        umb__store32(at + 4 * (externals + i), (uint32_t)table->values[i]);
+    put_table_count(w, node_level, table->count);
+    at = put_externals(w, node_level - 1, at);
+    for (uint32_t i = 0; i < nodes; i++, at += 2) {
+        umb__store16(at, w->octree->level[node_level].masks[w->nodes[node_level][i]]);
     }
-    at += 8 * externals;
-    for (size_t i = 0; i < nodes; i++, at += 2) {
-        const uint32_t node = w->e->nodes[w->node_first[node_level] + i];
-        umb__store16(at, w->octree->level[node_level].masks[node]);
+    for (size_t i = 0; i < count; i++) {
+        references[i] =
+            references[i] & IN_TABLE ? own + table->rank[references[i] & ~IN_TABLE] : references[i];
     }
-    for (size_t i = 0; i < w->reference_count[node_level]; i++, at += width) {
-        const uint32_t reference = w->e->references[i];
-        const uint32_t number =
-            reference & IN_TABLE ? own + table->rank[reference & ~IN_TABLE] : reference;
-        umb__store_narrow(at, number, width);
+    (void)put_numbers(at, references, count, width);
+}
+
+/* Finds the runs of the page's bricks and the numbers of their leaves, and returns how many these
+ * are. */
+static size_t list_leaves(struct writer *w)
+{
+    const uint32_t *nodes = w->nodes[UMB_LEVEL_BRICK];
+    const uint32_t bricks = w->node_count[UMB_LEVEL_BRICK];
+    uint32_t *reference = w->e->references;
+    for (uint32_t i = 0; i < bricks; i++) {
+        if (i + AHEAD < bricks) {
+            __builtin_prefetch(w->octree->bricks[nodes[i + AHEAD]]);
+        }
+        const uint64_t *brick = w->octree->bricks[nodes[i]];
+        w->e->runs[i] = (uint8_t)brick_runs(brick);
+        for (unsigned runs = w->e->runs[i]; runs != 0; runs &= runs - 1) {
+            *reference++ = umb__value_set_add(&w->e->table, brick[__builtin_ctz(runs)]);
+        }
     }
+    return (size_t)(reference - w->e->references);
 }
 
 static void write_bricks(struct writer *w)
 {
-    const struct umb__value_set *table = &w->e->table;
-    const uint32_t *nodes = w->e->nodes + w->node_first[UMB_LEVEL_BRICK];
+    struct umb__page_encoder *e = w->e;
+    const struct umb__value_set *table = &e->table;
     const size_t bricks = w->node_count[UMB_LEVEL_BRICK];
-    if (!begin_table(w, UMB_LEVEL_BRICK)) {
+    if (!umb__grow(w->order->alloc, &e->runs, &e->runs_capacity, bricks, 1)) {
+        w->failed = true;
         return;
     }
-    uint32_t *reference = w->e->references;
-    for (size_t i = 0; i < bricks; i++) {
-        const uint64_t *brick = w->octree->bricks[nodes[i]];
-        for (unsigned runs = brick_runs(brick); runs != 0; runs &= runs - 1) {
-            *reference++ = umb__value_set_add(&w->e->table, brick[__builtin_ctz(runs)]);
-        }
+    if (!begin_table(w, 8 * bricks)) {
+        return;
     }
+    const size_t count = list_leaves(w);
     if (!sort_table(w)) {
         return;
     }
     const unsigned width = umb__narrow_width(table->count);
-    const size_t references = w->reference_count[UMB_LEVEL_BRICK];
-    uint8_t *at = append(w, 8 * table->count + bricks + width * references);
+    uint8_t *at = append(w, 8 * table->count + bricks + width * count);
     if (!at) {
         return;
     }
@@ -260,12 +281,11 @@ static void write_bricks(struct writer *w)
     for (size_t i = 0; i < table->count; i++, at += 8) {
         umb__store64(at, table->values[i]);
     }
-    for (size_t i = 0; i < bricks; i++) {
-        *at++ = (uint8_t)brick_runs(w->octree->bricks[nodes[i]]);
+    memcpy(at, e->runs, bricks);
+    for (size_t i = 0; i < count; i++) {
+        e->references[i] = table->rank[e->references[i]];
     }
-    for (size_t i = 0; i < references; i++, at += width) {
-        umb__store_narrow(at, table->rank[w->e->references[i]], width);
-    }
+    (void)put_numbers(at + bricks, e->references, count, width);
 }
 
 enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb_octree *octree,
@@ -274,7 +294,7 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct
 {
     struct writer w = {.octree = octree, .order = order, .e = encoder, .page = page};
     encoder->raw_size = 0;
-    w.failed = !collect(&w);
+    find_nodes(&w);
     write_counts(&w);
     for (uint32_t level = w.level_high; level >= w.level_low && level > UMB_LEVEL_BRICK; level--) {
         write_nodes(&w, level);
@@ -295,8 +315,8 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct
 void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc)
 {
     umb__free(alloc, encoder->raw);
-    umb__free(alloc, encoder->nodes);
     umb__free(alloc, encoder->references);
+    umb__free(alloc, encoder->runs);
     umb__value_set_finish(&encoder->table, alloc);
     umb__value_set_finish(&encoder->own, alloc);
     memset(encoder, 0, sizeof *encoder);

@@ -15,29 +15,55 @@ struct umb__value_pair {
     uint32_t number;
 };
 
+/* Slots of an empty set: few, so that they stay in the first-level cache. */
+#define LOG2_SLOTS_FIRST 8U
+
+static void clear_slots(struct umb__value_set *set, unsigned log2)
+{
+    memset(set->slots, 0, sizeof *set->slots << log2);
+    set->log2_slots = log2;
+}
+
 bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *alloc, size_t most)
 {
-    unsigned log2 = 4;
+    unsigned log2 = LOG2_SLOTS_FIRST;
     while (((size_t)1 << log2) < 2 * most) {
         log2++;
     }
-    const size_t slots = (size_t)1 << log2;
-    if (!umb__grow(alloc, &set->slots, &set->slots_capacity, slots, sizeof *set->slots) ||
+    if (!umb__grow(alloc, &set->slots, &set->slots_capacity, (size_t)1 << log2,
+                   sizeof *set->slots) ||
         !umb__grow(alloc, &set->values, &set->values_capacity, most + 1, sizeof *set->values)) {
         return false;
     }
-    memset(set->slots, 0, slots * sizeof *set->slots);
-    set->log2_slots = log2;
+    clear_slots(set, LOG2_SLOTS_FIRST);
     set->count = 0;
     return true;
 }
 
+/* Fibonacci hashing of a value folded once: masks differ in few and far bits. */
+static size_t first_slot(const struct umb__value_set *set, uint64_t value)
+{
+    return (size_t)(((value ^ (value >> 29)) * 0x9e3779b97f4a7c15ULL) >> (64 - set->log2_slots));
+}
+
+/* Takes twice as many slots, for which begin has made room. */
+static void double_slots(struct umb__value_set *set)
+{
+    clear_slots(set, set->log2_slots + 1);
+    const size_t last = ((size_t)1 << set->log2_slots) - 1;
+    for (uint32_t number = 0; number < set->count; number++) {
+        size_t at = first_slot(set, set->values[number]);
+        while (set->slots[at] != 0) {
+            at = (at + 1) & last;
+        }
+        set->slots[at] = number + 1;
+    }
+}
+
 uint32_t umb__value_set_add(struct umb__value_set *set, uint64_t value)
 {
-    /* Fibonacci hashing of a value folded once: masks differ in few and far bits. */
-    const uint64_t mixed = (value ^ (value >> 29)) * 0x9e3779b97f4a7c15ULL;
     const size_t last = ((size_t)1 << set->log2_slots) - 1;
-    size_t at = (size_t)(mixed >> (64 - set->log2_slots));
+    size_t at = first_slot(set, value);
     for (; set->slots[at] != 0; at = (at + 1) & last) {
         const uint32_t number = set->slots[at] - 1;
         if (set->values[number] == value) {
@@ -46,6 +72,9 @@ uint32_t umb__value_set_add(struct umb__value_set *set, uint64_t value)
     }
     set->values[set->count++] = value;
     set->slots[at] = (uint32_t)set->count;
+    if (2 * set->count > last + 1) {
+        double_slots(set);
+    }
     return (uint32_t)set->count - 1;
 }
 
@@ -61,27 +90,23 @@ static void sort_few(struct umb__value_pair *pairs, size_t count)
     }
 }
 
-/* Sorts by one byte from `from` into `to`; false, and nothing done, if all have the same byte. */
-static bool sort_by_byte(const struct umb__value_pair *from, size_t count, unsigned shift,
+/* Sorts by one byte from `from` into `to`. */
+static void sort_by_byte(const struct umb__value_pair *from, size_t count, unsigned shift,
                          struct umb__value_pair *to)
 {
-    size_t place[256] = {0};
+    uint32_t place[256] = {0};
     for (size_t i = 0; i < count; i++) {
         place[from[i].value >> shift & 0xff]++;
     }
-    if (place[from[0].value >> shift & 0xff] == count) {
-        return false;
-    }
-    size_t next = 0;
+    uint32_t next = 0;
     for (size_t byte = 0; byte < 256; byte++) {
-        const size_t here = place[byte];
+        const uint32_t here = place[byte];
         place[byte] = next;
         next += here;
     }
     for (size_t i = 0; i < count; i++) {
         to[place[from[i].value >> shift & 0xff]++] = from[i];
     }
-    return true;
 }
 
 bool umb__value_set_sort(struct umb__value_set *set, const struct umb_alloc *alloc)
@@ -92,14 +117,17 @@ bool umb__value_set_sort(struct umb__value_set *set, const struct umb_alloc *all
         return false;
     }
     struct umb__value_pair *from = set->pairs, *to = set->pairs + count;
+    uint64_t differ = 0; /* bits in which not all are equal */
     for (size_t i = 0; i < count; i++) {
         from[i] = (struct umb__value_pair){set->values[i], (uint32_t)i};
+        differ |= set->values[i] ^ set->values[0];
     }
     if (count <= INSERTION_MAX) {
         sort_few(from, count);
     } else {
         for (unsigned shift = 0; shift < 64; shift += 8) {
-            if (sort_by_byte(from, count, shift, to)) {
+            if ((differ >> shift & 0xff) != 0) {
+                sort_by_byte(from, count, shift, to);
                 struct umb__value_pair *swap = from;
                 from = to;
                 to = swap;
