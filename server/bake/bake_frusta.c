@@ -197,9 +197,6 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
     return status;
 }
 
-/* What a front may take: an asset's head holds it, with all else that it says (umb-format.md). */
-#define FRONT_MAX_BYTES ((size_t)48 << 20)
-
 static enum umb_status open_fronts(struct series *series, struct umb_error *error)
 {
     const struct umbb_analysis *analysis = series->job->analysis;
@@ -211,7 +208,7 @@ static enum umb_status open_fronts(struct series *series, struct umb_error *erro
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < analysis->frustum_count && status == UMB_OK; i++) {
         status = umb_front_init(&series->fronts[i], NULL, analysis->frusta[i].log2_size,
-                                FRONT_MAX_BYTES / analysis->frustum_count, error);
+                                series->job->front_max_bytes / analysis->frustum_count, error);
     }
     return status;
 }

@@ -24,6 +24,7 @@ struct umbb_frusta_job {
     const struct umbb_memory_plan *memory; /* as divided for these options */
     struct umbb_tile_keeping *keeping;     /* NULL: no tile is kept or found */
     struct umbb_front_words *front;        /* gets the front; NULL: not wanted */
+    size_t front_max_bytes;                /* for it: umbb_head_front_bytes */
     uint64_t *near_cells; /* [frustum_count][UMB__NEAR_WORDS] gets the cells that hold receivers,
                            * and the static rule holds; NULL: off */
 };

@@ -17,6 +17,7 @@
 #include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
 #include "bake/bake_transmittance.h"
+#include "bake/head_room.h"
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
@@ -108,7 +109,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
         .tile_log2 = o->tile_log2,
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule || o->static_rule,
-        .ruled = o->static_rule,
+        .ruled_frusta = o->static_rule ? run->analysis.frustum_count : 0,
         .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),
@@ -286,17 +287,47 @@ static enum umb_status open_static(struct run *run, struct umb_error *error)
                                               "static rule: memory of %u lights refused", count);
 }
 
+/* What the asset is to say so far. */
+static struct umb_content content_of(const struct run *run)
+{
+    return (struct umb_content){
+        .light_count = run->analysis.choice.count,
+        .frustum_count = run->analysis.frustum_count,
+        .lights = run->analysis.choice.lights,
+        .frusta = run->analysis.frusta,
+        .bounds = run->analysis.bounds,
+        .plan = run->plan,
+        .settings = run->settings,
+        .front = run->front.words,
+        .front_words = run->front.count,
+        .transmittance = run->transmittance.data,
+        .transmittance_bytes = run->transmittance.count,
+        .near_cells = run->near_cells,
+    };
+}
+
+static enum umb_status divide_head(const struct run *run, size_t *front_bytes,
+                                   struct umb_error *error)
+{
+    const struct umb_content content = content_of(run);
+    return umbb_head_front_bytes(&content, run->analysis.translucent_count > 0, front_bytes, error);
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
     const struct umbb_memory_input input = memory_input(run);
     struct umbb_memory_plan memory;
+    size_t front_bytes = 0;
     enum umb_status status = umbb_memory_divide(&input, &memory, error);
     if (status == UMB_OK) {
         status = check_tiles(run, &memory, error);
     }
     if (status == UMB_OK) {
         status = open_static(run, error);
+    }
+    if (status == UMB_OK) {
+        status = divide_head(run, &front_bytes, error);
     }
     if (status == UMB_OK) {
         status = open_keeping(run, error);
@@ -318,6 +349,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .memory = &memory,
         .keeping = run->keeping.cache.folder != NULL ? &run->keeping : NULL,
         .front = run->options->front && run->analysis.closed_rule ? &run->front : NULL,
+        .front_max_bytes = front_bytes,
         .near_cells = run->near_cells,
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
@@ -352,21 +384,8 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     const double start = umbb_clock_s();
     umbb_progress_phase("write");
     write_notes(run, notes, sizeof notes);
-    struct umb_content content = {
-        .light_count = run->analysis.choice.count,
-        .frustum_count = run->analysis.frustum_count,
-        .lights = run->analysis.choice.lights,
-        .frusta = run->analysis.frusta,
-        .bounds = run->analysis.bounds,
-        .plan = run->plan,
-        .settings = run->settings,
-        .front = run->front.words,
-        .front_words = run->front.count,
-        .transmittance = run->transmittance.data,
-        .transmittance_bytes = run->transmittance.count,
-        .near_cells = run->near_cells,
-        .notes = notes,
-    };
+    struct umb_content content = content_of(run);
+    content.notes = notes;
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
     run->publish.threads = run->options->threads;

@@ -4,6 +4,7 @@
 
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
+#include "format/near.h"
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
 #define CORNER_BYTES  75U                  /* of a triangle while baking */
@@ -14,8 +15,9 @@
 /* Of a triangle under the static rule: what was seen of it, its place in a list, its kind. */
 #define RULED_BYTES (1 + 4 + 1)
 #define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
-#define GRID_CELL   80U                 /* of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN  ((uint64_t)1 << 20) /* the least worth starting with */
+#define NEAR_BYTES  ((uint64_t)UMB__NEAR_WORDS * 8) /* of a frustum under the static rule */
+#define GRID_CELL   80U                             /* of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN  ((uint64_t)1 << 20)             /* the least worth starting with */
 
 /* Everything but the octree and what does not depend on the tile. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
@@ -24,14 +26,14 @@ static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_
     const size_t drawn = umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule);
     const uint64_t band = ((uint64_t)UMBB_STATIC_BAND << tile_log2) * 4; /* of a thread */
     return (input->merging ? 0 : drawn) + cells * GRID_CELL +
-           (input->ruled ? input->threads * band : 0);
+           (input->ruled_frusta > 0 ? input->threads * band : 0);
 }
 
 /* Of a triangle while baking. */
 static uint64_t baked_triangle(const struct umbb_memory_input *input)
 {
     return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0) +
-           (input->projected ? PROJECTED_BYTES : 0) + (input->ruled ? RULED_BYTES : 0);
+           (input->projected ? PROJECTED_BYTES : 0) + (input->ruled_frusta > 0 ? RULED_BYTES : 0);
 }
 
 /* What does not depend on the tile. */
@@ -40,7 +42,8 @@ static uint64_t base_bytes(const struct umbb_memory_input *input)
     uint64_t triangle = baked_triangle(input);
     triangle = triangle > UMBB_TRIANGLE_BYTES ? triangle : UMBB_TRIANGLE_BYTES;
     return PROGRAM_BYTES + input->scene_bytes + triangle * input->triangles +
-           input->threads * LAYER_BYTES + (input->projected ? PROJECTED_MIN : 0);
+           input->threads * LAYER_BYTES + (input->projected ? PROJECTED_MIN : 0) +
+           input->ruled_frusta * NEAR_BYTES;
 }
 
 /* What triangles take at other moments and not while baking. */

@@ -19,11 +19,11 @@ struct umbb_memory_input {
     uint32_t log2_size;
     uint32_t tile_log2; /* the largest wanted */
     unsigned threads;
-    int closed_rule; /* or `ruled`: tiles with an `end` of their own */
-    int ruled;       /* by the static rule */
-    int merging;   /* every tile is found: none is drawn */
-    int traced;    /* depth by rays: a bounding volume hierarchy */
-    int projected; /* spot or point lights: triangles stand beside their projections */
+    int closed_rule;       /* or ruled: tiles with an `end` of their own */
+    uint32_t ruled_frusta; /* by the static rule; 0: not */
+    int merging;           /* every tile is found: none is drawn */
+    int traced;            /* depth by rays: a bounding volume hierarchy */
+    int projected;         /* spot or point lights: triangles stand beside their projections */
 };
 
 struct umbb_memory_plan {

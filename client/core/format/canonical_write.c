@@ -142,36 +142,51 @@ static uint64_t entry_length(size_t entry, uint64_t length)
                : UMB__ENTRY_HEAD + umb__entry_padded(length);
 }
 
-enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
-                                      const struct umb_alloc *alloc, uint8_t **bytes,
-                                      uint64_t *length, struct umb_error *error)
+/* Lengths of all entries, and of the whole. */
+static enum umb_status measure(const struct umb_content *content, uint64_t lengths[ENTRY_COUNT],
+                               uint64_t *length, struct umb_error *error)
 {
-    const struct umb_content *content = &canonical->content;
-    uint64_t lengths[ENTRY_COUNT] = {
-        [ENTRY_SCENE] = UMB__SCENE_SIZE,
-        [ENTRY_LIGHTS] = (uint64_t)content->light_count * UMB__LIGHT_SIZE,
-        [ENTRY_FRUSTA] = (uint64_t)content->frustum_count * UMB__FRUSTUM_SIZE,
-        [ENTRY_COUNTS] = UMB__COUNTS_SIZE,
-        [ENTRY_ROOTS] = (uint64_t)content->frustum_count * UMB__ROOT_SIZE,
-        [ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE,
-        [ENTRY_FRONT] = content->front_words * 4,
-        [ENTRY_TRANSMITTANCE] = content->transmittance_bytes,
-        [ENTRY_NEAR] = content->near_cells ? content->frustum_count * UMB__NEAR_WORDS * 8 : 0,
-    };
+    const uint64_t frusta = content->frustum_count;
+    memset(lengths, 0, ENTRY_COUNT * sizeof *lengths);
+    lengths[ENTRY_SCENE] = UMB__SCENE_SIZE;
+    lengths[ENTRY_LIGHTS] = (uint64_t)content->light_count * UMB__LIGHT_SIZE;
+    lengths[ENTRY_FRUSTA] = frusta * UMB__FRUSTUM_SIZE;
+    lengths[ENTRY_COUNTS] = UMB__COUNTS_SIZE;
+    lengths[ENTRY_ROOTS] = frusta * UMB__ROOT_SIZE;
+    lengths[ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE;
+    lengths[ENTRY_FRONT] = content->front_words * 4;
+    lengths[ENTRY_TRANSMITTANCE] = content->transmittance_bytes;
+    lengths[ENTRY_NEAR] = content->near_cells ? frusta * UMB__NEAR_WORDS * 8 : 0;
     enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
     if (status == UMB_OK) {
         status = text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error);
-    }
-    if (status != UMB_OK) {
-        return status;
     }
     *length = 0;
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
         *length += entry_length(i, lengths[i]);
     }
-    if (*length > UMB__CANONICAL_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "canonical block: %llu bytes, at most %u",
-                        (unsigned long long)*length, UMB__CANONICAL_MAX);
+    if (status == UMB_OK && *length > UMB__CANONICAL_MAX) {
+        status = umb_fail(error, UMB_E_ARGUMENT, "canonical block: %llu bytes, at most %u",
+                          (unsigned long long)*length, UMB__CANONICAL_MAX);
+    }
+    return status;
+}
+
+enum umb_status umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes,
+                                       struct umb_error *error)
+{
+    uint64_t lengths[ENTRY_COUNT];
+    return measure(content, lengths, bytes, error);
+}
+
+enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
+                                      const struct umb_alloc *alloc, uint8_t **bytes,
+                                      uint64_t *length, struct umb_error *error)
+{
+    uint64_t lengths[ENTRY_COUNT];
+    const enum umb_status status = measure(&canonical->content, lengths, length, error);
+    if (status != UMB_OK) {
+        return status;
     }
     *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
     if (!*bytes) {

@@ -51,6 +51,15 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
     return w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
 }
 
+/*
+ * How long the canonical block of a content is, by its counts and texts: no array is read.
+ *
+ * Fails: E_ARGUMENT (longer than readers take, 64 MiB; a text that is missing, too long or not
+ *        UTF-8). Cost: the length of the texts.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struct umb_error *error);
+
 /* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
 struct umb_sink {
     enum umb_status (*write)(void *user, const void *bytes, size_t count);

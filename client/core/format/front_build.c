@@ -303,18 +303,22 @@ size_t umb_front_bytes(const struct umb_front *front)
     return (squares + front->capacity) * sizeof(uint32_t);
 }
 
+static enum umb_status too_large(size_t max_words, struct umb_error *error)
+{
+    return umb_fail(
+        error, UMB_E_LIMIT,
+        "front: more than %zu KiB of first-occluder depth: lower the resolution or bake "
+        "with --effect front=off",
+        max_words >> 8);
+}
+
 /* Takes note of a square whose words stand behind the others. */
 static enum umb_status note_square(struct umb_front *front, uint32_t x, uint32_t y, size_t count,
                                    struct umb_error *error)
 {
     front->square[y * squares_across(front) + x] = (uint32_t)front->count + 1;
     front->count += count;
-    return front->count <= front->max_words
-               ? UMB_OK
-               : umb_fail(error, UMB_E_LIMIT,
-                          "front: more than %zu MiB of first-occluder depth: lower the resolution "
-                          "or bake with --effect front=off",
-                          front->max_words >> 18);
+    return front->count <= front->max_words ? UMB_OK : too_large(front->max_words, error);
 }
 
 enum umb_status umb_front_add(struct umb_front *front, uint32_t x, uint32_t y,
@@ -448,8 +452,15 @@ enum umb_status umb_front_join(const struct umb_front *fronts, uint32_t count, u
                                uint64_t *word_count, struct umb_error *error)
 {
     const uint64_t needed = join_all(fronts, count, NULL);
+    size_t allowed = 0;
     *words = NULL;
     *word_count = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        allowed += fronts[i].max_words;
+    }
+    if (needed > allowed) {
+        return too_large(allowed, error);
+    }
     if (needed >= (uint64_t)1 << UMB__FRONT_OFFSET_BITS) {
         return umb_fail(error, UMB_E_LIMIT, "front: %llu words, at most %u",
                         (unsigned long long)needed, 1U << UMB__FRONT_OFFSET_BITS);

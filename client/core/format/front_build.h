@@ -30,7 +30,8 @@ struct umb_front {
 };
 
 /*
- * In:    log2_size: 6 .. 18. max_bytes: for all words.
+ * In:    log2_size: 6 .. 18. max_bytes: for all words, those that join them
+ *        included.
  * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
  */
 UMB_API UMB_CHECKED enum umb_status umb_front_init(struct umb_front *front,
@@ -81,7 +82,7 @@ UMB_API UMB_CHECKED enum umb_status umb_front_add_square(struct umb_front *front
  * Puts the fronts of all frusta together.
  *
  * Out:   words: of the first front's allocator; the caller frees them with umb_front_words_free.
- * Fails: E_NO_MEMORY, E_LIMIT (more words than references reach).
+ * Fails: E_NO_MEMORY, E_LIMIT (more than all fronts' max_bytes, more words than references reach).
  */
 UMB_API UMB_CHECKED enum umb_status umb_front_join(const struct umb_front *fronts, uint32_t count,
                                                    uint32_t **words, uint64_t *word_count,

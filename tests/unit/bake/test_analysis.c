@@ -553,12 +553,17 @@ static void memory_is_divided_within_the_limit(void **state)
     input.threads = 256;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
     const uint64_t free_of_rules = plan.fixed_bytes;
-    input.ruled = 1;
+    input.ruled_frusta = 1;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
     assert_int_equal(plan.tile_log2, 12);
     assert_true(plan.fixed_bytes >= free_of_rules + ((uint64_t)256 << 20));
     assert_true(plan.fixed_bytes + plan.octree_max_bytes <= input.memory_bytes);
-    input.ruled = 0;
+    /* What says which cells hold receivers: 32 KiB a frustum. */
+    const uint64_t of_one = plan.fixed_bytes;
+    input.ruled_frusta = 1024;
+    assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
+    assert_int_equal(plan.fixed_bytes, of_one + 1023 * 32768);
+    input.ruled_frusta = 0;
     input.threads = 2;
     /* A merge draws no tile: the size asked for is free. */
     input.memory_bytes = (uint64_t)700 << 20;

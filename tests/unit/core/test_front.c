@@ -189,6 +189,22 @@ static void fronts_that_are_too_large_are_refused_with_a_way_out(void **state)
     assert_non_null(strstr(error.message, "front=off"));
     umb_front_finish(&front);
     map_finish(&map);
+    /* Words of squares fit; with those that lead to them, for each level down, they do not. */
+    map = make_city(10, 2);
+    assert_int_equal(umb_front_init(&front, NULL, 10, 1U << 26, NULL), UMB_OK);
+    add_square(&map, 5, 5, &front);
+    const size_t squares = front.count;
+    assert_true(squares > 0);
+    umb_front_finish(&front);
+    assert_int_equal(umb_front_init(&front, NULL, 10, 4 * squares, NULL), UMB_OK);
+    add_square(&map, 5, 5, &front);
+    uint32_t *words;
+    uint64_t count;
+    assert_int_equal(umb_front_join(&front, 1, &words, &count, &error), UMB_E_LIMIT);
+    assert_non_null(strstr(error.message, "front=off"));
+    assert_null(words);
+    umb_front_finish(&front);
+    map_finish(&map);
 }
 
 /* Damaged words are refused, or lead nowhere else and to depths of the frustum. */
