@@ -24,13 +24,28 @@ static inline uint32_t umb__padded(const struct umb__block *block)
     return (block->size + 7) & ~7U;
 }
 
+/* Point i has met a piece of this value: it is settled, or goes on to a node or a brick, which is
+ * asked for at once and not in a loop of its own: with some ten lines on their way from memory a
+ * core has no room for more, and while it waits it can compute what the next points need. */
+static inline void umb__enter_piece(const struct umb__query *q, struct umb__block *block,
+                                    uint32_t i, uint32_t value, struct umb__descent *points)
+{
+    const uint32_t mixed = value >= UMB__CELL_FIRST, number = value - UMB__CELL_FIRST;
+    const uint64_t asked = umb__select(mixed, number, 0);
+    block->lit[i] = value & 1;
+    points->slot[points->count] = (uint8_t)i;
+    points->number[points->count] = number;
+    points->count += mixed;
+    UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
+}
+
 /* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
  * thrown away. From columns to pieces, and to the nodes or bricks that these are. */
 static inline void umb__enter_columns(const struct umb__query *q, struct umb__block *block,
                                       struct umb__descent *points)
 {
     const uint32_t c = q->column_level, row = q->log2_size - c, padded = umb__padded(block);
-    uint32_t index[UMB__BLOCK], value[UMB__BLOCK], left = 0;
+    uint32_t index[UMB__BLOCK], value[UMB__BLOCK];
     uint64_t column[UMB__BLOCK];
     for (uint32_t i = 0; i < padded; i++) {
         index[i] = ((uint32_t)block->x[i] >> c) + ((uint32_t)block->y[i] >> c << row);
@@ -44,29 +59,17 @@ static inline void umb__enter_columns(const struct umb__query *q, struct umb__bl
     for (uint32_t i = 0; i < padded; i++) {
         value[i] = q->pieces[index[i]];
     }
+    points->count = 0;
     if (umb__count_bits(block->todo) == UMB__BLOCK) {
         for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-            block->lit[i] = value[i] & 1;
-        }
-        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-            points->slot[left] = (uint8_t)i;
-            points->number[left] = value[i] - UMB__CELL_FIRST;
-            left += value[i] >= UMB__CELL_FIRST;
+            umb__enter_piece(q, block, i, value[i], points);
         }
     } else {
         for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
             uint32_t i = umb__first_bit(rest);
-            block->lit[i] = value[i] & 1;
-            points->slot[left] = (uint8_t)i;
-            points->number[left] = value[i] - UMB__CELL_FIRST;
-            left += value[i] >= UMB__CELL_FIRST;
+            umb__enter_piece(q, block, i, value[i], points);
         }
     }
-    for (uint32_t k = 0; k < left; k++) {
-        UMB__PREFETCH(c > UMB_LEVEL_BRICK ? q->nodes + points->number[k]
-                                          : q->bricks[points->number[k]]);
-    }
-    points->count = left;
 }
 
 /*
