@@ -1,17 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Squares are jobs in the order in which the owner wants them (quarter by quarter, as columns are
- * joined), so that it seldom waits. Their pools live as long as the bake: cleared, not freed.
+ * joined), so that it seldom waits. Their pools live as long as the bake: cleared, not freed. The
+ * one given back last is taken next, as it may still be in a cache: one thread uses only one.
  */
 #include "bake/build/tile_squares.h"
 
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 
-/* One square. Its job writes all of it and then says so; until then the owner leaves it alone. */
-struct square {
+/* What a square is built into. */
+struct work {
     struct umb_pool pool;
     struct umbb_runs runs;
+};
+
+/* One square. Its job writes all of it and then says so; until then the owner leaves it alone. */
+struct square {
+    struct work *work; /* NULL when the owner has taken what it holds */
     struct umbb_column column;
     enum umb_status status;
     atomic_int is_done;
@@ -22,6 +29,10 @@ struct umbb_squares {
     size_t max_bytes; /* of a square's pool and runs */
     const struct umbb_tile *tile;
     struct square squares[UMBB_SQUARE_COUNT];
+    struct work works[UMBB_SQUARE_COUNT];
+    pthread_mutex_t lock; /* of the next two */
+    struct work *idle[UMBB_SQUARE_COUNT];
+    unsigned idle_count;
     struct umb_pool_numbers numbers;
     /* While a column is made: */
     struct umbb_jobs *jobs;
@@ -40,16 +51,36 @@ enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **ou
     }
     squares->level = tile_log2 - UMBB_SQUARES_ACROSS_LOG2;
     squares->max_bytes = SIZE_MAX;
+    pthread_mutex_init(&squares->lock, NULL);
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
-        umb_pool_init(&squares->squares[i].pool, NULL, SIZE_MAX);
+        umb_pool_init(&squares->works[i].pool, NULL, SIZE_MAX);
+        squares->idle[squares->idle_count++] = &squares->works[i];
     }
     return UMB_OK;
 }
 
-static void square_release(struct square *square)
+/* Of as many as there are squares: there is always one. */
+static struct work *work_take(struct umbb_squares *squares)
 {
-    umb_pool_finish(&square->pool);
-    umbb_runs_finish(&square->runs);
+    pthread_mutex_lock(&squares->lock);
+    struct work *work = squares->idle[--squares->idle_count];
+    pthread_mutex_unlock(&squares->lock);
+    return work;
+}
+
+static void square_give_back(struct umbb_squares *squares, struct square *square)
+{
+    pthread_mutex_lock(&squares->lock);
+    squares->idle[squares->idle_count++] = square->work;
+    pthread_mutex_unlock(&squares->lock);
+    square->work = NULL;
+}
+
+static void work_release(struct work *work)
+{
+    umb_pool_finish(&work->pool);
+    umb_pool_init(&work->pool, NULL, SIZE_MAX);
+    umbb_runs_finish(&work->runs);
 }
 
 void umbb_squares_destroy(struct umbb_squares *squares)
@@ -58,25 +89,25 @@ void umbb_squares_destroy(struct umbb_squares *squares)
         return;
     }
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
-        square_release(&squares->squares[i]);
+        work_release(&squares->works[i]);
     }
     umb_pool_numbers_finish(&squares->numbers);
+    pthread_mutex_destroy(&squares->lock);
     free(squares);
 }
 
 /* Runs, and the numbers that a merge gives, grow with the pool, to a fraction of it. */
-static size_t square_bytes(const struct square *square)
+static size_t work_bytes(const struct work *work)
 {
-    return square->pool.bytes + square->runs.capacity * sizeof *square->runs.items;
+    return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;
 }
 
 void umbb_squares_allow(struct umbb_squares *squares, size_t max_bytes)
 {
     squares->max_bytes = max_bytes / UMBB_SQUARE_COUNT;
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
-        struct square *square = &squares->squares[i];
-        if (square_bytes(square) > squares->max_bytes) {
-            square_release(square);
+        if (work_bytes(&squares->works[i]) > squares->max_bytes) {
+            work_release(&squares->works[i]);
         }
     }
 }
@@ -133,11 +164,12 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job)
     struct square *square = &squares->squares[job];
     const struct umbb_square place = {squares->level, {even_bits(job), even_bits(job >> 1)}};
     if (is_wanted(squares->tile, &place)) { /* if not, nobody takes it */
-        umb_pool_clear(&square->pool);
-        square->pool.alloc = NULL;
-        square->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
-        square->runs.count = 0;
-        square->status = umbb_column_of_square(&square->pool, squares->tile, &place, &square->runs,
+        struct work *work = work_take(squares);
+        umb_pool_clear(&work->pool);
+        work->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
+        work->runs.count = 0;
+        square->work = work;
+        square->status = umbb_column_of_square(&work->pool, squares->tile, &place, &work->runs,
                                                &square->column, NULL);
     }
     atomic_store_explicit(&square->is_done, 1, memory_order_release);
@@ -153,12 +185,13 @@ static int square_is_done(void *user)
 static enum umb_status square_merge(struct umbb_squares *squares, const struct square *square,
                                     struct umbb_column *column, struct umb_error *error)
 {
+    const struct work *work = square->work;
     enum umb_status status =
-        umb_pool_merge(squares->pool, &square->pool, squares->level, &squares->numbers, error);
+        umb_pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error);
     *column = square->column;
     column->run_first = squares->runs->count;
     for (size_t i = 0; i < square->column.run_count && status == UMB_OK; i++) {
-        const struct umbb_run run = square->runs.items[square->column.run_first + i];
+        const struct umbb_run run = work->runs.items[square->column.run_first + i];
         const uint32_t ref =
             umb_ref_state(run.ref) == UMB_NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
         status = umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error);
@@ -175,9 +208,12 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
     struct square *square = &squares->squares[job_of(x, y)];
     umbb_jobs_wait_until(squares->jobs, square_is_done, square);
     if (square->status == UMB_OK) {
-        return square_merge(squares, square, column, error);
+        const enum umb_status status = square_merge(squares, square, column, error);
+        square_give_back(squares, square);
+        return status;
     }
-    square_release(square); /* it has more than its share */
+    work_release(square->work); /* it has more than its share */
+    square_give_back(squares, square);
     const struct umbb_square place = {squares->level, {x, y}};
     return umbb_column_of_square(squares->pool, squares->tile, &place, squares->runs, column,
                                  error);
@@ -204,8 +240,12 @@ enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbb_jo
     const size_t whole[2] = {0, 0};
     const enum umb_status status =
         umbb_column_of_tree(&tree, tile->log2_size, whole, column, error);
-    for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) { /* those of uniform parts of the tile */
-        umbb_jobs_wait_until(jobs, square_is_done, &squares->squares[i]);
+    for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) { /* those that nobody waited for */
+        struct square *square = &squares->squares[i];
+        umbb_jobs_wait_until(jobs, square_is_done, square);
+        if (square->work != NULL) { /* an error came first */
+            square_give_back(squares, square);
+        }
     }
     return status;
 }

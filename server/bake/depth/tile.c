@@ -6,10 +6,9 @@
  */
 #include "bake/depth/tile.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-#define CACHE_LINE ((size_t)64)
+#include "base/memory.h"
 
 /* Numbers in one pyramid of levels 3.. of a tile. */
 static size_t pyramid_count(uint32_t log2_size)
@@ -42,7 +41,7 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
                         (unsigned)log2_size, UMB_LEVEL_MAX - 4U);
     }
     const size_t bytes = umbb_tile_bytes(log2_size, closed_rule);
-    tile->memory = aligned_alloc(CACHE_LINE, (bytes + CACHE_LINE - 1) & ~(CACHE_LINE - 1));
+    tile->memory = umb__alloc_large(NULL, bytes, 1);
     if (tile->memory == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "tile of %u texels a side: %zu bytes refused",
                         1U << log2_size, bytes);
@@ -74,7 +73,7 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
 
 void umbb_tile_finish(struct umbb_tile *tile)
 {
-    free(tile->memory);
+    umb__free(NULL, tile->memory);
     memset(tile, 0, sizeof *tile);
 }
 
