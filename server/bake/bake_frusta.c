@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/page_alloc.h"
 #include "bake/analysis/cut_planes.h"
 #include "bake/depth/depth_embree.h"
 #include "bake/depth/depth_perspective.h"
@@ -238,7 +239,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     struct series series = {.job = job, .options = options, .memory = job->memory};
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
-    umb_pool_init(&series.pool, NULL, job->memory->octree_max_bytes);
+    umb_pool_init(&series.pool, &umb__page_alloc, job->memory->octree_max_bytes);
     const uint64_t tiles = options->only_given ? options->only_last - options->only_first + 1
                                                : umbb_tile_count(analysis, job->memory->tile_log2);
     series.tiles_total = tiles;

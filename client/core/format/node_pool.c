@@ -5,7 +5,7 @@
  * Slots are one 64-bit word, tag above number, so that most probes that miss touch one cache line
  * only. Tables double at three quarters full and are refilled from the old ones; arrays double.
  * Where the budget does not allow that, tables fill to seven eighths and arrays grow by an eighth,
- * so that most of the budget can be used.
+ * so that most of the budget can be used; large arrays always do where that copies nothing.
  */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
@@ -15,6 +15,7 @@
 #include <xxhash.h>
 
 #include "base/memory.h"
+#include "base/page_alloc.h"
 
 #define EMPTY          UMB__SLOT_EMPTY
 #define SLOTS_LOG2_MIN 10U
@@ -84,10 +85,16 @@ static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_err
     return UMB_OK;
 }
 
+/* Whether arrays grow without a copy. */
+static int grows_by_pages(const struct umb_pool *pool)
+{
+    return pool->alloc == &umb__page_alloc;
+}
+
 /* Resizes a block; a large one by moving it to large pages, as look-ups go all over it. */
 static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes, size_t bytes)
 {
-    if (bytes < LARGE_BYTES) {
+    if (bytes < LARGE_BYTES || alloc == &umb__page_alloc) {
         return umb__resize(alloc, block, bytes);
     }
     void *moved = umb__alloc_large(alloc, bytes, 1);
@@ -98,22 +105,24 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows an array of items to new_count; the old block is charged until it is gone. */
+/* Grows an array of items to new_count; an old block that is copied is charged until it is gone. */
 static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
-    const enum umb_status status = charge(pool, new_count * item, error);
+    const size_t copied = grows_by_pages(pool) ? 0 : old_count * item;
+    const size_t more = (new_count - old_count) * item + copied;
+    const enum umb_status status = charge(pool, more, error);
     if (status != UMB_OK) {
         return status;
     }
     void *grown = resize(pool->alloc, *block, old_count * item, new_count * item);
     if (grown == NULL) {
-        pool->bytes -= new_count * item;
+        pool->bytes -= more;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
                         new_count * item);
     }
     *block = grown;
-    pool->bytes -= old_count * item;
+    pool->bytes -= copied;
     return UMB_OK;
 }
 
@@ -127,7 +136,8 @@ static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t ite
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
     const uint64_t more = (uint64_t)capacity + capacity / 8 + 8;
-    const uint64_t wanted = can_afford(pool, twice * item) ? twice : more;
+    const int is_cheap = grows_by_pages(pool) && twice * item >= LARGE_BYTES;
+    const uint64_t wanted = !is_cheap && can_afford(pool, twice * item) ? twice : more;
     return wanted > most ? most : (uint32_t)wanted;
 }
 

@@ -12,6 +12,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "base/page_alloc.h"
 #include "bake/build/columns.h"
 #include "bake/build/job_pool.h"
 #include "bake/build/tile_front.h"
@@ -488,7 +489,7 @@ enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
     struct umb_pool pool;
     uint32_t root = UMB_REF_LIT;
     memset(octree, 0, sizeof *octree);
-    umb_pool_init(&pool, NULL, options->octree_max_bytes);
+    umb_pool_init(&pool, &umb__page_alloc, options->octree_max_bytes);
     enum umb_status status = umbb_bake_into(depth, options, &pool, &root, figures, error);
     if (status == UMB_OK) {
         status = umb_pool_take(&pool, &root, &options->log2_size, 1, octree, error);

@@ -8,7 +8,11 @@
 #include <cmocka.h>
 #include <string.h>
 
+#include "base/page_alloc.h"
 #include "format/node_pool_parts.h"
+
+/* Arrays that are copied when they grow, and such whose pages move. */
+static const struct umb_alloc *const allocs[] = {NULL, &umb__page_alloc};
 
 /* The n-th of many different bricks. */
 static void brick_of(uint32_t n, uint64_t slices[8])
@@ -40,10 +44,10 @@ static uint32_t fill_with_bricks(struct umb_pool *pool, struct umb_error *error)
 static void most_of_a_budget_holds_bricks(void **state)
 {
     (void)state;
-    for (size_t budget = 300000; budget < 12000000; budget += budget / 5) {
+    for (size_t budget = 300000, i = 0; budget < 30000000; budget += budget / 5, i++) {
         struct umb_pool pool;
         struct umb_error error;
-        umb_pool_init(&pool, NULL, budget);
+        umb_pool_init(&pool, allocs[i % 2], budget);
         const uint32_t count = fill_with_bricks(&pool, &error);
         if ((uint64_t)count * 64 < budget / 3) {
             fail_msg("budget %zu: only %u bricks", budget, count);
@@ -62,10 +66,10 @@ static void most_of_a_budget_holds_bricks(void **state)
 static void most_of_a_budget_holds_nodes(void **state)
 {
     (void)state;
-    for (size_t budget = 300000; budget < 12000000; budget += budget / 5) {
+    for (size_t budget = 300000, i = 0; budget < 30000000; budget += budget / 5, i++) {
         struct umb_pool pool;
         struct umb_error error;
-        umb_pool_init(&pool, NULL, budget);
+        umb_pool_init(&pool, allocs[i % 2], budget);
         uint32_t count = 0;
         enum umb_status status = UMB_OK;
         while (status == UMB_OK) {

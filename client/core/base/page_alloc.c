@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Every block has a cache line before it that says how it was made.
+ *
+ * The kernel moves the table of a whole large page at once where old and new address are both
+ * multiples of one; so the new place is looked for with some to spare, which then goes back.
+ */
+#define _GNU_SOURCE /* mremap, madvise: no POSIX names for these */
+#include "base/page_alloc.h"
+
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#define LARGE_PAGE ((size_t)2 << 20)
+
+/* Before a block. */
+struct header {
+    size_t mapped; /* bytes of the mapping, from the header on; 0: malloc's */
+    size_t asked;  /* bytes of the block */
+    unsigned char rest[64 - 2 * sizeof(size_t)];
+};
+
+static struct header *header_of(void *block)
+{
+    return (struct header *)block - 1;
+}
+
+/* In: header: or NULL. */
+static void *small_resize(struct header *header, size_t bytes)
+{
+    header = bytes > SIZE_MAX - sizeof *header ? NULL : realloc(header, sizeof *header + bytes);
+    if (header == NULL) {
+        return NULL;
+    }
+    *header = (struct header){.asked = bytes};
+    return header + 1;
+}
+
+#ifdef MREMAP_MAYMOVE
+
+/* Whole large pages for a block; 0 if there is no such number. */
+static size_t mapping_bytes(size_t bytes)
+{
+    return bytes > SIZE_MAX / 2
+               ? 0
+               : (bytes + sizeof(struct header) + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
+}
+
+/* Address space of whole large pages; NULL if there is none. */
+static void *space_take(size_t bytes, int protection)
+{
+    const int flags = MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE;
+    unsigned char *space = mmap(NULL, bytes + LARGE_PAGE, protection, flags, -1, 0);
+    if (space == MAP_FAILED) {
+        return NULL;
+    }
+    const size_t before = (size_t)(-(uintptr_t)space & (LARGE_PAGE - 1));
+    if (before > 0) {
+        (void)munmap(space, before);
+    }
+    (void)munmap(space + before + bytes, LARGE_PAGE - before);
+    return space + before;
+}
+
+static void *map_new(size_t bytes)
+{
+    const size_t mapped = mapping_bytes(bytes);
+    struct header *header = mapped == 0 ? NULL : space_take(mapped, PROT_READ | PROT_WRITE);
+    if (header == NULL) {
+        return NULL;
+    }
+#ifdef MADV_HUGEPAGE
+    (void)madvise(header, mapped, MADV_HUGEPAGE);
+#endif
+    *header = (struct header){.mapped = mapped, .asked = bytes};
+    return header + 1;
+}
+
+/* A mapping with more or fewer pages. */
+static void *map_resize(struct header *header, size_t bytes)
+{
+    const size_t old = header->mapped, mapped = mapping_bytes(bytes);
+    if (mapped == 0) {
+        return NULL;
+    }
+    void *moved = mapped == old ? header : mremap(header, old, mapped, 0);
+    if (moved == MAP_FAILED) {
+        void *space = space_take(mapped, PROT_NONE);
+        if (space == NULL) {
+            return NULL;
+        }
+        moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
+        if (moved == MAP_FAILED) {
+            (void)munmap(space, mapped);
+            return NULL;
+        }
+    }
+    header = moved;
+    *header = (struct header){.mapped = mapped, .asked = bytes};
+    return header + 1;
+}
+
+static void *resize(void *user, void *block, size_t bytes)
+{
+    (void)user;
+    struct header *header = block == NULL ? NULL : header_of(block);
+    const size_t mapped = header == NULL ? 0 : header->mapped;
+    if (bytes == 0) {
+        if (mapped > 0) {
+            (void)munmap(header, mapped);
+        } else {
+            free(header);
+        }
+        return NULL;
+    }
+    if (mapped > 0) {
+        return map_resize(header, bytes);
+    }
+    if (bytes < UMB__PAGE_ALLOC_LARGE) {
+        return small_resize(header, bytes);
+    }
+    void *larger = map_new(bytes);
+    if (larger != NULL && header != NULL) {
+        memcpy(larger, block, header->asked); /* less than what is large */
+        free(header);
+    }
+    return larger;
+}
+
+#else
+
+static void *resize(void *user, void *block, size_t bytes)
+{
+    (void)user;
+    struct header *header = block == NULL ? NULL : header_of(block);
+    if (bytes == 0) {
+        free(header);
+        return NULL;
+    }
+    return small_resize(header, bytes);
+}
+
+#endif
+
+const struct umb_alloc umb__page_alloc = {resize, NULL};

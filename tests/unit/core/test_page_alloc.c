@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Blocks that grow by moving their pages: what they hold stays, and what is refused changes
+ * nothing. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/page_alloc.h"
+
+#define BLOCKS 5
+#define LARGE  UMB__PAGE_ALLOC_LARGE
+
+/* Word i of a block. */
+static uint64_t word_of(uint64_t block, size_t i)
+{
+    return (block + 1) * 0x9e3779b97f4a7c15U ^ i;
+}
+
+/* Blocks that stand in each other's way, from a few bytes to several mappings and back. */
+static void blocks_keep_what_they_hold_while_they_grow_and_shrink(void **state)
+{
+    (void)state;
+    static const size_t sizes[] = {1000,      70000,         LARGE - 8,      LARGE,
+                                   LARGE + 8, 3 * LARGE / 2, 15 * LARGE / 8, 6 * LARGE,
+                                   2 * LARGE, 5000,          3 * LARGE};
+    uint64_t *blocks[BLOCKS] = {0};
+    size_t held = 0; /* words of each that are known */
+    for (size_t s = 0; s < sizeof sizes / sizeof sizes[0]; s++) {
+        const size_t words = sizes[s] / sizeof(uint64_t), kept = held < words ? held : words;
+        for (uint64_t b = 0; b < BLOCKS; b++) {
+            blocks[b] = umb__resize(&umb__page_alloc, blocks[b], sizes[s]);
+            assert_non_null(blocks[b]);
+            assert_int_equal((uintptr_t)blocks[b] % 16, 0);
+            for (size_t i = 0; i < kept; i++) {
+                if (blocks[b][i] != word_of(b, i)) {
+                    fail_msg("block %d, size %zu: word %zu is lost", (int)b, sizes[s], i);
+                }
+            }
+            for (size_t i = kept; i < words; i++) {
+                blocks[b][i] = word_of(b, i);
+            }
+        }
+        held = words;
+    }
+    for (int b = 0; b < BLOCKS; b++) {
+        umb__free(&umb__page_alloc, blocks[b]);
+    }
+}
+
+static void large_blocks_begin_where_cache_lines_do(void **state)
+{
+    (void)state;
+    for (size_t bytes = LARGE; bytes < 5 * LARGE; bytes += LARGE / 3) {
+        void *block = umb__alloc_large(&umb__page_alloc, bytes, 1);
+        assert_non_null(block);
+        assert_int_equal((uintptr_t)block % 64, 0);
+        umb__free(&umb__page_alloc, block);
+    }
+}
+
+static void a_refused_size_leaves_the_block_alone(void **state)
+{
+    (void)state;
+    static const size_t refused[] = {SIZE_MAX, SIZE_MAX - 8, SIZE_MAX / 2 + 1, SIZE_MAX / 4};
+    for (size_t bytes = 100; bytes <= LARGE; bytes += LARGE - 100) {
+        unsigned char *block = umb__alloc(&umb__page_alloc, bytes, 1);
+        assert_non_null(block);
+        memset(block, 7, bytes);
+        for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
+            assert_null(umb__resize(&umb__page_alloc, block, refused[i]));
+            assert_null(umb__alloc(&umb__page_alloc, refused[i], 1));
+        }
+        for (size_t i = 0; i < bytes; i++) {
+            assert_int_equal(block[i], 7);
+        }
+        umb__free(&umb__page_alloc, block);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_keep_what_they_hold_while_they_grow_and_shrink),
+        cmocka_unit_test(large_blocks_begin_where_cache_lines_do),
+        cmocka_unit_test(a_refused_size_leaves_the_block_alone),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
