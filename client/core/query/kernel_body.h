@@ -39,25 +39,40 @@ static void make_masks(int32_t taps, struct window_masks *masks)
     }
 }
 
-/* Lists the level-5 cells that the windows touch, each once. */
-static uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
-                           struct umb__cells *cells)
+/* Lists the level-5 cells that the windows touch. If some may share them, windows after one another
+ * that begin in one cell do: its cells are written again for each, with those that any of them
+ * touches. */
+static inline __attribute__((always_inline)) uint32_t list_cells(const struct umb__query *q,
+                                                                 const struct umb__block *block,
+                                                                 bool share,
+                                                                 struct umb__cells *cells)
 {
-    int32_t reach = q->taps - 1;
-    uint32_t count = 0;
+    const int32_t reach = q->taps - 1;
+    int32_t x = -1, y = -1, z = -1; /* the cell that the windows before began in */
+    uint32_t count = 0, first = 0, slot = 0, right = 0, down = 0;
     for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        int32_t cx = block->x[i] >> UMB__SHARE_LEVEL, cy = block->y[i] >> UMB__SHARE_LEVEL;
-        uint32_t right = (uint32_t)(((block->x[i] + reach) >> UMB__SHARE_LEVEL) - cx);
-        uint32_t down = (uint32_t)(((block->y[i] + reach) >> UMB__SHARE_LEVEL) - cy);
-        cells->slot[count] = (uint16_t)(4 * i);
-        count++;
-        cells->slot[count] = (uint16_t)(4 * i + 1);
+        const uint32_t i = umb__first_bit(rest);
+        const int32_t cx = block->x[i] >> UMB__SHARE_LEVEL, cy = block->y[i] >> UMB__SHARE_LEVEL;
+        const int32_t cz = block->z[i] >> UMB__SHARE_LEVEL;
+        const uint32_t same = share && ((cx ^ x) | (cy ^ y) | (cz ^ z)) == 0;
+        first = (uint32_t)umb__select(same, first, count);
+        slot = (uint32_t)umb__select(same, slot, 4 * i);
+        right &= 0 - same;
+        down &= 0 - same;
+        right |= (uint32_t)(((block->x[i] + reach) >> UMB__SHARE_LEVEL) - cx);
+        down |= (uint32_t)(((block->y[i] + reach) >> UMB__SHARE_LEVEL) - cy);
+        cells->of[i] = (uint8_t)(slot / 4);
+        cells->slot[first] = (uint16_t)slot;
+        count = first + 1;
+        cells->slot[count] = (uint16_t)(slot + 1);
         count += right;
-        cells->slot[count] = (uint16_t)(4 * i + 2);
+        cells->slot[count] = (uint16_t)(slot + 2);
         count += down;
-        cells->slot[count] = (uint16_t)(4 * i + 3);
+        cells->slot[count] = (uint16_t)(slot + 3);
         count += right & down;
+        x = cx;
+        y = cy;
+        z = cz;
     }
     return count;
 }
@@ -121,9 +136,10 @@ static void settle_slabs(const struct umb__query *q, struct umb__block *block,
         uint32_t columns = umb__brick_range((uint32_t)block->x[i], reach);
         uint32_t rows = umb__brick_range((uint32_t)block->y[i], reach);
         uint32_t right = columns > 15, down = 2 * (rows > 15);
+        const uint64_t *const *corner = cells->node + 4 * cells->of[i];
         uint64_t mixed = 0, lit = 0, shadowed = 0;
         for (uint32_t c = 0; c < 4; c++) {
-            const uint64_t *node = cells->node[4 * i + ((c & right) | (c & down))];
+            const uint64_t *node = corner[(c & right) | (c & down)];
             uint64_t bricks = (columns >> 4 * (c & 1) & 15) * UINT64_C(0x1111) &
                               umb__rows_of_four[rows >> 2 * (c & 2) & 15];
             mixed |= node[0] >> shift & bricks;
@@ -149,7 +165,7 @@ static inline __attribute__((always_inline)) void find_bricks(const struct umb__
     for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
         uint32_t i = umb__first_bit(rest);
         uint32_t x = (uint32_t)block->x[i], y = (uint32_t)block->y[i], z = (uint32_t)block->z[i];
-        const uint64_t *const *corner = cells->node + 4 * i;
+        const uint64_t *const *corner = cells->node + 4 * cells->of[i];
         for (uint32_t r = 0; r < side; r++) {
             uint32_t by = umb__least((y >> 3) + r, (y + reach) >> 3);
             const uint64_t *const *row = corner + 2 * ((by >> 2) - (y >> 5));
@@ -196,15 +212,27 @@ count_slices(const struct window_masks *masks, struct umb__block *block, uint64_
     }
 }
 
-/* Windows whose heads were settled answer as these. */
+/* Windows whose heads were settled answer as these. Eight are written at a time; what is too much
+ * the runs behind write again, but for windows that needed no look-up. */
 static void spread_settled(struct umb__block *block, const struct umb__block *heads,
                            uint64_t settled, const struct umb__runs *runs)
 {
+    const uint64_t placed = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
+    uint32_t kept[UMB__BLOCK];
+    if (placed) {
+        memcpy(kept, block->lit, sizeof kept);
+    }
     for (uint64_t rest = settled; rest; rest &= rest - 1) {
-        uint32_t h = umb__first_bit(rest);
-        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
-            block->lit[i] = heads->lit[h];
+        const uint32_t h = umb__first_bit(rest), lit = heads->lit[h];
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
+            for (uint32_t k = 0; k < 8; k++) {
+                block->lit[i + k] = lit;
+            }
         }
+    }
+    for (uint64_t rest = placed; rest; rest &= rest - 1) {
+        const uint32_t i = umb__first_bit(rest);
+        block->lit[i] = kept[i];
     }
 }
 
@@ -262,7 +290,9 @@ static void count_windows(const struct umb__query *q, const struct window_masks 
         stats->nodes += umb__count_bits(looked_up & ~heads->todo);
         idle->grid = idle_after(looked_up, heads->todo, 0, GRID_IDLE_BLOCKS);
     }
-    find_cells(q, heads, list_cells(q, heads, &cells), &cells, stats);
+    const uint32_t listed =
+        heads == block ? list_cells(q, heads, false, &cells) : list_cells(q, heads, true, &cells);
+    find_cells(q, heads, listed, &cells, stats);
     if (stage_is_due(&idle->slabs)) {
         uint64_t before = heads->todo;
         settle_slabs(q, heads, &cells);

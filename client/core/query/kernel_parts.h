@@ -22,8 +22,10 @@ struct umb__block {
     uint32_t lit[UMB__BLOCK + UMB__BEHIND];
 };
 
-/* The level-5 cells of a block's windows: slot 4 * point + right + 2 * down. */
+/* The level-5 cells of a block's windows: slot 4 * of[point] + right + 2 * down. */
 struct umb__cells {
+    uint8_t of[UMB__BLOCK];               /* the window that stands for this one: its own, or one
+                                             before that begins in the same cell */
     uint16_t slot[4 * UMB__BLOCK];        /* cells on their way */
     const uint64_t *node[4 * UMB__BLOCK]; /* by slot: the node reached, or a uniform one */
 };

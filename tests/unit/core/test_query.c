@@ -167,7 +167,8 @@ static void any_split_of_a_batch_gives_the_same_answers(void **state)
             umb_query_run(&query, &points, i, left, &part);
         }
         assert_memory_equal(whole, parts, sizeof whole);
-        assert_memory_equal(&answers.stats, &part.stats, sizeof part.stats);
+        /* What is read depends on the split, and stands behind the rest. */
+        assert_memory_equal(&answers.stats, &part.stats, offsetof(struct umb_query_stats, nodes));
     }
 }
 
