@@ -5,7 +5,7 @@
 #include "query/query_parts.h"
 
 #define UMB__BLOCK       64 /* points in flight: a bit of a word each */
-#define UMB__BEHIND      8  /* lanes behind them: eight may be read from any point on */
+#define UMB__BEHIND      16 /* lanes behind them: eight may be read from any point on */
 #define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
 #define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
 
@@ -14,8 +14,8 @@ struct umb__block {
     uint32_t size; /* points, at most UMB__BLOCK */
     uint64_t todo; /* bit i: point i is still to be looked up */
     /* First texel of the window, which lies in the frustum; 0, 0, 0 for points that are not to be
-     * looked up. */
-    int32_t x[UMB__BLOCK + UMB__BEHIND];
+     * looked up. Arrays begin where cache lines do. */
+    _Alignas(64) int32_t x[UMB__BLOCK + UMB__BEHIND];
     int32_t y[UMB__BLOCK + UMB__BEHIND];
     int32_t z[UMB__BLOCK + UMB__BEHIND];
     /* Lit texels of the window; final where todo's bit is 0. */

@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Placing in fixed point (kernel_place_avx512.h) against placing in doubles: points that lie within
+ * some 2^-32 of a voxel of a border, points far away, numbers that are none. Voxels are random
+ * bits, so that a point put into another one is noticed every other time; frames are turned, so
+ * that every sum is rounded.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+
+#include "make_asset.h"
+#include "query/query_parts.h"
+
+enum {
+    LOG2 = 7,
+    SIZE = 1 << LOG2,
+    BATCH = 1024
+};
+
+static int random_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    (void)user;
+    (void)frustum;
+    uint64_t bits = (x | y << LOG2 | z << (2 * LOG2)) * 0x9e3779b97f4a7c15U;
+    bits = (bits ^ (bits >> 29)) * 0xbf58476d1ce4e5b9U;
+    return (int)(bits >> 40 & 1);
+}
+
+static int has_avx512(void)
+{
+#if defined(__x86_64__)
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+           __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
+#else
+    return 0;
+#endif
+}
+
+/* A query of one tap whose frame is turned about its middle and pushed off the origin. */
+struct turned {
+    struct bytes file;
+    struct umb_asset *asset;
+    struct umb_query query;
+    struct umb__query *q;
+    double turn[3][3], scale[3];
+};
+
+static void turned_make(struct turned *t)
+{
+    static const double none[3] = {0, 0, 0};
+    const struct voxels voxels = {random_voxel, NULL, LOG2, 1};
+    const struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
+    t->file = make_packed(&voxels, 1, none);
+    assert_int_equal(umb_asset_open_bytes(t->file.data, t->file.size, NULL, &t->asset, NULL),
+                     UMB_OK);
+    assert_int_equal(umb_query_prepare(t->asset, &settings, &t->query, NULL), UMB_OK);
+    t->q = (struct umb__query *)(void *)t->query.opaque;
+}
+
+static void turned_finish(struct turned *t)
+{
+    umb_asset_close(t->asset);
+    bytes_finish(&t->file);
+}
+
+/* A rotation from three random angles, other voxel sizes and another place of the frame. */
+static void turn(struct turned *t, double apart, uint64_t *seed)
+{
+    const double a = 7 * random_unit(seed), b = 7 * random_unit(seed), c = 7 * random_unit(seed);
+    const double turned[3][3] = {
+        {cos(a) * cos(b), cos(a) * sin(b) * sin(c) - sin(a) * cos(c),
+         cos(a) * sin(b) * cos(c) + sin(a) * sin(c)},
+        {sin(a) * cos(b), sin(a) * sin(b) * sin(c) + cos(a) * cos(c),
+         sin(a) * sin(b) * cos(c) - cos(a) * sin(c)},
+        {-sin(b), cos(b) * sin(c), cos(b) * cos(c)},
+    };
+    memcpy(t->turn, turned, sizeof turned);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        t->scale[axis] = exp(4 * random_unit(seed) - 2);
+        for (unsigned k = 0; k < 3; k++) {
+            t->q->world_to_voxel[axis][k] = t->scale[axis] * turned[axis][k];
+        }
+        t->q->world_to_voxel[axis][3] = 0.5 * SIZE + apart * (random_unit(seed) - 0.5);
+        t->q->direction[axis] = turned[2][axis];
+    }
+    t->q->no_normal_m = next_random(seed) % 2 ? random_unit(seed) : 0;
+}
+
+/* The point that a place in voxel space comes from, to a rounding or two. */
+static void unturn(const struct turned *t, const struct umb_points *points, const double v[3],
+                   double p[3])
+{
+    for (unsigned k = 0; k < 3; k++) {
+        long double sum = 0;
+        for (unsigned axis = 0; axis < 3; axis++) {
+            sum += (long double)t->turn[axis][k] *
+                   ((long double)v[axis] - (long double)t->q->world_to_voxel[axis][3]) /
+                   (long double)t->scale[axis];
+        }
+        sum += (long double)(t->q->direction[k] * t->q->no_normal_m);
+        p[k] = (double)(sum - (long double)(points->origin[k] - t->q->origin[k]));
+    }
+}
+
+/* Answers and counts are those of the plain kernel. */
+static void check_batch(const struct turned *t, const struct umb_points *points)
+{
+    static float values[2][BATCH];
+    struct umb_answers fixed = {.values = values[0]}, plain = {.values = values[1]};
+    umb__kernel_avx512(t->q, points, 0, points->count, &fixed);
+    umb__kernel_base(t->q, points, 0, points->count, &plain);
+    assert_memory_equal(values[0], values[1], points->count * sizeof values[0][0]);
+    assert_memory_equal(&fixed.stats, &plain.stats, sizeof fixed.stats);
+}
+
+/* A coordinate of a voxel inside; every third is next to a border. */
+static double near_border(uint64_t *seed)
+{
+    const double inside = random_unit(seed) * SIZE;
+    const double units = (double)(int32_t)(next_random(seed) % 129 - 64);
+    const double off = units * 0x1p-32 / (double)(1U << next_random(seed) % 8);
+    return next_random(seed) % 3 == 0 ? rint(inside) + off : inside;
+}
+
+static void points_beside_borders_fall_into_the_voxels_of_doubles(void **state)
+{
+    static double places[BATCH][3];
+    static float narrow[BATCH][3];
+    struct turned t;
+    uint64_t seed = round_seed(20261122);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    turned_make(&t);
+    for (int done = 0; done < case_count(400000); done += BATCH) {
+        const int floats = next_random(&seed) % 3 == 0;
+        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
+                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
+                                    .count = BATCH};
+        turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
+        for (unsigned k = 0; k < 3; k++) {
+            points.origin[k] = next_random(&seed) % 2 ? 100 * random_unit(&seed) : 0;
+        }
+        for (size_t i = 0; i < BATCH; i++) {
+            const double v[3] = {near_border(&seed), near_border(&seed), near_border(&seed)};
+            unturn(&t, &points, v, places[i]);
+            for (unsigned k = 0; k < 3; k++) {
+                narrow[i][k] = (float)places[i][k];
+            }
+        }
+        check_batch(&t, &points);
+    }
+    turned_finish(&t);
+}
+
+/* Among points inside, some as far as numbers go: their sums cancel, overflow or are none. */
+static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **state)
+{
+    static const double far[] = {1e6,  -1e6,  1e9, -1e9,     1e16,      -1e16,
+                                 1e30, -1e30, 0,   INFINITY, -INFINITY, NAN};
+    static double places[BATCH][3];
+    static float narrow[BATCH][3];
+    struct turned t;
+    uint64_t seed = round_seed(20261123);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    turned_make(&t);
+    for (int done = 0; done < case_count(400000); done += BATCH) {
+        const int floats = next_random(&seed) % 2;
+        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
+                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
+                                    .count = BATCH};
+        turn(&t, 1, &seed);
+        for (size_t i = 0; i < BATCH; i++) {
+            const double v[3] = {random_unit(&seed) * SIZE, random_unit(&seed) * SIZE,
+                                 random_unit(&seed) * SIZE};
+            unturn(&t, &points, v, places[i]);
+            for (unsigned k = 0; k < 3 && next_random(&seed) % 100 == 0; k++) {
+                /* Across the frame's z, or anywhere. */
+                const double length = far[next_random(&seed) % (sizeof far / sizeof far[0])];
+                for (unsigned axis = 0; axis < 3; axis++) {
+                    places[i][axis] += length * (k ? t.turn[k - 1][axis] : (double)(axis == 0));
+                }
+            }
+            for (unsigned k = 0; k < 3; k++) {
+                narrow[i][k] = (float)places[i][k];
+            }
+        }
+        check_batch(&t, &points);
+    }
+    turned_finish(&t);
+}
+
+/* A frame that a file may state, though no bake does: all axes look the same way. What points are
+ * across it takes no part in a sum but by its roundings. */
+static void points_far_across_a_flat_frame_are_answered_as_by_doubles(void **state)
+{
+    static double places[BATCH][3];
+    struct turned t;
+    uint64_t seed = round_seed(20261124);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    turned_make(&t);
+    for (int done = 0; done < case_count(100000); done += BATCH) {
+        struct umb_points points = {.positions = places, .format = UMB_POINT_F64, .count = BATCH};
+        turn(&t, 1, &seed);
+        for (unsigned axis = 1; axis < 3; axis++) {
+            memcpy(t.q->world_to_voxel[axis], t.q->world_to_voxel[0], 3 * sizeof(double));
+        }
+        for (size_t i = 0; i < BATCH; i++) {
+            const double across = 1e14 * random_unit(&seed), along = random_unit(&seed);
+            for (unsigned k = 0; k < 3; k++) {
+                places[i][k] = across * t.turn[1][k] + along * t.turn[0][k];
+            }
+        }
+        check_batch(&t, &points);
+    }
+    turned_finish(&t);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_beside_borders_fall_into_the_voxels_of_doubles),
+        cmocka_unit_test(points_far_away_and_no_numbers_are_answered_as_by_doubles),
+        cmocka_unit_test(points_far_across_a_flat_frame_are_answered_as_by_doubles),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
