@@ -23,6 +23,7 @@
  */
 #include <math.h>
 #include "maps/map_channels.h"
+#include "maps/moment_bound.h"
 
 static double default_bias(const struct umb_map_settings *settings)
 {
@@ -34,7 +35,8 @@ static double default_bias(const struct umb_map_settings *settings)
 
 static double bias_of(const struct umb_map_settings *settings)
 {
-    return settings->moment_bias > 0.0 ? settings->moment_bias : default_bias(settings);
+    return settings->moment_bias > 0.0 ? fmax(settings->moment_bias, UMB__MOMENT_BIAS_MIN)
+                                       : default_bias(settings);
 }
 
 static enum umb_status msm_check(const struct umb_map_settings *settings, struct umb_error *error)

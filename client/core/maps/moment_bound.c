@@ -189,7 +189,7 @@ struct umb__moment_bound umb__moment_bound(const double *means, uint32_t count, 
 {
     struct polynomials p;
     double c[DEGREE_MAX + 1], roots[DEGREE_MAX];
-    polynomials_make(means, count, bias, &p);
+    polynomials_make(means, count, fmax(bias, UMB__MOMENT_BIAS_MIN), &p);
     kernel_make(&p, t, c);
     roots_find(c, p.degree, roots);
     struct umb__moment_bound bound = {0.0, mass_at(&p, t)};

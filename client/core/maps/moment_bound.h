@@ -25,6 +25,10 @@
 
 #define UMB__MOMENTS_MAX 8U
 
+/* A smaller bias is taken as this: squared norms, of which quotients are made, stay far from the
+ * least numbers. What doubles want is more (umb__moment_bias). */
+#define UMB__MOMENT_BIAS_MIN 0x1p-100
+
 struct umb__moment_bound {
     double before; /* the least share that lies before t, 0..1 */
     double at;     /* the most that can lie at t; before + at is the greatest share up to t */
@@ -34,8 +38,8 @@ struct umb__moment_bound {
 double umb__moment_bias(uint32_t count, double e);
 
 /*
- * In:  means: double[count] of T1..Tcount, each within -1..1. count: 4, 6 or 8. bias: above 0, to
- *      1. t: -1..1.
+ * In:  means: double[count] of T1..Tcount, each within -1..1. count: 4, 6 or 8. bias: 0..1, see
+ *      UMB__MOMENT_BIAS_MIN. t: -1..1.
  * Cost: 50 to 400 additions and products, no allocation; arithmetic without libm but sqrt: the same
  *       bits everywhere.
  */

@@ -372,6 +372,31 @@ static void a_bias_below_what_the_format_needs_has_no_slack_to_state(void **stat
 
 /* Texel by texel absorbance bounds light as well, and behind everything it is nearly exact; over
  * a filter it is too dark, as the logarithm of a mean is not the mean of logarithms. */
+/* Down to the least number there is: what such a bias bounds is nothing, but a share stays one. */
+static void a_bias_next_to_none_still_gives_shares(void **state)
+{
+    (void)state;
+    static const double biases[] = {5e-324, 1e-310, 1e-300, 1e-160, 1e-60, 1e-18};
+    uint64_t seed = 4711;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int i = 0; i < 30000; i++) {
+        struct distribution d;
+        double means[UMB__MOMENTS_MAX];
+        distribution_make(&d, &seed);
+        const uint32_t count = 4 + 2 * (uint32_t)(i % 3);
+        means_of(&d, count, means);
+        const double t = receiver_of(&d, &seed), bias = biases[i / 3 % 6];
+        const struct umb__moment_bound bound = umb__moment_bound(means, count, bias, t);
+        const struct umb__moment_bound least =
+            umb__moment_bound(means, count, fmax(bias, UMB__MOMENT_BIAS_MIN), t);
+        assert_memory_equal(&bound, &least, sizeof bound);
+        if (!(bound.before >= 0.0 && bound.before <= 1.0 && bound.at >= 0.0 && bound.at <= 1.0)) {
+            fail_msg("case %d, %u moments, bias %g: %g before %g, %g at it", i, count, bias,
+                     bound.before, t, bound.at);
+        }
+    }
+}
+
 static void absorbance_is_a_bound_in_a_texel_and_exact_behind_all(void **state)
 {
     (void)state;
@@ -567,6 +592,7 @@ int main(void)
         cmocka_unit_test(distributions_lie_within_their_bounds),
         cmocka_unit_test(light_is_never_below_the_products_and_nearer_with_more_moments),
         cmocka_unit_test(a_bias_below_what_the_format_needs_has_no_slack_to_state),
+        cmocka_unit_test(a_bias_next_to_none_still_gives_shares),
         cmocka_unit_test(absorbance_is_a_bound_in_a_texel_and_exact_behind_all),
         cmocka_unit_test(overestimating_trades_light_for_a_smaller_error),
         cmocka_unit_test(opaque_casters_are_dark_within_the_stated_bound),
