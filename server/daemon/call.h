@@ -234,6 +234,7 @@ struct umbd_work {
     void (*free)(void *user); /* in the end, on failure too */
     void *user;               /* the batch's work_user */
     size_t count, slice;      /* records, and how many make a slice; 1 and 1: run once */
+    const char *items;        /* what is counted, as messages say it; NULL: it runs once */
     uint64_t turns;           /* that a slice takes, about; 0 counts as 1 */
     size_t bytes;             /* that the call holds meanwhile */
 };

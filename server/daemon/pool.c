@@ -117,13 +117,14 @@ static void unlink_batch(struct umbd_pool *pool, struct umbd_batch *batch)
 /* Ends a linked batch early. */
 static void stop_batch(struct umbd_pool *pool, struct umbd_batch *batch, enum umb_status status)
 {
+    const char *what = status == UMB_E_DEADLINE ? "the deadline passed" : "cancelled";
+    const char *items = batch->work != NULL ? batch->work_items : "points";
     unlink_batch(pool, batch);
     if (batch->status == UMB_OK) {
-        batch->status =
-            umb_fail(&batch->error, status,
-                     status == UMB_E_DEADLINE ? "the deadline passed after %zu of %zu points"
-                                              : "cancelled after %zu of %zu points",
-                     batch->next_point, batch->points.count);
+        batch->status = items == NULL
+                            ? umb_fail(&batch->error, status, "%s", what)
+                            : umb_fail(&batch->error, status, "%s after %zu of %zu %s", what,
+                                       batch->next_point, batch->points.count, items);
         batch->error_point = batch->next_point;
     }
 }

@@ -73,6 +73,7 @@ struct umbd_batch {
     /* Instead of answering points (then there is no part, and points only has their count): run
      * for each slice, of slice_points records. Long work looks at given_up now and then. */
     umbd_work_fn work;
+    const char *work_items; /* what is counted, as messages say it; NULL: nothing to speak of */
     /* Of work that was done well: called once, by whoever ends it. NULL: nothing is left to do. */
     enum umb_status (*work_end)(struct umbd_batch *batch, struct umb_error *error);
     void (*work_free)(void *user); /* when the batch is destroyed */

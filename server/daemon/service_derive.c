@@ -13,6 +13,7 @@
 #include "wire/regions.h"
 
 #define PIECE_BYTES ((size_t)256 << 10) /* of the file, a message */
+#define TURN_TEXELS 2048U               /* about a millisecond: 0.5 to 0.9 us a texel */
 
 /* A block of the ledger; what it is for lies behind it, aligned for anything. */
 struct block {
@@ -186,6 +187,7 @@ void umbd_service_derive(struct umbd_call *call)
                                   .user = d,
                                   .count = 1,
                                   .slice = 1,
+                                  .turns = texels / TURN_TEXELS,
                                   .bytes = (size_t)bytes};
     status = umbd_call_send_work(call, &job, &error);
     if (status != UMB_OK) {

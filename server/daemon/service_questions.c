@@ -4,10 +4,10 @@
  * under the queue, turns, deadlines and rates of queries. Never on the loop: what a segment or a
  * box takes is not known before.
  */
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/box_price.h"
 #include "daemon/call_rights.h"
 #include "daemon/loop.h"
 #include "daemon/question_work.h"
@@ -15,7 +15,6 @@
 /* Points that a slice counts as, about a millisecond. */
 #define SLICE_POINTS 4096
 
-#define BRICK_VOXELS 8.0
 #define BRICK_POINTS 16 /* of a brick that a side cuts */
 
 /* Of a box that takes all its steps, 64 a brick. */
@@ -33,45 +32,24 @@ static void free_question(void *user)
     free(question);
 }
 
-/* Mean edge of a voxel of the light's first frustum; 0: there is none. */
-static double voxel_m(const struct umb_asset *asset, uint32_t light, double *side)
-{
-    struct umb_light_info info;
-    struct umb_frustum_info frustum;
-    double sum = 0;
-    if (umb_asset_get_light(asset, light, &info) != UMB_OK || info.frustum_count == 0 ||
-        umb_asset_get_frustum(asset, info.first_frustum, &frustum) != UMB_OK) {
-        return 0;
-    }
-    *side = (double)((uint64_t)1 << frustum.log2_size);
-    for (size_t i = 0; i < 3; i++) {
-        const double *step = frustum.voxel_step[i];
-        sum += sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    }
-    return sum / 3;
-}
-
-/* Points that counting the sides of all boxes counts as, no more of one than of the frustum: nearly
- * all of a large box's time goes where its sides cut bricks. */
+/* Points that counting the sides of all boxes counts as. */
 static uint64_t side_points(const struct umbd_question *question)
 {
     const struct umb_segments pairs = umbd_question_pairs(&question->request);
-    double side = 0;
-    const double brick_m =
-        BRICK_VOXELS * voxel_m(umbs_entry_asset(question->entry), question->request.light, &side);
-    const double most = 6 * (side / BRICK_VOXELS) * (side / BRICK_VOXELS);
+    const struct umb_asset *asset = umbs_entry_asset(question->entry);
+    struct umb_light_info light;
+    struct umb_frustum_info frustum;
     double sum = 0;
-    for (size_t at = 0; brick_m > 0 && at < pairs.count; at += BOXES_CHUNK) {
+    if (umb_asset_get_light(asset, question->request.light, &light) != UMB_OK ||
+        umb_asset_get_frustum(asset, light.first_frustum, &frustum) != UMB_OK) {
+        return 0; /* cannot be: the light was prepared */
+    }
+    for (size_t at = 0; at < pairs.count; at += BOXES_CHUNK) {
         struct umb_box boxes[BOXES_CHUNK];
         const size_t left = pairs.count - at, count = left < BOXES_CHUNK ? left : BOXES_CHUNK;
         umb_corners_get(&pairs, at, count, boxes);
         for (size_t i = 0; i < count; i++) {
-            double edge[3];
-            for (size_t k = 0; k < 3; k++) {
-                edge[k] = (boxes[i].max[k] - boxes[i].min[k]) / brick_m;
-            }
-            const double bricks = 2 * (edge[0] * edge[1] + edge[1] * edge[2] + edge[2] * edge[0]);
-            sum += bricks < most ? bricks : most; /* also for NaN, which is refused later */
+            sum += umbd_box_bricks(&frustum, &boxes[i]);
         }
     }
     return (uint64_t)(BRICK_POINTS * sum);
@@ -138,6 +116,8 @@ static enum umb_status open_question(struct umbd_call *call, enum umbw_question 
 static enum umb_status hand_over(struct umbd_call *call, struct umbd_question *question,
                                  uint64_t points, size_t bytes, struct umb_error *error)
 {
+    static const char *const items[UMBW_QUESTION_COUNT] = {
+        [UMBW_SEGMENTS] = "segments", [UMBW_COLUMNS] = "columns", [UMBW_BOXES] = "boxes"};
     const size_t count = question->request.count;
     const uint64_t each = points / count + 1, slice = SLICE_POINTS / each;
     const uint64_t turns = each / SLICE_POINTS;
@@ -148,6 +128,7 @@ static enum umb_status hand_over(struct umbd_call *call, struct umbd_question *q
         .user = question,
         .count = count,
         .slice = slice > 0 ? (size_t)slice : 1,
+        .items = items[question->request.question],
         .turns = turns < TURNS_MAX ? turns : TURNS_MAX,
         .bytes = call->message_size + bytes,
     };

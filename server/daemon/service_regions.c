@@ -118,6 +118,7 @@ enum umb_status umbd_call_send_work(struct umbd_call *call, const struct umbd_wo
         return status;
     }
     batch->work = work->run;
+    batch->work_items = work->items;
     batch->work_end = work->end;
     batch->work_free = work->free;
     batch->work_user = work->user;

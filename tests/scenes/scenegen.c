@@ -25,7 +25,7 @@ static const char usage[] =
     "  box      a closed cube of N m\n"
     "  sphere   a closed ball of radius 5 m, 8 N^2 triangles\n"
     "Without --format the file's ending tells it. GLB is y up, OBJ and PLY are z up.\n"
-    "--light adds a sun from south-east, 45 degrees high (GLB only).\n";
+    "--light adds a sun from south-east, 45 degrees high; only GLB holds it.\n";
 
 static void make_box(struct gen_mesh *mesh, int32_t size, uint64_t seed)
 {
@@ -164,8 +164,11 @@ static int read_arguments(int argc, char **argv, struct request *request)
     if (request->format < 0 && ending != NULL) {
         request->format = format_of(ending + 1);
     }
-    return request->format >= 0 || complain("no --format, and the file's ending tells none",
-                                            request->path);
+    if (request->format < 0) {
+        return complain("no --format, and the file's ending tells none", request->path);
+    }
+    return !request->light || request->format == GEN_FORMAT_GLB ||
+           complain("--light: only GLB holds lights", NULL);
 }
 
 int main(int argc, char **argv)

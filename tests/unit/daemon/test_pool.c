@@ -163,9 +163,46 @@ static void pool_never_begins_an_expired_batch(void **state)
     assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
     wait_done(f, 1);
     assert_int_equal(batch->status, UMB_E_DEADLINE);
+    assert_non_null(strstr(batch->error.message, "the deadline passed after 0 of "));
+    assert_non_null(strstr(batch->error.message, " points"));
     assert_int_equal(started(f), 0);
     umbd_batch_destroy(batch);
     umbd_pool_destroy(pool);
+}
+
+static enum umb_status no_work(const struct umbd_batch *batch, size_t first, size_t count,
+                               struct umb_error *error)
+{
+    (void)batch;
+    (void)first;
+    (void)count;
+    (void)error;
+    return UMB_OK;
+}
+
+static void work_that_ends_early_says_what_of_in_its_own_words(void **state)
+{
+    struct fixture *f = *state;
+    static const struct umb_query_settings no_settings;
+    static const char *const items[2] = {"segments", NULL};
+    static const char *const words[2] = {"cancelled after 0 of 300 segments", "cancelled"};
+    for (size_t i = 0; i < 2; i++) {
+        const struct umb_points count = {.count = 300};
+        struct umbd_pool *pool;
+        struct umbd_batch *batch;
+        assert_int_equal(umbd_pool_create(0, 3, &f->metrics, &pool, NULL), UMB_OK);
+        assert_int_equal(umbd_batch_create(0, &no_settings, &count, &batch, NULL), UMB_OK);
+        batch->work = no_work;
+        batch->work_items = items[i];
+        batch->slice_points = 100;
+        batch->done = on_done;
+        batch->home = f;
+        assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
+        umbd_pool_destroy(pool);
+        assert_int_equal(batch->status, UMB_E_CANCELLED);
+        assert_string_equal(batch->error.message, words[i]);
+        umbd_batch_destroy(batch);
+    }
 }
 
 /*
@@ -455,6 +492,7 @@ int main(void)
         WITH_STORE(pool_split_batch_equals_one_run),
         WITH_STORE(pool_reports_the_first_bad_point_of_the_whole_batch),
         WITH_STORE(pool_never_begins_an_expired_batch),
+        WITH_STORE(work_that_ends_early_says_what_of_in_its_own_words),
         WITH_STORE(pool_refuses_beyond_its_queue),
         WITH_STORE(pool_full_of_one_lane_makes_room_for_others),
         WITH_STORE(pool_cancel_takes_a_waiting_batch_out_anywhere),
