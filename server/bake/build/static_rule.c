@@ -16,12 +16,13 @@
 #include "format/near.h"
 #include "umbrage/query.h"
 
-#define MET_LIT     1U                       /* first, or within a voxel of it, at some texel */
-#define MET_SHADOW  2U                       /* not first at some texel */
-#define POLYGON_MAX 8                        /* corners of a triangle that four lines cut */
-#define BIAS_SLACK  (65.0 / 64.0)            /* as automatic biases have (client/core/query) */
-#define WINDOW_HALF (UMB_TAPS_MAX / 2 + 1.0) /* of the window, and half a texel */
-#define VERTICAL    1e-6                     /* of its normal's length: a triangle seen edge on */
+#define MET_LIT      1U                       /* first, or within a voxel of it, at some texel */
+#define MET_SHADOW   2U                       /* not first at some texel */
+#define POLYGON_MAX  8                        /* corners of a triangle that four lines cut */
+#define BIAS_SLACK   (65.0 / 64.0)            /* as automatic biases have (client/core/query) */
+#define WINDOW_HALF  (UMB_TAPS_MAX / 2 + 1.0) /* of the window, and half a texel */
+#define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey that are one job */
+#define VERTICAL     1e-6                     /* of its normal's length: a triangle seen edge on */
 
 /*
  * How far the bias s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 moves a point, in voxels of edges e:
@@ -190,34 +191,57 @@ static uint8_t survey_row(const struct umbb_tile *tile, const struct umbb_covera
                           int32_t row)
 {
     const double row_z = umbb_coverage_row_z(coverage, row);
-    int32_t first, last;
+    int32_t span[2];
     uint8_t met = 0;
-    (void)umbb_coverage_row(coverage, row, &first, &last);
-    first = first > tile->x0 ? first : tile->x0;
-    last = last < tile->x0 + tile->size - 1 ? last : tile->x0 + tile->size - 1;
-    for (int32_t x = first; x <= last && (met & MET_SHADOW) == 0; x++) {
+    (void)umbb_coverage_row_within(coverage, row, tile->x0, tile->size, span);
+    for (int32_t x = span[0]; x <= span[1] && (met & MET_SHADOW) == 0; x++) {
         const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
         met |= lit > lit_at(tile, x - tile->x0, row - tile->y0) + 1 ? MET_SHADOW : MET_LIT;
     }
     return met;
 }
 
-void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile)
+struct survey {
+    struct umbb_static *rule;
+    const struct umbb_tile *tile;
+    int (*cancelled)(void);
+};
+
+/* A share of the triangles: each is met by one job alone. */
+static void survey_job(void *user, uint32_t job, unsigned thread)
 {
+    const struct survey *survey = user;
+    struct umbb_static *rule = survey->rule;
+    const struct umbb_tile *tile = survey->tile;
     const struct umbb_casters *casters = rule->casters;
-    for (size_t i = 0; i < casters->count; i++) {
+    const size_t first = (size_t)job * SURVEY_SHARE, left = casters->count - first;
+    const size_t end = first + (left < SURVEY_SHARE ? left : SURVEY_SHARE);
+    (void)thread;
+    if (survey->cancelled != NULL && survey->cancelled()) {
+        return;
+    }
+    for (size_t i = first; i < end; i++) {
         struct umbb_coverage coverage;
         if ((rule->met[i] & MET_SHADOW) != 0 || !is_near_tile(casters->corners[i], tile, 0, 0) ||
             !umbb_coverage_prepare(casters->corners[i], casters->size, &coverage)) {
             continue;
         }
-        const int32_t end = tile->y0 + tile->size;
-        int32_t row = coverage.row_first > tile->y0 ? coverage.row_first : tile->y0;
-        for (; row <= coverage.row_last && row < end; row++) {
+        int32_t row, last;
+        umbb_coverage_rows_within(&coverage, tile->y0, tile->size, &row, &last);
+        for (; row <= last; row++) {
             rule->met[i] |= survey_row(tile, &coverage, row);
         }
         rule->met[i] = (rule->met[i] & MET_SHADOW) != 0 ? MET_SHADOW : rule->met[i];
     }
+}
+
+void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
+                        struct umbb_jobs *jobs, int (*cancelled)(void))
+{
+    struct survey survey = {rule, tile, cancelled};
+    const size_t count = (rule->casters->count + SURVEY_SHARE - 1) / SURVEY_SHARE;
+    umbb_jobs_start(jobs, survey_job, &survey, (uint32_t)count);
+    umbb_jobs_wait(jobs, NULL, NULL);
 }
 
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile)

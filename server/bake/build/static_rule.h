@@ -13,7 +13,7 @@
  * normal, or none on slopes of at most 3 in 4 (docs/effects.md).
  *
  *     umbb_static_init(&rule, &casters, frustum, cells, &error);
- *     for every tile, drawn: umbb_static_survey(&rule, tile);     which triangles are asked
+ *     for every tile, drawn: umbb_static_survey(&rule, tile, jobs, cancelled);  who is asked
  *     for every tile, drawn: umbb_static_begin(&rule, tile);      then all bands, any threads:
  *                            umbb_static_band(&rule, tile, band);
  *     umbb_static_finish(&rule);
@@ -22,6 +22,7 @@
  * Source: Arvo and Hirvikorpi 2005; Sintorn et al. 2014, section 6.1 (between first and second
  * caster); that windows must find what they read is ours.
  */
+#include "bake/build/job_pool.h"
 #include "bake/depth/tile.h"
 
 #define UMBB_STATIC_BAND 64 /* rows of texels of a tile that are one job */
@@ -48,8 +49,10 @@ UMB_CHECKED enum umb_status umbb_static_init(struct umbb_static *rule,
 void umbb_static_finish(struct umbb_static *rule);
 
 /* Finds out which triangles are asked, from a tile's texels; those of squares that the pyramid says
- * are background need not be set. */
-void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile);
+ * are background need not be set. In: jobs: idle; all its threads help. cancelled: any thread, or
+ * NULL; once it says 1, and it must stay so, the rest is left out. */
+void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
+                        struct umbb_jobs *jobs, int (*cancelled)(void));
 
 /* Lists what reaches a tile. All tiles have been surveyed. */
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);

@@ -392,7 +392,8 @@ static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
         if (status == UMB_OK) {
             umbb_jobs_start(loop->jobs, run_job, loop, blocks);
             umbb_jobs_wait(loop->jobs, NULL, NULL);
-            umbb_static_survey(loop->options->rule, &loop->tiles[0]);
+            umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
+                               loop->options->cancelled);
         }
     }
     atomic_store(&loop->texels_done, 0); /* they were not built */

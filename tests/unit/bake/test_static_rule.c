@@ -321,6 +321,38 @@ static void tiles_and_threads_change_nothing(void **state)
     soup_finish(&soup);
 }
 
+static int is_over(void)
+{
+    return 1;
+}
+
+static void a_cancelled_survey_looks_at_nothing_more(void **state)
+{
+    (void)state;
+    struct soup soup;
+    struct umb_error error;
+    struct umbb_jobs *jobs;
+    make_soup(&soup, 341);
+    struct ruled r = {.soup = &soup, .edge = {1, 1, 1}};
+    r.open = calloc(soup.count, 1);
+    assert_non_null(r.open);
+    bake(&r, 7, 1);
+    const struct umbb_casters casters = soup_casters(&soup, 1);
+    r.rule.casters = &casters;
+    assert_int_equal(umbb_jobs_create(2, &jobs, &error), UMB_OK);
+    memset(r.rule.met, 0, soup.count);
+    /* No texel is looked at, or this tile without any would be read out of bounds. */
+    const struct umbb_tile tile = {.size = SIZE, .background = SIZE};
+    umbb_static_survey(&r.rule, &tile, jobs, is_over);
+    for (size_t i = 0; i < soup.count; i++) {
+        assert_int_equal(r.rule.met[i], 0);
+    }
+    umbb_jobs_destroy(jobs);
+    release(&r);
+    free(r.open);
+    soup_finish(&soup);
+}
+
 /* Every marked cell has a triangle within its diagonal and the reach of a bias. */
 static void cells_are_marked_near_surfaces_only(void **state)
 {
@@ -354,6 +386,7 @@ int main(void)
         cmocka_unit_test(windows_of_asked_triangles_read_what_is_there),
         cmocka_unit_test(walls_next_to_vertical_are_asked_where_they_are),
         cmocka_unit_test(tiles_and_threads_change_nothing),
+        cmocka_unit_test(a_cancelled_survey_looks_at_nothing_more),
         cmocka_unit_test(cells_are_marked_near_surfaces_only),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
