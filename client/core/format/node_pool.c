@@ -38,6 +38,12 @@ void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t 
     pool->max_bytes = max_bytes;
 }
 
+void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
+{
+    umb_pool_init(pool, alloc, max_bytes);
+    pool->is_loose = 1;
+}
+
 void umb_pool_finish(struct umb_pool *pool)
 {
     umb__free(pool->alloc, pool->brick_slots.words);
@@ -152,12 +158,22 @@ static void slots_put(struct umb_hash_slots *slots, uint64_t word)
     slots->words[at] = word;
 }
 
+/* Puts the word of what was just added. */
+static void slots_add(const struct umb_pool *pool, struct umb_hash_slots *slots, uint64_t word)
+{
+    if (pool->is_loose) {
+        slots->words[umb__slot_place(slots, word)] = word;
+    } else {
+        slots_put(slots, word);
+    }
+}
+
 /* Whether a table must grow before it takes one more. */
 static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *slots,
                       uint32_t count)
 {
-    if (slots->words == NULL) {
-        return 1;
+    if (slots->words == NULL || pool->is_loose) {
+        return slots->words == NULL;
     }
     const uint64_t size = (uint64_t)1 << slots->log2_size, wanted = (uint64_t)count + 1;
     return wanted > size / 4 * 3 &&
@@ -239,6 +255,9 @@ enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slice
                 *ref = number;
                 return UMB_OK;
             }
+            if (pool->is_loose) {
+                break;
+            }
         }
     }
     const enum umb_status status = brick_reserve(pool, error);
@@ -247,7 +266,7 @@ enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slice
     }
     const uint32_t number = pool->brick_count++;
     memcpy(pool->bricks[number], slices, sizeof *pool->bricks);
-    slots_put(&pool->brick_slots, umb__slot_word(hash, number));
+    slots_add(pool, &pool->brick_slots, umb__slot_word(hash, number));
     *ref = number;
     return UMB_OK;
 }
@@ -255,11 +274,10 @@ enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slice
 enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
                                struct umb_error *error)
 {
-    uint64_t any = 0, all = UINT64_MAX;
-    for (int z = 0; z < 8; z++) {
-        any |= slices[z];
-        all &= slices[z];
-    }
+    const uint64_t any = (slices[0] | slices[1] | slices[2] | slices[3]) |
+                         (slices[4] | slices[5] | slices[6] | slices[7]);
+    const uint64_t all = (slices[0] & slices[1] & slices[2] & slices[3]) &
+                         (slices[4] & slices[5] & slices[6] & slices[7]);
     if (any == 0 || all == UINT64_MAX) {
         *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
@@ -371,6 +389,9 @@ enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number
                 *ref = number;
                 return UMB_OK;
             }
+            if (pool->is_loose) {
+                break;
+            }
         }
     }
     const enum umb_status status = node_reserve(pool, level, error);
@@ -383,7 +404,7 @@ enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number
            key->child_count * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;
-    slots_put(&level->slots, umb__slot_word(hash, number));
+    slots_add(pool, &level->slots, umb__slot_word(hash, number));
     *ref = number;
     return UMB_OK;
 }

@@ -50,6 +50,7 @@ struct umb_pool_level {
 
 struct umb_pool {
     const struct umb_alloc *alloc;
+    int is_loose;            /* see umb_pool_init_loose */
     uint64_t seed;           /* of its hashes */
     size_t bytes, max_bytes; /* in use; allowed */
     struct umb_hash_slots brick_slots;
@@ -61,6 +62,13 @@ struct umb_pool {
 /* In: alloc: NULL = malloc. max_bytes: refuse to grow beyond; SIZE_MAX for no limit. */
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 void umb_pool_finish(struct umb_pool *pool);
+
+/*
+ * The same for a pool that is merged into another: an equal brick or node is found only if it is
+ * among the latest, in a table of a fixed size that stays in the nearest cache, and stands there
+ * again if not. For what has few equals it costs half of looking for all of them.
+ */
+void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 
 /* Forgets all bricks and nodes; keeps the memory for others. */
 void umb_pool_clear(struct umb_pool *pool);

@@ -21,12 +21,12 @@ void umbb_runs_finish(struct umbb_runs *runs)
 /* Makes room for more runs. */
 static enum umb_status reserve(struct umbb_runs *runs, size_t more, struct umb_error *error)
 {
+    if (runs->capacity - runs->count >= more) {
+        return UMB_OK;
+    }
     size_t capacity = runs->capacity == 0 ? 1024 : runs->capacity;
     while (capacity - runs->count < more) {
         capacity *= 2;
-    }
-    if (capacity == runs->capacity) {
-        return UMB_OK;
     }
     struct umbb_run *items = realloc(runs->items, capacity * sizeof *items);
     if (items == NULL) {
@@ -251,19 +251,66 @@ static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_
     return UMB_OK;
 }
 
+/* Asks for the texels of the square of 16x16 that the tree comes to after (x, y). */
+static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
+{
+    size_t bit = 1;
+    while ((x & y & bit) != 0) { /* the last of a quarter: on in the quarter around it */
+        x ^= bit;
+        y ^= bit;
+        bit <<= 1;
+    }
+    y ^= (x & bit) != 0 ? bit : 0;
+    x ^= bit;
+    const size_t width = (size_t)tile->size >> UMB_LEVEL_BRICK;
+    if (2 * y >= width) {
+        return;
+    }
+    for (size_t row = 0; row < 2; row++) {
+        const size_t block = (2 * y + row) * width + 2 * x;
+        for (size_t texel = 0; texel < 128; texel += 16) {
+            __builtin_prefetch(tile->lit + block * 64 + texel);
+        }
+    }
+}
+
+/* Nodes of level 4: the four columns of bricks in a 16x16 square, joined. */
+static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_column *column,
+                                   struct umb_error *error)
+{
+    const struct walk *walk = user;
+    const struct umbb_tile *tile = walk->tile;
+    const size_t width = (size_t)tile->size >> UMB_LEVEL_BRICK, mark = walk->runs->count;
+    struct umbb_column four[4];
+    next_quad_ahead(tile, x, y);
+    for (size_t q = 0; q < 4; q++) {
+        const size_t bx = 2 * x + (q & 1), by = 2 * y + (q >> 1);
+        four[q] =
+            umbb_column_bounds(UMB_LEVEL_BRICK, tile->max_lit[UMB_LEVEL_BRICK][by * width + bx],
+                               tile->min_end[UMB_LEVEL_BRICK][by * width + bx]);
+        four[q].run_first = walk->runs->count;
+        const enum umb_status status = brick_column(user, bx, by, &four[q], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, mark, walk->runs, column, error);
+}
+
 enum umb_status umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
                                       const struct umbb_square *square, struct umbb_runs *runs,
                                       struct umbb_column *column, struct umb_error *error)
 {
     struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer_best()};
+    const int one_brick = square->level == UMB_LEVEL_BRICK;
     const struct umbb_column_tree tree = {
         .pool = pool,
         .runs = runs,
         .log2_size = tile->log2_size,
-        .leaf_level = UMB_LEVEL_BRICK,
+        .leaf_level = one_brick ? UMB_LEVEL_BRICK : UMB_LEVEL_BRICK + 1,
         .max_lit = tile->max_lit,
         .min_end = tile->min_end,
-        .leaf = brick_column,
+        .leaf = one_brick ? brick_column : quad_column,
         .user = &walk,
     };
     return umbb_column_of_tree(&tree, square->level, square->place, column, error);

@@ -53,7 +53,7 @@ enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **ou
     squares->max_bytes = SIZE_MAX;
     pthread_mutex_init(&squares->lock, NULL);
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
-        umb_pool_init(&squares->works[i].pool, NULL, SIZE_MAX);
+        umb_pool_init_loose(&squares->works[i].pool, NULL, SIZE_MAX);
         squares->idle[squares->idle_count++] = &squares->works[i];
     }
     return UMB_OK;
@@ -79,7 +79,7 @@ static void square_give_back(struct umbb_squares *squares, struct square *square
 static void work_release(struct work *work)
 {
     umb_pool_finish(&work->pool);
-    umb_pool_init(&work->pool, NULL, SIZE_MAX);
+    umb_pool_init_loose(&work->pool, NULL, SIZE_MAX);
     umbb_runs_finish(&work->runs);
 }
 

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_TILE_SQUARES_H
 #define UMBRAGE_SERVER_BAKE_BUILD_TILE_SQUARES_H
 /*
- * A tile's nodes by several threads: sixteen squares, each built by a job into a small pool of its
- * own, which the owner adds to the one of the bake.
+ * A tile's nodes by several threads: 64 squares, each built by a job into a small, loose pool of
+ * its own, which the owner adds to the one of the bake.
  *
  *     umbb_squares_create(tile_log2, &squares, &error);
  *     for each tile:
@@ -12,19 +12,19 @@
  *         umbb_squares_column(squares, jobs, &target, &column, &error);
  *     umbb_squares_destroy(squares);
  *
- * It pays for one thread as well: a square's pool stays in the cache, most equal bricks are
- * neighbours, and what is left is merged with its look-ups asked for ahead (umb_pool_merge).
+ * It pays for one thread as well: a square's texels and pool stay in the cache, most equal bricks
+ * are neighbours, and what is left is merged with its look-ups asked for ahead (umb_pool_merge).
  * Nodes and even their numbers depend on the order of squares alone, not on threads.
  */
 #include "bake/build/columns.h"
 #include "bake/build/job_pool.h"
 
-#define UMBB_SQUARES_ACROSS_LOG2 2U
+#define UMBB_SQUARES_ACROSS_LOG2 3U
 #define UMBB_SQUARE_COUNT        (1U << (2 * UMBB_SQUARES_ACROSS_LOG2))
 
 struct umbb_squares; /* opaque */
 
-/* In: tile_log2: above UMBB_SQUARES_ACROSS_LOG2 + UMB_LEVEL_BRICK. Fails: E_NO_MEMORY. */
+/* In: tile_log2: at least UMBB_SQUARES_ACROSS_LOG2 + UMB_LEVEL_BRICK. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **out,
                                                 struct umb_error *error);
 /* NULL is allowed. No job may be under way. */

@@ -136,14 +136,17 @@ static int same_node(const struct umb_pool *a, const struct umb_pool *b, uint32_
     return same;
 }
 
-static void merged_pools_hold_what_each_held_and_nothing_twice(void **state)
+static void merge_and_compare(int loose)
 {
-    (void)state;
     struct umb_pool all, again, part;
     struct umb_pool_numbers numbers = {0};
     umb_pool_init(&all, NULL, SIZE_MAX);
     umb_pool_init(&again, NULL, SIZE_MAX);
-    umb_pool_init(&part, NULL, SIZE_MAX);
+    if (loose) {
+        umb_pool_init_loose(&part, NULL, SIZE_MAX);
+    } else {
+        umb_pool_init(&part, NULL, SIZE_MAX);
+    }
     for (uint32_t seed = 1; seed <= 6; seed++) {
         umb_pool_clear(&part);
         fill_with_nodes(&part, seed % 4); /* 1 and 2 come twice */
@@ -165,6 +168,43 @@ static void merged_pools_hold_what_each_held_and_nothing_twice(void **state)
     umb_pool_finish(&part);
     umb_pool_finish(&again);
     umb_pool_finish(&all);
+}
+
+static void merged_pools_hold_what_each_held_and_nothing_twice(void **state)
+{
+    (void)state;
+    merge_and_compare(0);
+}
+
+static void merged_loose_pools_come_to_the_same(void **state)
+{
+    (void)state;
+    merge_and_compare(1);
+}
+
+static void a_loose_pool_knows_the_latest_again_and_forgets_no_node(void **state)
+{
+    (void)state;
+    struct umb_pool pool;
+    uint64_t slices[8];
+    uint32_t ref;
+    umb_pool_init_loose(&pool, NULL, SIZE_MAX);
+    for (uint32_t round = 0; round < 2; round++) {
+        for (uint32_t n = 0; n < 5000; n++) {
+            brick_of(n, slices);
+            assert_int_equal(umb_pool_brick(&pool, slices, &ref, NULL), UMB_OK);
+            assert_memory_equal(pool.bricks[ref], slices, sizeof slices);
+            const uint32_t first = ref, count = pool.brick_count;
+            assert_int_equal(umb_pool_brick(&pool, slices, &ref, NULL), UMB_OK);
+            assert_int_equal(ref, first);
+            assert_int_equal(pool.brick_count, count);
+        }
+    }
+    assert_true(pool.brick_count > 5000); /* most were forgotten by the second round */
+    umb_pool_clear(&pool);
+    assert_int_equal(umb_pool_brick(&pool, slices, &ref, NULL), UMB_OK);
+    assert_int_equal(ref, 0);
+    umb_pool_finish(&pool);
 }
 
 static void a_merge_ends_at_the_budget(void **state)
@@ -215,6 +255,8 @@ int main(void)
         cmocka_unit_test(most_of_a_budget_holds_bricks),
         cmocka_unit_test(most_of_a_budget_holds_nodes),
         cmocka_unit_test(merged_pools_hold_what_each_held_and_nothing_twice),
+        cmocka_unit_test(merged_loose_pools_come_to_the_same),
+        cmocka_unit_test(a_loose_pool_knows_the_latest_again_and_forgets_no_node),
         cmocka_unit_test(a_merge_ends_at_the_budget),
         cmocka_unit_test(bricks_made_to_have_one_hash_have_many),
     };
