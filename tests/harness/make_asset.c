@@ -62,7 +62,7 @@ static void digest(void *user, const void *const *parts, const size_t *sizes, si
     }
 }
 
-const struct umb_sha256 test_digest = {digest, NULL};
+const struct umb_sha256 test_digest = {.digest = digest};
 
 uint64_t next_random(uint64_t *state)
 {

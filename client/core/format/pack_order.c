@@ -31,8 +31,6 @@ enum {
 #define NODES_MAX  UINT32_MAX /* of a level, copies included */
 #define LOWEST_END 8U         /* levels of the lowest band are below */
 
-#define HINT_ORDINALS 64U
-
 /* A growing list of nodes. */
 struct node_list {
     struct umb__node_ref *nodes;
@@ -395,20 +393,21 @@ static enum umb_status visit_bands(struct traversal *t)
     return status;
 }
 
-/* Notes the pages of every 64th ordinal of each level, and of the last. */
+/* Notes the pages of every 16th ordinal of each level, and of the last. */
 static enum umb_status make_hints(struct traversal *t)
 {
     struct umb__pack_order *order = t->order;
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
         const uint32_t count = t->next[level];
-        const size_t hints = count / HINT_ORDINALS + 2;
+        const size_t hints = count / UMB__PACK_HINT + 2;
         uint32_t page = 0, *hint = umb__alloc(order->alloc, hints, sizeof *hint);
         order->hints[level] = hint;
         if (!hint) {
             return no_memory(t->error);
         }
         for (size_t i = 0; i < hints && count > 0; i++) {
-            const size_t ordinal = i * HINT_ORDINALS < count ? i * HINT_ORDINALS : count - 1;
+            const size_t hinted = i * UMB__PACK_HINT;
+            const size_t ordinal = hinted < count ? hinted : count - 1;
             while (order->begins[page + 1][level] <= ordinal) {
                 page++;
             }
@@ -421,7 +420,7 @@ static enum umb_status make_hints(struct traversal *t)
 struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
                                        uint32_t ordinal)
 {
-    const uint32_t *hint = order->hints[level] + ordinal / HINT_ORDINALS;
+    const uint32_t *hint = order->hints[level] + ordinal / UMB__PACK_HINT;
     uint32_t low = hint[0], high = hint[1];
     while (low < high) {
         const uint32_t middle = low + (high - low) / 2;

@@ -29,6 +29,8 @@ struct umb__node_place {
     uint32_t position; /* among the page's nodes of the level */
 };
 
+#define UMB__PACK_HINT 16U
+
 /* Numbers of one level's nodes in the order of the file, copies included, are its ordinals. */
 struct umb__pack_order {
     uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal], in the octree's numbering */
@@ -40,7 +42,8 @@ struct umb__pack_order {
     uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
     uint32_t (*begins)[UMB_LEVEL_MAX + 1]; /* [page_count + 1][level] a page's first ordinals */
     size_t begins_capacity;
-    uint32_t *hints[UMB_LEVEL_MAX + 1]; /* the page of every 64th ordinal and of the last */
+    /* [ordinal / UMB__PACK_HINT] the page of every 16th ordinal, and of the last. */
+    uint32_t *hints[UMB_LEVEL_MAX + 1];
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* distinct reached nodes of each level */
     const struct umb_alloc *alloc;
 };
@@ -51,7 +54,7 @@ UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,
                                             struct umb__pack_order *order, struct umb_error *error);
 void umb__pack_order_finish(struct umb__pack_order *order);
 
-/* Finds where an ordinal of a level stands. Cost: a search among the pages of 64 ordinals. */
+/* Finds where an ordinal of a level stands. Cost: a search among the pages of 16 ordinals. */
 struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
                                        uint32_t ordinal);
 

@@ -194,6 +194,14 @@ static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *a
 {
     const struct umb__value_set *table = &w->e->table;
     for (size_t i = 0; i < table->count; i++) {
+        if (i + 2 * AHEAD < table->count) {
+            __builtin_prefetch(w->order->hints[level] +
+                               table->values[i + 2 * AHEAD] / UMB__PACK_HINT);
+        }
+        if (i + AHEAD < table->count) {
+            const uint32_t page = w->order->hints[level][table->values[i + AHEAD] / UMB__PACK_HINT];
+            __builtin_prefetch(&w->order->begins[page + 1][level]);
+        }
         const struct umb__node_place place =
             umb__pack_place(w->order, level, (uint32_t)table->values[i]);
         umb__store32(at + 4 * i, place.page);

@@ -16,7 +16,7 @@ struct umb__value_pair {
 };
 
 /* Slots of an empty set: few, so that they stay in the first-level cache. */
-#define LOG2_SLOTS_FIRST 8U
+#define LOG2_SLOTS_FIRST 10U
 
 static void clear_slots(struct umb__value_set *set, unsigned log2)
 {

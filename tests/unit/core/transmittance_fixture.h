@@ -57,7 +57,7 @@ static inline void tf_sha256(void *user, const void *const *parts, const size_t 
 }
 
 /* The real one: the oracle proves ids. */
-static const struct umb_sha256 tf_digest = {tf_sha256, NULL};
+static const struct umb_sha256 tf_digest = {.digest = tf_sha256};
 
 /* Random layers; a third of the texels has none, and so has the corner x + y < 40. */
 static inline void tf_fill(struct tf_texel *texel, uint32_t x, uint32_t y, uint64_t *seed)
