@@ -12,18 +12,26 @@
 #include "cli_session.h"
 #include "umbrage/questions.h"
 
-#define BOXES_A_CALL 8192 /* half of what a server takes by default */
+/* Stretches kept of each segment; those with more are asked again with room for all. */
+#define KEPT 16
+#define FEW  64 /* a daemon counts segments of fewer stretches as of so many */
+/* Stretches that such segments may have together, unless one has more. */
+#define LONG_STRETCHES ((size_t)1 << 18)
 
-#define KEPT                                                                                       \
-    16 /* stretches kept of each segment; one with more is asked again with room for all           \
-        */
+/* Segments of more stretches than are kept, one behind the other, answered together. */
+struct longs {
+    uint8_t *ends;
+    struct umb_segment_answers answers;
+    size_t count, next; /* next: the first that is not told */
+};
 
 struct job {
     const struct umbc_query_options *options;
     struct umb_asset *asset; /* a file ... */
     bool bad_file;           /* ... that could not be opened, */
     struct umb_volume volume;
-    struct umb_client *client; /* or a daemon */
+    struct umb_client *client;       /* or a daemon, */
+    struct umb_client_limits limits; /* which takes so much */
     uint8_t asset_id[UMB_ID_BYTES];
     bool has_id; /* the daemon has answered once */
     bool ignores_translucent;
@@ -32,6 +40,7 @@ struct job {
     struct umbc_output output;
     struct umbc_json json;
     struct umb_segment_answers segments;
+    struct longs longs;
     struct umb_column_answers columns;
     struct umb_box_answers boxes;
     struct umb_box *corners; /* of a file */
@@ -159,38 +168,89 @@ static void put_segment(struct job *job, const struct umb_segment_answer *answer
     umbc_json_end(&job->json, '}');
 }
 
-/* A segment of more stretches than fit: once more, with room for all. */
-static enum umb_status put_long_segment(struct job *job, const struct umb_segments *segments,
-                                        size_t i, struct umb_error *error)
+static void longs_finish(struct longs *longs)
 {
-    struct umb_segment_answer answer = job->segments.segments[i];
-    size_t scalar = segments->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double);
-    struct umb_segments one = *segments;
-    struct umb_segment_answers all = {.segments = &answer,
-                                      .stretch_max = (size_t)answer.stretch_count};
-    one.ends = (const uint8_t *)segments->ends + 6 * i * scalar;
-    one.count = 1;
-    all.stretches = calloc(all.stretch_max, sizeof *all.stretches);
-    if (all.stretches == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu stretches", all.stretch_max);
+    free(longs->ends);
+    free(longs->answers.segments);
+    free(longs->answers.stretches);
+    memset(longs, 0, sizeof *longs);
+}
+
+/* 1 if one more segment fits: each has room for the most stretches of any, of which half at least
+ * is used, and a daemon counts it as so many points. */
+static bool has_room(const struct job *job, size_t count, size_t most, size_t used)
+{
+    const size_t room = count * most;
+    return count == 1 || (room <= LONG_STRETCHES && room / 2 <= used &&
+                          (job->client == NULL || room <= job->limits.max_points));
+}
+
+/* Counts the long segments from i on that are asked together, and the stretches of the longest. */
+static void longs_choose(const struct job *job, size_t i, size_t end, struct longs *longs)
+{
+    size_t used = 0, most = FEW;
+    longs->count = 0;
+    for (; i < end; i++) {
+        const size_t stretches = (size_t)job->segments.segments[i].stretch_count;
+        const size_t longest = stretches > most ? stretches : most;
+        if (stretches > KEPT) {
+            used += stretches > FEW ? stretches : FEW;
+            if (!has_room(job, longs->count + 1, longest, used)) {
+                break;
+            }
+            most = longest;
+            longs->count++;
+        }
     }
-    enum umb_status status = answer_segments(job, &one, &all, error);
-    if (status == UMB_OK) {
-        put_segment(job, &answer, all.stretches);
+    longs->answers.stretch_max = most;
+}
+
+/* Asks the long segments from i on once more, as many as go together. */
+static enum umb_status longs_ask(struct job *job, const struct umb_segments *segments, size_t i,
+                                 struct umb_error *error)
+{
+    const size_t record = 6 * (segments->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
+    struct longs *longs = &job->longs;
+    longs_finish(longs);
+    longs_choose(job, i, segments->count, longs);
+    const size_t room = longs->count * longs->answers.stretch_max;
+    longs->ends = malloc(longs->count * record);
+    longs->answers.segments = calloc(longs->count, sizeof *longs->answers.segments);
+    longs->answers.stretches = calloc(room, sizeof *longs->answers.stretches);
+    if (longs->ends == NULL || longs->answers.segments == NULL ||
+        longs->answers.stretches == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu stretches", room);
     }
-    free(all.stretches);
-    return status;
+    for (size_t found = 0; found < longs->count; i++) {
+        if (job->segments.segments[i].stretch_count > KEPT) {
+            memcpy(longs->ends + found++ * record, (const uint8_t *)segments->ends + i * record,
+                   record);
+        }
+    }
+    struct umb_segments again = *segments;
+    again.ends = longs->ends;
+    again.count = longs->count;
+    return answer_segments(job, &again, &longs->answers, error);
 }
 
 static enum umb_status ask_segments(struct job *job, struct umb_error *error)
 {
     const struct umb_segments segments = pairs_of(job);
+    struct longs *longs = &job->longs;
     enum umb_status status = answer_segments(job, &segments, &job->segments, error);
+    longs_finish(longs);
     for (size_t i = 0; status == UMB_OK && i < segments.count; i++) {
-        if (job->segments.segments[i].stretch_count > KEPT) {
-            status = put_long_segment(job, &segments, i, error);
-        } else {
+        if (job->segments.segments[i].stretch_count <= KEPT) {
             put_segment(job, &job->segments.segments[i], job->segments.stretches + i * KEPT);
+            continue;
+        }
+        if (longs->next == longs->count) {
+            status = longs_ask(job, &segments, i, error);
+        }
+        if (status == UMB_OK) {
+            put_segment(job, &longs->answers.segments[longs->next],
+                        longs->answers.stretches + longs->next * longs->answers.stretch_max);
+            longs->next++;
         }
     }
     job->count += segments.count;
@@ -276,10 +336,12 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     struct umb_asset_info info;
+    enum umb_status status = UMB_OK;
     if (!umbc_is_file(options->target)) {
-        return umbc_connect(options->session, &job->client, error);
+        status = umbc_connect(options->session, &job->client, error);
+        return status == UMB_OK ? umb_client_get_limits(job->client, &job->limits, error) : status;
     }
-    enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
+    status = umb_asset_open_file(options->target, NULL, &job->asset, error);
     if (status != UMB_OK) {
         job->bad_file = true;
         return status;
@@ -297,12 +359,21 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     return status;
 }
 
+/* Records of a call: as many as the options say and the server takes. */
+static size_t records_a_call(const struct job *job)
+{
+    const size_t batch = job->options->batch;
+    const uint64_t takes =
+        job->options->question == UMBC_QUESTION_SEGMENTS  ? job->limits.max_segments
+        : job->options->question == UMBC_QUESTION_COLUMNS ? job->limits.max_columns
+                                                          : job->limits.max_boxes;
+    return takes == 0 || batch < takes ? batch
+                                       : (size_t)takes; /* 0: no daemon, or it will say so */
+}
+
 static enum umb_status open_answers(struct job *job, struct umb_error *error)
 {
-    size_t count = job->options->batch;
-    if (job->client != NULL && job->options->question == UMBC_QUESTION_BOXES) {
-        count = count < BOXES_A_CALL ? count : BOXES_A_CALL;
-    }
+    const size_t count = records_a_call(job);
     bool good = true;
     switch (job->options->question) {
     case UMBC_QUESTION_SEGMENTS:
@@ -414,6 +485,7 @@ static void close_job(struct job *job)
     umbc_batch_finish(&job->batch);
     free(job->segments.segments);
     free(job->segments.stretches);
+    longs_finish(&job->longs);
     free(job->columns.columns);
     free(job->boxes.boxes);
     free(job->corners);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shadows.List, Shadows.Describe and the health check: small blocking calls. */
+/* Shadows.List, Shadows.Describe, Shadows.Limits and the health check: small blocking calls. */
 #include "rpc_client.h"
 
 #include <stdlib.h>
@@ -7,6 +7,9 @@
 
 #define HEALTH_SERVING 1 /* grpc.health.v1.HealthCheckResponse.ServingStatus */
 
+_Static_assert(sizeof((struct umb_client_limits *)0)->version ==
+                   sizeof((struct umbw_limits *)0)->version,
+               "names are copied whole");
 _Static_assert(sizeof((struct umb_client_asset *)0)->name ==
                    sizeof((struct umbw_asset_summary *)0)->name,
                "names are copied whole");
@@ -138,6 +141,38 @@ void umb_client_description_free(struct umb_client_description *description)
         free(description->settings);
         free(description);
     }
+}
+
+static enum umb_status decode_limits(void *out, const uint8_t *message, size_t size,
+                                     struct umb_error *error)
+{
+    return umbw_decode_limits_reply(message, size, out, error);
+}
+
+enum umb_status umb_client_get_limits(struct umb_client *client, struct umb_client_limits *limits,
+                                      struct umb_error *error)
+{
+    struct umbw_buffer body = {NULL, 0, 0};
+    struct umbw_limits told;
+    memset(limits, 0, sizeof *limits);
+    enum umb_status status = umbw_encode_list_request(&body, error); /* as empty as LimitsRequest */
+    if (status == UMB_OK) {
+        status =
+            umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_LIMITS, .safe = true},
+                           &body, decode_limits, &told, error);
+    }
+    if (status == UMB_OK) {
+        *limits = (struct umb_client_limits){.max_points = told.max_points,
+                                             .max_message_bytes = told.max_message_bytes,
+                                             .max_segments = told.max_segments,
+                                             .max_columns = told.max_columns,
+                                             .max_boxes = told.max_boxes,
+                                             .max_box_steps = told.max_box_steps,
+                                             .max_targets = told.max_targets,
+                                             .max_taps = told.max_taps};
+        memcpy(limits->version, told.version, sizeof limits->version);
+    }
+    return status;
 }
 
 static enum umb_status decode_health(void *out, const uint8_t *message, size_t size,

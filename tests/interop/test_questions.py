@@ -60,8 +60,8 @@ def printed(target, kind, values, *options, form="f64"):
     path = test.path("records")
     with open(path, "wb") as file:
         array.array("d" if form == "f64" else "f", values).tofile(file)
-    return ut.run("umbrage", "query", target, "--" + kind, path, "--format", form, "--quiet", *options,
-                  "--address", daemon.grpc_unix).stdout
+    return ut.run("umbrage", "query", target, "--" + kind, path, "--format", form, "--quiet",
+                  "--address", daemon.grpc_unix, *options).stdout
 
 
 def refused(code, words, name, request, **fields):
@@ -99,6 +99,29 @@ with test.check("segments of more stretches than the command keeps are told whol
         told = json.loads(printed("city", "segments", line, "--json"))
         long = max(len(s["stretches"]) for s in told["segments"])
     assert long > 16 and json.loads(printed(city, "segments", line, "--json")) == told, long
+
+def calls(where, method):
+    """How many calls of a method a daemon has answered."""
+    return sum(float(line.rpartition(" ")[2]) for line in where.admin("/metrics")[1].splitlines()
+               if line.startswith("grpc_server_handled_total{") and f'"{method}"' in line)
+
+
+with test.check("long segments are asked again together, in their order"):
+    mixed = [value for i in range(400) for value in
+             (line if i % 3 else RECORDS["segments"][6 * i:6 * i + 6])]
+    before = calls(daemon, "Segments")
+    there = printed("city", "segments", mixed)
+    assert there == printed(city, "segments", mixed)
+    assert calls(daemon, "Segments") - before < 20, calls(daemon, "Segments") - before
+
+with test.check("a server that takes less is asked for less at once"):
+    small = test.daemon("--max-points", 6400)  # 100 segments, 25 boxes
+    for kind, values in (("segments", RECORDS["segments"][:6 * 900] + mixed), ("columns", anywhere(7000)),
+                         ("boxes", RECORDS["boxes"])):
+        there = printed("city", kind, values, "--address", small.grpc_unix)
+        assert there == printed(city, kind, values), kind
+    small.stop()
+    test.daemons.remove(small)
 
 with test.check("a foreign client gets the same numbers, as arrays"):
     told = json.loads(printed(city, "segments", RECORDS["segments"], "--json"))["segments"]

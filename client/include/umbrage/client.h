@@ -289,6 +289,29 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
 /* Frees such a file. NULL is allowed. */
 UMB_API void umb_client_derived_free(uint8_t *bytes);
 
+/* What a server takes in one call; docs/protocol.md has all of it. */
+struct umb_client_limits {
+    uint64_t max_points; /* points times lights, texels of derived maps */
+    uint64_t max_message_bytes;
+    uint64_t max_segments; /* with up to 64 stretches each; 0: the server takes none */
+    uint64_t max_columns;
+    uint64_t max_boxes;
+    uint64_t max_box_steps; /* of one box (umbrage/volume.h) */
+    uint32_t max_targets;   /* assets and lights of one query */
+    uint32_t max_taps;
+    char version[32]; /* of the server */
+};
+
+/*
+ * Asks what the server takes and waits for the answer.
+ *
+ * Out:   limits: zeroed on failure.
+ * Fails: as umb_client_list.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *client,
+                                                          struct umb_client_limits *limits,
+                                                          struct umb_error *error);
+
 /*
  * Asks the health service and waits for the answer.
  *
