@@ -60,16 +60,14 @@ static inline void umb__store16(uint8_t *p, uint16_t v)
 
 static inline void umb__store32(uint8_t *p, uint32_t v)
 {
-    for (unsigned i = 0; i < 4; i++) {
-        p[i] = (uint8_t)(v >> (8 * i));
-    }
+    umb__store16(p, (uint16_t)v);
+    umb__store16(p + 2, (uint16_t)(v >> 16));
 }
 
 static inline void umb__store64(uint8_t *p, uint64_t v)
 {
-    for (unsigned i = 0; i < 8; i++) {
-        p[i] = (uint8_t)(v >> (8 * i));
-    }
+    umb__store32(p, (uint32_t)v);
+    umb__store32(p + 4, (uint32_t)(v >> 32));
 }
 
 static inline void umb__store_f64(uint8_t *p, double v)

@@ -81,11 +81,24 @@ static void set_state(struct traversal *t, struct umb__node_ref node, enum node_
     *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
 }
 
+/* Makes room for the begins of so many pages. */
+static bool grow_pages(struct umb__pack_order *order, size_t needed)
+{
+    size_t capacity = order->page_capacity;
+    bool complete = true;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
+        capacity = order->page_capacity;
+        complete = umb__grow(order->alloc, &order->begins[level], &capacity, needed,
+                             sizeof *order->begins[level]);
+    }
+    order->page_capacity = complete ? capacity : order->page_capacity;
+    return complete;
+}
+
 static enum umb_status allocate(struct traversal *t)
 {
     struct umb__pack_order *order = t->order;
-    bool complete =
-        umb__grow(order->alloc, &order->begins, &order->begins_capacity, 1, sizeof *order->begins);
+    bool complete = grow_pages(order, 1);
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
         const size_t count = umb__octree_level_count(t->octree, level);
         const size_t reached = (size_t)t->survey->counts[level]; /* more with copies */
@@ -100,7 +113,9 @@ static enum umb_status allocate(struct traversal *t)
     if (!complete) {
         return no_memory(t->error);
     }
-    memset(order->begins[0], 0, sizeof order->begins[0]);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        order->begins[level][0] = 0;
+    }
     return UMB_OK;
 }
 
@@ -114,18 +129,17 @@ static enum umb_status close_page(struct traversal *t)
     if (order->page_count == PAGES_MAX) {
         return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
     }
-    if (!umb__grow(order->alloc, &order->begins, &order->begins_capacity,
-                   (size_t)order->page_count + 2, sizeof *order->begins)) {
+    if (!grow_pages(order, (size_t)order->page_count + 2)) {
         return no_memory(t->error);
     }
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        for (uint32_t i = order->begins[order->page_count][level]; i < t->next[level]; i++) {
+        for (uint32_t i = order->begins[level][order->page_count]; i < t->next[level]; i++) {
             set_state(t, (struct umb__node_ref){level, order->nodes[level][i]}, BEFORE);
         }
+        order->begins[level][order->page_count + 1] = t->next[level];
     }
     t->copied_bytes += t->page_bytes;
     order->page_count++;
-    memcpy(order->begins[order->page_count], t->next, sizeof t->next);
     t->page_bytes = 0;
     return UMB_OK;
 }
@@ -251,6 +265,15 @@ static enum umb_status visit_children(struct traversal *t, struct umb__node_ref 
     return status;
 }
 
+/* Asks for the states of what a node leads to, which is to be visited next but one. */
+static void ask_for_states(const struct traversal *t, struct umb__node_ref node)
+{
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    for (uint32_t i = level->first[node.index]; i < level->first[node.index + 1]; i++) {
+        __builtin_prefetch(t->states[node.level - 1] + level->children[i] / 32);
+    }
+}
+
 /* Visits a subtree down to the band's lowest level. */
 static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
 {
@@ -258,6 +281,9 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
     enum umb_status status = UMB_OK;
     while (stack.depth > 0 && status == UMB_OK) {
         const struct umb__node_ref node = stack.nodes[--stack.depth];
+        if (stack.depth > 0 && stack.nodes[stack.depth - 1].level > UMB_LEVEL_BRICK) {
+            ask_for_states(t, stack.nodes[stack.depth - 1]);
+        }
         if (!is_placed(t, node)) {
             status = place(t, node);
             if (status == UMB_OK && node.level > UMB_LEVEL_BRICK) {
@@ -292,8 +318,8 @@ static enum umb_status visit_band(struct traversal *t, const struct node_list *r
 static void rewind_to(struct traversal *t, uint32_t page_count)
 {
     t->order->page_count = page_count;
-    memcpy(t->next, t->order->begins[page_count], sizeof t->next);
     for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
+        t->next[level] = t->order->begins[level][page_count];
         memset(t->states[level], 0, state_words(t, level) * sizeof *t->states[level]);
     }
 }
@@ -408,7 +434,7 @@ static enum umb_status make_hints(struct traversal *t)
         for (size_t i = 0; i < hints && count > 0; i++) {
             const size_t hinted = i * UMB__PACK_HINT;
             const size_t ordinal = hinted < count ? hinted : count - 1;
-            while (order->begins[page + 1][level] <= ordinal) {
+            while (order->begins[level][page + 1] <= ordinal) {
                 page++;
             }
             hint[i] = page;
@@ -424,13 +450,13 @@ struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint
     uint32_t low = hint[0], high = hint[1];
     while (low < high) {
         const uint32_t middle = low + (high - low) / 2;
-        if (order->begins[middle + 1][level] <= ordinal) {
+        if (order->begins[level][middle + 1] <= ordinal) {
             low = middle + 1;
         } else {
             high = middle;
         }
     }
-    return (struct umb__node_place){low, ordinal - order->begins[low][level]};
+    return (struct umb__node_place){low, ordinal - order->begins[level][low]};
 }
 
 enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
@@ -464,8 +490,8 @@ void umb__pack_order_finish(struct umb__pack_order *order)
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(order->alloc, order->nodes[level]);
         umb__free(order->alloc, order->ordinals[level]);
+        umb__free(order->alloc, order->begins[level]);
         umb__free(order->alloc, order->hints[level]);
     }
-    umb__free(order->alloc, order->begins);
     memset(order, 0, sizeof *order);
 }

@@ -40,8 +40,8 @@ struct umb__pack_order {
     uint32_t *ordinals[UMB_LEVEL_MAX + 1];
     uint32_t page_count;
     uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
-    uint32_t (*begins)[UMB_LEVEL_MAX + 1]; /* [page_count + 1][level] a page's first ordinals */
-    size_t begins_capacity;
+    uint32_t *begins[UMB_LEVEL_MAX + 1]; /* [page_count + 1] a page's first ordinal */
+    size_t page_capacity;
     /* [ordinal / UMB__PACK_HINT] the page of every 16th ordinal, and of the last. */
     uint32_t *hints[UMB_LEVEL_MAX + 1];
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* distinct reached nodes of each level */

@@ -50,13 +50,13 @@ static unsigned brick_runs(const uint64_t *brick)
 /* Finds the page's nodes of each level. */
 static void find_nodes(struct writer *w)
 {
-    const uint32_t *begins = w->order->begins[w->page], *ends = w->order->begins[w->page + 1];
     w->level_high = UMB_LEVEL_BRICK;
     w->level_low = UMB_LEVEL_MAX;
     w->e->node_count = 0;
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        w->nodes[level] = w->order->nodes[level] + begins[level];
-        w->node_count[level] = ends[level] - begins[level];
+        const uint32_t *begins = w->order->begins[level] + w->page;
+        w->nodes[level] = w->order->nodes[level] + begins[0];
+        w->node_count[level] = begins[1] - begins[0];
         w->e->node_count += w->node_count[level];
         if (w->node_count[level] > 0) {
             w->level_high = level;
@@ -156,7 +156,7 @@ static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
     const uint32_t *ordinals = w->order->ordinals[node_level - 1];
-    const uint32_t begin = w->order->begins[w->page][node_level - 1];
+    const uint32_t begin = w->order->begins[node_level - 1][w->page];
     const uint32_t own = w->node_count[node_level - 1];
     uint32_t *references = w->e->references;
     for (size_t i = 0; i < count; i++) {
@@ -200,7 +200,7 @@ static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *a
         }
         if (i + AHEAD < table->count) {
             const uint32_t page = w->order->hints[level][table->values[i + AHEAD] / UMB__PACK_HINT];
-            __builtin_prefetch(&w->order->begins[page + 1][level]);
+            __builtin_prefetch(w->order->begins[level] + page + 1);
         }
         const struct umb__node_place place =
             umb__pack_place(w->order, level, (uint32_t)table->values[i]);

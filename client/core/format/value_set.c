@@ -10,11 +10,6 @@
 /* Below this many values, inserting one after the other is quicker. */
 #define INSERTION_MAX 48
 
-struct umb__value_pair {
-    uint64_t value;
-    uint32_t number;
-};
-
 /* Slots of an empty set: few, so that they stay in the first-level cache. */
 #define LOG2_SLOTS_FIRST 10U
 
@@ -78,25 +73,25 @@ uint32_t umb__value_set_add(struct umb__value_set *set, uint64_t value)
     return (uint32_t)set->count - 1;
 }
 
-static void sort_few(struct umb__value_pair *pairs, size_t count)
+static void sort_few(const uint64_t *values, uint32_t *numbers, size_t count)
 {
     for (size_t i = 1; i < count; i++) {
-        const struct umb__value_pair pair = pairs[i];
+        const uint32_t number = numbers[i];
         size_t at = i;
-        for (; at > 0 && pairs[at - 1].value > pair.value; at--) {
-            pairs[at] = pairs[at - 1];
+        for (; at > 0 && values[numbers[at - 1]] > values[number]; at--) {
+            numbers[at] = numbers[at - 1];
         }
-        pairs[at] = pair;
+        numbers[at] = number;
     }
 }
 
-/* Sorts by one byte from `from` into `to`. */
-static void sort_by_byte(const struct umb__value_pair *from, size_t count, unsigned shift,
-                         struct umb__value_pair *to)
+/* Sorts numbers by one byte of their values, from `from` into `to`. */
+static void sort_by_byte(const uint64_t *values, const uint32_t *from, size_t count, unsigned shift,
+                         uint32_t *to)
 {
     uint32_t place[256] = {0};
     for (size_t i = 0; i < count; i++) {
-        place[from[i].value >> shift & 0xff]++;
+        place[values[i] >> shift & 0xff]++;
     }
     uint32_t next = 0;
     for (size_t byte = 0; byte < 256; byte++) {
@@ -105,38 +100,49 @@ static void sort_by_byte(const struct umb__value_pair *from, size_t count, unsig
         next += here;
     }
     for (size_t i = 0; i < count; i++) {
-        to[place[from[i].value >> shift & 0xff]++] = from[i];
+        to[place[values[from[i]] >> shift & 0xff]++] = from[i];
     }
+}
+
+/* In: numbers: room for 2 * count. Returns the half of it that holds the numbers in the order of
+ * their values. */
+static const uint32_t *sort_numbers(const uint64_t *values, uint32_t *numbers, size_t count)
+{
+    uint32_t *from = numbers, *to = numbers + count;
+    uint64_t differ = 0; /* bits in which not all are equal */
+    for (size_t i = 0; i < count; i++) {
+        from[i] = (uint32_t)i;
+        differ |= values[i] ^ values[0];
+    }
+    if (count <= INSERTION_MAX) {
+        sort_few(values, from, count);
+        return from;
+    }
+    for (unsigned shift = 0; shift < 64; shift += 8) {
+        if ((differ >> shift & 0xff) != 0) {
+            sort_by_byte(values, from, count, shift, to);
+            uint32_t *swap = from;
+            from = to;
+            to = swap;
+        }
+    }
+    return from;
 }
 
 bool umb__value_set_sort(struct umb__value_set *set, const struct umb_alloc *alloc)
 {
     const size_t count = set->count;
     if (!umb__grow(alloc, &set->rank, &set->rank_capacity, count + 1, sizeof *set->rank) ||
-        !umb__grow(alloc, &set->pairs, &set->pairs_capacity, 2 * count + 1, sizeof *set->pairs)) {
+        !umb__grow(alloc, &set->met, &set->met_capacity, count + 1, sizeof *set->met) ||
+        !umb__grow(alloc, &set->numbers, &set->numbers_capacity, 2 * count + 1,
+                   sizeof *set->numbers)) {
         return false;
     }
-    struct umb__value_pair *from = set->pairs, *to = set->pairs + count;
-    uint64_t differ = 0; /* bits in which not all are equal */
+    memcpy(set->met, set->values, count * sizeof *set->met);
+    const uint32_t *numbers = sort_numbers(set->met, set->numbers, count);
     for (size_t i = 0; i < count; i++) {
-        from[i] = (struct umb__value_pair){set->values[i], (uint32_t)i};
-        differ |= set->values[i] ^ set->values[0];
-    }
-    if (count <= INSERTION_MAX) {
-        sort_few(from, count);
-    } else {
-        for (unsigned shift = 0; shift < 64; shift += 8) {
-            if ((differ >> shift & 0xff) != 0) {
-                sort_by_byte(from, count, shift, to);
-                struct umb__value_pair *swap = from;
-                from = to;
-                to = swap;
-            }
-        }
-    }
-    for (size_t i = 0; i < count; i++) {
-        set->values[i] = from[i].value;
-        set->rank[from[i].number] = (uint32_t)i;
+        set->values[i] = set->met[numbers[i]];
+        set->rank[numbers[i]] = (uint32_t)i;
     }
     return true;
 }
@@ -146,6 +152,7 @@ void umb__value_set_finish(struct umb__value_set *set, const struct umb_alloc *a
     umb__free(alloc, set->slots);
     umb__free(alloc, set->values);
     umb__free(alloc, set->rank);
-    umb__free(alloc, set->pairs);
+    umb__free(alloc, set->met);
+    umb__free(alloc, set->numbers);
     memset(set, 0, sizeof *set);
 }

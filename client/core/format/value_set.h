@@ -24,8 +24,9 @@ struct umb__value_set {
     /* Working memory, kept from one begin to the next. */
     uint32_t *slots; /* [1 << log2_slots] number + 1, 0: free */
     unsigned log2_slots;
-    size_t values_capacity, rank_capacity, slots_capacity, pairs_capacity;
-    struct umb__value_pair *pairs; /* [2 * count] */
+    uint64_t *met;     /* [count] values as they were met */
+    uint32_t *numbers; /* [2 * count] */
+    size_t values_capacity, rank_capacity, slots_capacity, met_capacity, numbers_capacity;
 };
 
 /* Empties a set (zeroed before the first time) for at most `most` values. False: out of memory. */

@@ -215,7 +215,7 @@ static void compare_pages(const struct slow *s, const struct umb__pack_order *or
     assert_int_equal(order->page_count, s->pages);
     for (uint32_t page = 0; page < s->pages; page++) {
         for (uint32_t level = 3; level < LEVELS; level++) {
-            assert_int_equal(order->begins[page][level], next[level]);
+            assert_int_equal(order->begins[level][page], next[level]);
         }
         for (size_t i = s->page_first[page]; i < s->page_first[page + 1]; i++) {
             const struct umb__node_ref node = s->sequence[i];
@@ -223,14 +223,14 @@ static void compare_pages(const struct slow *s, const struct umb__pack_order *or
             const struct umb__node_place place = umb__pack_place(order, node.level, ordinal);
             assert_int_equal(order->nodes[node.level][ordinal], node.index);
             assert_int_equal(place.page, page);
-            assert_int_equal(place.position, ordinal - order->begins[page][node.level]);
+            assert_int_equal(place.position, ordinal - order->begins[node.level][page]);
             if (s->page_of[node.level][node.index] == page + 1) {
                 assert_int_equal(order->ordinals[node.level][node.index], ordinal);
             }
         }
     }
     for (uint32_t level = 3; level < LEVELS; level++) {
-        assert_int_equal(order->begins[s->pages][level], next[level]);
+        assert_int_equal(order->begins[level][s->pages], next[level]);
     }
 }
 
