@@ -9,7 +9,7 @@ ifeq ($(config),release)
 # The kernels' inner loops are short: unrolled they take a third less.
 $(patsubst %,$(BUILD)/client/core/query/kernel_%.o,base avx2 avx512): CFLAGS_ALL += -O3 -funroll-loops
 endif
-$(BUILD)/client/core/query/kernel_avx512.o: AVX512_FLAGS := $(if $(AVX512_FLAGS),$(AVX2_FLAGS) $(filter -m%,$(AVX512_FLAGS)))
+$(BUILD)/client/core/query/kernel_avx512.o: AVX512_FLAGS := $(if $(AVX512_FLAGS),$(AVX2_FLAGS) $(filter -m%,$(AVX512_FLAGS)) -mavx512cd)
 CORE_LIBS := -lxxhash -lzstd -lm
 
 RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))

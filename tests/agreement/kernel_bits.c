@@ -166,7 +166,7 @@ static int check_asset(const char *path, size_t count)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
         ways[way_count++] = (struct way){"avx2", umb__kernel_avx2};
         if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
-            __builtin_cpu_supports("avx512dq")) {
+            __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd")) {
             ways[way_count + wide++] = (struct way){"avx512", umb__kernel_avx512};
         }
     }

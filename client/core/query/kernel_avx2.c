@@ -13,6 +13,8 @@
 #define UMB__COMPARE_POINTS umb__compare_points_avx2
 #define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs_avx2
+#define UMB__READ_BRICK     umb__read_brick_avx2
+#define UMB__STEP_HEADS     umb__step_heads
 #else
 #define UMB__PLACER         umb__placer
 #define UMB__PLACER_INIT    umb__placer_init
@@ -21,5 +23,7 @@
 #define UMB__COMPARE_POINTS umb__compare_points
 #define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
+#define UMB__READ_BRICK     umb__read_brick
+#define UMB__STEP_HEADS     umb__step_heads
 #endif
 #include "query/kernel_body.h"

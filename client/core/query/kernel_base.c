@@ -8,4 +8,6 @@
 #define UMB__COMPARE_POINTS umb__compare_points
 #define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
+#define UMB__READ_BRICK     umb__read_brick
+#define UMB__STEP_HEADS     umb__step_heads
 #include "query/kernel_body.h"

@@ -3,7 +3,7 @@
  * The body of a query kernel; included by kernel_base.c and kernel_avx2.c, which name the function
  * (UMB__KERNEL) and the stages that vector instructions are worth writing by hand for: placing
  * (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE), UMB__GRID, UMB__COMPARE_POINTS, UMB__TAKE_HEADS,
- * UMB__READ_RUNS. No guard: each includes it once.
+ * UMB__STEP_HEADS, UMB__READ_RUNS, UMB__READ_BRICK. No guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
@@ -267,6 +267,8 @@ static const struct umb__runs each_alone = {
     UINT64_MAX,
     UMB__BLOCK,
     {SIXTEEN(0), SIXTEEN(16), SIXTEEN(32), SIXTEEN(48), UMB__BLOCK},
+    false,
+    {0},
 };
 
 static void count_windows(const struct umb__query *q, const struct window_masks *masks,
@@ -317,6 +319,7 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
 {
     struct umb__block block;
     struct window_masks masks;
+    struct umb__common common = {0};
     struct umb_query_stats stats = {.points = count};
     struct idle_stages idle = {0, 0};
     struct UMB__PLACER placer;
@@ -328,7 +331,7 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(&placer, first, &block, &stats);
         if (query->taps == 1) {
-            umb__count_points(query, &block, &stats);
+            umb__count_points(query, &block, &common, &stats);
         } else {
             count_windows(query, &masks, &block, &idle, &stats);
         }

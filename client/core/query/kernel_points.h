@@ -11,6 +11,12 @@
  */
 #include "query/kernel_runs.h"
 
+/* Heads are merged, and stand for more than a run, where that is a step of the kernel. */
+#ifndef UMB__MERGE_HEADS
+#define UMB__MERGE_HEADS(spread, heads, runs) ((void)(spread))
+#define UMB__RUNS_OF(runs, heads)             ((void)(runs), umb__count_bits(heads))
+#endif
+
 /* Points on their way down, and the node or brick that each has reached. */
 struct umb__descent {
     uint32_t count;
@@ -132,10 +138,18 @@ static inline void umb__descend(const struct umb__query *q, struct umb__block *b
     stats->bricks += points->count;
 }
 
-/* What a block's points have in common: the node or brick of `level` around all of them. */
+/* A mixed cube, and a voxel in it. */
+struct umb__cube {
+    uint32_t level, number; /* of its node, or brick */
+    int32_t x, y, z;
+};
+
+/* What a block's points have in common. */
 struct umb__common {
-    bool found; /* else every point begins at its column */
-    uint32_t level, number;
+    bool found;            /* else every point begins at its column */
+    struct umb__cube cube; /* around all of them */
+    struct umb__cube last; /* the smallest with a node around the last block that had one; level 0:
+                              none yet */
 };
 
 /* Settles a whole block. */
@@ -146,37 +160,62 @@ static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
     }
 }
 
+/* Where the way down of a block begins whose points are all in one cube of the columns' level: at
+ * the cube of the last block, if they are in that one, too. A uniform cube has its state as number,
+ * others have theirs plus UMB__CELL_FIRST. */
+static inline struct umb__cube umb__begin_together(const struct umb__query *q,
+                                                   const struct umb__block *block, uint32_t spread,
+                                                   const struct umb__cube *last)
+{
+    const uint32_t c = q->column_level, row = q->log2_size - c;
+    struct umb__cube cube = {c, 0, block->x[0], block->y[0], block->z[0]};
+    const uint32_t apart = spread | (uint32_t)(cube.x ^ last->x) | (uint32_t)(cube.y ^ last->y) |
+                           (uint32_t)(cube.z ^ last->z);
+    if (last->level != 0 && apart >> last->level == 0) {
+        cube.level = last->level;
+        cube.number = last->number + UMB__CELL_FIRST;
+        return cube;
+    }
+    uint64_t column;
+    memcpy(&column, q->columns + ((uint32_t)cube.x >> c) + ((uint32_t)cube.y >> c << row),
+           sizeof column);
+    cube.number = q->pieces[umb__piece_of(column, (uint32_t)cube.z >> c)];
+    return cube;
+}
+
 /* Goes down with the first point for as long as all others are in the same cubes. Answers the block
- * and returns true if one of these is uniform. */
+ * and returns true if one of these is uniform. Nodes are counted from the column on, wherever the
+ * way began: what a batch is said to take does not depend on how it is cut. */
 static inline bool umb__descend_together(const struct umb__query *q, struct umb__block *block,
                                          uint32_t spread, struct umb__common *common,
                                          struct umb_query_stats *stats)
 {
-    const uint32_t row = q->log2_size - q->column_level;
-    const int32_t x = block->x[0], y = block->y[0], z = block->z[0];
-    uint32_t level = q->column_level;
-    uint64_t column;
-    if (spread >> level != 0) {
-        common->found = false;
+    common->found = false;
+    if (spread >> q->column_level != 0) {
         return false;
     }
-    memcpy(&column, q->columns + ((uint32_t)x >> level) + ((uint32_t)y >> level << row),
-           sizeof column);
-    uint32_t value = q->pieces[umb__piece_of(column, (uint32_t)z >> level)];
-    stats->nodes++;
-    while (value >= UMB__CELL_FIRST && level > UMB_LEVEL_BRICK && spread >> (level - 2) == 0) {
-        const uint64_t *node = q->nodes + (value - UMB__CELL_FIRST);
-        level -= 2;
-        const unsigned bit = umb__child_bit(x, y, z, level);
-        value = node[0] >> bit & 1 ? *umb__child_place(node, bit) + UMB__CELL_FIRST
-                                   : (uint32_t)(node[1] >> bit & 1);
-        stats->nodes++;
+    struct umb__cube cube = umb__begin_together(q, block, spread, &common->last);
+    while (cube.number >= UMB__CELL_FIRST && cube.level > UMB_LEVEL_BRICK) {
+        const uint32_t number = cube.number - UMB__CELL_FIRST;
+        common->last = cube;
+        common->last.number = number;
+        if (spread >> (cube.level - 2) != 0) {
+            break;
+        }
+        const uint64_t *node = q->nodes + number;
+        cube.level -= 2;
+        const unsigned bit = umb__child_bit(cube.x, cube.y, cube.z, cube.level);
+        cube.number = node[0] >> bit & 1 ? *umb__child_place(node, bit) + UMB__CELL_FIRST
+                                         : (uint32_t)(node[1] >> bit & 1);
     }
-    if (value < UMB__CELL_FIRST) {
-        umb__fill_block(block, value);
+    stats->nodes += 1 + (q->column_level - cube.level) / 2;
+    if (cube.number < UMB__CELL_FIRST) {
+        umb__fill_block(block, cube.number);
         return true;
     }
-    *common = (struct umb__common){true, level, value - UMB__CELL_FIRST};
+    cube.number -= UMB__CELL_FIRST;
+    common->cube = cube;
+    common->found = true;
     return false;
 }
 
@@ -238,55 +277,62 @@ umb__step_heads(const struct umb__query *q, const struct umb__block *heads, uint
  * depends on who is.
  */
 static inline void umb__find_bricks_of(const struct umb__query *q, const struct umb__block *heads,
+                                       const struct umb__runs *runs,
                                        const struct umb__common *common,
                                        const uint64_t *brick[UMB__BLOCK],
                                        struct umb_query_stats *stats)
 {
-    uint32_t level = common->found ? common->level : q->column_level;
+    uint32_t level = common->found ? common->cube.level : q->column_level;
     uint64_t unsettled = heads->todo;
     if (common->found) {
-        const uint64_t *at = umb__target(q, level == UMB_LEVEL_BRICK, 1, common->number, 0);
+        const uint64_t *at = umb__target(q, level == UMB_LEVEL_BRICK, 1, common->cube.number, 0);
         for (uint32_t i = 0; i < umb__padded(heads); i++) {
             brick[i] = at;
         }
     } else {
-        stats->nodes += umb__count_bits(unsettled);
+        stats->nodes += UMB__RUNS_OF(runs, unsettled);
         unsettled = level == UMB_LEVEL_BRICK ? umb__enter_heads(q, heads, true, brick)
                                              : umb__enter_heads(q, heads, false, brick);
     }
     while (level > UMB_LEVEL_BRICK) {
         level -= 2;
-        stats->nodes += umb__count_bits(unsettled);
-        unsettled = level == UMB_LEVEL_BRICK ? umb__step_heads(q, heads, level, true, brick)
-                                             : umb__step_heads(q, heads, level, false, brick);
+        stats->nodes += UMB__RUNS_OF(runs, unsettled);
+        unsettled = level == UMB_LEVEL_BRICK ? UMB__STEP_HEADS(q, heads, level, true, brick)
+                                             : UMB__STEP_HEADS(q, heads, level, false, brick);
     }
-    stats->bricks += umb__count_bits(unsettled);
+    stats->bricks += UMB__RUNS_OF(runs, unsettled);
 }
 
 /* Answers a block whose points share bricks: only the heads of its runs go down. */
 static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
-                                   uint64_t starts, const struct umb__common *common,
-                                   struct umb_query_stats *stats)
+                                   uint64_t starts, uint32_t spread,
+                                   const struct umb__common *common, struct umb_query_stats *stats)
 {
     struct umb__block heads;
     struct umb__runs runs;
     const uint64_t *brick[UMB__BLOCK];
     UMB__TAKE_HEADS(q, block, starts, &heads, &runs);
-    umb__find_bricks_of(q, &heads, common, brick, stats);
+    UMB__MERGE_HEADS(spread, &heads, &runs);
+    umb__find_bricks_of(q, &heads, &runs, common, brick, stats);
     UMB__READ_RUNS(block, &heads, &runs, brick);
 }
 
+/* Answers a block. common: all zero before the first; kept from block to block. */
 static inline void umb__count_points(const struct umb__query *q, struct umb__block *block,
-                                     struct umb_query_stats *stats)
+                                     struct umb__common *common, struct umb_query_stats *stats)
 {
-    struct umb__common common = {0};
     struct umb__closeness close = UMB__COMPARE_POINTS(block);
-    if (umb__descend_together(q, block, close.spread, &common, stats)) {
+    if (umb__descend_together(q, block, close.spread, common, stats)) {
+        return;
+    }
+    if (common->found && common->cube.level == UMB_LEVEL_BRICK) {
+        UMB__READ_BRICK(block, q->bricks[common->cube.number]);
+        stats->bricks++;
         return;
     }
     uint64_t starts = umb__run_starts(block, close.changes);
     if (umb__count_bits(starts) <= UMB__RUNS_MAX) {
-        umb__count_runs(q, block, starts, &common, stats);
+        umb__count_runs(q, block, starts, close.spread, common, stats);
     } else {
         struct umb__descent points;
         umb__descend(q, block, &points, stats);

@@ -12,12 +12,15 @@
  */
 #include "query/kernel_parts.h"
 
-#define UMB__RUNS_MAX 40 /* of a block: with more, every point goes down for itself */
+#define UMB__RUNS_MAX   40 /* of a block: with more, every point goes down for itself */
+#define UMB__MERGED_MAX 32
 
 struct umb__runs {
     uint64_t starts; /* bit i: a run begins with point i */
     uint32_t count;
     uint8_t first[UMB__BLOCK + 1]; /* point that a run begins with; behind the last: the size */
+    bool merged;                   /* a head may stand for several runs; set with AVX-512 */
+    _Alignas(64) uint32_t head[UMB__MERGED_MAX]; /* if merged: the head of each run */
 };
 
 static const uint64_t umb__uniform_bricks[2][8] = {
@@ -82,6 +85,15 @@ static inline void umb__take_heads(const struct umb__query *q, const struct umb_
     runs->count = count;
     heads->size = count;
     umb__pad_block(heads);
+}
+
+/* One tap: answers a whole block from one brick. */
+static inline void umb__read_brick(struct umb__block *block, const uint64_t brick[8])
+{
+    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+        uint32_t bit = ((uint32_t)block->x[i] & 7) | ((uint32_t)block->y[i] & 7) << 3;
+        block->lit[i] = (uint32_t)(brick[block->z[i] & 7] >> bit & 1);
+    }
 }
 
 /* One tap: answers the points of all runs from the bricks of their heads. */

@@ -38,16 +38,51 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
         ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
 }
 
-/*
- * Brick words are taken from registers: of 32 bits they are two a slice, the lower for y & 4 == 0.
- * Eight points are written whatever a run has; what is too much the next run overwrites.
- */
+/* Half a brick each: words of 32 bits are two a slice, the lower for y & 4 == 0. */
+struct umb__brick_halves {
+    __m256i low, high;
+};
+
+static inline struct umb__brick_halves umb__load_halves(const uint64_t brick[8])
+{
+    const __m256i *words = (const __m256i *)(const void *)brick;
+    return (struct umb__brick_halves){_mm256_loadu_si256(words), _mm256_loadu_si256(words + 1)};
+}
+
+/* Answers the points i .. i + 7 from a brick. */
+static inline void umb__read_eight(struct umb__block *block, uint32_t i,
+                                   struct umb__brick_halves brick)
+{
+    const __m256i one = _mm256_set1_epi32(1), three = _mm256_set1_epi32(3);
+    const __m256i seven = _mm256_set1_epi32(7);
+    __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
+    __m256i z = umb__load_eight(block->z + i);
+    /* The lowest three bits choose within half a brick, the highest one the half. */
+    __m256i which =
+        _mm256_or_si256(_mm256_add_epi32(z, z), _mm256_and_si256(_mm256_srli_epi32(y, 2), one));
+    __m256 word =
+        _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.low, which)),
+                         _mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.high, which)),
+                         _mm256_castsi256_ps(_mm256_slli_epi32(z, 29)));
+    __m256i bit = _mm256_or_si256(_mm256_and_si256(x, seven),
+                                  _mm256_slli_epi32(_mm256_and_si256(y, three), 3));
+    __m256i lit = _mm256_srlv_epi32(_mm256_castps_si256(word), bit);
+    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_and_si256(lit, one));
+}
+
+static inline void umb__read_brick_avx2(struct umb__block *block, const uint64_t brick[8])
+{
+    const struct umb__brick_halves halves = umb__load_halves(brick);
+    for (uint32_t i = 0; i < UMB__BLOCK; i += 8) {
+        umb__read_eight(block, i, halves);
+    }
+}
+
+/* Eight points are written whatever a run has; what is too much the next run overwrites. */
 static inline void umb__read_runs_avx2(struct umb__block *block, const struct umb__block *heads,
                                        const struct umb__runs *runs,
                                        const uint64_t *const brick[UMB__BLOCK])
 {
-    const __m256i one = _mm256_set1_epi32(1), three = _mm256_set1_epi32(3);
-    const __m256i seven = _mm256_set1_epi32(7);
     const uint64_t settled = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
     uint32_t kept[UMB__BLOCK];
     (void)heads;
@@ -55,22 +90,9 @@ static inline void umb__read_runs_avx2(struct umb__block *block, const struct um
         memcpy(kept, block->lit, sizeof kept);
     }
     for (uint32_t h = 0; h < runs->count; h++) {
-        const __m256i *words = (const __m256i *)(const void *)brick[h];
-        const __m256i low = _mm256_loadu_si256(words), high = _mm256_loadu_si256(words + 1);
+        const struct umb__brick_halves halves = umb__load_halves(brick[h]);
         for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
-            __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
-            __m256i z = umb__load_eight(block->z + i);
-            /* The lowest three bits choose within half a brick, the highest one the half. */
-            __m256i which = _mm256_or_si256(_mm256_add_epi32(z, z),
-                                            _mm256_and_si256(_mm256_srli_epi32(y, 2), one));
-            __m256 word =
-                _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(low, which)),
-                                 _mm256_castsi256_ps(_mm256_permutevar8x32_epi32(high, which)),
-                                 _mm256_castsi256_ps(_mm256_slli_epi32(z, 29)));
-            __m256i bit = _mm256_or_si256(_mm256_and_si256(x, seven),
-                                          _mm256_slli_epi32(_mm256_and_si256(y, three), 3));
-            __m256i lit = _mm256_srlv_epi32(_mm256_castps_si256(word), bit);
-            _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_and_si256(lit, one));
+            umb__read_eight(block, i, halves);
         }
     }
     for (uint64_t rest = settled; rest; rest &= rest - 1) {

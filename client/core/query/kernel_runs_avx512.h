@@ -11,77 +11,184 @@ static inline __m512i umb__load_sixteen(const int32_t *at)
     return _mm512_loadu_si512(at);
 }
 
-static inline struct umb__closeness umb__compare_points_avx512(struct umb__block *block)
+/* Bits in which sixteen points differ on an axis from the one before each; *before: the sixteen
+ * before, then these. */
+static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
 {
-    const uint32_t behind = block->size - 1;
-    __m512i any = _mm512_setzero_si512();
-    uint64_t changes = 0;
-    block->x[behind + 1] = block->x[behind];
-    block->y[behind + 1] = block->y[behind];
-    block->z[behind + 1] = block->z[behind];
-    for (uint32_t i = 0; i < block->size; i += 16) {
-        __m512i x =
-            _mm512_xor_si512(umb__load_sixteen(block->x + i), umb__load_sixteen(block->x + i + 1));
-        __m512i y =
-            _mm512_xor_si512(umb__load_sixteen(block->y + i), umb__load_sixteen(block->y + i + 1));
-        __m512i z =
-            _mm512_xor_si512(umb__load_sixteen(block->z + i), umb__load_sixteen(block->z + i + 1));
-        __m512i differ = _mm512_or_si512(_mm512_or_si512(x, y), z);
-        any = _mm512_or_si512(any, differ);
-        changes |= (uint64_t)_mm512_test_epi32_mask(differ, _mm512_set1_epi32(~7)) << i;
-    }
-    /* Bits beyond the block's points are the caller's business. */
-    return (struct umb__closeness){changes << 1, block->todo == UINT64_MAX
-                                                     ? (uint32_t)_mm512_reduce_or_epi32(any)
-                                                     : UINT32_MAX};
+    const __m512i here = umb__load_sixteen(axis);
+    const __m512i one_back = _mm512_alignr_epi32(here, *before, 15);
+    *before = here;
+    return _mm512_xor_si512(here, one_back);
 }
 
+/* The first point has none before it and is held against the sixteenth: a change that every run
+ * has, and bits in which points differ anyway. */
+static inline struct umb__closeness umb__compare_points_avx512(const struct umb__block *block)
+{
+    const __m512i place = _mm512_set1_epi32(~7);
+    __m512i x = umb__load_sixteen(block->x), y = umb__load_sixteen(block->y);
+    __m512i z = umb__load_sixteen(block->z), any = _mm512_setzero_si512();
+    uint64_t changes = 0;
+    for (uint32_t i = 0; i < block->size; i += 16) {
+        const __m512i differ =
+            _mm512_or_si512(_mm512_or_si512(umb__differ_sixteen(block->x + i, &x),
+                                            umb__differ_sixteen(block->y + i, &y)),
+                            umb__differ_sixteen(block->z + i, &z));
+        any = _mm512_or_si512(any, differ);
+        changes |= (uint64_t)_mm512_test_epi32_mask(differ, place) << i;
+    }
+    /* Bits beyond the block's points are the caller's business. */
+    return (struct umb__closeness){
+        changes, block->todo == UINT64_MAX ? (uint32_t)_mm512_reduce_or_epi32(any) : UINT32_MAX};
+}
+
+/* Voxel 0, 0, 0 in what the last eight lanes lack. */
+static inline void umb__pad_heads_avx512(struct umb__block *heads)
+{
+    const __m256i zero = _mm256_setzero_si256();
+    _mm256_storeu_si256((__m256i *)(void *)(heads->x + heads->size), zero);
+    _mm256_storeu_si256((__m256i *)(void *)(heads->y + heads->size), zero);
+    _mm256_storeu_si256((__m256i *)(void *)(heads->z + heads->size), zero);
+}
+
+/* Appends those of sixteen voxels that are wanted to the heads. */
+static inline void umb__append_heads(struct umb__block *heads, __mmask16 wanted, __m512i x,
+                                     __m512i y, __m512i z)
+{
+    _mm512_storeu_si512(heads->x + heads->size, _mm512_maskz_compress_epi32(wanted, x));
+    _mm512_storeu_si512(heads->y + heads->size, _mm512_maskz_compress_epi32(wanted, y));
+    _mm512_storeu_si512(heads->z + heads->size, _mm512_maskz_compress_epi32(wanted, z));
+    heads->size += umb__count_bits(wanted);
+}
+
+/* umb__take_heads for one tap, without the places where runs begin. */
 static inline void umb__take_heads_avx512(const struct umb__query *q,
                                           const struct umb__block *block, uint64_t starts,
                                           struct umb__block *heads, struct umb__runs *runs)
 {
-    const __m512i last = _mm512_set1_epi32(((int32_t)1 << q->log2_size) - q->taps);
-    const __m512i seven = _mm512_set1_epi32(7), sixteen = _mm512_set1_epi32(16);
-    __m512i place = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    /* A run of one point: where it begins the next begins, too, or the block ends. */
-    const uint64_t ends = starts >> 1 | (uint64_t)1 << (block->size - 1);
-    uint32_t count = 0;
+    (void)q;
+    heads->size = 0;
     for (uint32_t i = 0; i < block->size; i += 16) {
-        const __mmask16 here = (__mmask16)(starts >> i), longer = (__mmask16)(~ends >> i);
-        __m512i x = umb__load_sixteen(block->x + i), y = umb__load_sixteen(block->y + i);
-        x = _mm512_min_epi32(_mm512_mask_or_epi32(x, longer, x, seven), last);
-        y = _mm512_min_epi32(_mm512_mask_or_epi32(y, longer, y, seven), last);
-        _mm512_storeu_si512(heads->x + count, _mm512_maskz_compress_epi32(here, x));
-        _mm512_storeu_si512(heads->y + count, _mm512_maskz_compress_epi32(here, y));
-        _mm512_storeu_si512(heads->z + count,
-                            _mm512_maskz_compress_epi32(here, umb__load_sixteen(block->z + i)));
-        _mm_storeu_si128((__m128i *)(void *)(runs->first + count),
-                         _mm512_cvtepi32_epi8(_mm512_maskz_compress_epi32(here, place)));
-        place = _mm512_add_epi32(place, sixteen);
-        count += umb__count_bits(here);
+        umb__append_heads(heads, (__mmask16)(starts >> i), umb__load_sixteen(block->x + i),
+                          umb__load_sixteen(block->y + i), umb__load_sixteen(block->z + i));
     }
-    runs->first[count] = (uint8_t)block->size;
-    runs->count = count;
-    runs->starts = starts;
-    heads->size = count;
     heads->todo = _pext_u64(block->todo, starts);
-    /* What the last eight lanes lack: voxel 0, 0, 0. */
-    _mm256_storeu_si256((__m256i *)(void *)(heads->x + count), _mm256_setzero_si256());
-    _mm256_storeu_si256((__m256i *)(void *)(heads->y + count), _mm256_setzero_si256());
-    _mm256_storeu_si256((__m256i *)(void *)(heads->z + count), _mm256_setzero_si256());
-    _mm256_storeu_si256((__m256i *)(void *)(heads->lit + count), _mm256_setzero_si256());
+    runs->starts = starts;
+    runs->count = heads->size;
+    runs->merged = false;
+    umb__pad_heads_avx512(heads);
 }
 
-/* Makes a byte a point: the number of the run that it is in. */
-static inline void umb__number_runs(uint64_t starts, uint8_t run[UMB__BLOCK])
+/* The bricks of sixteen voxels, a number each; equal numbers are equal bricks if the block's spread
+ * is below. */
+#define UMB__KEYS_SPREAD (1U << 13)
+
+static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
+{
+    const __m512i low = _mm512_set1_epi32(0x3ff), high = _mm512_set1_epi32(0x3ff << 20);
+    x = _mm512_and_si512(_mm512_srli_epi32(x, 3), low);
+    y = _mm512_and_si512(_mm512_slli_epi32(y, 7), _mm512_set1_epi32(0x3ff << 10));
+    z = _mm512_and_si512(_mm512_slli_epi32(z, 17), high);
+    return _mm512_or_si512(_mm512_or_si512(x, y), z);
+}
+
+/*
+ * Lets one head stand for all runs among sixteen that are in one brick, as where the border of two
+ * crosses several rows of a picture. Up to eight heads go down at once, merged or not. spread: of
+ * the block's points, which are all to be looked up if it is not UINT32_MAX.
+ */
+static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
+                                    struct umb__runs *runs)
+{
+    if (runs->count <= 8 || runs->count > UMB__MERGED_MAX || spread >= UMB__KEYS_SPREAD) {
+        return;
+    }
+    const __m512i place = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    heads->size = 0; /* what is appended never reaches what is still to be read */
+    for (uint32_t i = 0; i < runs->count; i += 16) {
+        const __m512i x = umb__load_sixteen(heads->x + i), y = umb__load_sixteen(heads->y + i);
+        const __m512i z = umb__load_sixteen(heads->z + i);
+        const uint32_t left = runs->count - i;
+        const __mmask16 there = (__mmask16)(left < 16 ? (1U << left) - 1 : 0xffff);
+        /* Bits: those before each that are equal; the lowest is the first of all. */
+        const __m512i equal = _mm512_maskz_conflict_epi32(there, umb__brick_keys(x, y, z));
+        const __mmask16 other = _mm512_test_epi32_mask(equal, equal);
+        const __mmask16 alone = (__mmask16)(there & ~other);
+        const __m512i lowest =
+            _mm512_and_si512(equal, _mm512_sub_epi32(_mm512_setzero_si512(), equal));
+        const __m512i first = _mm512_sub_epi32(_mm512_set1_epi32(31), _mm512_lzcnt_epi32(lowest));
+        const __m512i number = _mm512_add_epi32(_mm512_maskz_expand_epi32(alone, place),
+                                                _mm512_set1_epi32((int)heads->size));
+        const __m512i of = _mm512_mask_blend_epi32(other, place, first);
+        _mm512_store_si512(runs->head + i, _mm512_permutexvar_epi32(of, number));
+        umb__append_heads(heads, alone, x, y, z);
+    }
+    heads->todo = ((uint64_t)1 << heads->size) - 1;
+    runs->merged = true;
+    umb__pad_heads_avx512(heads);
+}
+
+/* How many runs these heads stand for. */
+static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_t heads)
+{
+    if (!runs->merged) {
+        return umb__count_bits(heads);
+    }
+    const __m512i these = _mm512_set1_epi32((int)(uint32_t)heads), one = _mm512_set1_epi32(1);
+    const __m512i low = _mm512_sllv_epi32(one, _mm512_load_si512(runs->head));
+    const __m512i high = _mm512_sllv_epi32(one, _mm512_load_si512(runs->head + 16));
+    const uint32_t bits = (uint32_t)_mm512_test_epi32_mask(low, these) |
+                          (uint32_t)_mm512_test_epi32_mask(high, these) << 16;
+    return umb__count_bits(bits & (uint32_t)(((uint64_t)1 << runs->count) - 1));
+}
+
+/* Makes a number a point: of the run that it is in; eight points, a byte each. *before: the number
+ * of the run before, then of the last. */
+static inline uint64_t umb__number_eight(uint64_t starts, uint64_t *before)
+{
+    /* A product with ones in all bytes: the sum of all bytes up to each. */
+    const uint64_t eight = (_pdep_u64(starts, UMB__EVERY_BYTE) + *before) * UMB__EVERY_BYTE;
+    *before = eight >> 56;
+    return eight;
+}
+
+static inline void umb__number_runs(uint64_t starts, __m512i run[UMB__BLOCK / 16])
 {
     uint64_t before = UINT64_MAX; /* a run begins with the first point: it gets 0 */
-    for (uint32_t i = 0; i < UMB__BLOCK; i += 8) {
-        /* A product with ones in all bytes: the sum of all bytes up to each. */
-        const uint64_t eight =
-            (_pdep_u64(starts >> i & 0xff, UMB__EVERY_BYTE) + before) * UMB__EVERY_BYTE;
-        memcpy(run + i, &eight, sizeof eight);
-        before = eight >> 56;
+    for (uint32_t i = 0; i < UMB__BLOCK / 16; i++) {
+        const uint64_t low = umb__number_eight(starts >> 16 * i & 0xff, &before);
+        const uint64_t high = umb__number_eight(starts >> (16 * i + 8) & 0xff, &before);
+        run[i] = _mm512_cvtepu8_epi32(_mm_set_epi64x((long long)high, (long long)low));
+    }
+}
+
+/* Where the words of 32 bits that points are in stand in their bricks, and which bits they are. */
+struct umb__brick_places {
+    __m512i word, bit;
+};
+
+static inline struct umb__brick_places umb__places_in_bricks(const struct umb__block *block,
+                                                             uint32_t i)
+{
+    const __m512i one = _mm512_set1_epi32(1), three = _mm512_set1_epi32(3);
+    const __m512i seven = _mm512_set1_epi32(7);
+    const __m512i x = umb__load_sixteen(block->x + i), y = umb__load_sixteen(block->y + i);
+    const __m512i z = _mm512_and_si512(umb__load_sixteen(block->z + i), seven);
+    return (struct umb__brick_places){
+        _mm512_or_si512(_mm512_add_epi32(z, z), _mm512_and_si512(_mm512_srli_epi32(y, 2), one)),
+        _mm512_or_si512(_mm512_and_si512(x, seven),
+                        _mm512_slli_epi32(_mm512_and_si512(y, three), 3)),
+    };
+}
+
+/* Answers a whole block from one brick. */
+static inline void umb__read_brick_avx512(struct umb__block *block, const uint64_t brick[8])
+{
+    const __m512i words = _mm512_loadu_si512(brick), one = _mm512_set1_epi32(1);
+    for (uint32_t i = 0; i < UMB__BLOCK; i += 16) {
+        const struct umb__brick_places at = umb__places_in_bricks(block, i);
+        const __m512i lit = _mm512_srlv_epi32(_mm512_permutexvar_epi32(at.word, words), at.bit);
+        _mm512_storeu_si512(block->lit + i, _mm512_and_si512(lit, one));
     }
 }
 
@@ -120,32 +227,76 @@ static inline void umb__read_runs_avx512(struct umb__block *block, const struct 
                                          const struct umb__runs *runs,
                                          const uint64_t *const brick[UMB__BLOCK])
 {
-    const __m512i one = _mm512_set1_epi32(1), three = _mm512_set1_epi32(3);
-    const __m512i seven = _mm512_set1_epi32(7);
-    uint8_t run[UMB__BLOCK];
-    (void)heads;
+    const __m512i one = _mm512_set1_epi32(1), seven = _mm512_set1_epi32(7);
+    __m512i run[UMB__BLOCK / 16];
     umb__number_runs(runs->starts, run);
-    for (uint32_t h = 0; h < runs->count; h += 8) {
+    for (uint32_t i = 0; i < UMB__BLOCK / 16 && runs->merged; i++) {
+        run[i] = _mm512_permutex2var_epi32(_mm512_load_si512(runs->head), run[i],
+                                           _mm512_load_si512(runs->head + 16));
+    }
+    for (uint32_t h = 0; h < heads->size; h += 8) {
         const struct umb__eight_bricks eight = umb__load_bricks(brick + h);
         for (uint32_t i = 0; i < block->size; i += 16) {
-            const __m128i bytes = _mm_loadu_si128((const __m128i *)(const void *)(run + i));
-            const __m512i of =
-                _mm512_sub_epi32(_mm512_cvtepu8_epi32(bytes), _mm512_set1_epi32((int)h));
+            const __m512i of = _mm512_sub_epi32(run[i / 16], _mm512_set1_epi32((int)h));
             const __mmask16 here = _mm512_cmple_epu32_mask(of, seven);
-            const __m512i x = umb__load_sixteen(block->x + i);
-            const __m512i y = umb__load_sixteen(block->y + i);
-            const __m512i z = _mm512_and_si512(umb__load_sixteen(block->z + i), seven);
-            const __m512i word = _mm512_or_si512(_mm512_add_epi32(z, z),
-                                                 _mm512_and_si512(_mm512_srli_epi32(y, 2), one));
-            const __m512i bit = _mm512_or_si512(_mm512_and_si512(x, seven),
-                                                _mm512_slli_epi32(_mm512_and_si512(y, three), 3));
-            const __m512i lit = _mm512_srlv_epi32(umb__pick_words(&eight, of, word), bit);
+            const struct umb__brick_places at = umb__places_in_bricks(block, i);
+            const __m512i lit = _mm512_srlv_epi32(umb__pick_words(&eight, of, at.word), at.bit);
             /* Blended, not stored with a mask: what is stored so is slow to load again. */
             const __mmask16 these = here & (__mmask16)(block->todo >> i);
             const __m512i old = _mm512_loadu_si512(block->lit + i);
             _mm512_storeu_si512(block->lit + i, _mm512_mask_and_epi32(old, these, lit, one));
         }
     }
+}
+
+/*
+ * umb__step_heads, eight heads at a time: what follows from a child's state is decided for all of
+ * them at once.
+ */
+static inline __attribute__((always_inline)) uint64_t
+umb__step_heads_avx512(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
+                       bool brick, const uint64_t *at[UMB__BLOCK])
+{
+    const __m128i shift = _mm_cvtsi32_si128((int)level);
+    const __m256i three = _mm256_set1_epi32(3);
+    const __m512i first =
+        _mm512_set1_epi64((long long)(uintptr_t)(brick ? q->bricks[0] : q->nodes));
+    const __m512i dark = _mm512_set1_epi64(
+        (long long)(uintptr_t)(brick ? umb__uniform_bricks[0] : umb__uniform_nodes));
+    const __m512i bright = _mm512_set1_epi64(
+        (long long)(uintptr_t)(brick ? umb__uniform_bricks[1] : umb__uniform_nodes + 2));
+    uint64_t unsettled = 0;
+    for (uint32_t h = 0; h < heads->size; h += 8) {
+        uint64_t mixed[8] __attribute__((aligned(64))), lit[8] __attribute__((aligned(64)));
+        uint32_t above[8] __attribute__((aligned(32))), number[8] __attribute__((aligned(32)));
+        __m256i x = _mm256_srl_epi32(
+            _mm256_load_si256((const __m256i *)(const void *)(heads->x + h)), shift);
+        __m256i y = _mm256_srl_epi32(
+            _mm256_load_si256((const __m256i *)(const void *)(heads->y + h)), shift);
+        __m256i z = _mm256_srl_epi32(
+            _mm256_load_si256((const __m256i *)(const void *)(heads->z + h)), shift);
+        x = _mm256_and_si256(x, three);
+        y = _mm256_slli_epi32(_mm256_and_si256(y, three), 2);
+        z = _mm256_slli_epi32(_mm256_and_si256(z, three), 4);
+        x = _mm256_or_si256(_mm256_or_si256(x, y), z);
+        _mm256_store_si256((__m256i *)(void *)above, _mm256_xor_si256(x, _mm256_set1_epi32(63)));
+        for (uint32_t k = 0; k < 8; k++) {
+            const uint64_t *node = at[h + k];
+            const uint32_t *numbers = (const uint32_t *)(const void *)node + 3; /* counted from 1 */
+            mixed[k] = node[0] << above[k];
+            lit[k] = node[1] << above[k];
+            number[k] = numbers[umb__count_bits(mixed[k])];
+        }
+        const __mmask8 is_mixed = _mm512_movepi64_mask(_mm512_load_si512(mixed));
+        const __mmask8 is_lit = _mm512_movepi64_mask(_mm512_load_si512(lit));
+        __m512i to =
+            _mm512_cvtepu32_epi64(_mm256_load_si256((const __m256i *)(const void *)number));
+        to = _mm512_add_epi64(first, _mm512_slli_epi64(to, brick ? 6 : 3));
+        const __m512i uniform = _mm512_mask_blend_epi64(is_lit, dark, bright);
+        _mm512_storeu_si512(at + h, _mm512_mask_blend_epi64(is_mixed, uniform, to));
+        unsettled |= (uint64_t)is_mixed << h;
+    }
+    return unsettled & heads->todo;
 }
 
 #endif

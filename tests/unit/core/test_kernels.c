@@ -56,7 +56,7 @@ static size_t list_kernels(int32_t taps, struct kernel kernels[KERNELS])
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
         kernels[count++] = (struct kernel){"avx2", umb__kernel_avx2};
         if (taps == 1 && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
-            __builtin_cpu_supports("avx512dq")) {
+            __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd")) {
             kernels[count++] = (struct kernel){"avx512", umb__kernel_avx512};
             kernels[count++] = (struct kernel){"either, in pieces", umb__run_taps};
         }
@@ -117,6 +117,28 @@ static void make_picture(uint32_t size, double pixel_voxels, uint64_t *seed)
             normals[i][k] =
                 (float)(random_unit(seed) - (k == 2 ? 1.0 - (double)(i / 40 % 3 == 0) : 0.5));
         }
+    }
+}
+
+/* Pixels of a plane in packets of 4 x 2, as pictures are rendered: the border of two bricks crosses
+ * the rows of a packet, and blocks next to one another lie in the same cubes, or in the next. */
+static void make_plane(uint32_t size, double pixel_voxels, uint64_t *seed)
+{
+    double right[3], down[3], corner[3];
+    for (size_t k = 0; k < 3; k++) {
+        right[k] = (random_unit(seed) - 0.5) * pixel_voxels * (k != 2);
+        down[k] = (random_unit(seed) - 0.5) * pixel_voxels;
+        corner[k] = (0.25 + 0.5 * random_unit(seed)) * size;
+    }
+    for (size_t i = 0; i < POINTS; i++) {
+        const double column = (double)(4 * (i / 8 % 64) + i % 4);
+        const double row = (double)(2 * (i / 512) + i / 4 % 2);
+        for (size_t k = 0; k < 3; k++) {
+            const double place = corner[k] + column * right[k] + row * down[k];
+            doubles[i][k] = (place < 0 ? 0 : place < size ? place : size - 1) * voxel_m;
+            floats[i][k] = (float)doubles[i][k];
+        }
+        memcpy(normals[i], (const float[3]){0, 0, -1}, sizeof normals[i]);
     }
 }
 
@@ -199,6 +221,34 @@ static void kernels_agree_where_wide_nodes_stand_above_level_five(void **state)
 {
     (void)state;
     check_frusta(&(struct ground){128, 32, 2}, 8, 7);
+}
+
+static void check_planes(const struct ground *ground)
+{
+    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), 1};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
+    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    struct umb_asset *asset;
+    struct umb_query query;
+    uint64_t seed = 20261123;
+    memcpy(points.origin, origin, sizeof origin);
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    for (int round = 0; round < 140; round++) {
+        make_plane(ground->size, 0.05 * (double)(1U << round % 7), &seed);
+        check_batch(&query, &points);
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
+static void kernels_agree_on_planes_that_a_camera_sees(void **state)
+{
+    (void)state;
+    check_planes(&(struct ground){64, 64, 40});
+    check_planes(&(struct ground){256, 256, 3});
+    check_planes(&(struct ground){256, 64, 30});
 }
 
 /* Shared look-ups are read once; nobody's answer tells. */
@@ -285,6 +335,7 @@ int main(void)
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_bricks),
         cmocka_unit_test(kernels_agree_where_the_grid_leads_to_level_five),
         cmocka_unit_test(kernels_agree_where_wide_nodes_stand_above_level_five),
+        cmocka_unit_test(kernels_agree_on_planes_that_a_camera_sees),
         cmocka_unit_test(neighbours_in_one_brick_share_a_look_up),
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
     };
