@@ -9,10 +9,9 @@
  * do an old and a new block both take memory. (realloc moves pages as well, but to an address
  * where large ones fall apart.)
  *
- * Large blocks begin a cache line after a large page does. They take whole large pages of address
- * space, of which the system backs those that are touched. Small blocks are malloc's.
- * Where the system cannot move pages, all are.
- * Threads: any.
+ * Large blocks begin a cache line after a large page does, and are zero when they are new. They
+ * take whole large pages of address space, of which the system backs those that are touched. Small
+ * blocks are malloc's. Where the system cannot move pages, all are. Threads: any.
  */
 #include "umbrage/alloc.h"
 

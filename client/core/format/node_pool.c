@@ -60,7 +60,7 @@ void umb_pool_finish(struct umb_pool *pool)
 static void slots_clear(struct umb_hash_slots *slots)
 {
     if (slots->words != NULL) {
-        memset(slots->words, 0xff, ((size_t)1 << slots->log2_size) * sizeof *slots->words);
+        memset(slots->words, 0, ((size_t)1 << slots->log2_size) * sizeof *slots->words);
     }
 }
 
@@ -201,7 +201,9 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
     }
-    memset(larger.words, 0xff, bytes);
+    if (!grows_by_pages(pool) || bytes < UMB__PAGE_ALLOC_LARGE) { /* else they are fresh */
+        memset(larger.words, 0, bytes);
+    }
     for (size_t i = 0; i < old_count; i++) {
         if (slots->words[i] != EMPTY) {
             slots_put(&larger, slots->words[i]);
@@ -242,24 +244,10 @@ static enum umb_status brick_reserve(struct umb_pool *pool, struct umb_error *er
                : UMB_OK;
 }
 
-enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8], uint64_t hash,
-                                     uint32_t *ref, struct umb_error *error)
+/* Adds a brick that is not there. */
+static inline enum umb_status brick_add(struct umb_pool *pool, const uint64_t slices[8],
+                                        uint64_t hash, uint32_t *ref, struct umb_error *error)
 {
-    if (pool->brick_slots.words != NULL) {
-        const size_t last = ((size_t)1 << pool->brick_slots.log2_size) - 1;
-        size_t at = umb__slot_place(&pool->brick_slots, hash);
-        for (uint64_t word; (word = pool->brick_slots.words[at]) != EMPTY; at = (at + 1) & last) {
-            const uint32_t number = (uint32_t)word;
-            if (word == umb__slot_word(hash, number) &&
-                memcmp(pool->bricks[number], slices, sizeof *pool->bricks) == 0) {
-                *ref = number;
-                return UMB_OK;
-            }
-            if (pool->is_loose) {
-                break;
-            }
-        }
-    }
     const enum umb_status status = brick_reserve(pool, error);
     if (status != UMB_OK) {
         return status;
@@ -269,6 +257,47 @@ enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slice
     slots_add(pool, &pool->brick_slots, umb__slot_word(hash, number));
     *ref = number;
     return UMB_OK;
+}
+
+enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8], uint64_t hash,
+                                     uint32_t *ref, struct umb_error *error)
+{
+    if (pool->brick_slots.words != NULL) {
+        const size_t last = ((size_t)1 << pool->brick_slots.log2_size) - 1;
+        size_t at = umb__slot_place(&pool->brick_slots, hash);
+        for (uint64_t word; (word = pool->brick_slots.words[at]) != EMPTY; at = (at + 1) & last) {
+            const uint32_t number = umb__slot_number(word);
+            if (umb__slot_fits(word, hash) &&
+                memcmp(pool->bricks[number], slices, sizeof *pool->bricks) == 0) {
+                *ref = number;
+                return UMB_OK;
+            }
+        }
+    }
+    return brick_add(pool, slices, hash, ref, error);
+}
+
+/* The same in a loose pool: looks at one place. */
+static enum umb_status find_late_brick(struct umb_pool *pool, const uint64_t slices[8],
+                                       uint32_t *ref, struct umb_error *error)
+{
+    const uint64_t hash = umb__brick_hash(pool, slices);
+    if (pool->brick_slots.words != NULL) {
+        uint64_t *word = pool->brick_slots.words + umb__slot_place(&pool->brick_slots, hash);
+        const uint32_t number = umb__slot_number(*word);
+        if (umb__slot_fits(*word, hash) && *word != EMPTY &&
+            memcmp(pool->bricks[number], slices, sizeof *pool->bricks) == 0) {
+            *ref = number;
+            return UMB_OK;
+        }
+        if (pool->brick_count < pool->brick_capacity) {
+            *ref = pool->brick_count++;
+            memcpy(pool->bricks[*ref], slices, sizeof *pool->bricks);
+            *word = umb__slot_word(hash, *ref);
+            return UMB_OK;
+        }
+    }
+    return brick_add(pool, slices, hash, ref, error);
 }
 
 enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
@@ -282,7 +311,9 @@ enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], 
         *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
-    return umb__pool_find_brick(pool, slices, umb__brick_hash(pool, slices), ref, error);
+    return pool->is_loose
+               ? find_late_brick(pool, slices, ref, error)
+               : umb__pool_find_brick(pool, slices, umb__brick_hash(pool, slices), ref, error);
 }
 
 uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *key)
@@ -384,8 +415,8 @@ enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number
         const size_t last = ((size_t)1 << level->slots.log2_size) - 1;
         size_t at = umb__slot_place(&level->slots, hash);
         for (uint64_t word; (word = level->slots.words[at]) != EMPTY; at = (at + 1) & last) {
-            const uint32_t number = (uint32_t)word;
-            if (word == umb__slot_word(hash, number) && node_equals(level, number, key)) {
+            const uint32_t number = umb__slot_number(word);
+            if (umb__slot_fits(word, hash) && node_equals(level, number, key)) {
                 *ref = number;
                 return UMB_OK;
             }

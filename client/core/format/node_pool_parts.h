@@ -4,17 +4,17 @@
 /*
  * Between node_pool.c and pool_merge.c: hashes, keys and slots.
  *
- * A slot is one 64-bit word, tag above number. The tag is the hash's high half; its first bits give
- * the place, so that a word alone says where it goes in a table of any size, and what is left of
- * them (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that follow
- * one another are tried in turn until an empty one.
+ * A slot is one 64-bit word, tag above number plus one. The tag is the hash's high half; its first
+ * bits give the place, so that a word alone says where it goes in a table of any size, and what is
+ * left of them (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that
+ * follow one another are tried in turn until an empty one.
  *
  * Hashes have a seed that nobody outside the process knows: bricks of a stranger's file that all
  * had one hash would each be compared with all before. Numbers do not depend on it.
  */
 #include "format/node_pool.h"
 
-#define UMB__SLOT_EMPTY UINT64_MAX
+#define UMB__SLOT_EMPTY UINT64_C(0) /* as fresh pages are */
 
 /* In: hash: or a slot's word. */
 static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint64_t hash)
@@ -24,7 +24,19 @@ static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint64_
 
 static inline uint64_t umb__slot_word(uint64_t hash, uint32_t number)
 {
-    return (hash & 0xffffffff00000000ULL) | number;
+    return (hash & 0xffffffff00000000ULL) | (number + 1U);
+}
+
+/* In: word: of a slot that is not empty. */
+static inline uint32_t umb__slot_number(uint64_t word)
+{
+    return (uint32_t)word - 1U;
+}
+
+/* Whether a slot's word can be that of what has this hash. */
+static inline int umb__slot_fits(uint64_t word, uint64_t hash)
+{
+    return (uint32_t)((word ^ hash) >> 32) == 0;
 }
 
 /* A node's key: its mask and its mixed children. */
@@ -39,7 +51,8 @@ uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *
 /* In: children: as umb_pool_node takes them. */
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
-/* Finds or adds what is not uniform, under its hash; else as umb_pool_brick and umb_pool_node. */
+/* Finds or adds what is not uniform, under its hash; else as umb_pool_brick and umb_pool_node.
+ * Bricks: not of a loose pool. */
 UMB_CHECKED enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8],
                                                  uint64_t hash, uint32_t *ref,
                                                  struct umb_error *error);

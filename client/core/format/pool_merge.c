@@ -6,6 +6,8 @@
  * the slot names. Here all keys are known beforehand: they are taken in groups, and each step asks
  * for the lines that the next one reads, so that a group waits about once a step.
  */
+#include <string.h>
+
 #include "base/memory.h"
 #include "format/node_pool_parts.h"
 
@@ -29,8 +31,8 @@ static uint32_t slot_number(const struct umb_hash_slots *slots, uint64_t hash)
     const size_t last = ((size_t)1 << slots->log2_size) - 1;
     size_t at = umb__slot_place(slots, hash);
     for (uint64_t word; (word = slots->words[at]) != UMB__SLOT_EMPTY; at = (at + 1) & last) {
-        if (word == umb__slot_word(hash, (uint32_t)word)) {
-            return (uint32_t)word;
+        if (umb__slot_fits(word, hash)) {
+            return umb__slot_number(word);
         }
     }
     return NOBODY;
@@ -41,25 +43,31 @@ enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*br
 {
     enum umb_status status = UMB_OK;
     uint64_t hashes[GROUP];
+    uint32_t numbers[GROUP];
     for (uint32_t i = 0; i < count; i++) {
         hashes[i] = umb__brick_hash(pool, bricks[i]);
         slot_ahead(&pool->brick_slots, hashes[i]);
     }
     for (uint32_t i = 0; i < count; i++) {
-        const uint32_t number = slot_number(&pool->brick_slots, hashes[i]);
-        if (number != NOBODY) {
-            __builtin_prefetch(pool->bricks[number]);
+        numbers[i] = slot_number(&pool->brick_slots, hashes[i]);
+        if (numbers[i] != NOBODY) {
+            __builtin_prefetch(pool->bricks[numbers[i]]);
         }
     }
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        if (numbers[i] != NOBODY &&
+            memcmp(pool->bricks[numbers[i]], bricks[i], sizeof *bricks) == 0) {
+            refs[i] = numbers[i];
+            continue;
+        }
         status = umb__pool_find_brick(pool, bricks[i], hashes[i], &refs[i], error);
     }
     return status;
 }
 
 /* Asks for all lines that looking a group up will read. */
-static void nodes_ahead(const struct umb_pool *pool, uint32_t number,
-                        struct umb__node_group *group, uint32_t n)
+static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb__node_group *group,
+                        uint32_t n)
 {
     const struct umb_pool_level *level = &pool->level[number];
     for (uint32_t i = 0; i < n; i++) {
