@@ -223,9 +223,11 @@ static inline bool umb__descend_together(const struct umb__query *q, struct umb_
 static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
                                           uint64_t number, uint64_t lit)
 {
-    const uint64_t *const inner = brick ? q->bricks[number] : q->nodes + number;
+    /* As integers: of a uniform cube number is any, and there may be no nodes at all. */
+    const uintptr_t inner = brick ? (uintptr_t)q->bricks + number * sizeof *q->bricks
+                                  : (uintptr_t)q->nodes + number * sizeof *q->nodes;
     const uint64_t *const uniform = brick ? umb__uniform_bricks[lit] : umb__uniform_nodes + 2 * lit;
-    return (const uint64_t *)umb__select(mixed, (uintptr_t)inner, (uintptr_t)uniform);
+    return (const uint64_t *)umb__select(mixed, inner, (uintptr_t)uniform);
 }
 
 /* From the heads' columns to their nodes, or bricks. Returns who is not settled. */

@@ -54,8 +54,9 @@ static size_t march(const struct volume_fixture *f, const double v[2][3],
     at[0] = 0;
     for (unsigned k = 0; k < 3; k++) {
         double slope = v[1][k] - v[0][k];
-        axes[k] = (struct march_axis){v[0][k], 1 / slope, 0, (int32_t)f->size, 0};
-        axes[k].step = isfinite(1 / slope) ? (slope > 0 ? 1 : -1) : 0;
+        const double slower = slope != 0 ? 1 / slope : INFINITY;
+        axes[k] = (struct march_axis){v[0][k], slower, 0, (int32_t)f->size, 0};
+        axes[k].step = isfinite(slower) ? (slope > 0 ? 1 : -1) : 0;
         for (int32_t n = 0; axes[k].step != 0 && n <= axes[k].size; n++) {
             double t = plane_at(&axes[k], n);
             if (t > 0 && t < 1) {

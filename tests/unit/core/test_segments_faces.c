@@ -175,11 +175,12 @@ static void march_line(const struct lamp *lamp, uint32_t face, const double h0[3
         const double start = i < 2 ? (h0[i] + part[0] * gain[i]) / w[0] : -1 / w[0];
         const double slope =
             i < 2 ? (h0[i] + part[1] * gain[i]) / w[1] - start : 1 / w[0] - 1 / w[1];
-        planes[i].step = isfinite(1 / slope) ? (slope > 0 ? 1 : -1) : 0;
+        const double slower = slope != 0 ? 1 / slope : INFINITY;
+        planes[i].step = isfinite(slower) ? (slope > 0 ? 1 : -1) : 0;
         planes[i].at = i < 2 ? start : (w[0] - offset) / scale;
         for (int k = 0; k <= SIZE; k++) {
             const double place = i < 2 ? k : -1 / (scale * k + offset);
-            planes[i].s[k] = (place - start) * (1 / slope);
+            planes[i].s[k] = (place - start) * slower;
             if (planes[i].step != 0 && planes[i].s[k] > 0 && planes[i].s[k] < 1) {
                 events[count++] = planes[i].s[k];
             }
@@ -215,7 +216,7 @@ static void march_piece(const struct lamp *lamp, uint32_t face, const double p[2
         w[e] = h0[2] + part[e] * gain[2];
     }
     const int begins = w[0] >= first, ends = w[1] >= first;
-    const double cut = fmin(fmax((first - h0[2]) / gain[2], a), b);
+    const double cut = begins != ends ? fmin(fmax((first - h0[2]) / gain[2], a), b) : a;
     if (!begins) {
         found_put(found, 1, a);
         part[0] = cut;
@@ -256,8 +257,8 @@ static void march(const struct lamp *lamp, const double p[2][3], struct found *f
     cuts[count++] = 0;
     for (uint32_t f = 0; f < FACES; f++) {
         for (uint32_t g = 0; g < FACES; g++) {
-            const double t = (w0[f] - w0[g]) / (gain[g] - gain[f]);
-            if (gain[g] > gain[f] && t > 0 && t < 1) {
+            const double t = gain[g] > gain[f] ? (w0[f] - w0[g]) / (gain[g] - gain[f]) : 0;
+            if (t > 0 && t < 1) {
                 cuts[count++] = t;
             }
         }
@@ -269,7 +270,9 @@ static void march(const struct lamp *lamp, const double p[2][3], struct found *f
     for (size_t i = 1; i + 1 < count; i++) {
         const uint32_t next = looking(w0, gain, 0.5 * (cuts[i] + cuts[i + 1]));
         if (next != face) {
-            const double t = (w0[face] - w0[next]) / (gain[next] - gain[face]);
+            const double t = gain[next] != gain[face]
+                                 ? (w0[face] - w0[next]) / (gain[next] - gain[face])
+                                 : INFINITY;
             march_piece(lamp, face, p, from, t, found);
             from = t;
             face = next;
