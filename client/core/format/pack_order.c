@@ -144,25 +144,8 @@ static enum umb_status close_page(struct traversal *t)
     return UMB_OK;
 }
 
-/* What a node will take in the open page, roughly. */
-static size_t estimate(const struct traversal *t, struct umb__node_ref node)
-{
-    if (node.level == UMB_LEVEL_BRICK) {
-        return t->survey->brick_bytes[node.index];
-    }
-    const struct umb_octree_level *level = &t->octree->level[node.level];
-    const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
-    size_t bytes = umb__node_estimate(end - first);
-    for (uint32_t i = first; i < end && !t->alone; i++) {
-        const enum node_state child =
-            state_of(t, (struct umb__node_ref){node.level - 1, level->children[i]});
-        bytes += child == WAITS || child == BEFORE ? 8 : 0;
-    }
-    return bytes;
-}
-
-/* Writes a node at the end of the open page. */
-static enum umb_status place(struct traversal *t, struct umb__node_ref node)
+/* Writes a node at the end of the open page, where it will take so many bytes, roughly. */
+static enum umb_status place(struct traversal *t, struct umb__node_ref node, size_t bytes)
 {
     struct umb__pack_order *order = t->order;
     const uint32_t ordinal = t->next[node.level];
@@ -174,7 +157,7 @@ static enum umb_status place(struct traversal *t, struct umb__node_ref node)
                    (size_t)ordinal + 1, sizeof *order->nodes[node.level])) {
         return no_memory(t->error);
     }
-    t->page_bytes += estimate(t, node);
+    t->page_bytes += bytes;
     set_state(t, node, HERE);
     order->ordinals[node.level][node.index] = ordinal;
     order->nodes[node.level][ordinal] = node.index;
@@ -216,12 +199,33 @@ struct stack {
     size_t depth;
 };
 
-static void push(const struct traversal *t, struct umb__node_ref node, struct stack *stack)
+/*
+ * Looks at what a node leads to: children that stand nowhere yet and are to be visited in this band
+ * go on the stack, but for bricks. Returns what the node will take in the open page, roughly.
+ */
+static size_t enter(const struct traversal *t, struct umb__node_ref node, struct stack *stack)
 {
-    if (!is_placed(t, node)) {
-        __builtin_prefetch(t->octree->level[node.level].first + node.index);
-        stack->nodes[stack->depth++] = node;
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    const struct umb_octree_level *below = &t->octree->level[node.level - 1];
+    const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
+    const bool visits = node.level > t->band_low && node.level > UMB_LEVEL_BRICK + 1;
+    const enum node_state stands = t->alone ? HERE : BEFORE;
+    const size_t depth = stack->depth;
+    size_t bytes = umb__node_estimate(end - first);
+    /* The stack gives children back in reverse, so the last one goes first. */
+    for (uint32_t i = end; i-- > first;) {
+        const struct umb__node_ref child = {node.level - 1, level->children[i]};
+        const enum node_state state = state_of(t, child);
+        bytes += !t->alone && (state == WAITS || state == BEFORE) ? 8 : 0;
+        if (visits && state < stands) {
+            __builtin_prefetch(below->first + child.index);
+            stack->nodes[stack->depth++] = child;
+        }
     }
+    for (size_t i = depth; i < stack->depth; i++) {
+        __builtin_prefetch(below->children + below->first[stack->nodes[i].index]);
+    }
+    return bytes;
 }
 
 /* Bricks stand right behind the node above them; what is read of them is asked for together. */
@@ -233,34 +237,23 @@ static enum umb_status place_bricks(struct traversal *t, const uint32_t *bricks,
     }
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         const struct umb__node_ref brick = {UMB_LEVEL_BRICK, bricks[i]};
-        status = is_placed(t, brick) ? UMB_OK : place(t, brick);
+        status = is_placed(t, brick) ? UMB_OK : place(t, brick, t->survey->brick_bytes[bricks[i]]);
     }
     return status;
 }
 
-/* What follows a node: bricks, or children that are to be visited, or wait. */
-static enum umb_status visit_children(struct traversal *t, struct umb__node_ref node,
-                                      struct stack *stack)
+/* What follows a node besides what is on the stack: bricks, or children that wait. */
+static enum umb_status follow(struct traversal *t, struct umb__node_ref node)
 {
     const struct umb_octree_level *level = &t->octree->level[node.level];
     const uint32_t *children = level->children + level->first[node.index];
     const uint32_t count = level->first[node.index + 1] - level->first[node.index];
+    enum umb_status status = UMB_OK;
     if (node.level == UMB_LEVEL_BRICK + 1) {
         return place_bricks(t, children, count);
     }
-    enum umb_status status = UMB_OK;
-    const size_t depth = stack->depth;
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        if (node.level == t->band_low) {
-            status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
-        } else {
-            /* The stack gives children back in reverse, so the last one goes first. */
-            push(t, (struct umb__node_ref){node.level - 1, children[count - 1 - i]}, stack);
-        }
-    }
-    for (size_t i = depth; i < stack->depth; i++) {
-        const struct umb_octree_level *below = &t->octree->level[node.level - 1];
-        __builtin_prefetch(below->children + below->first[stack->nodes[i].index]);
+    for (uint32_t i = 0; i < count && node.level == t->band_low && status == UMB_OK; i++) {
+        status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
     }
     return status;
 }
@@ -281,14 +274,13 @@ static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
     enum umb_status status = UMB_OK;
     while (stack.depth > 0 && status == UMB_OK) {
         const struct umb__node_ref node = stack.nodes[--stack.depth];
-        if (stack.depth > 0 && stack.nodes[stack.depth - 1].level > UMB_LEVEL_BRICK) {
+        if (stack.depth > 0) {
             ask_for_states(t, stack.nodes[stack.depth - 1]);
         }
         if (!is_placed(t, node)) {
-            status = place(t, node);
-            if (status == UMB_OK && node.level > UMB_LEVEL_BRICK) {
-                status = visit_children(t, node, &stack);
-            }
+            const size_t bytes = enter(t, node, &stack);
+            status = place(t, node, bytes);
+            status = status == UMB_OK ? follow(t, node) : status;
         }
     }
     return status;

@@ -33,14 +33,25 @@
 /* Pages that one job makes: their hashes are made together (struct umb_sha256). */
 #define JOB_PAGES 16U
 
+/* Compressed pages, one behind the other. */
+struct chunk {
+    struct chunk *next;
+    size_t used, size;
+    uint8_t bytes[];
+};
+
+/* Sizes of a worker's first chunk, and of those that it doubles to: few large pages of the system,
+ * and little that a small asset does not need. */
+#define CHUNK_FIRST ((size_t)64 << 10)
+#define CHUNK_MOST  (((size_t)4 << 20) - sizeof(struct chunk))
+
 /* What one worker has to itself. */
 struct page_worker {
     struct umb__page_encoder encoder;
     ZSTD_CCtx *zstd;
     uint8_t *raw; /* the pages of a job, one after the other */
     size_t raw_size, raw_capacity;
-    uint8_t *buffer; /* for a compressed page */
-    size_t buffer_capacity;
+    struct chunk *chunks;   /* the last one first */
     enum umb_status status; /* of the first page it failed at */
     struct umb_error error;
 };
@@ -53,7 +64,8 @@ struct writer {
     struct umb__pack_order order;
     struct page_worker *workers;
     unsigned worker_count;
-    uint8_t **stored; /* [page_count] compressed pages; lengths are in the entries */
+    uint8_t **stored; /* [page_count] compressed pages in the workers' chunks; lengths are in the
+                         entries */
     uint8_t *entries; /* [page_count * UMB__PAGE_ENTRY] */
     uint8_t *blocks;  /* [block count * UMB__BLOCK_ENTRY] */
 };
@@ -63,26 +75,45 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: out of memory");
 }
 
+/* Makes room for `needed` more bytes of compressed pages. */
+static bool make_room(const struct umb_alloc *alloc, struct page_worker *worker, size_t needed)
+{
+    const struct chunk *last = worker->chunks;
+    if (last && last->size - last->used >= needed) {
+        return true;
+    }
+    size_t size = last ? 2 * last->size : CHUNK_FIRST;
+    size = size > CHUNK_MOST ? CHUNK_MOST : size;
+    size = size < needed ? needed : size;
+    struct chunk *chunk = umb__alloc_large(alloc, sizeof *chunk + size, 1);
+    if (!chunk) {
+        return false;
+    }
+    chunk->next = worker->chunks;
+    chunk->used = 0;
+    chunk->size = size;
+    worker->chunks = chunk;
+    return true;
+}
+
 /* Compresses the encoded page and keeps it. */
 static enum umb_status compress_page(const struct writer *w, struct page_worker *worker,
                                      uint32_t page, size_t *stored_length)
 {
     const struct umb__page_encoder *e = &worker->encoder;
-    size_t bound = ZSTD_compressBound(e->raw_size);
-    if (!umb__grow(w->alloc, &worker->buffer, &worker->buffer_capacity, bound, 1)) {
+    const size_t bound = ZSTD_compressBound(e->raw_size);
+    if (!make_room(w->alloc, worker, bound)) {
         return no_memory(&worker->error);
     }
-    size_t length = ZSTD_compress2(worker->zstd, worker->buffer, bound, e->raw, e->raw_size);
+    struct chunk *chunk = worker->chunks;
+    w->stored[page] = chunk->bytes + chunk->used;
+    const size_t length = ZSTD_compress2(worker->zstd, w->stored[page], bound, e->raw, e->raw_size);
     if (ZSTD_isError(length)) {
         const bool memory = ZSTD_getErrorCode(length) == ZSTD_error_memory_allocation;
         return umb_fail(&worker->error, memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
                         "packing: zstd: %s", ZSTD_getErrorName(length));
     }
-    w->stored[page] = umb__alloc(w->alloc, length, 1);
-    if (!w->stored[page]) {
-        return no_memory(&worker->error);
-    }
-    memcpy(w->stored[page], worker->buffer, length);
+    chunk->used += length;
     *stored_length = length;
     return UMB_OK;
 }
@@ -221,11 +252,11 @@ static void writer_finish(struct writer *w)
     for (unsigned i = 0; w->workers && i < w->worker_count; i++) {
         umb__page_encoder_finish(&w->workers[i].encoder, w->alloc);
         ZSTD_freeCCtx(w->workers[i].zstd);
-        umb__free(w->alloc, w->workers[i].buffer);
         umb__free(w->alloc, w->workers[i].raw);
-    }
-    for (uint32_t page = 0; w->stored && page < w->order.page_count; page++) {
-        umb__free(w->alloc, w->stored[page]);
+        for (struct chunk *chunk = w->workers[i].chunks, *next; chunk; chunk = next) {
+            next = chunk->next;
+            umb__free(w->alloc, chunk);
+        }
     }
     umb__free(w->alloc, w->workers);
     umb__free(w->alloc, (void *)w->stored);
