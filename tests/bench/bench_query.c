@@ -352,19 +352,21 @@ static void stage_finish(struct stage *stage)
     bench_scene_finish(&stage->scene);
 }
 
-static void scene_run(const char *name, uint32_t log2_size, const char *assets)
+/* only: the set of points that is raced alone, or NULL. */
+static void scene_run(const char *name, uint32_t log2_size, const char *assets, const char *only)
 {
     struct stage stage;
     const int thousands = 1 << (log2_size - 10);
+    const struct bench_points *const sets[] = {&stage.gbuffer, &stage.overview, &stage.random};
     stage_make(&stage, name, log2_size, assets);
     for (int closed_rule = 1; closed_rule >= (log2_size > 14); closed_rule--) {
         struct bench_asset asset;
         bench_asset_make(&stage.scene, closed_rule, 0, &asset);
         (void)bench_pin(0);
-        race_run(&stage, &asset, closed_rule, &stage.gbuffer, thousands);
-        race_run(&stage, &asset, closed_rule, &stage.overview, thousands);
-        if (stage.has_map) {
-            race_run(&stage, &asset, closed_rule, &stage.random, thousands);
+        for (size_t i = 0; i < (stage.has_map ? 3U : 2U); i++) {
+            if (only == NULL || strcmp(only, sets[i]->name) == 0) {
+                race_run(&stage, &asset, closed_rule, sets[i], thousands);
+            }
         }
         (void)bench_pin(BENCH_PIN_ALL);
         bench_asset_finish(&asset);
@@ -420,27 +422,31 @@ static void threads_race(const char *name, const char *assets)
 
 static void usage_print(FILE *to)
 {
-    fputs("usage: bench_query [--size quick|full] [--scene terrain|city] [--assets DIR]\n"
+    fputs("usage: bench_query [--size quick|full] [--scene terrain|city]\n"
+          "                   [--points gbuffer|gbuffer-overview|random] [--assets DIR]\n"
           "  --size    quick: assets of 16384 voxels a side; full: of 65536, two threads against\n"
           "            one, and a sparse volume as peer (quick)\n"
           "  --scene   this scene alone\n"
+          "  --points  this set of points alone; nothing of threads and of the volume\n"
           "  --assets  read and keep bakes in this folder, which other benchmarks share\n",
           to);
 }
 
 int main(int argc, char **argv)
 {
-    static const char *const options[] = {"--size", "--scene", "--assets", NULL};
+    static const char *const options[] = {"--size", "--scene", "--points", "--assets", NULL};
     static const char *const scenes[] = {"terrain", "city", NULL};
+    static const char *const sets[] = {"gbuffer", "gbuffer-overview", "random", NULL};
     bench_arguments(argc, argv, options, usage_print);
     const char *size = bench_size(argc, argv);
     const char *assets = bench_option(argc, argv, "--assets", NULL);
     const int full = strcmp(size, "full") == 0;
     const char *only = bench_choice(argc, argv, "--scene", scenes, NULL);
+    const char *points = bench_choice(argc, argv, "--points", sets, NULL);
     for (size_t i = 0; scenes[i] != NULL; i++) {
         if (only == NULL || strcmp(only, scenes[i]) == 0) {
-            scene_run(scenes[i], full ? 16 : 14, assets);
-            if (full) {
+            scene_run(scenes[i], full ? 16 : 14, assets, points);
+            if (full && points == NULL) {
                 volume_run(scenes[i], assets);
                 threads_race(scenes[i], assets);
             }
