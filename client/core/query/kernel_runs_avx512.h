@@ -223,29 +223,37 @@ static inline __m512i umb__pick_words(const struct umb__eight_bricks *from, __m5
     return _mm512_mask_blend_epi32(high, low_half, high_half);
 }
 
+/* All of the block at once, whatever its size: what it has no points for is read like the last run
+ * and thrown away. */
 static inline void umb__read_runs_avx512(struct umb__block *block, const struct umb__block *heads,
                                          const struct umb__runs *runs,
                                          const uint64_t *const brick[UMB__BLOCK])
 {
     const __m512i one = _mm512_set1_epi32(1), seven = _mm512_set1_epi32(7);
-    __m512i run[UMB__BLOCK / 16];
+    __m512i run[UMB__BLOCK / 16], lit[UMB__BLOCK / 16];
+    struct umb__brick_places at[UMB__BLOCK / 16];
     umb__number_runs(runs->starts, run);
-    for (uint32_t i = 0; i < UMB__BLOCK / 16 && runs->merged; i++) {
-        run[i] = _mm512_permutex2var_epi32(_mm512_load_si512(runs->head), run[i],
-                                           _mm512_load_si512(runs->head + 16));
+    for (uint32_t i = 0; i < UMB__BLOCK / 16; i++) {
+        if (runs->merged) {
+            run[i] = _mm512_permutex2var_epi32(_mm512_load_si512(runs->head), run[i],
+                                               _mm512_load_si512(runs->head + 16));
+        }
+        at[i] = umb__places_in_bricks(block, 16 * i);
+        lit[i] = _mm512_load_si512(block->lit + 16 * i);
     }
     for (uint32_t h = 0; h < heads->size; h += 8) {
         const struct umb__eight_bricks eight = umb__load_bricks(brick + h);
-        for (uint32_t i = 0; i < block->size; i += 16) {
-            const __m512i of = _mm512_sub_epi32(run[i / 16], _mm512_set1_epi32((int)h));
-            const __mmask16 here = _mm512_cmple_epu32_mask(of, seven);
-            const struct umb__brick_places at = umb__places_in_bricks(block, i);
-            const __m512i lit = _mm512_srlv_epi32(umb__pick_words(&eight, of, at.word), at.bit);
-            /* Blended, not stored with a mask: what is stored so is slow to load again. */
-            const __mmask16 these = here & (__mmask16)(block->todo >> i);
-            const __m512i old = _mm512_loadu_si512(block->lit + i);
-            _mm512_storeu_si512(block->lit + i, _mm512_mask_and_epi32(old, these, lit, one));
+        const __m512i first = _mm512_set1_epi32((int)h);
+        for (uint32_t i = 0; i < UMB__BLOCK / 16; i++) {
+            const __m512i of = _mm512_sub_epi32(run[i], first);
+            const __mmask16 todo = (__mmask16)(block->todo >> 16 * i);
+            const __mmask16 here = _mm512_mask_cmple_epu32_mask(todo, of, seven);
+            const __m512i words = umb__pick_words(&eight, of, at[i].word);
+            lit[i] = _mm512_mask_and_epi32(lit[i], here, _mm512_srlv_epi32(words, at[i].bit), one);
         }
+    }
+    for (uint32_t i = 0; i < UMB__BLOCK / 16; i++) {
+        _mm512_store_si512(block->lit + 16 * i, lit[i]);
     }
 }
 
