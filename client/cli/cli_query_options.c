@@ -71,7 +71,10 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                        0},
     [OPTION_LIGHT_SIZE] = {"light-size", "DEG",
                            "for penumbras: the light's angular diameter, default the asset's", 0},
-    [OPTION_OPAQUE_ONLY] = {"opaque-only", NULL, "translucent casters take no light", 0},
+    [OPTION_OPAQUE_ONLY] = {"opaque-only", NULL,
+                            "translucent casters take no light (of segments, columns and boxes "
+                            "they never do: it leaves out the note)",
+                            0},
     [OPTION_LEVEL] = {"level", "N", "stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
                       0},
     [OPTION_MAX_ERROR] = {"max-error", "E",
@@ -100,7 +103,9 @@ static const struct umbc_command COMMAND = {
         "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
         ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
         "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.\n"
-        "Segments, columns and boxes are answered exactly, voxel by voxel.",
+        "Segments, columns and boxes are answered exactly, voxel by voxel, of opaque casters "
+        "alone:\n"
+        "translucent ones take no part, and a note says so where there are any.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .connects = true,

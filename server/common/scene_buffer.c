@@ -54,6 +54,7 @@ const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
                               uint64_t offsets[UMBS_SECTION_COUNT], uint64_t *total)
 {
     uint64_t at = sizeof(struct umbs_scene_header);
+    *total = 0;
     for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
         if (counts[i] > section_kinds[i].limit) {
             return section_kinds[i].name;

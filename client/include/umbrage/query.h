@@ -23,7 +23,9 @@
  * the last voxel takes the last voxel's answer. All are counted.
  *
  * Assets baked under the static rule know of points on surfaces only. Elsewhere an answer means
- * nothing; farther from every surface than the plan says it is counted as undefined.
+ * nothing; farther from every surface than the plan says it is counted as undefined. Not so beyond
+ * the frustum in x or y and before z = 0, where nothing casts and the answer is known: such points
+ * are counted as said above, though a window that reaches in from there counts what it meets.
  *
  * Precision: a point becomes a voxel index in doubles (53 bits; a coordinate of 1e7 m resolves
  * 2e-9 m). The window is counted in integers. Answers are bit-equal for every batch size, split,

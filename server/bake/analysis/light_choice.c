@@ -92,7 +92,7 @@ static enum umb_status add_sun(struct chooser *c, struct umb_light_info **light,
 static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double elevation_deg,
                                   struct umb_error *error)
 {
-    struct umb_light_info *light;
+    struct umb_light_info *light = NULL;
     const enum umb_status status = add_sun(c, &light, error);
     if (status != UMB_OK) {
         return status;
@@ -169,7 +169,7 @@ static enum umb_status choose_at(struct chooser *c, const struct umbb_light_requ
 static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light *from,
                                       struct umb_error *error)
 {
-    struct umb_light_info *light;
+    struct umb_light_info *light = NULL;
     const enum umb_status status = add_light(c, (enum umb_light_kind)from->kind, &light, error);
     if (status != UMB_OK) {
         return status;
