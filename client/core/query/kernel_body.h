@@ -264,11 +264,8 @@ static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32
 #define FOUR(i)    (i), (i) + 1, (i) + 2, (i) + 3
 #define SIXTEEN(i) FOUR(i), FOUR((i) + 4), FOUR((i) + 8), FOUR((i) + 12)
 static const struct umb__runs each_alone = {
-    UINT64_MAX,
-    UMB__BLOCK,
-    {SIXTEEN(0), SIXTEEN(16), SIXTEEN(32), SIXTEEN(48), UMB__BLOCK},
-    false,
-    {0},
+    UINT64_MAX, UMB__BLOCK, {SIXTEEN(0), SIXTEEN(16), SIXTEEN(32), SIXTEEN(48), UMB__BLOCK},
+    false,      {0},
 };
 
 static void count_windows(const struct umb__query *q, const struct window_masks *masks,
@@ -314,28 +311,45 @@ static void count_windows(const struct umb__query *q, const struct window_masks 
     }
 }
 
-void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points, size_t first,
-                 size_t count, struct umb_answers *answers)
+static void answer_points(const struct umb__query *query, const struct UMB__PLACER *placer,
+                          size_t first, size_t end, void *values, struct umb_query_stats *stats)
+{
+    struct umb__descents descents;
+    struct umb__common common = {0};
+    umb__begin_descents(query, values, &descents);
+    while (first < end) {
+        struct umb__block *block = &descents.free->block;
+        const uint32_t size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
+        block->size = size;
+        UMB__PLACE(placer, first, block, stats);
+        umb__answer_points(&descents, &common, first, stats);
+        first += size;
+    }
+    umb__end_descents(&descents, stats);
+}
+
+static void answer_windows(const struct umb__query *query, const struct UMB__PLACER *placer,
+                           size_t first, size_t end, void *values, struct umb_query_stats *stats)
 {
     struct umb__block block;
     struct window_masks masks;
-    struct umb__common common = {0};
-    struct umb_query_stats stats = {.points = count};
     struct idle_stages idle = {0, 0};
+    make_masks(query->taps, &masks);
+    for (; first < end; first += block.size) {
+        block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
+        UMB__PLACE(placer, first, &block, stats);
+        count_windows(query, &masks, &block, &idle, stats);
+        umb__store_block(query, &block, first, values);
+    }
+}
+
+void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points, size_t first,
+                 size_t count, struct umb_answers *answers)
+{
+    struct umb_query_stats stats = {.points = count};
     struct UMB__PLACER placer;
     UMB__PLACER_INIT(query, points, &placer);
-    if (query->taps > 1) {
-        make_masks(query->taps, &masks);
-    }
-    for (size_t end = first + count; first < end; first += block.size) {
-        block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
-        UMB__PLACE(&placer, first, &block, &stats);
-        if (query->taps == 1) {
-            umb__count_points(query, &block, &common, &stats);
-        } else {
-            count_windows(query, &masks, &block, &idle, &stats);
-        }
-        umb__store_block(query, &block, first, answers->values);
-    }
+    (query->taps == 1 ? answer_points : answer_windows)(query, &placer, first, first + count,
+                                                        answers->values, &stats);
     umb_query_stats_add(&answers->stats, &stats);
 }

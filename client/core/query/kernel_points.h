@@ -1,14 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
-/*
- * One tap: the points of a block go down from their columns to their bricks, level by level.
- *
- * Who is still on the way stands in a list, and a stage writes the next stage's list over its own:
- * it puts every point at the end and moves the end if the point goes on, so nothing branches on
- * data. What a stage needs of a point's position, it computes for the whole block beforehand, in
- * loops that compilers make vectors of.
- */
+/* One tap: points that share bricks are answered by runs (kernel_runs.h), scattered ones go down
+ * each for itself (kernel_descent.h). */
+#include "query/kernel_descent.h"
 #include "query/kernel_runs.h"
 
 /* Heads are merged, and stand for more than a run, where that is a step of the kernel. */
@@ -16,127 +11,6 @@
 #define UMB__MERGE_HEADS(spread, heads, runs) ((void)(spread))
 #define UMB__RUNS_OF(runs, heads)             ((void)(runs), umb__count_bits(heads))
 #endif
-
-/* Points on their way down, and the node or brick that each has reached. */
-struct umb__descent {
-    uint32_t count;
-    uint8_t slot[UMB__BLOCK];
-    uint32_t number[UMB__BLOCK];
-};
-
-/* Points of a block, rounded up to what vectors hold; all stages fill as many. */
-static inline uint32_t umb__padded(const struct umb__block *block)
-{
-    return (block->size + 7) & ~7U;
-}
-
-/* Point i has met a piece of this value: it is settled, or goes on to a node or a brick, which is
- * asked for at once and not in a loop of its own: with some ten lines on their way from memory a
- * core has no room for more, and while it waits it can compute what the next points need. */
-static inline void umb__enter_piece(const struct umb__query *q, struct umb__block *block,
-                                    uint32_t i, uint32_t value, struct umb__descent *points)
-{
-    const uint32_t mixed = value >= UMB__CELL_FIRST, number = value - UMB__CELL_FIRST;
-    const uint64_t asked = umb__select(mixed, number, 0);
-    block->lit[i] = value & 1;
-    points->slot[points->count] = (uint8_t)i;
-    points->number[points->count] = number;
-    points->count += mixed;
-    UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
-}
-
-/* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
- * thrown away. From columns to pieces, and to the nodes or bricks that these are. */
-static inline void umb__enter_columns(const struct umb__query *q, struct umb__block *block,
-                                      struct umb__descent *points)
-{
-    const uint32_t c = q->column_level, row = q->log2_size - c, padded = umb__padded(block);
-    uint32_t index[UMB__BLOCK], value[UMB__BLOCK];
-    uint64_t column[UMB__BLOCK];
-    for (uint32_t i = 0; i < padded; i++) {
-        index[i] = ((uint32_t)block->x[i] >> c) + ((uint32_t)block->y[i] >> c << row);
-    }
-    for (uint32_t i = 0; i < padded; i++) {
-        memcpy(&column[i], q->columns + index[i], sizeof column[i]);
-    }
-    for (uint32_t i = 0; i < padded; i++) {
-        index[i] = umb__piece_of(column[i], (uint32_t)block->z[i] >> c);
-    }
-    for (uint32_t i = 0; i < padded; i++) {
-        value[i] = q->pieces[index[i]];
-    }
-    points->count = 0;
-    if (umb__count_bits(block->todo) == UMB__BLOCK) {
-        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-            umb__enter_piece(q, block, i, value[i], points);
-        }
-    } else {
-        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
-            uint32_t i = umb__first_bit(rest);
-            umb__enter_piece(q, block, i, value[i], points);
-        }
-    }
-}
-
-/*
- * From nodes to their children of `level`. With the masks shifted so that the child's bit is the
- * highest, that bit is its state, and as many bits as are left up to it is where its number stands
- * in the list; if it is not mixed, what is read is within the node and thrown away.
- */
-static inline void umb__enter_children(const struct umb__query *q, struct umb__block *block,
-                                       uint32_t level, struct umb__descent *points)
-{
-    uint32_t above[UMB__BLOCK], left = 0; /* children behind the point's own: 63 - bit */
-    const uint32_t *child[UMB__BLOCK];
-    for (uint32_t i = 0; i < umb__padded(block); i++) {
-        above[i] = umb__child_bit(block->x[i], block->y[i], block->z[i], level) ^ 63;
-    }
-    for (uint32_t k = 0; k < points->count; k++) {
-        uint32_t i = points->slot[k];
-        const uint64_t *node = q->nodes + points->number[k];
-        uint64_t mixed = node[0] << above[i], lit = node[1] << above[i];
-        const uint32_t *numbers = (const uint32_t *)(const void *)node + 3; /* counted from 1 */
-        block->lit[i] = (uint32_t)(lit >> 63);
-        points->slot[left] = (uint8_t)i;
-        child[left] = numbers + umb__count_bits(mixed);
-        UMB__PREFETCH(child[left]);
-        left += (uint32_t)(mixed >> 63);
-    }
-    for (uint32_t k = 0; k < left; k++) {
-        points->number[k] = *child[k];
-        UMB__PREFETCH(level > UMB_LEVEL_BRICK ? q->nodes + *child[k] : q->bricks[*child[k]]);
-    }
-    points->count = left;
-}
-
-static inline void umb__read_bricks(const struct umb__query *q, struct umb__block *block,
-                                    const struct umb__descent *points)
-{
-    uint32_t bit[UMB__BLOCK];
-    for (uint32_t i = 0; i < umb__padded(block); i++) {
-        bit[i] = ((uint32_t)block->x[i] & 7) | ((uint32_t)block->y[i] & 7) << 3;
-    }
-    for (uint32_t k = 0; k < points->count; k++) {
-        uint32_t i = points->slot[k];
-        uint64_t slice = q->bricks[points->number[k]][block->z[i] & 7];
-        block->lit[i] = (uint32_t)(slice >> bit[i] & 1);
-    }
-}
-
-/* From columns to bricks, level by level; points settled on the way leave the list. */
-static inline void umb__descend(const struct umb__query *q, struct umb__block *block,
-                                struct umb__descent *points, struct umb_query_stats *stats)
-{
-    uint32_t level = q->column_level;
-    stats->nodes += umb__count_bits(block->todo);
-    umb__enter_columns(q, block, points);
-    while (level > UMB_LEVEL_BRICK && points->count > 0) {
-        level -= 2;
-        stats->nodes += points->count;
-        umb__enter_children(q, block, level, points);
-    }
-    stats->bricks += points->count;
-}
 
 /* A mixed cube, and a voxel in it. */
 struct umb__cube {
@@ -319,26 +193,40 @@ static inline void umb__count_runs(const struct umb__query *q, struct umb__block
     UMB__READ_RUNS(block, &heads, &runs, brick);
 }
 
-/* Answers a block. common: all zero before the first; kept from block to block. */
-static inline void umb__count_points(const struct umb__query *q, struct umb__block *block,
+/* Answers a block and returns true, unless its points are scattered. common: all zero before the
+ * first; kept from block to block. */
+static inline bool umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb__common *common, struct umb_query_stats *stats)
 {
     struct umb__closeness close = UMB__COMPARE_POINTS(block);
     if (umb__descend_together(q, block, close.spread, common, stats)) {
-        return;
+        return true;
     }
     if (common->found && common->cube.level == UMB_LEVEL_BRICK) {
         UMB__READ_BRICK(block, q->bricks[common->cube.number]);
         stats->bricks++;
-        return;
+        return true;
     }
     uint64_t starts = umb__run_starts(block, close.changes);
-    if (umb__count_bits(starts) <= UMB__RUNS_MAX) {
-        umb__count_runs(q, block, starts, close.spread, common, stats);
+    if (umb__count_bits(starts) > UMB__RUNS_MAX) {
+        return false;
+    }
+    umb__count_runs(q, block, starts, close.spread, common, stats);
+    return true;
+}
+
+/* Answers the block that was placed in descents->free: at once, or while later ones go down.
+ * Answers are stored in the order of points. */
+static inline void umb__answer_points(struct umb__descents *descents, struct umb__common *common,
+                                      size_t first, struct umb_query_stats *stats)
+{
+    struct umb__descent *placed = descents->free;
+    placed->first = first;
+    if (umb__count_points(descents->query, &placed->block, common, stats)) {
+        umb__end_descents(descents, stats);
+        umb__store_block(descents->query, &placed->block, first, descents->values);
     } else {
-        struct umb__descent points;
-        umb__descend(q, block, &points, stats);
-        umb__read_bricks(q, block, &points);
+        umb__descend(descents, stats);
     }
 }
 

@@ -1,0 +1,226 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_DESCENT_H
+#define UMBRAGE_CORE_QUERY_KERNEL_DESCENT_H
+/*
+ * One tap of scattered points: those of a block go down from their columns to their bricks, level
+ * by level.
+ *
+ * Who is still on the way stands in a list, and a stage writes the next stage's list over its own:
+ * it puts every point at the end and moves the end if the point goes on, so nothing branches on
+ * data. What a stage needs of a point's position, it computes for the whole block beforehand, in
+ * loops that compilers make vectors of.
+ *
+ * A level takes two stages: look into the nodes for where the children's numbers stand, and ask for
+ * what these numbers lead to. The first computes, the second waits, since a core has room for some
+ * ten lines on their way from memory and no more. So two blocks go down at a time, and while one
+ * asks, point by point, the other looks.
+ */
+#include "query/kernel_parts.h"
+
+/* A block on its way down. */
+struct umb__descent {
+    struct umb__block block;
+    size_t first;                      /* of its points in the batch */
+    uint32_t level;                    /* of the nodes or bricks that its points have come to */
+    uint32_t count;                    /* points on the way */
+    uint8_t slot[UMB__BLOCK];          /* which ones */
+    uint32_t number[UMB__BLOCK];       /* of the node or brick, once asked for; before that */
+    const uint32_t *child[UMB__BLOCK]; /* where it stands */
+};
+
+/* The two blocks that are on their way. */
+struct umb__descents {
+    const struct umb__query *query;
+    void *values;                 /* of the batch */
+    struct umb__descent *free;    /* where the next block is to be placed */
+    struct umb__descent *looking; /* has looked and not asked yet; or none */
+    struct umb__descent both[2], none;
+};
+
+static inline void umb__begin_descents(const struct umb__query *q, void *values,
+                                       struct umb__descents *descents)
+{
+    descents->query = q;
+    descents->values = values;
+    descents->free = &descents->both[0];
+    descents->looking = &descents->none;
+    descents->none.block.size = 0;
+    descents->none.count = 0;
+    descents->none.level = UMB_LEVEL_BRICK;
+}
+
+/* Points of a block, rounded up to what vectors hold; all stages fill as many. */
+static inline uint32_t umb__padded(const struct umb__block *block)
+{
+    return (block->size + 7) & ~7U;
+}
+
+/* Point i has met a piece of this value: it is settled, or goes on to a node or a brick, which is
+ * asked for at once and not in a loop of its own: with some ten lines on their way from memory a
+ * core has no room for more, and while it waits it can compute what the next points need. */
+static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint32_t value,
+                                    struct umb__descent *points)
+{
+    const uint32_t mixed = value >= UMB__CELL_FIRST, number = value - UMB__CELL_FIRST;
+    const uint64_t asked = umb__select(mixed, number, 0);
+    points->block.lit[i] = value & 1;
+    points->slot[points->count] = (uint8_t)i;
+    points->number[points->count] = number;
+    points->count += mixed;
+    UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
+}
+
+/* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
+ * thrown away. From columns to pieces, and to the nodes or bricks that these are. */
+static inline void umb__enter_columns(const struct umb__query *q, struct umb__descent *points)
+{
+    const struct umb__block *block = &points->block;
+    const uint32_t c = q->column_level, row = q->log2_size - c, padded = umb__padded(block);
+    uint32_t index[UMB__BLOCK], value[UMB__BLOCK];
+    uint64_t column[UMB__BLOCK];
+    for (uint32_t i = 0; i < padded; i++) {
+        index[i] = ((uint32_t)block->x[i] >> c) + ((uint32_t)block->y[i] >> c << row);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        memcpy(&column[i], q->columns + index[i], sizeof column[i]);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        index[i] = umb__piece_of(column[i], (uint32_t)block->z[i] >> c);
+    }
+    for (uint32_t i = 0; i < padded; i++) {
+        value[i] = q->pieces[index[i]];
+    }
+    points->count = 0;
+    points->level = c;
+    if (umb__count_bits(block->todo) == UMB__BLOCK) {
+        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+            umb__enter_piece(q, i, value[i], points);
+        }
+    } else {
+        for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
+            uint32_t i = umb__first_bit(rest);
+            umb__enter_piece(q, i, value[i], points);
+        }
+    }
+}
+
+/*
+ * Point k of the list looks into its node; returns where the next that goes on is to be put. With
+ * the masks shifted so that the child's bit is the highest, that bit is its state, and as many bits
+ * as are left up to it is where its number stands in the list; if it is not mixed, what is read is
+ * within the node and thrown away. above: children behind the point's own, 63 - bit.
+ */
+static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent *points,
+                                 const uint32_t above[UMB__BLOCK], uint32_t k, uint32_t left)
+{
+    const uint32_t i = points->slot[k];
+    const uint64_t *node = q->nodes + points->number[k];
+    const uint64_t mixed = node[0] << above[i], lit = node[1] << above[i];
+    const uint32_t *numbers = (const uint32_t *)(const void *)node + 3; /* counted from 1 */
+    points->block.lit[i] = (uint32_t)(lit >> 63);
+    points->slot[left] = (uint8_t)i;
+    points->child[left] = numbers + umb__count_bits(mixed);
+    UMB__PREFETCH(points->child[left]);
+    return left + (uint32_t)(mixed >> 63);
+}
+
+/* Point k of the list reads its node's or brick's number and asks for it. */
+static inline void umb__ask(const struct umb__query *q, struct umb__descent *points, uint32_t k)
+{
+    const uint32_t number = points->number[k] = *points->child[k];
+    UMB__PREFETCH(points->level > UMB_LEVEL_BRICK ? q->nodes + number : q->bricks[number]);
+}
+
+/* One block asks, the other looks: of the next level from then on. */
+static inline void umb__step_both(const struct umb__query *q, struct umb__descent *asks,
+                                  struct umb__descent *looks, struct umb_query_stats *stats)
+{
+    const struct umb__block *block = &looks->block;
+    const uint32_t both = umb__least(asks->count, looks->count), count = looks->count;
+    uint32_t above[UMB__BLOCK], left = 0;
+    stats->nodes += count;
+    looks->level -= 2;
+    for (uint32_t i = 0; i < umb__padded(block); i++) {
+        above[i] = umb__child_bit(block->x[i], block->y[i], block->z[i], looks->level) ^ 63;
+    }
+    for (uint32_t k = 0; k < both; k++) {
+        left = umb__look(q, looks, above, k, left);
+        umb__ask(q, asks, k);
+    }
+    for (uint32_t k = both; k < count; k++) {
+        left = umb__look(q, looks, above, k, left);
+    }
+    for (uint32_t k = both; k < asks->count; k++) {
+        umb__ask(q, asks, k);
+    }
+    looks->count = left;
+}
+
+static inline void umb__read_bricks(const struct umb__query *q, struct umb__descent *points)
+{
+    struct umb__block *block = &points->block;
+    uint32_t bit[UMB__BLOCK];
+    for (uint32_t i = 0; i < umb__padded(block); i++) {
+        bit[i] = ((uint32_t)block->x[i] & 7) | ((uint32_t)block->y[i] & 7) << 3;
+    }
+    for (uint32_t k = 0; k < points->count; k++) {
+        uint32_t i = points->slot[k];
+        uint64_t slice = q->bricks[points->number[k]][block->z[i] & 7];
+        block->lit[i] = (uint32_t)(slice >> bit[i] & 1);
+    }
+}
+
+/* Answers a block that has asked for its bricks. */
+static inline void umb__arrive(const struct umb__descents *descents, struct umb__descent *points,
+                               struct umb_query_stats *stats)
+{
+    stats->bricks += points->count;
+    umb__read_bricks(descents->query, points);
+    umb__store_block(descents->query, &points->block, points->first, descents->values);
+}
+
+/* Sends the placed block down, and the one before to its end. */
+static inline void umb__descend(struct umb__descents *descents, struct umb_query_stats *stats)
+{
+    const struct umb__query *q = descents->query;
+    struct umb__descent *asks = descents->looking, *looks = descents->free;
+    stats->nodes += umb__count_bits(looks->block.todo);
+    umb__enter_columns(q, looks);
+    if (looks->level == UMB_LEVEL_BRICK) {
+        umb__arrive(descents, looks, stats);
+        return;
+    }
+    umb__step_both(q, asks, looks, stats);
+    while (asks->level > UMB_LEVEL_BRICK) {
+        struct umb__descent *asked = asks;
+        asks = looks;
+        looks = asked;
+        umb__step_both(q, asks, looks, stats);
+    }
+    descents->looking = looks;
+    if (asks == &descents->none) {
+        descents->free = &descents->both[looks == &descents->both[0]];
+    } else {
+        umb__arrive(descents, asks, stats);
+        descents->free = asks;
+    }
+}
+
+/* Sends the last block to its end. */
+static inline void umb__end_descents(struct umb__descents *descents, struct umb_query_stats *stats)
+{
+    struct umb__descent *last = descents->looking, *none = &descents->none;
+    if (last == none) {
+        return;
+    }
+    umb__step_both(descents->query, last, none, stats);
+    while (last->level > UMB_LEVEL_BRICK) {
+        umb__step_both(descents->query, none, last, stats);
+        umb__step_both(descents->query, last, none, stats);
+    }
+    umb__arrive(descents, last, stats);
+    none->level = UMB_LEVEL_BRICK;
+    descents->looking = none;
+}
+
+#endif
