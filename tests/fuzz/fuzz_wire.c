@@ -75,6 +75,8 @@ static void decode_all(const uint8_t *message, size_t size)
     (void)!umbw_decode_describe_request(message, size, text, &want_curves, NULL);
     (void)!umbw_decode_health_request(message, size, text, NULL);
     (void)!umbw_decode_health_reply(message, size, &serving, NULL);
+    struct umbw_limits limits;
+    (void)!umbw_decode_limits_reply(message, size, &limits, NULL);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

@@ -18,7 +18,7 @@ import array
 import atexit
 import contextlib
 import hashlib
-import importlib
+import importlib.util
 import json
 import os
 import random

@@ -94,7 +94,7 @@ static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double 
 {
     struct umb_light_info *light = NULL;
     const enum umb_status status = add_sun(c, &light, error);
-    if (status != UMB_OK) {
+    if (light == NULL) {
         return status;
     }
     if (c->options->lights.count > 1) {
@@ -171,7 +171,7 @@ static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light
 {
     struct umb_light_info *light = NULL;
     const enum umb_status status = add_light(c, (enum umb_light_kind)from->kind, &light, error);
-    if (status != UMB_OK) {
+    if (light == NULL) {
         return status;
     }
     snprintf(light->name, sizeof light->name, "%.*s", (int)(sizeof light->name - 1), from->name);
