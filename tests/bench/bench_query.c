@@ -23,6 +23,7 @@
 #include "bench_report.h"
 #include "bench_scene.h"
 #include "embree_peer.h"
+#include "lines_floor.h"
 #include "place_floor.h"
 #include "umbrage/query.h"
 
@@ -53,6 +54,9 @@ struct race {
     struct bench_samples ours[3], map_ratios[3], map_s[3], ray_ratios[2], ray_s[2];
     struct bench_samples tiled_ratios[3], tiled_s[3];
     struct bench_samples floor_s, floor_over_ray, map_over_ray; /* a ray over them; one tap */
+    struct lines_floor lines;                                   /* of random points */
+    struct bench_samples lines_over_ray;
+    unsigned lines_sum;
 };
 
 static void *floats_make(size_t count)
@@ -85,6 +89,13 @@ static double floor_run(struct race *race)
     const double start = bench_cpu_s();
     (wide ? place_floor_avx512 : place_floor_avx2)(&race->queries[0], &race->batches[0],
                                                    race->answers);
+    return (bench_cpu_s() - start) / (double)race->points->count;
+}
+
+static double lines_run(struct race *race)
+{
+    const double start = bench_cpu_s();
+    race->lines_sum += lines_floor_read(&race->lines);
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 
@@ -207,6 +218,9 @@ static void race_once(struct race *race)
             bench_add(&race->ray_ratios[r], rays / point_s);
             if (r == 0) {
                 bench_add(&race->floor_over_ray, rays / floor_s);
+                if (race->lines.lines != NULL) {
+                    bench_add(&race->lines_over_ray, rays / lines_run(race));
+                }
                 bench_add(&race->map_over_ray, race->stage->has_map ? rays / map_point_s : 0.0);
             }
         }
@@ -230,6 +244,12 @@ static void limits_report(const struct race *race)
         bench_row(BENCH, race->name, bench_text("sm16_vs_%s", rays), "higher", &race->map_over_ray);
     }
     bench_row(BENCH, race->name, bench_text("floor_vs_%s", rays), "higher", &race->floor_over_ray);
+    if (race->lines.lines != NULL) {
+        bench_say("%s: %.2f lines a point (%u)", race->name,
+                  (double)race->lines.count / (double)race->points->count, race->lines_sum & 1);
+        bench_row(BENCH, race->name, bench_text("lines_vs_%s", rays), "higher",
+                  &race->lines_over_ray);
+    }
 }
 
 static void race_report(const struct race *race)
@@ -306,6 +326,16 @@ static void threads_report(const struct race *race)
     bench_row(BENCH, race->name, "threads2_vs_1", "higher", &ratios);
 }
 
+/* The lines that random points touch: what reading them alone would take. */
+static void lines_prepare(struct race *race)
+{
+    race->lines.lines = malloc(race->points->count * LINES_FLOOR_MAX * sizeof *race->lines.lines);
+    if (race->lines.lines == NULL) {
+        bench_fail("lines of %zu points: out of memory", race->points->count);
+    }
+    lines_floor_note(&race->queries[0], &race->batches[0], &race->lines);
+}
+
 static void race_run(const struct stage *stage, const struct bench_asset *asset, int closed_rule,
                      const struct bench_points *points, int thousands)
 {
@@ -315,11 +345,15 @@ static void race_run(const struct stage *stage, const struct bench_asset *asset,
                            closed_rule ? "closed" : "open", points->name);
     race_prepare(&race, asset);
     race_tune(&race, closed_rule);
+    if (!gbuffer) {
+        lines_prepare(&race);
+    }
     while (race.ours[0].count < BENCH_RUNS ||
            (race.ours[0].count < BENCH_RUNS_MAX && race_is_noisy(&race))) {
         race_once(&race);
     }
     race_report(&race);
+    free(race.lines.lines);
     free(race.answers);
     free(race.other);
 }

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TESTS_LINES_FLOOR_H
+#define UMBRAGE_TESTS_LINES_FLOOR_H
+/*
+ * The floor under every kernel that answers single points from the mapped layout: the cache lines
+ * that their ways down touch, read at addresses known beforehand, asked for 64 ahead, nothing
+ * computed. A kernel learns an address from the line before, so it can only be slower.
+ */
+#include <stddef.h>
+#include "umbrage/query.h"
+
+struct lines_floor {
+    const unsigned char **lines; /* [count], in the order of points */
+    size_t count;
+};
+
+/* Most lines of one point: a piece, two of each node, a brick. */
+#define LINES_FLOOR_MAX 20U
+
+/* Notes the lines of a batch. lines: room for LINES_FLOOR_MAX a point. */
+void lines_floor_note(const struct umb_query *query, const struct umb_points *points,
+                      struct lines_floor *floor);
+
+/* Reads them. Returns what nobody needs, so that compilers do read. */
+unsigned lines_floor_read(const struct lines_floor *floor);
+
+#endif
