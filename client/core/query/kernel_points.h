@@ -223,7 +223,9 @@ static inline void umb__answer_points(struct umb__descents *descents, struct umb
     struct umb__descent *placed = descents->free;
     placed->first = first;
     if (umb__count_points(descents->query, &placed->block, common, stats)) {
-        umb__end_descents(descents, stats);
+        if (descents->looking != &descents->none) {
+            umb__end_descents(descents, stats);
+        }
         umb__store_block(descents->query, &placed->block, first, descents->values);
     } else {
         umb__descend(descents, stats);
