@@ -102,26 +102,33 @@ static double resident_mib(void)
     return (double)pages * (double)sysconf(_SC_PAGESIZE) / 1048576.0;
 }
 
-static struct run bake_here(const struct bench_scene *scene, int closed_rule, unsigned threads)
+/* What a child process is sent for. */
+struct errand {
+    const struct bench_scene *scene;
+    int closed_rule;
+    unsigned threads;
+    struct run run;  /* of a bake */
+    double embree_s; /* of rays */
+};
+
+static void bake_here(struct errand *errand)
 {
     struct umb_octree octree;
     struct rusage usage;
-    struct run run;
+    struct run *run = &errand->run;
     const double before = resident_mib(), wall = bench_wall_s(), cpu = bench_cpu_s();
-    octree_make(scene, closed_rule, threads, &octree);
-    run.packed_bytes = octree_pack(scene, closed_rule, threads, &octree);
-    run.cpu_s = bench_cpu_s() - cpu;
-    run.wall_s = bench_wall_s() - wall;
+    octree_make(errand->scene, errand->closed_rule, errand->threads, &octree);
+    run->packed_bytes = octree_pack(errand->scene, errand->closed_rule, errand->threads, &octree);
+    run->cpu_s = bench_cpu_s() - cpu;
+    run->wall_s = bench_wall_s() - wall;
     umb_octree_finish(&octree);
     getrusage(RUSAGE_SELF, &usage);
-    run.peak_mib = (double)usage.ru_maxrss / 1024.0 - before;
-    return run;
+    run->peak_mib = (double)usage.ru_maxrss / 1024.0 - before;
 }
 
-/* The same in a child. */
-static struct run bake_apart(const struct bench_scene *scene, int closed_rule, unsigned threads)
+/* Does it in a child, so that no party is left memory that another one has asked for. */
+static void do_apart(void (*it)(struct errand *errand), struct errand *errand)
 {
-    struct run run;
     int pipe_ends[2], status;
     (void)fflush(NULL);
     if (pipe(pipe_ends) != 0) {
@@ -129,15 +136,22 @@ static struct run bake_apart(const struct bench_scene *scene, int closed_rule, u
     }
     const pid_t child = fork();
     if (child == 0) {
-        run = bake_here(scene, closed_rule, threads);
-        _exit(write(pipe_ends[1], &run, sizeof run) == (ssize_t)sizeof run ? 0 : 1);
+        it(errand);
+        _exit(write(pipe_ends[1], errand, sizeof *errand) == (ssize_t)sizeof *errand ? 0 : 1);
     }
     (void)close(pipe_ends[1]);
-    if (child < 0 || read(pipe_ends[0], &run, sizeof run) != (ssize_t)sizeof run ||
+    if (child < 0 || read(pipe_ends[0], errand, sizeof *errand) != (ssize_t)sizeof *errand ||
         waitpid(child, &status, 0) != child || status != 0) {
-        bench_fail("%s: the process that bakes failed", scene->name);
+        bench_fail("%s: the child process failed", errand->scene->name);
     }
     (void)close(pipe_ends[0]);
+}
+
+static struct run bake_apart(const struct bench_scene *scene, int closed_rule, unsigned threads)
+{
+    struct errand errand = {.scene = scene, .closed_rule = closed_rule, .threads = threads};
+    do_apart(bake_here, &errand);
+    const struct run run = errand.run;
     bench_say("%s %s at %u, threads %u: %.2f s CPU of the first, %.2f s wall, %.0f MiB, %llu bytes",
               scene->name, closed_rule ? "closed" : "open", 1U << scene->frustum.log2_size, threads,
               run.cpu_s, run.wall_s, run.peak_mib, (unsigned long long)run.packed_bytes);
@@ -193,8 +207,9 @@ static void window_cover(const struct umbb_depth *depth, struct umbb_tile *tile,
 }
 
 /* CPU seconds that Embree would take for every covered texel of the map. */
-static double embree_whole(const struct bench_scene *scene)
+static void embree_here(struct errand *errand)
 {
+    const struct bench_scene *scene = errand->scene;
     const struct umbb_casters casters = bench_casters(scene, 0);
     const struct umbb_depth_options options = {.tile_log2 = WINDOW_LOG2, .threads = 1};
     const double share = covered_share(scene->name);
@@ -229,10 +244,16 @@ static double embree_whole(const struct bench_scene *scene)
     free(covered);
     free(depths);
     const double texels = share * (double)casters.size * (double)casters.size;
+    errand->embree_s = seconds / (double)rays * texels;
     bench_say("%s at %d: Embree %.1f Mrays/s, %.0f s for %.0f million covered texels", scene->name,
-              (int)casters.size, 1e-6 * (double)rays / seconds, seconds / (double)rays * texels,
-              1e-6 * texels);
-    return seconds / (double)rays * texels;
+              (int)casters.size, 1e-6 * (double)rays / seconds, errand->embree_s, 1e-6 * texels);
+}
+
+static double embree_apart(const struct bench_scene *scene)
+{
+    struct errand errand = {.scene = scene};
+    do_apart(embree_here, &errand);
+    return errand.embree_s;
 }
 
 void bake_race(const struct bench_scene *scene, int closed_rule, const char *name, int with_threads)
@@ -240,6 +261,8 @@ void bake_race(const struct bench_scene *scene, int closed_rule, const char *nam
     struct bench_samples rays = {0}, threads = {0};
     double cpu_s[RUNS], peak = 0.0, last_s = 0.0;
     int runs = 0;
+    /* Before the bakes and behind them: what it took in its better moment. */
+    const double embree_before = embree_apart(scene);
     while (runs < RUNS && (runs == 0 || last_s < QUICK_SECONDS)) {
         const struct run one = bake_apart(scene, closed_rule, 1);
         cpu_s[runs++] = one.cpu_s;
@@ -249,8 +272,7 @@ void bake_race(const struct bench_scene *scene, int closed_rule, const char *nam
             bench_add(&threads, one.wall_s / bake_apart(scene, closed_rule, 2).wall_s);
         }
     }
-    /* Afterwards: what it frees would be memory that the bakes need not ask for. */
-    const double embree = embree_whole(scene);
+    const double embree = fmin(embree_before, embree_apart(scene));
     for (int i = 0; i < runs; i++) {
         bench_add(&rays, embree / cpu_s[i]);
     }

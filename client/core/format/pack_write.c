@@ -30,9 +30,6 @@
 #define TABLE_LOG2_REFERS 9
 #define SHORTEST_MATCH    4
 
-/* Pages that one job makes: their hashes are made together (struct umb_sha256). */
-#define JOB_PAGES 16U
-
 /* Compressed pages, one behind the other. */
 struct chunk {
     struct chunk *next;
@@ -49,8 +46,6 @@ struct chunk {
 struct page_worker {
     struct umb__page_encoder encoder;
     ZSTD_CCtx *zstd;
-    uint8_t *raw; /* the pages of a job, one after the other */
-    size_t raw_size, raw_capacity;
     struct chunk *chunks;   /* the last one first */
     enum umb_status status; /* of the first page it failed at */
     struct umb_error error;
@@ -130,12 +125,6 @@ static enum umb_status write_page(const struct writer *w, struct page_worker *wo
     if (status != UMB_OK) {
         return status;
     }
-    if (!umb__grow(w->alloc, &worker->raw, &worker->raw_capacity, worker->raw_size + e->raw_size,
-                   1)) {
-        return no_memory(&worker->error);
-    }
-    memcpy(worker->raw + worker->raw_size, e->raw, e->raw_size);
-    worker->raw_size += e->raw_size;
     uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
     umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
@@ -143,52 +132,18 @@ static enum umb_status write_page(const struct writer *w, struct page_worker *wo
     entry[UMB__PAGE_LEVEL_HIGH] = e->raw[1];
     entry[UMB__PAGE_LEVEL_LOW] = e->raw[2];
     umb__store32(entry + UMB__PAGE_RECORDS, e->node_count);
-    return UMB_OK;
+    const void *part = e->raw;
+    w->sha256->digest(w->sha256->user, &part, &e->raw_size, 1, entry + UMB__PAGE_HASH);
+    return umb__digest_made(entry + UMB__PAGE_HASH) ? UMB_OK : no_memory(&worker->error);
 }
 
-/* Hashes the pages of a job, which lie one after the other, into their entries. */
-static enum umb_status hash_pages(const struct writer *w, struct page_worker *worker,
-                                  uint32_t first, uint32_t count)
-{
-    const struct umb_sha256 *sha256 = w->sha256;
-    const uint8_t *messages[JOB_PAGES], *next = worker->raw;
-    uint8_t digests[JOB_PAGES][UMB_ID_BYTES];
-    size_t sizes[JOB_PAGES];
-    uint8_t *entries = w->entries + (size_t)first * UMB__PAGE_ENTRY;
-    for (uint32_t i = 0; i < count; i++) {
-        messages[i] = next;
-        sizes[i] = umb__load32(entries + (size_t)i * UMB__PAGE_ENTRY + UMB__PAGE_RAW_LENGTH);
-        next += sizes[i];
-    }
-    if (sha256->digest_many) {
-        sha256->digest_many(sha256->user, messages, sizes, count, digests);
-    }
-    for (uint32_t i = 0; i < count; i++) {
-        if (!sha256->digest_many) {
-            const void *part = messages[i];
-            sha256->digest(sha256->user, &part, &sizes[i], 1, digests[i]);
-        }
-        if (!umb__digest_made(digests[i])) {
-            return no_memory(&worker->error);
-        }
-        memcpy(entries + (size_t)i * UMB__PAGE_ENTRY + UMB__PAGE_HASH, digests[i], UMB_ID_BYTES);
-    }
-    return UMB_OK;
-}
-
-/* Some pages; after a failure of its own a worker leaves the others out. */
-static void pages_job(void *user, uint32_t job, unsigned number)
+/* One page; after a failure of its own a worker leaves the others out. */
+static void page_job(void *user, uint32_t page, unsigned number)
 {
     const struct writer *w = user;
     struct page_worker *worker = &w->workers[number];
-    const uint32_t first = job * JOB_PAGES, left = w->order.page_count - first;
-    const uint32_t count = left < JOB_PAGES ? left : JOB_PAGES;
-    worker->raw_size = 0;
-    for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
-        worker->status = write_page(w, worker, first + i);
-    }
     if (worker->status == UMB_OK) {
-        worker->status = hash_pages(w, worker, first, count);
+        worker->status = write_page(w, worker, page);
     }
 }
 
@@ -217,7 +172,6 @@ static ZSTD_CCtx *compressor_create(bool alone)
 static enum umb_status write_pages(struct writer *w, const struct umb_workers *workers)
 {
     const uint32_t count = w->order.page_count;
-    const uint32_t jobs = count / JOB_PAGES + (count % JOB_PAGES > 0);
     w->worker_count = workers ? workers->count : 1;
     w->workers = umb__alloc_zeroed(w->alloc, w->worker_count, sizeof *w->workers);
     w->stored = umb__alloc_zeroed(w->alloc, count, sizeof *w->stored);
@@ -233,10 +187,10 @@ static enum umb_status write_pages(struct writer *w, const struct umb_workers *w
         }
     }
     if (workers) {
-        workers->run(workers->user, pages_job, w, jobs);
+        workers->run(workers->user, page_job, w, count);
     } else {
-        for (uint32_t job = 0; job < jobs; job++) {
-            pages_job(w, job, 0);
+        for (uint32_t page = 0; page < count; page++) {
+            page_job(w, page, 0);
         }
     }
     for (unsigned i = 0; i < w->worker_count; i++) {
@@ -252,7 +206,6 @@ static void writer_finish(struct writer *w)
     for (unsigned i = 0; w->workers && i < w->worker_count; i++) {
         umb__page_encoder_finish(&w->workers[i].encoder, w->alloc);
         ZSTD_freeCCtx(w->workers[i].zstd);
-        umb__free(w->alloc, w->workers[i].raw);
         for (struct chunk *chunk = w->workers[i].chunks, *next; chunk; chunk = next) {
             next = chunk->next;
             umb__free(w->alloc, chunk);
