@@ -205,6 +205,20 @@ static void longs_choose(const struct job *job, size_t i, size_t end, struct lon
     longs->answers.stretch_max = most;
 }
 
+/* What was asked with room for all stretches must have no more now, whatever a server says. */
+static enum umb_status longs_check(const struct longs *longs, struct umb_error *error)
+{
+    for (size_t i = 0; i < longs->count; i++) {
+        const uint64_t stretches = longs->answers.segments[i].stretch_count;
+        if (stretches > longs->answers.stretch_max) {
+            return umb_fail(error, UMB_E_PROTOCOL,
+                            "the daemon told %zu stretches at most, and then %" PRIu64,
+                            longs->answers.stretch_max, stretches);
+        }
+    }
+    return UMB_OK;
+}
+
 /* Asks the long segments from i on once more, as many as go together. */
 static enum umb_status longs_ask(struct job *job, const struct umb_segments *segments, size_t i,
                                  struct umb_error *error)
@@ -230,7 +244,8 @@ static enum umb_status longs_ask(struct job *job, const struct umb_segments *seg
     struct umb_segments again = *segments;
     again.ends = longs->ends;
     again.count = longs->count;
-    return answer_segments(job, &again, &longs->answers, error);
+    const enum umb_status status = answer_segments(job, &again, &longs->answers, error);
+    return status == UMB_OK ? longs_check(longs, error) : status;
 }
 
 static enum umb_status ask_segments(struct job *job, struct umb_error *error)

@@ -10,6 +10,7 @@ import os
 import random
 import sys
 import time
+from concurrent import futures
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
@@ -122,6 +123,35 @@ with test.check("a server that takes less is asked for less at once"):
         assert there == printed(city, kind, values), kind
     small.stop()
     test.daemons.remove(small)
+
+
+class Liar(grpc.GenericRpcHandler):
+    """A server whose segments have 20 stretches, and many more when they are asked again."""
+
+    def service(self, details):
+        answer = self.limits if details.method.endswith("/Limits") else self.segments
+        return grpc.unary_unary_rpc_method_handler(answer)
+
+    def limits(self, _, context):
+        return test.messages.shadows.LimitsReply(max_points=1 << 22, max_segments=1 << 16).SerializeToString()
+
+    def segments(self, message, context):
+        request = M.SegmentsRequest.FromString(message)
+        count = 20 if request.max_stretches < 20 else 200000000
+        return M.SegmentsReply(asset_id=bytes(32), lit=bytes(8), lit_m=bytes(8),
+                               stretch_counts=array.array("I", [count]).tobytes(),
+                               stretches=bytes(16 * request.max_stretches)).SerializeToString()
+
+
+with test.check("a server that contradicts itself is told so, and nothing beyond its answer is read"):
+    liar = grpc.server(futures.ThreadPoolExecutor(1), handlers=[Liar()])
+    port = liar.add_insecure_port("127.0.0.1:0")
+    liar.start()
+    done = ut.run("umbrage", "query", "city", "--segments", "-", "--address", f"tcp:127.0.0.1:{port}",
+                  stdin=b"0 0 0 1 1 1\n", code=None)
+    liar.stop(None)
+    assert done.returncode == 70 and b"64 stretches at most, and then 200000000" in done.stderr, \
+        (done.returncode, done.stderr)
 
 with test.check("a foreign client gets the same numbers, as arrays"):
     told = json.loads(printed(city, "segments", RECORDS["segments"], "--json"))["segments"]
