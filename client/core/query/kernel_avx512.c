@@ -32,20 +32,18 @@ ask_for_answers(const struct umb_answers *answers, enum umb_answer_format format
 void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
                         size_t first, size_t count, struct umb_answers *answers)
 {
+    struct umb__block block;
     struct umb__descents descents;
     struct umb__common common = {0};
     struct umb_query_stats stats = {.points = count};
     struct umb__wide_placer placer;
     umb__wide_placer_init(query, points, &placer);
     umb__begin_descents(query, answers->values, &descents);
-    for (const size_t end = first + count; first < end;) {
-        struct umb__block *block = &descents.free->block;
-        const uint32_t size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
-        block->size = size;
+    for (const size_t end = first + count; first < end; first += block.size) {
+        block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         ask_for_answers(answers, query->format, first);
-        umb__wide_place_block(&placer, first, block, &stats);
-        umb__answer_points(&descents, &common, first, &stats);
-        first += size;
+        umb__wide_place_block(&placer, first, &block, &stats);
+        umb__answer_points(query, &block, first, answers->values, &common, &descents, &stats);
     }
     umb__end_descents(&descents, &stats);
     umb_query_stats_add(&answers->stats, &stats);

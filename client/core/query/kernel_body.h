@@ -314,16 +314,14 @@ static void count_windows(const struct umb__query *q, const struct window_masks 
 static void answer_points(const struct umb__query *query, const struct UMB__PLACER *placer,
                           size_t first, size_t end, void *values, struct umb_query_stats *stats)
 {
+    struct umb__block block;
     struct umb__descents descents;
     struct umb__common common = {0};
     umb__begin_descents(query, values, &descents);
-    while (first < end) {
-        struct umb__block *block = &descents.free->block;
-        const uint32_t size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
-        block->size = size;
-        UMB__PLACE(placer, first, block, stats);
-        umb__answer_points(&descents, &common, first, stats);
-        first += size;
+    for (; first < end; first += block.size) {
+        block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
+        UMB__PLACE(placer, first, &block, stats);
+        umb__answer_points(query, &block, first, values, &common, &descents, stats);
     }
     umb__end_descents(&descents, stats);
 }

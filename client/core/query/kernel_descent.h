@@ -32,7 +32,7 @@ struct umb__descent {
 struct umb__descents {
     const struct umb__query *query;
     void *values;                 /* of the batch */
-    struct umb__descent *free;    /* where the next block is to be placed */
+    struct umb__descent *free;    /* where the next block is copied to */
     struct umb__descent *looking; /* has looked and not asked yet; or none */
     struct umb__descent both[2], none;
 };
@@ -179,13 +179,30 @@ static inline void umb__arrive(const struct umb__descents *descents, struct umb_
     umb__store_block(descents->query, &points->block, points->first, descents->values);
 }
 
-/* Sends the placed block down, and the one before to its end. A function of its own, as the next:
- * where points share their way down, the loop over blocks is quicker without them in it. */
+/* Lane by lane, which compilers make vectors of; the structure they would copy word by word. */
+static inline void umb__copy_block(const struct umb__block *from, struct umb__block *to)
+{
+    to->size = from->size;
+    to->todo = from->todo;
+    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
+        to->x[i] = from->x[i];
+        to->y[i] = from->y[i];
+        to->z[i] = from->z[i];
+        to->lit[i] = from->lit[i];
+    }
+}
+
+/* Sends a copy of the block down, and the one before to its end. first: of its points in the batch.
+ * A function of its own, as the next, and a copy: where points share their way down, the loop over
+ * blocks is quicker if it knows nothing of these. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
+                                                   const struct umb__block *block, size_t first,
                                                    struct umb_query_stats *stats)
 {
     const struct umb__query *q = descents->query;
     struct umb__descent *asks = descents->looking, *looks = descents->free;
+    umb__copy_block(block, &looks->block);
+    looks->first = first;
     stats->nodes += umb__count_bits(looks->block.todo);
     umb__enter_columns(q, looks);
     if (looks->level == UMB_LEVEL_BRICK) {

@@ -215,21 +215,20 @@ static inline bool umb__count_points(const struct umb__query *q, struct umb__blo
     return true;
 }
 
-/* Answers the block that was placed in descents->free: at once, or while later ones go down.
- * Answers are stored in the order of points. */
-static inline void umb__answer_points(struct umb__descents *descents, struct umb__common *common,
-                                      size_t first, struct umb_query_stats *stats)
+/* Answers a block: at once, or while later ones go down. first: of its points in the batch, whose
+ * answers are stored in their order. */
+static inline void umb__answer_points(const struct umb__query *q, struct umb__block *block,
+                                      size_t first, void *values, struct umb__common *common,
+                                      struct umb__descents *descents, struct umb_query_stats *stats)
 {
-    struct umb__descent *placed = descents->free;
-    placed->first = first;
-    if (umb__count_points(descents->query, &placed->block, common, stats)) {
-        if (descents->looking != &descents->none) {
-            umb__end_descents(descents, stats);
-        }
-        umb__store_block(descents->query, &placed->block, first, descents->values);
-    } else {
-        umb__descend(descents, stats);
+    if (!umb__count_points(q, block, common, stats)) {
+        umb__descend(descents, block, first, stats);
+        return;
     }
+    if (descents->looking != &descents->none) {
+        umb__end_descents(descents, stats);
+    }
+    umb__store_block(q, block, first, values);
 }
 
 #endif
