@@ -18,6 +18,9 @@
 /* Stretches that such segments may have together, unless one has more. */
 #define LONG_STRETCHES ((size_t)1 << 18)
 
+/* Room for what a request has beside its records: a name, an origin, numbers. */
+#define HEAD_BYTES 512
+
 /* Segments of more stretches than are kept, one behind the other, answered together. */
 struct longs {
     uint8_t *ends;
@@ -341,6 +344,9 @@ static enum umb_status ask_batch(struct job *job, struct umb_error *error)
     if (status == UMB_E_ARGUMENT && job->client == NULL) {
         return UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
+    if (status == UMB_E_TOO_LARGE && job->client != NULL) {
+        return UMB_E_FORMAT; /* likewise: not too many records, but one that is too large */
+    }
     if (status == UMB_OK && ferror(job->output.file)) {
         status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
@@ -377,13 +383,21 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
 /* Records of a call: as many as the options say and the server takes. */
 static size_t records_a_call(const struct job *job)
 {
-    const size_t batch = job->options->batch;
-    const uint64_t takes =
-        job->options->question == UMBC_QUESTION_SEGMENTS  ? job->limits.max_segments
-        : job->options->question == UMBC_QUESTION_COLUMNS ? job->limits.max_columns
-                                                          : job->limits.max_boxes;
-    return takes == 0 || batch < takes ? batch
-                                       : (size_t)takes; /* 0: no daemon, or it will say so */
+    const enum umbc_question question = job->options->question;
+    const size_t scalar = job->options->format == UMBC_POINTS_F32 ? sizeof(float) : sizeof(double);
+    const size_t record = (question == UMBC_QUESTION_COLUMNS ? 3 : 6) * scalar;
+    const uint64_t bytes = job->limits.max_message_bytes;
+    const uint64_t takes = question == UMBC_QUESTION_SEGMENTS  ? job->limits.max_segments
+                           : question == UMBC_QUESTION_COLUMNS ? job->limits.max_columns
+                                                               : job->limits.max_boxes;
+    size_t count = job->options->batch;
+    if (takes > 0 && takes < count) { /* 0: no daemon, or it will say so */
+        count = (size_t)takes;
+    }
+    if (bytes >= HEAD_BYTES + record && (bytes - HEAD_BYTES) / record < count) {
+        count = (size_t)((bytes - HEAD_BYTES) / record);
+    }
+    return count;
 }
 
 static enum umb_status open_answers(struct job *job, struct umb_error *error)

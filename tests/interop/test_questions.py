@@ -27,6 +27,7 @@ test.bake(scene, store + "/closed.umb", "--resolution", 256, "--closed", "on", "
           "front=off", "--verify", 0)
 test.bake(scene, store + "/lamp.umb", "--resolution", 64, "--point", "10,30,10", "--closed", "off",
           "--verify", 0)
+test.bake(scene, store + "/fine.umb", "--resolution", 4096, "--closed", "off", "--verify", 0)
 daemon = test.daemon("--workers", 2)
 client = test.client(daemon.grpc_unix)
 M = test.messages.questions
@@ -116,13 +117,19 @@ with test.check("long segments are asked again together, in their order"):
     assert calls(daemon, "Segments") - before < 20, calls(daemon, "Segments") - before
 
 with test.check("a server that takes less is asked for less at once"):
-    small = test.daemon("--max-points", 6400)  # 100 segments, 25 boxes
-    for kind, values in (("segments", RECORDS["segments"][:6 * 900] + mixed), ("columns", anywhere(7000)),
-                         ("boxes", RECORDS["boxes"])):
-        there = printed("city", kind, values, "--address", small.grpc_unix)
-        assert there == printed(city, kind, values), kind
-    small.stop()
-    test.daemons.remove(small)
+    for option, most in (("--max-points", 6400), ("--max-message", 2000)):  # 100 or 31 segments, 25 or 31 boxes
+        small = test.daemon(option, most)
+        for kind, values in (("segments", RECORDS["segments"][:6 * 900] + mixed), ("columns", anywhere(7000)),
+                             ("boxes", RECORDS["boxes"])):
+            there = printed("city", kind, values, "--address", small.grpc_unix)
+            assert there == printed(city, kind, values), kind
+        small.stop()
+        test.daemons.remove(small)
+
+with test.check("a box that takes too much is bad data, not bad usage"):
+    done = ut.run("umbrage", "query", "fine", "--boxes", "-", "--address", daemon.grpc_unix, code=65,
+                  stdin=b"-450 -20 -450 450 5 450\n")
+    assert b"boxes[0]: takes more than 16777216 steps" in done.stderr, done.stderr
 
 
 class Liar(grpc.GenericRpcHandler):
