@@ -257,6 +257,70 @@ static inline void umb__read_runs_avx512(struct umb__block *block, const struct 
     }
 }
 
+static inline __m256i umb__load_eight(const int32_t at[8])
+{
+    return _mm256_load_si256((const __m256i *)(const void *)at);
+}
+
+/* Children of `level` behind those around eight heads: 63 - umb__child_bit. */
+static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t h, uint32_t level)
+{
+    const __m128i shift = _mm_cvtsi32_si128((int)level);
+    const __m256i three = _mm256_set1_epi32(3);
+    const __m256i x = _mm256_srl_epi32(umb__load_eight(heads->x + h), shift);
+    const __m256i y = _mm256_srl_epi32(umb__load_eight(heads->y + h), shift);
+    const __m256i z = _mm256_srl_epi32(umb__load_eight(heads->z + h), shift);
+    const __m256i bit =
+        _mm256_or_si256(_mm256_or_si256(_mm256_and_si256(x, three),
+                                        _mm256_slli_epi32(_mm256_and_si256(y, three), 2)),
+                        _mm256_slli_epi32(_mm256_and_si256(z, three), 4));
+    return _mm256_xor_si256(bit, _mm256_set1_epi32(63));
+}
+
+/* A node's masks: mixed, lit. */
+static inline __m128i umb__load_pair(const uint64_t *node)
+{
+    return _mm_loadu_si128((const __m128i *)(const void *)node);
+}
+
+/* Masks of four nodes behind one another. */
+static inline __m512i umb__load_masks(const uint64_t *const node[4])
+{
+    __m512i masks = _mm512_castsi128_si512(umb__load_pair(node[0]));
+    masks = _mm512_inserti64x2(masks, umb__load_pair(node[1]), 1);
+    masks = _mm512_inserti64x2(masks, umb__load_pair(node[2]), 2);
+    return _mm512_inserti64x2(masks, umb__load_pair(node[3]), 3);
+}
+
+/* States of a child of each of eight nodes: bits 0, 2 .. mixed, bits 1, 3 .. lit. From the nodes
+ * and not from what each one's number is computed of: a vector of what was stored one by one waits
+ * until all of it is in the cache. */
+static inline uint32_t umb__child_states(const uint64_t *const node[8], __m256i above)
+{
+    const __m512i wide = _mm512_cvtepu32_epi64(above);
+    const __m512i low = _mm512_sllv_epi64(
+        umb__load_masks(node),
+        _mm512_permutexvar_epi64(_mm512_setr_epi64(0, 0, 1, 1, 2, 2, 3, 3), wide));
+    const __m512i high = _mm512_sllv_epi64(
+        umb__load_masks(node + 4),
+        _mm512_permutexvar_epi64(_mm512_setr_epi64(4, 4, 5, 5, 6, 6, 7, 7), wide));
+    return (uint32_t)_mm512_movepi64_mask(low) | (uint32_t)_mm512_movepi64_mask(high) << 8;
+}
+
+/* Numbers of these children; where one is not mixed, what is read is within the node. */
+static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i above)
+{
+    uint32_t by[8] __attribute__((aligned(32))), number[8];
+    _mm256_store_si256((__m256i *)(void *)by, above);
+    for (uint32_t k = 0; k < 8; k++) {
+        const uint32_t *numbers = (const uint32_t *)(const void *)node[k] + 3; /* from 1 */
+        number[k] = numbers[umb__count_bits(node[k][0] << by[k])];
+    }
+    return _mm512_cvtepu32_epi64(_mm256_setr_epi32((int)number[0], (int)number[1], (int)number[2],
+                                                   (int)number[3], (int)number[4], (int)number[5],
+                                                   (int)number[6], (int)number[7]));
+}
+
 /*
  * umb__step_heads, eight heads at a time: what follows from a child's state is decided for all of
  * them at once.
@@ -265,8 +329,6 @@ static inline __attribute__((always_inline)) uint64_t
 umb__step_heads_avx512(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
                        bool brick, const uint64_t *at[UMB__BLOCK])
 {
-    const __m128i shift = _mm_cvtsi32_si128((int)level);
-    const __m256i three = _mm256_set1_epi32(3);
     const __m512i first =
         _mm512_set1_epi64((long long)(uintptr_t)(brick ? q->bricks[0] : q->nodes));
     const __m512i dark = _mm512_set1_epi64(
@@ -275,31 +337,12 @@ umb__step_heads_avx512(const struct umb__query *q, const struct umb__block *head
         (long long)(uintptr_t)(brick ? umb__uniform_bricks[1] : umb__uniform_nodes + 2));
     uint64_t unsettled = 0;
     for (uint32_t h = 0; h < heads->size; h += 8) {
-        uint64_t mixed[8] __attribute__((aligned(64))), lit[8] __attribute__((aligned(64)));
-        uint32_t above[8] __attribute__((aligned(32))), number[8] __attribute__((aligned(32)));
-        __m256i x = _mm256_srl_epi32(
-            _mm256_load_si256((const __m256i *)(const void *)(heads->x + h)), shift);
-        __m256i y = _mm256_srl_epi32(
-            _mm256_load_si256((const __m256i *)(const void *)(heads->y + h)), shift);
-        __m256i z = _mm256_srl_epi32(
-            _mm256_load_si256((const __m256i *)(const void *)(heads->z + h)), shift);
-        x = _mm256_and_si256(x, three);
-        y = _mm256_slli_epi32(_mm256_and_si256(y, three), 2);
-        z = _mm256_slli_epi32(_mm256_and_si256(z, three), 4);
-        x = _mm256_or_si256(_mm256_or_si256(x, y), z);
-        _mm256_store_si256((__m256i *)(void *)above, _mm256_xor_si256(x, _mm256_set1_epi32(63)));
-        for (uint32_t k = 0; k < 8; k++) {
-            const uint64_t *node = at[h + k];
-            const uint32_t *numbers = (const uint32_t *)(const void *)node + 3; /* counted from 1 */
-            mixed[k] = node[0] << above[k];
-            lit[k] = node[1] << above[k];
-            number[k] = numbers[umb__count_bits(mixed[k])];
-        }
-        const __mmask8 is_mixed = _mm512_movepi64_mask(_mm512_load_si512(mixed));
-        const __mmask8 is_lit = _mm512_movepi64_mask(_mm512_load_si512(lit));
-        __m512i to =
-            _mm512_cvtepu32_epi64(_mm256_load_si256((const __m256i *)(const void *)number));
-        to = _mm512_add_epi64(first, _mm512_slli_epi64(to, brick ? 6 : 3));
+        const __m256i above = umb__above_eight(heads, h, level);
+        const __m512i number = umb__child_numbers(at + h, above);
+        const uint32_t states = umb__child_states(at + h, above);
+        const __mmask8 is_mixed = (__mmask8)_pext_u32(states, 0x5555);
+        const __mmask8 is_lit = (__mmask8)_pext_u32(states, 0xaaaa);
+        const __m512i to = _mm512_add_epi64(first, _mm512_slli_epi64(number, brick ? 6 : 3));
         const __m512i uniform = _mm512_mask_blend_epi64(is_lit, dark, bright);
         _mm512_storeu_si512(at + h, _mm512_mask_blend_epi64(is_mixed, uniform, to));
         unsettled |= (uint64_t)is_mixed << h;
