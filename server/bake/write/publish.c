@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "base/page_alloc.h"
 #include "bake/build/job_pool.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
@@ -166,12 +167,33 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     return status;
 }
 
+/* Opens what was written. Its nodes grow without copies, as in the bake: else looking at them would
+ * take more memory than making them. */
+static enum umb_status reopen(const struct umbb_publish *publish, uint64_t max_memory_bytes,
+                              struct umb_asset **asset, struct umb_error *error)
+{
+    const struct umb_open_options options = {.max_memory_bytes = max_memory_bytes,
+                                             .alloc = &umb__page_alloc};
+    struct umb_error cause;
+    const enum umb_status status =
+        umb_asset_open_file(publish->file.temporary, &options, asset, &cause);
+    if (status == UMB_E_TOO_LARGE) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "--memory: too little is left to check what was baked; give more or lower "
+                        "the resolution (%s)",
+                        cause.message);
+    }
+    if (status != UMB_OK && error != NULL) {
+        *error = cause;
+    }
+    return status;
+}
+
 enum umb_status umbb_publish_check(struct umbb_publish *publish, const struct umbb_check *check,
                                    struct umb_error *error)
 {
-    const struct umb_open_options options = {.max_memory_bytes = check->max_memory_bytes};
     struct umb_asset *asset;
-    enum umb_status status = umb_asset_open_file(publish->file.temporary, &options, &asset, error);
+    enum umb_status status = reopen(publish, check->max_memory_bytes, &asset, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -53,7 +53,8 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
  * Many lights get fewer points each, but not below 20000 of those that were asked for.
  * Fails: E_INTERNAL if the file is not what was written or disagrees with rays outside the band
  *        of one voxel (how many, and where), E_BAD_SCENE if it disagrees with open_on_word parts;
- *        what opening and tracing fail with.
+ *        E_LIMIT if opening takes more than max_memory_bytes; what else opening and tracing fail
+ *        with.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
                                                const struct umbb_check *check,

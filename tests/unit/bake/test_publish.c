@@ -157,6 +157,24 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     assert_int_equal(file_count(f), 0);
 }
 
+/* The file is as it should be: what is missing is memory to look at it. */
+static void a_check_that_lacks_memory_asks_for_more(void **state)
+{
+    struct fixture *f = *state;
+    struct umbb_publish publish;
+    struct umb_error error;
+    struct umbb_check check = check_of(f);
+    check.max_memory_bytes = 10000;
+    assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
+    assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
+    const enum umb_status status = umbb_publish_check(&publish, &check, &error);
+    assert_int_equal(status, UMB_E_LIMIT);
+    assert_int_equal(umb_status_exit(status), 75);
+    assert_non_null(strstr(error.message, "--memory"));
+    umbb_publish_abandon(&publish);
+    assert_int_equal(file_count(f), 0);
+}
+
 static void equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes(void **state)
 {
     struct fixture *f = *state;
@@ -217,6 +235,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_right_asset_is_published_under_its_name, setup, teardown),
         cmocka_unit_test_setup_teardown(a_wrong_octree_is_found_by_rays_and_not_published, setup,
                                         teardown),
+        cmocka_unit_test_setup_teardown(a_check_that_lacks_memory_asks_for_more, setup, teardown),
         cmocka_unit_test_setup_teardown(
             equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes, setup, teardown),
         cmocka_unit_test_setup_teardown(a_write_that_fails_names_the_file_and_the_cause, setup,
