@@ -403,8 +403,19 @@ static enum umb_status node_reserve(struct umb_pool *pool, struct umb_pool_level
         }
         level->child_capacity = capacity;
     }
-    return slots_full(pool, &level->slots, level->count) ? slots_grow(pool, &level->slots, error)
-                                                         : UMB_OK;
+    return UMB_OK;
+}
+
+/* Adds a node that is not there, or need not be looked for. There is room for it. */
+static uint32_t node_add(struct umb_pool_level *level, const struct umb__node_key *key)
+{
+    const uint32_t number = level->count++;
+    level->masks[number] = (uint16_t)key->words[0];
+    memcpy(level->children + level->child_count, key->words + 1,
+           key->child_count * sizeof key->words[0]);
+    level->child_count += key->child_count;
+    level->first[number + 1] = level->child_count;
+    return number;
 }
 
 enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number,
@@ -421,23 +432,33 @@ enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level_number
                 *ref = number;
                 return UMB_OK;
             }
-            if (pool->is_loose) {
-                break;
-            }
         }
     }
-    const enum umb_status status = node_reserve(pool, level, error);
+    enum umb_status status = node_reserve(pool, level, error);
+    if (status == UMB_OK && slots_full(pool, &level->slots, level->count)) {
+        status = slots_grow(pool, &level->slots, error);
+    }
     if (status != UMB_OK) {
         return status;
     }
-    const uint32_t number = level->count++;
-    level->masks[number] = (uint16_t)key->words[0];
-    memcpy(level->children + level->child_count, key->words + 1,
-           key->child_count * sizeof key->words[0]);
-    level->child_count += key->child_count;
-    level->first[number + 1] = level->child_count;
-    slots_add(pool, &level->slots, umb__slot_word(hash, number));
-    *ref = number;
+    *ref = node_add(level, key);
+    slots_put(&level->slots, umb__slot_word(hash, *ref));
+    return UMB_OK;
+}
+
+/* The same in a loose pool: never looks. */
+static enum umb_status add_late_node(struct umb_pool *pool, uint32_t level_number,
+                                     const struct umb__node_key *key, uint32_t *ref,
+                                     struct umb_error *error)
+{
+    struct umb_pool_level *level = &pool->level[level_number];
+    if (level->count == level->capacity || level->child_capacity - level->child_count < 8) {
+        const enum umb_status status = node_reserve(pool, level, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    *ref = node_add(level, key);
     return UMB_OK;
 }
 
@@ -450,7 +471,9 @@ enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
         *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
         return UMB_OK;
     }
-    return umb__pool_find_node(pool, level_number, &key, umb__key_hash(pool, &key), ref, error);
+    return pool->is_loose ? add_late_node(pool, level_number, &key, ref, error)
+                          : umb__pool_find_node(pool, level_number, &key, umb__key_hash(pool, &key),
+                                                ref, error);
 }
 
 enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const uint32_t *levels,

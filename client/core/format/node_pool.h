@@ -64,9 +64,9 @@ void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t 
 void umb_pool_finish(struct umb_pool *pool);
 
 /*
- * The same for a pool that is merged into another: an equal brick or node is found only if it is
- * among the latest, in a table of a fixed size that stays in the nearest cache, and stands there
- * again if not. For what has few equals it costs half of looking for all of them.
+ * The same for a pool that is merged into another: an equal brick is found only if it is among the
+ * latest, in a table of a fixed size that stays in the nearest cache, and stands there again if
+ * not. Nodes, of which few have equals nearby, are not looked for at all.
  */
 void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 

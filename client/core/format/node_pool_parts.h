@@ -52,7 +52,7 @@ uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
 /* Finds or adds what is not uniform, under its hash; else as umb_pool_brick and umb_pool_node.
- * Bricks: not of a loose pool. */
+ * Not of a loose pool. */
 UMB_CHECKED enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8],
                                                  uint64_t hash, uint32_t *ref,
                                                  struct umb_error *error);
@@ -71,8 +71,8 @@ struct umb__node_group {
 };
 
 /*
- * Find or add a group, each step asking for the memory that the next one reads.
- * In: count: at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb_pool_brick.
+ * Find or add bricks, or a group of nodes; each step asks for the memory that a later one reads.
+ * In: count: of nodes at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb_pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb_pool *pool,
                                                   const uint64_t (*bricks)[8], uint32_t count,

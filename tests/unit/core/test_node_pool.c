@@ -182,7 +182,7 @@ static void merged_loose_pools_come_to_the_same(void **state)
     merge_and_compare(1);
 }
 
-static void a_loose_pool_knows_the_latest_again_and_forgets_no_node(void **state)
+static void a_loose_pool_knows_the_latest_bricks_again(void **state)
 {
     (void)state;
     struct umb_pool pool;
@@ -204,6 +204,37 @@ static void a_loose_pool_knows_the_latest_again_and_forgets_no_node(void **state
     umb_pool_clear(&pool);
     assert_int_equal(umb_pool_brick(&pool, slices, &ref, NULL), UMB_OK);
     assert_int_equal(ref, 0);
+    umb_pool_finish(&pool);
+}
+
+static void a_loose_pool_adds_every_node_and_its_merge_adds_it_once(void **state)
+{
+    (void)state;
+    struct umb_pool loose, pool;
+    struct umb_pool_numbers numbers = {0};
+    uint64_t slices[8];
+    uint32_t children[8], ref;
+    umb_pool_init_loose(&loose, NULL, SIZE_MAX);
+    umb_pool_init(&pool, NULL, SIZE_MAX);
+    brick_of(1, slices);
+    assert_int_equal(umb_pool_brick(&loose, slices, &ref, NULL), UMB_OK);
+    for (int c = 0; c < 8; c++) {
+        children[c] = c == 3 ? ref : UMB_REF_LIT;
+    }
+    for (uint32_t n = 0; n < 3000; n++) {
+        assert_int_equal(umb_pool_node(&loose, 4, children, &ref, NULL), UMB_OK);
+        assert_int_equal(ref, n);
+    }
+    children[3] = UMB_REF_LIT; /* uniform: never a node */
+    assert_int_equal(umb_pool_node(&loose, 4, children, &ref, NULL), UMB_OK);
+    assert_int_equal(ref, UMB_REF_LIT);
+    assert_int_equal(umb_pool_merge(&pool, &loose, 4, &numbers, NULL), UMB_OK);
+    assert_int_equal(pool.level[4].count, 1);
+    for (uint32_t n = 0; n < 3000; n++) {
+        assert_int_equal(numbers.refs[n], 0);
+    }
+    umb_pool_numbers_finish(&numbers);
+    umb_pool_finish(&loose);
     umb_pool_finish(&pool);
 }
 
@@ -256,7 +287,8 @@ int main(void)
         cmocka_unit_test(most_of_a_budget_holds_nodes),
         cmocka_unit_test(merged_pools_hold_what_each_held_and_nothing_twice),
         cmocka_unit_test(merged_loose_pools_come_to_the_same),
-        cmocka_unit_test(a_loose_pool_knows_the_latest_again_and_forgets_no_node),
+        cmocka_unit_test(a_loose_pool_knows_the_latest_bricks_again),
+        cmocka_unit_test(a_loose_pool_adds_every_node_and_its_merge_adds_it_once),
         cmocka_unit_test(a_merge_ends_at_the_budget),
         cmocka_unit_test(bricks_made_to_have_one_hash_have_many),
     };
