@@ -329,6 +329,121 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
     bytes_finish(&file);
 }
 
+/* Eight cubes of 8192 voxels, with one brick each, in the same place of every cube. */
+struct far_bricks {
+    struct umb__column columns[4];
+    uint32_t pieces[8];
+    uint64_t nodes[8 * 5 * 3], bricks[8][8];
+};
+
+/* A query of one tap whose voxels are the points' coordinates. */
+static struct umb__query far_bricks_make(struct far_bricks *far, uint64_t *seed)
+{
+    struct umb__query q = {.columns = far->columns,
+                           .pieces = far->pieces,
+                           .nodes = far->nodes,
+                           .bricks = (const uint64_t(*)[8])far->bricks,
+                           .log2_size = 14,
+                           .column_level = 13,
+                           .taps = 1,
+                           .format = UMB_ANSWER_F32};
+    for (uint32_t k = 0; k < 4; k++) {
+        far->columns[k] = (struct umb__column){.first = 2 * k, .low = 0, .high = 1};
+    }
+    for (uint32_t cube = 0; cube < 8; cube++) {
+        far->pieces[cube] = UMB__CELL_FIRST + 15 * cube;
+        for (uint32_t at = 15 * cube; at < 15 * cube + 15; at += 3) {
+            const uint32_t below[2] = {at + 3 < 15 * cube + 15 ? at + 3 : cube, 0};
+            far->nodes[at] = 1; /* the first child is mixed, the others are shadowed */
+            far->nodes[at + 1] = 0;
+            memcpy(&far->nodes[at + 2], below, sizeof below);
+        }
+        for (unsigned z = 0; z < 8; z++) {
+            far->bricks[cube][z] = next_random(seed);
+        }
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        q.world_to_voxel[axis][axis] = 1;
+    }
+    return q;
+}
+
+/* Runs of two to seven points; the bricks of a block differ in what is above any key of a brick. */
+static void equal_places_of_cubes_far_apart_are_different_bricks(void **state)
+{
+    (void)state;
+    struct far_bricks far;
+    struct kernel kernels[KERNELS];
+    uint64_t seed = 20261127;
+    const struct umb__query q = far_bricks_make(&far, &seed);
+    const struct umb_points points = {
+        .positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    static float truth[POINTS], values[POINTS];
+    uint32_t cube = 0;
+    for (size_t i = 0, next = 0; i < POINTS; i++) {
+        if (i == next) {
+            cube = (uint32_t)(next_random(&seed) >> 32 & 7);
+            next += 2 + (next_random(&seed) >> 32) % 6;
+        }
+        uint32_t v[3];
+        for (unsigned axis = 0; axis < 3; axis++) {
+            v[axis] = (uint32_t)(next_random(&seed) >> 32 & 7);
+        }
+        truth[i] = (float)(far.bricks[cube][v[2]] >> (v[0] + 8 * v[1]) & 1);
+        doubles[i][0] = v[0] + 8192.0 * (cube >> 1 & 1) + 0.5;
+        doubles[i][1] = v[1] + 8192.0 * (cube >> 2) + 0.5;
+        doubles[i][2] = v[2] + 8192.0 * (cube & 1) + 0.5;
+    }
+    for (size_t k = 0, count = list_kernels(1, kernels); k < count; k++) {
+        struct umb_answers answers = {.values = values};
+        kernels[k].run(&q, &points, 0, POINTS, &answers);
+        assert_memory_equal(values, truth, sizeof truth);
+    }
+}
+
+/* Blocks that are answered at once stand among scattered ones, which are answered late: the byte
+ * that two of them share is written in the order of points. */
+static void answers_of_a_bit_may_begin_within_a_byte(void **state)
+{
+    (void)state;
+    struct ground ground = {256, 256, 3};
+    struct voxels voxels = {stepped, &ground, 8, 1};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_query_settings settings = {
+        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
+    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    struct umb_asset *asset;
+    struct umb_query query;
+    struct kernel kernels[KERNELS];
+    uint64_t seed = 20261128;
+    static double picture[POINTS][3];
+    static uint8_t alone[POINTS / 8 + 1], bits[POINTS / 8 + 1];
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    memcpy(points.origin, origin, sizeof origin);
+    make_picture(ground.size, 0.2, &seed);
+    memcpy(picture, doubles, sizeof picture);
+    make_points(ground.size, 0.9, &seed);
+    for (size_t i = 0; i < POINTS; i++) {
+        if (i / 150 % 2 == 0) {
+            memcpy(doubles[i], picture[i], sizeof doubles[i]);
+        }
+        umb__store_answer(alone, UMB_ANSWER_BIT, i, lit_alone(q, &points, i), 1);
+    }
+    for (size_t k = 0, count = list_kernels(1, kernels); k < count; k++) {
+        for (size_t first = 0; first < 64; first++) {
+            struct umb_answers answers = {.values = bits};
+            memset(bits, 0xff, sizeof bits);
+            kernels[k].run(q, &points, 0, first, &answers);
+            kernels[k].run(q, &points, first, POINTS - first, &answers);
+            assert_memory_equal(bits, alone, sizeof bits);
+        }
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -338,6 +453,8 @@ int main(void)
         cmocka_unit_test(kernels_agree_on_planes_that_a_camera_sees),
         cmocka_unit_test(neighbours_in_one_brick_share_a_look_up),
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
+        cmocka_unit_test(equal_places_of_cubes_far_apart_are_different_bricks),
+        cmocka_unit_test(answers_of_a_bit_may_begin_within_a_byte),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
