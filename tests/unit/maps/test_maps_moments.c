@@ -370,8 +370,6 @@ static void a_bias_below_what_the_format_needs_has_no_slack_to_state(void **stat
     umb_map_destroy(map);
 }
 
-/* Texel by texel absorbance bounds light as well, and behind everything it is nearly exact; over
- * a filter it is too dark, as the logarithm of a mean is not the mean of logarithms. */
 /* Down to the least number there is: what such a bias bounds is nothing, but a share stays one. */
 static void a_bias_next_to_none_still_gives_shares(void **state)
 {
@@ -397,6 +395,8 @@ static void a_bias_next_to_none_still_gives_shares(void **state)
     }
 }
 
+/* Texel by texel absorbance bounds light as well, and behind everything it is nearly exact; over
+ * a filter it is too dark, as the logarithm of a mean is not the mean of logarithms. */
 static void absorbance_is_a_bound_in_a_texel_and_exact_behind_all(void **state)
 {
     (void)state;
