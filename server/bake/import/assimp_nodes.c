@@ -3,6 +3,7 @@
 #include "bake/import/assimp_nodes.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #include "bake/import/assimp_lights.h"
 #include "bake/import/gltf_instances.h"
@@ -62,48 +63,75 @@ static int multiply_node(const double parent[3][4], const struct aiMatrix4x4 *no
     return good && multiply(parent, m, out);
 }
 
-static enum umb_status add_meshes(const struct walk *walk, const struct aiNode *node,
+/* The meshes of a node that show triangles, by their numbers in the scene. */
+struct shown {
+    uint32_t *meshes; /* the caller frees it; NULL if there are none */
+    size_t count;
+};
+
+static enum umb_status list_shown(const struct walk *walk, const struct aiNode *node,
+                                  struct shown *shown)
+{
+    *shown = (struct shown){NULL, 0};
+    if (node->mNumMeshes == 0) {
+        return UMB_OK;
+    }
+    shown->meshes = calloc(node->mNumMeshes, sizeof *shown->meshes);
+    if (shown->meshes == NULL) {
+        return umb_fail(walk->error, UMB_E_NO_MEMORY, "a node's %u meshes: memory refused",
+                        node->mNumMeshes);
+    }
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        const unsigned mesh = node->mMeshes[i];
+        if (mesh < walk->scene->mNumMeshes && walk->mesh_of[mesh] != UMBS_NO_INDEX) {
+            shown->meshes[shown->count++] = walk->mesh_of[mesh];
+        }
+    }
+    return UMB_OK;
+}
+
+static enum umb_status add_meshes(const struct walk *walk, const struct shown *shown,
                                   const double world[3][4])
 {
     enum umb_status status = UMB_OK;
-    for (unsigned i = 0; status == UMB_OK && i < node->mNumMeshes; i++) {
-        unsigned mesh = node->mMeshes[i];
-        if (mesh < walk->scene->mNumMeshes && walk->mesh_of[mesh] != UMBS_NO_INDEX) {
-            status =
-                umbs_scene_add_instance(walk->builder, walk->mesh_of[mesh], world, walk->error);
-        }
+    for (size_t i = 0; status == UMB_OK && i < shown->count; i++) {
+        status = umbs_scene_add_instance(walk->builder, shown->meshes[i], world, walk->error);
     }
     return status;
 }
 
-/* 1 if a node shows triangles. */
-static int has_meshes(const struct walk *walk, const struct aiNode *node)
+/* Meshes at all places of a node. */
+static enum umb_status add_places(const struct walk *walk, const struct aiNode *node,
+                                  const struct umbb_gltf_places *places, const struct shown *shown,
+                                  const double world[3][4])
 {
-    int found = 0;
-    for (unsigned i = 0; i < node->mNumMeshes; i++) {
-        const unsigned mesh = node->mMeshes[i];
-        found |= mesh < walk->scene->mNumMeshes && walk->mesh_of[mesh] != UMBS_NO_INDEX;
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < places->count; i++) {
+        double local[3][4], place[3][4];
+        status =
+            umbb_gltf_place(places, i, local) && multiply(world, (const double(*)[4])local, place)
+                ? add_meshes(walk, shown, (const double(*)[4])place)
+                : bad_transform(walk, node);
     }
-    return found;
+    return status;
 }
 
-/* The node's meshes, once or at all its places: the limit of triangles ends those where there are
- * any, so that places of nodes without are not walked. In: number: in the file. */
+/* The node's meshes, once or at all its places. The limit of triangles ends the places where each
+ * shows some; so what shows none is not walked place by place. In: number: in the file. */
 static enum umb_status add_instances(const struct walk *walk, const struct aiNode *node,
                                      uint32_t number, const double world[3][4])
 {
     struct umbb_gltf_places places;
-    enum umb_status status = umbb_gltf_places_open(walk->instances, number, &places, walk->error);
-    if (status == UMB_OK && (places.count == 0 || !has_meshes(walk, node))) {
-        return add_meshes(walk, node, world);
+    struct shown shown;
+    enum umb_status status = list_shown(walk, node, &shown);
+    if (status == UMB_OK) {
+        status = umbb_gltf_places_open(walk->instances, number, &places, walk->error);
     }
-    for (size_t i = 0; status == UMB_OK && i < places.count; i++) {
-        double local[3][4], place[3][4];
-        status =
-            umbb_gltf_place(&places, i, local) && multiply(world, (const double(*)[4])local, place)
-                ? add_meshes(walk, node, (const double(*)[4])place)
-                : bad_transform(walk, node);
+    if (status == UMB_OK && shown.count > 0) {
+        status = places.count == 0 ? add_meshes(walk, &shown, world)
+                                   : add_places(walk, node, &places, &shown, world);
     }
+    free(shown.meshes);
     return status;
 }
 
