@@ -33,7 +33,7 @@ static inline enum umb_node_state umb_ref_state(uint32_t ref)
                                      : UMB_NODE_MIXED;
 }
 
-/* An open-addressing table: tag and number in one word; all ones is empty. */
+/* An open-addressing table: tag and number plus one in one word; zero is empty. */
 struct umb_hash_slots {
     uint64_t *words;
     uint32_t log2_size; /* meaningless while words is NULL */
@@ -103,6 +103,7 @@ struct umb_pool_numbers {
 /*
  * Adds all that another pool holds up to a level.
  *
+ * In:    pool: not a loose one, in which look-ups would find no end. from: any.
  * Out:   numbers: refs of that level. With malloc; free with umb_pool_numbers_finish.
  * Fails: as umb_pool_brick. The pool may hold part of the other.
  * Cost:  linear in what is added; memory is asked for many look-ups ahead, so that it costs a
