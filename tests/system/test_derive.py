@@ -164,7 +164,8 @@ with test.check("cascades are the layers of one texture, nearer ones finer"):
     assert texel[0] > texel[1] > texel[2]
 with test.check("what cannot be derived is refused in words"):
     test.bake(test.path("city.obj"), store + "/city-closed.umb", *bake)
-    assert "front=on" in derive(store + "/city-closed.umb", code=69)
+    said = derive(store + "/city-closed.umb", code=69)
+    assert "umbrage: light 0 was baked under the closed rule" in said and "front=on" in said, said
     for options, words, code in (
             (["--size", "0"], "sides are 1..16384", 2), (["--size", "8y8"], "--size '8y8'", 2),
             (["--size", "12", "--technique", "vsm", "--mips"], "12", 2),

@@ -41,7 +41,7 @@ enum umb_status umb_columns_check(const struct umb_volume *volume, struct umb_er
     const struct umb__volume v = umb__volume_of(volume);
     if (v.closed && !v.front) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "columns: light %u was baked under the closed rule, which leaves out the "
+                        "light %u was baked under the closed rule, which leaves out the "
                         "depth of first occluders; bake with --effect front=on, or --closed off",
                         v.light);
     }
