@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Writes seeds of fuzz_wire: one message of each kind of the Questions service, and Limits.
 
