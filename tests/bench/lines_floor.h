@@ -4,7 +4,8 @@
 /*
  * The floor under every kernel that answers single points from the mapped layout: the cache lines
  * that their ways down touch, read at addresses known beforehand, asked for 64 ahead, nothing
- * computed. A kernel learns an address from the line before, so it can only be slower.
+ * computed. A kernel learns an address from the line before, so it can only be slower; where points
+ * share lines, which scattered ones do not, it need not read as many.
  */
 #include <stddef.h>
 #include "umbrage/query.h"
