@@ -204,3 +204,12 @@ struct bytes make_mapped(const struct bytes *packed)
     umb_asset_close(asset);
     return bytes;
 }
+
+int random_voxel(const void *log2_size, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    const uint32_t log2 = *(const uint32_t *)log2_size;
+    (void)frustum;
+    uint64_t bits = (x | y << log2 | z << (2 * log2)) * 0x9e3779b97f4a7c15U;
+    bits = (bits ^ (bits >> 29)) * 0xbf58476d1ce4e5b9U;
+    return (int)(bits >> 40 & 1);
+}

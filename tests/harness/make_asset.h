@@ -34,6 +34,10 @@ extern const struct umb_sha256 test_digest;
 uint64_t next_random(uint64_t *state);
 double random_unit(uint64_t *state); /* [0, 1) */
 
+/* Random bits for struct voxels, so that a point put into another voxel is noticed every other
+ * time. In: log2_size: uint32_t, of the voxels a side. */
+int random_voxel(const void *log2_size, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
+
 /* How many random cases to try: UMBRAGE_CASES if it is set (long runs: make numerics), else n. */
 int case_count(int n);
 

@@ -22,14 +22,7 @@ enum {
     BATCH = 1024
 };
 
-static int random_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
-{
-    (void)user;
-    (void)frustum;
-    uint64_t bits = (x | y << LOG2 | z << (2 * LOG2)) * 0x9e3779b97f4a7c15U;
-    bits = (bits ^ (bits >> 29)) * 0xbf58476d1ce4e5b9U;
-    return (int)(bits >> 40 & 1);
-}
+static const uint32_t voxels_log2 = LOG2;
 
 static int has_avx512(void)
 {
@@ -54,7 +47,7 @@ struct turned {
 static void turned_make(struct turned *t)
 {
     static const double none[3] = {0, 0, 0};
-    const struct voxels voxels = {random_voxel, NULL, LOG2, 1};
+    const struct voxels voxels = {random_voxel, &voxels_log2, LOG2, 1};
     const struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
     t->file = make_packed(&voxels, 1, none);
     assert_int_equal(umb_asset_open_bytes(t->file.data, t->file.size, NULL, &t->asset, NULL),

@@ -27,14 +27,7 @@ enum {
     BATCH = 1000
 };
 
-static int random_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
-{
-    (void)user;
-    (void)frustum;
-    uint64_t bits = (x | y << LOG2 | z << (2 * LOG2)) * 0x9e3779b97f4a7c15U;
-    bits = (bits ^ (bits >> 29)) * 0xbf58476d1ce4e5b9U;
-    return (int)(bits >> 40 & 1);
-}
+static const uint32_t voxels_log2 = LOG2;
 
 struct fixture {
     struct bytes file;
@@ -46,7 +39,7 @@ struct fixture {
 
 static void fixture_make(struct fixture *f, double voxel_m, const double origin[3])
 {
-    const struct voxels voxels = {random_voxel, NULL, LOG2, 1};
+    const struct voxels voxels = {random_voxel, &voxels_log2, LOG2, 1};
     memset(f, 0, sizeof *f);
     f->file = make_packed(&voxels, voxel_m, origin);
     f->origin = origin;
@@ -69,7 +62,8 @@ static int texel_lit(long double x, long double y, long double z)
     if (!(x >= 0 && x < SIZE && y >= 0 && y < SIZE && z >= 0)) {
         return 1;
     }
-    return random_voxel(NULL, 0, (uint32_t)x, (uint32_t)y, z < SIZE ? (uint32_t)z : SIZE - 1);
+    return random_voxel(&voxels_log2, 0, (uint32_t)x, (uint32_t)y,
+                        z < SIZE ? (uint32_t)z : SIZE - 1);
 }
 
 /* Lit texels of a point's window, or -1 if a border is nearer than `doubt` voxels. */
