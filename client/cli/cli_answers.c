@@ -314,5 +314,6 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
 
 void umbc_answers_abandon(struct umbc_answers *answers)
 {
+    umbc_json_abandon(&answers->json);
     umbc_output_abandon(&answers->output);
 }

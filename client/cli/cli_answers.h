@@ -56,6 +56,7 @@ void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float v
 UMB_CHECKED enum umb_status umbc_answers_end(struct umbc_answers *answers,
                                              const struct umbc_query_total *total,
                                              struct umb_error *error);
+/* Gives up: no file appears; what stdout has of JSON is closed. Harmless after the end. */
 void umbc_answers_abandon(struct umbc_answers *answers);
 
 #endif

@@ -2,6 +2,7 @@
 /* The JSON writer, see cli_json.h. */
 #include "cli_json.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
@@ -49,12 +50,27 @@ void umbc_json_begin(struct umbc_json *json, const char *key, char bracket)
     begin_value(json, key);
     (void)fputc(bracket, json->file);
     json->needs_comma = false;
+    assert(json->depth < UMBC_JSON_DEPTH);
+    json->open[json->depth++] = bracket == '{' ? '}' : ']';
 }
 
 void umbc_json_end(struct umbc_json *json, char bracket)
 {
+    assert(json->depth > 0 && json->open[json->depth - 1] == bracket);
+    json->depth--;
     (void)fputc(bracket, json->file);
     json->needs_comma = true;
+}
+
+void umbc_json_abandon(struct umbc_json *json)
+{
+    const bool began = json->depth > 0;
+    while (json->depth > 0) {
+        umbc_json_end(json, json->open[json->depth - 1]);
+    }
+    if (began) {
+        (void)fputc('\n', json->file);
+    }
 }
 
 void umbc_json_text(struct umbc_json *json, const char *key, const char *text)

@@ -509,6 +509,7 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
 
 static void close_job(struct job *job)
 {
+    umbc_json_abandon(&job->json);
     umbc_output_abandon(&job->output);
     umbc_points_close(&job->source);
     umbc_batch_finish(&job->batch);

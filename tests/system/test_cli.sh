@@ -223,6 +223,19 @@ for line in '1 2' '1 2 3 4' 'a b c' '1 2 nan' '1 2 inf' '1,2,3' '1 2 3 4 5 6 7' 
     one_sentence bad_points:3
     check "  no output file" test ! -e answers.txt
 done
+seq 1 20 | sed 's/.*/0 50 0 0 -5 0/' >good_pairs
+for words in --points --segments --boxes --columns '--explain --points'; do
+    case $words in
+    --seg* | --box*) cp good_pairs bad_later ;;
+    *) seq 1 20 | sed 's/.*/0 50 0/' >bad_later ;;
+    esac
+    echo x >>bad_later
+    # shellcheck disable=SC2086
+    try 65 umbrage query arch.umb --batch 8 --json $words bad_later
+    same "  what was answered before stands in JSON that is closed" 16 \
+        "$(json out "[next(iter(data))].__len__()")"
+    check "  without the asset, which stands behind the last answer" sh -c '! grep -q asset out'
+done
 head -c 121 /dev/zero >bytes
 try 65 umbrage query city.umb --points bytes --format f32
 head -c 240000 /dev/zero >bytes

@@ -54,6 +54,21 @@ static void json_puts_commas_and_escapes(void **state)
                       "\"yes\":true,\"v\":[1,-0.5,null],\"infinite\":null}");
 }
 
+static void json_that_is_given_up_is_closed_where_it_stands(void **state)
+{
+    FILE *file = open_text();
+    struct umbc_json json = {.file = file};
+    (void)state;
+    umbc_json_abandon(&json); /* nothing began: nothing is written */
+    umbc_json_begin(&json, NULL, '{');
+    umbc_json_begin(&json, "list", '[');
+    umbc_json_integer(&json, NULL, 7);
+    umbc_json_begin(&json, NULL, '{');
+    umbc_json_abandon(&json);
+    umbc_json_abandon(&json);
+    expect_text(file, "{\"list\":[7,{}]}\n");
+}
+
 static void json_is_utf8_whatever_it_is_given(void **state)
 {
     FILE *file = open_text();
@@ -216,6 +231,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(json_puts_commas_and_escapes),
+        cmocka_unit_test(json_that_is_given_up_is_closed_where_it_stands),
         cmocka_unit_test(json_is_utf8_whatever_it_is_given),
         cmocka_unit_test(text_from_strangers_commands_no_terminal),
         cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
