@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_answers.h"
+#include "cli_call_size.h"
 #include "cli_progress.h"
 #include "cli_query_dial.h"
 #include "cli_query_volume.h"
@@ -43,6 +44,7 @@ struct job {
     struct umb_query *queries; /* [light_count], of the file */
     uint32_t *lights;          /* [light_count] */
     size_t light_count;
+    size_t batch_size;         /* points asked together */
     struct umb_client *client; /* ... or a daemon, asked with: */
     struct umb_query_settings settings;
     struct umb_dial dial;
@@ -56,18 +58,6 @@ struct job {
     pthread_mutex_t lock;
     pthread_cond_t changed;
 };
-
-static void add_stats(struct umb_query_stats *sum, const struct umb_query_stats *part)
-{
-    sum->points += part->points;
-    sum->outside += part->outside;
-    sum->before += part->before;
-    sum->behind += part->behind;
-    sum->facing_away += part->facing_away;
-    sum->undefined += part->undefined;
-    sum->nodes += part->nodes;
-    sum->bricks += part->bricks;
-}
 
 /* Answers a slot from the file, here and now. */
 static void answer_here(struct job *job, struct slot *slot)
@@ -180,7 +170,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
         take_stated(job, &slot->stated);
     }
     for (size_t k = 0; k < job->light_count; k++) {
-        add_stats(&job->total.stats, &slot->stats[k]);
+        umb_query_stats_add(&job->total.stats, &slot->stats[k]);
     }
     job->total.server_ns += slot->server_ns;
     job->total.points += slot->batch.count;
@@ -292,16 +282,23 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
     return status;
 }
 
-/* Connects; a budget is made settings at once. */
+/* Connects and asks what goes in a call; a budget is made settings at once. */
 static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     job->settings = options->settings;
     job->dial = options->dial;
+    struct umb_client_limits limits;
     enum umb_status status = umbc_connect(options->session, &job->client, error);
+    if (status == UMB_OK) {
+        status = umb_client_get_limits(job->client, &limits, error);
+    }
+    if (status == UMB_OK) {
+        status = umbc_call_size(options, &limits, &job->batch_size, error);
+    }
     if (status == UMB_OK && job->dial.budget_ns > 0) {
-        status =
-            umbc_dial_ask(job->client, options, &job->settings, &job->total.expected_ns, error);
+        status = umbc_dial_ask(job->client, options, job->batch_size, &job->settings,
+                               &job->total.expected_ns, error);
         memset(&job->dial, 0, sizeof job->dial);
     }
     return status;
@@ -310,6 +307,7 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
 static enum umb_status open_target(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
+    job->batch_size = options->batch;
     if (!umbc_is_file(options->target)) {
         enum umb_status status = choose_lights(job, error);
         return status == UMB_OK ? open_asset(job, error) : status;
@@ -328,7 +326,7 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
 
 static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
-    size_t batch = job->options->batch;
+    const size_t batch = job->batch_size;
     enum umb_status status = umbc_batch_init(&slot->batch, batch, job->options->format, error);
     if (status != UMB_OK) {
         return status;

@@ -52,13 +52,13 @@ enum umb_status umbc_dial_settings(const struct umb_asset *asset, uint32_t light
 }
 
 enum umb_status umbc_dial_ask(struct umb_client *client, const struct umbc_query_options *options,
-                              struct umb_query_settings *settings, double *expected_ns,
-                              struct umb_error *error)
+                              size_t batch, struct umb_query_settings *settings,
+                              double *expected_ns, struct umb_error *error)
 {
     struct umbc_batch sample = {0};
     struct umb_client_query_reply reply;
-    enum umb_status status = umbc_points_sample(
-        options->points, options->format, options->with_normals, options->batch, &sample, error);
+    enum umb_status status = umbc_points_sample(options->points, options->format,
+                                                options->with_normals, batch, &sample, error);
     float *values = calloc(sample.count + 1, sizeof *values);
     if (status == UMB_OK && values == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers", sample.count);

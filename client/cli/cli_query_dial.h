@@ -26,11 +26,12 @@ UMB_CHECKED enum umb_status umbc_dial_settings(const struct umb_asset *asset, ui
  * Has a daemon choose level and taps for a budget, on a sample of the points that will be asked; so
  * that all of them are answered alike.
  *
+ * In:    batch: points of the sample at most, one call.
  * Out:   settings: level and taps. expected_ns: a point.
  * Fails: as umb_client_query; E_UNSUPPORTED (a server without budgets); E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_dial_ask(struct umb_client *client,
-                                          const struct umbc_query_options *options,
+                                          const struct umbc_query_options *options, size_t batch,
                                           struct umb_query_settings *settings, double *expected_ns,
                                           struct umb_error *error);
 

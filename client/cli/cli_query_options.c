@@ -85,7 +85,9 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                        "instead of --taps: the least error for NS nanoseconds a point of one core",
                        0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
-    [OPTION_BATCH] = {"batch", "N", "points a call, default 65536, rounded up to a multiple of 8",
+    [OPTION_BATCH] = {"batch", "N",
+                      "points a call, default 65536, rounded up to a multiple of 8; fewer where a "
+                      "daemon takes fewer",
                       0},
     [OPTION_OUTPUT] = {"output", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},

@@ -6,6 +6,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include "cli_call_size.h"
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_progress.h"
@@ -17,9 +18,6 @@
 #define FEW  64 /* a daemon counts segments of fewer stretches as of so many */
 /* Stretches that such segments may have together, unless one has more. */
 #define LONG_STRETCHES ((size_t)1 << 18)
-
-/* Room for what a request has beside its records: a name, an origin, numbers. */
-#define HEAD_BYTES 512
 
 /* Segments of more stretches than are kept, one behind the other, answered together. */
 struct longs {
@@ -35,6 +33,7 @@ struct job {
     struct umb_volume volume;
     struct umb_client *client;       /* or a daemon, */
     struct umb_client_limits limits; /* which takes so much */
+    size_t batch_size;               /* records asked together */
     uint8_t asset_id[UMB_ID_BYTES];
     bool has_id; /* the daemon has answered once */
     bool ignores_translucent;
@@ -358,9 +357,14 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     const struct umbc_query_options *options = job->options;
     struct umb_asset_info info;
     enum umb_status status = UMB_OK;
+    job->batch_size = options->batch;
     if (!umbc_is_file(options->target)) {
         status = umbc_connect(options->session, &job->client, error);
-        return status == UMB_OK ? umb_client_get_limits(job->client, &job->limits, error) : status;
+        if (status == UMB_OK) {
+            status = umb_client_get_limits(job->client, &job->limits, error);
+        }
+        return status == UMB_OK ? umbc_call_size(options, &job->limits, &job->batch_size, error)
+                                : status;
     }
     status = umb_asset_open_file(options->target, NULL, &job->asset, error);
     if (status != UMB_OK) {
@@ -380,29 +384,9 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     return status;
 }
 
-/* Records of a call: as many as the options say and the server takes. */
-static size_t records_a_call(const struct job *job)
-{
-    const enum umbc_question question = job->options->question;
-    const size_t scalar = job->options->format == UMBC_POINTS_F32 ? sizeof(float) : sizeof(double);
-    const size_t record = (question == UMBC_QUESTION_COLUMNS ? 3 : 6) * scalar;
-    const uint64_t bytes = job->limits.max_message_bytes;
-    const uint64_t takes = question == UMBC_QUESTION_SEGMENTS  ? job->limits.max_segments
-                           : question == UMBC_QUESTION_COLUMNS ? job->limits.max_columns
-                                                               : job->limits.max_boxes;
-    size_t count = job->options->batch;
-    if (takes > 0 && takes < count) { /* 0: no daemon, or it will say so */
-        count = (size_t)takes;
-    }
-    if (bytes >= HEAD_BYTES + record && (bytes - HEAD_BYTES) / record < count) {
-        count = (size_t)((bytes - HEAD_BYTES) / record);
-    }
-    return count;
-}
-
 static enum umb_status open_answers(struct job *job, struct umb_error *error)
 {
-    const size_t count = records_a_call(job);
+    const size_t count = job->batch_size;
     bool good = true;
     switch (job->options->question) {
     case UMBC_QUESTION_SEGMENTS:

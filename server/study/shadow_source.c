@@ -11,6 +11,9 @@
 #include "study/study_scene.h"
 
 #define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
+/* Of a request: a point with its normal, and what stands beside all points. */
+#define POINT_BYTES (3 * sizeof(double) + 3 * sizeof(float))
+#define HEAD_BYTES  512
 
 static int ends_with(const char *text, const char *end)
 {
@@ -83,6 +86,17 @@ static enum umb_status client_open(struct umbt_source *source, const struct umbt
                            &options, &source->client, error);
 }
 
+/* Points of a call as the server takes them; where it tells no limit, it has none. */
+static size_t call_max(const struct umb_client_limits *limits)
+{
+    const uint64_t bytes = limits->max_message_bytes;
+    uint64_t most = limits->max_points > 0 ? limits->max_points : UINT64_MAX;
+    if (bytes >= HEAD_BYTES + POINT_BYTES && (bytes - HEAD_BYTES) / POINT_BYTES < most) {
+        most = (bytes - HEAD_BYTES) / POINT_BYTES;
+    }
+    return most < SIZE_MAX ? (size_t)most : SIZE_MAX;
+}
+
 static enum umb_status daemon_open(struct umbt_source *source, const struct umbt_daemon *daemon,
                                    struct umb_error *error)
 {
@@ -90,6 +104,12 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
     if (status != UMB_OK) {
         return status;
     }
+    struct umb_client_limits limits;
+    status = umb_client_get_limits(source->client, &limits, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    source->call_max = call_max(&limits);
     struct umb_client_description *description = NULL;
     status = umb_client_describe(source->client, source->name, &description, error);
     if (status != UMB_OK) {
@@ -143,6 +163,31 @@ enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3]
                : umb_query_prepare(source->asset, &source->settings, &source->query, error);
 }
 
+/* Asks the daemon, as many calls as it takes. */
+static enum umb_status ask(const struct umbt_source *source, const struct umb_points *points,
+                           float *values, struct umb_query_stats *stats, struct umb_error *error)
+{
+    struct umb_client_query_request request = {
+        .asset = source->name,
+        .settings = source->settings,
+        .points = *points,
+        .want_stats = 1,
+    };
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < points->count; i += request.points.count) {
+        struct umb_client_query_reply reply;
+        const size_t left = points->count - i;
+        request.points.positions = (const double *)points->positions + 3 * i;
+        request.points.normals = (const float *)points->normals + 3 * i;
+        request.points.count = left < source->call_max ? left : source->call_max;
+        status = umb_client_query(source->client, &request, values + i, &reply, error);
+        if (status == UMB_OK) {
+            umb_query_stats_add(stats, &reply.stats);
+        }
+    }
+    return status;
+}
+
 enum umb_status umbt_source_answer(const struct umbt_source *source, const double *positions,
                                    const float *normals, size_t first, size_t count, float *values,
                                    struct umb_query_stats *stats, struct umb_error *error)
@@ -153,33 +198,14 @@ enum umb_status umbt_source_answer(const struct umbt_source *source, const doubl
         .normals = normals + 3 * first,
         .count = count,
     };
-    if (source->client == NULL) {
-        struct umb_answers answers = {.values = values + first, .stats = *stats};
-        const enum umb_status status = umb_points_check(&points, error);
-        if (status == UMB_OK) {
-            umb_query_run(&source->query, &points, 0, count, &answers);
-            *stats = answers.stats;
-        }
-        return status;
+    if (source->client != NULL) {
+        return ask(source, &points, values + first, stats, error);
     }
-    const struct umb_client_query_request request = {
-        .asset = source->name,
-        .settings = source->settings,
-        .points = points,
-        .want_stats = 1,
-    };
-    struct umb_client_query_reply reply;
-    const enum umb_status status =
-        umb_client_query(source->client, &request, values + first, &reply, error);
+    struct umb_answers answers = {.values = values + first, .stats = *stats};
+    const enum umb_status status = umb_points_check(&points, error);
     if (status == UMB_OK) {
-        stats->points += reply.stats.points;
-        stats->outside += reply.stats.outside;
-        stats->before += reply.stats.before;
-        stats->behind += reply.stats.behind;
-        stats->facing_away += reply.stats.facing_away;
-        stats->undefined += reply.stats.undefined;
-        stats->nodes += reply.stats.nodes;
-        stats->bricks += reply.stats.bricks;
+        umb_query_run(&source->query, &points, 0, count, &answers);
+        *stats = answers.stats;
     }
     return status;
 }

@@ -17,6 +17,7 @@ struct umbt_source {
     const char *name;          /* file or asset as given, borrowed */
     struct umb_asset *asset;   /* file, else NULL */
     struct umb_client *client; /* daemon, else NULL */
+    size_t call_max;           /* daemon: points it takes at once */
     struct umb_query_settings settings;
     struct umb_query query; /* file */
     uint8_t id[UMB_ID_BYTES];

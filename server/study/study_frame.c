@@ -43,16 +43,8 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
     const enum umb_status status =
         umbt_source_answer(frame->request->source, frame->buffer.positions, frame->buffer.normals,
                            first, count, frame->answers, &stats, error);
-    struct umb_query_stats *sum = &frame->result->stats;
     pthread_mutex_lock(&frame->mutex);
-    sum->points += stats.points;
-    sum->outside += stats.outside;
-    sum->before += stats.before;
-    sum->behind += stats.behind;
-    sum->facing_away += stats.facing_away;
-    sum->undefined += stats.undefined;
-    sum->nodes += stats.nodes;
-    sum->bricks += stats.bricks;
+    umb_query_stats_add(&frame->result->stats, &stats);
     pthread_mutex_unlock(&frame->mutex);
     return status;
 }

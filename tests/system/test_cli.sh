@@ -368,6 +368,32 @@ kill -TERM $daemon
 wait $daemon
 same "the daemon exits with 0" 0 $?
 
+# --- a daemon that takes little at once ---
+"$BUILD/umbraged" --store store --listen "unix:$folder/l.sock" --address-file little_addresses \
+    --max-points 30 --drain-delay 0 >daemon.log 2>&1 &
+daemon=$!
+children="$children $daemon"
+wait_file little_addresses
+UMBRAGE_ADDRESS=unix:$folder/l.sock
+try 0 umbrage points city.glb --normals --count 200 -o some.f32
+for words in "" "--batch 7" "--encoding bit" "--encoding u8 --batch 8"; do
+    for target in city.umb city; do
+        # shellcheck disable=SC2086
+        try 0 umbrage query $target --points some.f32 --format f32 --normals --taps 3 $words \
+            --output $target.answers --quiet
+    done
+    check "  the same in calls of 30 points at most" cmp city.answers city.umb.answers
+done
+try 0 umbrage query city --points some.f32 --format f32 --normals --budget 100000 --quiet
+try 69 umbrage query city --boxes pairs
+one_sentence "takes no boxes: max_boxes is 0 (max_points is 30)"
+try 69 umbrage query city --segments pairs --json
+one_sentence "takes no segments: max_segments is 0"
+try 0 umbrage render city.glb --asset city -o little.png --size 64x48 --quiet
+check "render in calls of 30 points is the same picture" cmp little.png file.png
+kill -TERM $daemon
+wait $daemon
+
 # --- a daemon that asks for a token ---
 token=0123456789abcdef0123456789
 (umask 077 && echo "studio query $token" >tokens)
