@@ -3,6 +3,7 @@
 #include "cli_progress.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <time.h>
 #include <unistd.h>
@@ -22,6 +23,7 @@ void umbc_progress_begin(struct umbc_progress *progress, bool quiet)
 {
     progress->wanted = !quiet && isatty(STDERR_FILENO) == 1;
     progress->drawn = false;
+    progress->unit = "points";
     progress->started_s = umbc_clock_s();
     progress->drawn_s = 0;
 }
@@ -60,20 +62,21 @@ void umbc_progress_show_bytes(struct umbc_progress *progress, uint64_t done, uin
     }
 }
 
-void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction)
+void umbc_progress_show(struct umbc_progress *progress, double count, double fraction)
 {
     double elapsed;
     if (!is_due(progress, &elapsed)) {
         return;
     }
-    double rate = (double)points / elapsed;
+    const double rate = count / elapsed;
     if (fraction > 0 && fraction <= 1) {
         char bar[BAR_WIDTH + 1];
         draw_bar(fraction, bar);
-        (void)fprintf(stderr, "\r[%s] %3.0f %%  %.3g points/s  %.0f s left \033[K", bar,
-                      fraction * 100, rate, elapsed * (1 - fraction) / fraction);
+        (void)fprintf(stderr, "\r[%s] %3.0f %%  %.3g %s/s  %.0f s left \033[K", bar, fraction * 100,
+                      rate, progress->unit, elapsed * (1 - fraction) / fraction);
     } else {
-        (void)fprintf(stderr, "\r%" PRIu64 " points  %.3g points/s \033[K", points, rate);
+        (void)fprintf(stderr, "\r%.0f %s  %.3g %s/s \033[K", floor(count), progress->unit, rate,
+                      progress->unit);
     }
     (void)fflush(stderr);
 }

@@ -9,6 +9,7 @@ struct umbc_progress {
     bool wanted; /* stderr is a terminal and nobody asked for quiet */
     bool drawn;
     double started_s, drawn_s;
+    const char *unit; /* of what is counted; begin says points */
 };
 
 /* Seconds on a clock that only moves forward. */
@@ -17,7 +18,7 @@ double umbc_clock_s(void);
 void umbc_progress_begin(struct umbc_progress *progress, bool quiet);
 
 /* Redraws at most five times a second. fraction: 0..1, or negative if not known. */
-void umbc_progress_show(struct umbc_progress *progress, uint64_t points, double fraction);
+void umbc_progress_show(struct umbc_progress *progress, double count, double fraction);
 
 /* The same for bytes of a known total. */
 void umbc_progress_show_bytes(struct umbc_progress *progress, uint64_t done, uint64_t total);

@@ -180,7 +180,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
                                  slot->batch.count)) {
         return umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
-    umbc_progress_show(&job->progress, job->total.points, fraction_read(&job->source));
+    umbc_progress_show(&job->progress, (double)job->total.points, fraction_read(&job->source));
     return UMB_OK;
 }
 

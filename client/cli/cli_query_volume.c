@@ -4,12 +4,13 @@
 #include "cli_option_names.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_progress.h"
+#include "cli_record_progress.h"
 #include "cli_session.h"
 #include "umbrage/questions.h"
 
@@ -18,6 +19,8 @@
 #define FEW  64 /* a daemon counts segments of fewer stretches as of so many */
 /* Stretches that such segments may have together, unless one has more. */
 #define LONG_STRETCHES ((size_t)1 << 18)
+/* Records of a file that are answered between two looks at the clock; of boxes it is one. */
+#define SLICE ((size_t)256)
 
 /* Segments of more stretches than are kept, one behind the other, answered together. */
 struct longs {
@@ -31,6 +34,8 @@ struct job {
     struct umb_asset *asset; /* a file ... */
     bool bad_file;           /* ... that could not be opened, */
     struct umb_volume volume;
+    struct umb_frustum_info frustum; /* the light's, for boxes */
+    double origin[3];                /* the asset's */
     struct umb_client *client;       /* or a daemon, */
     struct umb_client_limits limits; /* which takes so much */
     size_t batch_size;               /* records asked together */
@@ -38,6 +43,7 @@ struct job {
     bool has_id; /* the daemon has answered once */
     bool ignores_translucent;
     struct umbc_points source;
+    struct umbc_record_progress progress;
     struct umbc_batch batch;
     struct umbc_output output;
     struct umbc_json json;
@@ -46,6 +52,8 @@ struct job {
     struct umb_column_answers columns;
     struct umb_box_answers boxes;
     struct umb_box *corners; /* of a file */
+    size_t box;              /* the one that is counted */
+    double box_voxels;       /* about what it will have; 0: not known yet */
     struct umb_volume_stats stats;
     uint64_t count;
 };
@@ -87,8 +95,12 @@ static enum umb_status answer_segments(struct job *job, const struct umb_segment
 {
     if (job->client == NULL) {
         enum umb_status status = umb_segments_check(segments, error);
-        if (status == UMB_OK) {
-            umb_segments_run(&job->volume, segments, 0, segments->count, answers);
+        for (size_t i = 0, n; status == UMB_OK && i < segments->count; i += n) {
+            n = segments->count - i < SLICE ? segments->count - i : SLICE;
+            umb_segments_run(&job->volume, segments, i, n, answers);
+            if (answers == &job->segments) { /* not those that are asked again */
+                umbc_records_show(&job->progress, (double)(i + n));
+            }
         }
         return status;
     }
@@ -104,8 +116,10 @@ static enum umb_status answer_columns(struct job *job, const struct umb_points *
 {
     if (job->client == NULL) {
         enum umb_status status = umb_points_check(points, error);
-        if (status == UMB_OK) {
-            umb_columns_run(&job->volume, points, 0, points->count, &job->columns);
+        for (size_t i = 0, n; status == UMB_OK && i < points->count; i += n) {
+            n = points->count - i < SLICE ? points->count - i : SLICE;
+            umb_columns_run(&job->volume, points, i, n, &job->columns);
+            umbc_records_show(&job->progress, (double)(i + n));
         }
         return status;
     }
@@ -116,6 +130,19 @@ static enum umb_status answer_columns(struct job *job, const struct umb_points *
     return status == UMB_OK ? take_reply(job, &reply, error) : status;
 }
 
+/* A large box takes long: shows how much of it is counted. */
+static int show_box(void *user, uint64_t steps)
+{
+    struct job *job = user;
+    const double counted = (double)job->boxes.boxes[job->box].voxels;
+    (void)steps;
+    if (!(job->box_voxels > 0)) {
+        job->box_voxels = umbc_box_voxels(&job->frustum, job->origin, &job->corners[job->box]) + 1;
+    }
+    umbc_records_show(&job->progress, (double)job->box + fmin(counted / job->box_voxels, 0.99));
+    return 1;
+}
+
 static enum umb_status answer_boxes(struct job *job, const struct umb_segments *corners,
                                     struct umb_error *error)
 {
@@ -123,7 +150,12 @@ static enum umb_status answer_boxes(struct job *job, const struct umb_segments *
         enum umb_status status = umb_corners_check(corners, error);
         if (status == UMB_OK) {
             umb_corners_get(corners, 0, corners->count, job->corners);
-            umb_boxes_run(&job->volume, job->corners, 0, corners->count, &job->boxes);
+        }
+        for (size_t i = 0; status == UMB_OK && i < corners->count; i++) {
+            job->box = i;
+            job->box_voxels = 0;
+            umb_boxes_run(&job->volume, job->corners, i, 1, &job->boxes);
+            umbc_records_show(&job->progress, (double)(i + 1));
         }
         return status;
     }
@@ -352,6 +384,17 @@ static enum umb_status ask_batch(struct job *job, struct umb_error *error)
     return status;
 }
 
+/* Of the light, which is directional and has one. */
+static enum umb_status first_frustum(struct job *job, struct umb_error *error)
+{
+    struct umb_light_info light;
+    enum umb_status status = umb_asset_get_light(job->asset, job->options->settings.light, &light);
+    if (status == UMB_OK) {
+        status = umb_asset_get_frustum(job->asset, light.first_frustum, &job->frustum);
+    }
+    return status == UMB_OK ? status : umb_fail(error, status, "the light has no frustum");
+}
+
 static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
@@ -373,10 +416,14 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     }
     umb_asset_get_info(job->asset, &info);
     memcpy(job->asset_id, info.id, sizeof info.id);
+    memcpy(job->origin, info.origin, sizeof info.origin);
     status = umb_volume_prepare(job->asset, options->settings.light, &job->volume, error);
     job->ignores_translucent = status == UMB_OK && umb_volume_ignores_translucent(&job->volume);
     if (status == UMB_OK && options->question == UMBC_QUESTION_BOXES) {
         status = umb_volume_check_parallel(&job->volume, error);
+        if (status == UMB_OK) {
+            status = first_frustum(job, error);
+        }
     }
     if (status == UMB_OK && options->question == UMBC_QUESTION_COLUMNS) {
         status = umb_columns_check(&job->volume, error);
@@ -402,6 +449,8 @@ static enum umb_status open_answers(struct job *job, struct umb_error *error)
     default:
         job->corners = calloc(count, sizeof *job->corners);
         job->boxes.boxes = calloc(count, sizeof *job->boxes.boxes);
+        job->boxes.go_on = show_box;
+        job->boxes.go_on_user = job;
         good = job->corners != NULL && job->boxes.boxes != NULL;
         break;
     }
@@ -431,30 +480,29 @@ static void end_json(struct job *job)
 
 static enum umb_status ask_all(struct job *job, struct umb_error *error)
 {
-    struct umbc_progress progress;
     enum umb_status status = UMB_OK;
     if (job->options->json) {
         job->json.file = job->output.file;
         umbc_json_begin(&job->json, NULL, '{');
         umbc_json_begin(&job->json, NAMES[job->options->question], '[');
     }
-    memset(&progress, 0, sizeof progress);
-    umbc_progress_begin(&progress, job->options->quiet);
+    umbc_records_begin(&job->progress, NAMES[job->options->question], job->options->quiet,
+                       &job->source);
     do {
         status = umbc_points_read(&job->source, &job->batch, error);
-        if (status == UMB_OK && job->batch.count > 0) {
+        const size_t count = job->batch.count >> job->source.pairs;
+        umbc_records_batch(&job->progress, count);
+        if (status == UMB_OK && count > 0) {
             status = ask_batch(job, error);
         }
-        double size = (double)job->source.size;
-        umbc_progress_show(&progress, job->count,
-                           size > 0 ? (double)job->source.offset / size : -1);
+        umbc_records_show(&job->progress, (double)count);
     } while (status == UMB_OK && job->batch.count > 0);
     if (status == UMB_OK && job->client != NULL && !job->has_id) {
         /* Nothing was sent; an empty question still refuses a wrong asset or light. */
         status = ask_batch(job, error);
     }
-    double seconds = umbc_clock_s() - progress.started_s;
-    umbc_progress_end(&progress);
+    const double seconds = umbc_clock_s() - job->progress.line.started_s;
+    umbc_records_end(&job->progress);
     if (status != UMB_OK) {
         return status;
     }

@@ -188,9 +188,10 @@ struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* added to */
     /* For who must not be held up by what others ask: called each time after so many steps of a box
-     * as UMB_BOX_STEPS, with the steps of this box so far; 0 gives the box up, and its `voxels` is
-     * UINT64_MAX. A step is a node, a cell or a brick that lies inside; a brick that the box's
-     * faces cut counts as 64. The same on all machines. NULL: every box is finished. */
+     * as UMB_BOX_STEPS, with the steps of this box so far, while its answer holds what is counted
+     * so far; 0 gives the box up, and its `voxels` is UINT64_MAX. A step is a node, a cell or a
+     * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all
+     * machines. NULL: every box is finished. */
     int (*go_on)(void *user, uint64_t steps);
     void *go_on_user;
 };
