@@ -207,6 +207,11 @@ static double compass_fit(const struct umbt_camera_subject *subject, const doubl
     return eye_fit(subject, centre, camera);
 }
 
+double umbt_camera_fov_deg(const struct umbt_camera *camera)
+{
+    return atan(camera->tan_y) * (360.0 / PI);
+}
+
 enum umb_status umbt_camera_make(const struct umbt_camera_request *request,
                                  const struct umbt_camera_subject *subject, uint32_t width,
                                  uint32_t height, struct umbt_camera *camera,

@@ -33,6 +33,9 @@ struct umbt_camera {
     double tan_x, tan_y;                /* of half the fields of view */
 };
 
+/* The field of view of the picture's height, degrees. */
+double umbt_camera_fov_deg(const struct umbt_camera *camera);
+
 /* The geometry a camera is fitted to. */
 struct umbt_camera_subject {
     const double (*points)[3]; /* [count], borrowed */

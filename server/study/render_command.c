@@ -238,9 +238,10 @@ static void report_text(const struct render *render)
     printf("%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
            render->scene.count, options->width, options->height, result->samples,
            result->receivers);
-    printf("camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g\n", camera->eye[0], camera->eye[1],
-           camera->eye[2], camera->eye[0] + camera->forward[0], camera->eye[1] + camera->forward[1],
-           camera->eye[2] + camera->forward[2]);
+    printf("camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g,fov=%.6g\n", camera->eye[0],
+           camera->eye[1], camera->eye[2], camera->eye[0] + camera->forward[0],
+           camera->eye[1] + camera->forward[1], camera->eye[2] + camera->forward[2],
+           umbt_camera_fov_deg(camera));
     printf("load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
     if (!options->traced) {
         printf(", asset %.2f s (%.2f Mpoints/s)", result->query_s,

@@ -43,6 +43,12 @@ try 2 umbrage-study
 try 2 umbrage info
 try 2 umbrage info a b c
 
+# --- bake: what it says at its end ---
+try 0 umbrage-bake city.glb -o kept.umb --resolution 256 --cache kept_tiles --verify 0
+check "a bake says how fast it drew" grep -q '^rate .* Mtexel' out
+try 0 umbrage-bake city.glb -o kept.umb --resolution 256 --cache kept_tiles --verify 0
+check "  and names no rate when every tile was kept" sh -c '! grep -q ^rate out'
+
 # --- bake: usage, missing, folder, bad data ---
 try 2 umbrage-bake city.glb
 one_sentence "-o"
@@ -140,7 +146,7 @@ for number in TERM HUP; do
     points=$!
     while kill -0 $points 2>err && [ -z "$(find . -name '.tmp.big.pts*')" ]; do sleep 0.01; done
     kill -s $number $points
-    wait $points
+    wait $points 2>/dev/null # the shell's own "Hangup"
     same "SIG$number ends umbrage points" "$(kill -l $?)" $number
     same "no temporary after SIG$number" "old " "$(cat big.pts) $(find . -name '*.tmp*')"
 done
@@ -363,6 +369,11 @@ try 65 umbrage query city --points bad_points
 one_sentence bad_points:2
 try 0 umbrage render city.glb --asset city -o daemon.png --size 64x48 --quiet
 try 0 umbrage render city.glb --asset city.umb -o file.png --size 64x48 --quiet
+try 0 umbrage render city.glb --asset city.umb -o wide.png --size 64x48 --camera fov=62.5
+view=$(sed -n 's/^camera //p' out)
+same "render prints the camera's field of view" fov=62.5 "$(echo "$view" | grep -o 'fov.*')"
+try 0 umbrage render city.glb --asset city.umb -o again.png --size 64x48 --camera "$view"
+same "  and takes what it printed" "$view" "$(sed -n 's/^camera //p' out)"
 check "render by daemon and by file are one picture" cmp daemon.png file.png
 kill -TERM $daemon
 wait $daemon
