@@ -18,6 +18,10 @@ needed="
     libembree-dev libassimp-dev libpng-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "
+# There for x86-64 alone; without it pages are hashed one by one.
+if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then
+    needed="$needed libipsec-mb-dev"
+fi
 optional="
     clang clang-tidy clang-format valgrind
     chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus

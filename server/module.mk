@@ -9,7 +9,7 @@ DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
 STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/trade_template.o
 # A sparse volume beside the study's look-ups, where its headers are (libnanovdb-dev).
-ifneq ($(shell echo '\#include <nanovdb/NanoVDB.h>' | $(CXX) -std=c++17 -E -x c++ - >/dev/null 2>&1 && echo yes),)
+ifneq ($(shell $(CXX) -std=c++17 -include nanovdb/NanoVDB.h -E -x c++ /dev/null >/dev/null 2>&1 && echo yes),)
 STUDY_VOLUME := $(BUILD)/server/study/nanovdb_peer.o
 STUDY_OBJ    := $(filter-out %/nanovdb_absent.o,$(STUDY_OBJ)) $(STUDY_VOLUME)
 STUDY_LIBS   := -lstdc++
@@ -20,6 +20,14 @@ $(STUDY_VOLUME): server/study/nanovdb_peer.cc server/study/nanovdb_peer.h
 endif
 # The study's peers are compiled to win.
 $(BUILD)/server/study/shadow_map16_avx2.o: AVX2_FLAGS += -O3
+
+# SHA-256 of many pages at once, where Intel's library for it is (libipsec-mb-dev, amd64); IPSEC_MB= does without.
+COMMON_LIBS := -lcrypto
+IPSEC_MB ?= $(shell $(CC) -DNO_COMPAT_IMB_API_053 -include intel-ipsec-mb.h -fsyntax-only -x c /dev/null 2>/dev/null && echo yes)
+ifneq ($(IPSEC_MB),)
+COMMON_LIBS += -Wl,--as-needed -lIPSec_MB -Wl,--no-as-needed
+$(BUILD)/server/common/sha256_lanes.o: INC_server += -DHAVE_IPSEC_MB
+endif
 
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
@@ -54,15 +62,15 @@ $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
 
 $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lpng -lcrypto $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS) -o $@
 
 daemon: $(BUILD)/umbraged ## umbraged
 bake: $(BUILD)/umbrage-bake ## umbrage-bake

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * SHA-256 by OpenSSL, in the shape the core asks for.
+ * SHA-256 by OpenSSL, in the shape the core asks for; of many messages by sha256_lanes.h, where the
+ * build has it, and by OpenSSL again where that fails.
  *
  * The low-level functions: they allocate nothing and cannot fail, whereas the EVP interface sets
  * itself up at the first digest and, if memory is short just then, fails for ever after or crashes
@@ -10,6 +11,46 @@
 #include "common/sha256.h"
 
 #include <openssl/sha.h>
+#include <pthread.h>
+
+#include "common/sha256_lanes.h"
+
+/* With fewer messages most lanes would be idle (measured: eight are far ahead, two are not). */
+#define LANES_FROM 4U
+
+/* Lanes that nobody uses just now, for the next one to ask: as many as threads asked at once, but
+ * not more than this. */
+#define IDLE_MOST 16U
+
+static struct {
+    pthread_mutex_t lock;
+    struct umbs_sha256_lanes *lanes[IDLE_MOST];
+    unsigned count;
+} idle = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+/* NULL: there are none. */
+static struct umbs_sha256_lanes *lanes_take(void)
+{
+    struct umbs_sha256_lanes *lanes = NULL;
+    pthread_mutex_lock(&idle.lock);
+    if (idle.count > 0) {
+        lanes = idle.lanes[--idle.count];
+    }
+    pthread_mutex_unlock(&idle.lock);
+    return lanes != NULL ? lanes : umbs_sha256_lanes_create(NULL);
+}
+
+/* In: lanes: may be NULL. */
+static void lanes_give_back(struct umbs_sha256_lanes *lanes)
+{
+    pthread_mutex_lock(&idle.lock);
+    if (lanes != NULL && idle.count < IDLE_MOST) {
+        idle.lanes[idle.count++] = lanes;
+        lanes = NULL;
+    }
+    pthread_mutex_unlock(&idle.lock);
+    umbs_sha256_lanes_destroy(lanes);
+}
 
 static void digest_parts(void *user, const void *const *parts, const size_t *sizes,
                          size_t part_count, uint8_t out[UMB_ID_BYTES])
@@ -25,7 +66,23 @@ static void digest_parts(void *user, const void *const *parts, const size_t *siz
     (void)SHA256_Final(out, &context);
 }
 
-const struct umb_sha256 umbs_sha256 = {.digest = digest_parts, .user = NULL};
+static void digest_many(void *user, const uint8_t *const *messages, const size_t *sizes,
+                        size_t count, uint8_t (*digests)[UMB_ID_BYTES])
+{
+    struct umbs_sha256_lanes *lanes = count < LANES_FROM ? NULL : lanes_take();
+    const bool made =
+        lanes != NULL && umbs_sha256_lanes_digest(lanes, messages, sizes, count, digests);
+    lanes_give_back(lanes);
+    for (size_t i = 0; i < count; i++) {
+        if (!made || sizes[i] > UMBS_SHA256_LANES_LONGEST) {
+            const void *parts[1] = {messages[i]};
+            digest_parts(user, parts, &sizes[i], 1, digests[i]);
+        }
+    }
+}
+
+const struct umb_sha256 umbs_sha256 = {
+    .digest = digest_parts, .user = NULL, .digest_many = digest_many};
 
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES])
 {

@@ -5,7 +5,7 @@ INC_FUZZ := $(INC_tests) -Itests/fuzz
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(filter-out tests/fuzz/fuzz_replay.c,$(wildcard tests/fuzz/fuzz_*.c)))
 FUZZ_REPLAYS := $(FUZZ_TARGETS:%=$(BUILD)/tests/fuzz/replay_%)
 FUZZ_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
-FUZZ_SYS = -lembree3 -lassimp -lpng $(WIRE_LIBS) -lcrypto $(CORE_LIBS)
+FUZZ_SYS = -lembree3 -lassimp -lpng $(WIRE_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 T ?= 60
 
 $(BUILD)/tests/fuzz/%.o: tests/fuzz/%.c

@@ -21,6 +21,6 @@ $(BUILD)/interop/%.o: %.c | $(BUILD)/gen/interop_test.pb-c.h $(PROTO_GEN_C)
 
 $(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(BUILD)/interop/interop_test.pb-c.o $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto -linih $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
 -include $(INTEROP_OBJ:.o=.d)

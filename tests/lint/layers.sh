@@ -50,6 +50,11 @@ others=$(grep -rlE '# *include <curl/' server client proto --include='*.c' --inc
     grep -v '^client/cli/' || true)
 [ -z "$others" ] || fail "only client/cli sees libcurl: $others"
 
+# libipsec-mb: one file of common.
+others=$(grep -rlE '# *include <intel-ipsec-mb' server client proto --include='*.c' --include='*.h' |
+    grep -v '^server/common/sha256_lanes\.c$' || true)
+[ -z "$others" ] || fail "only server/common/sha256_lanes.c sees libipsec-mb: $others"
+
 # Assimp: the sandboxed importer alone. Embree: rays, and the bake's candidate path.
 others=$(includes server/bake | awk -v pattern="$ASSIMP" '$2 ~ pattern && $1 !~ /^server\/bake\/import\// { print "  " $1 }')
 [ -z "$others" ] || fail "only server/bake/import sees Assimp:

@@ -74,6 +74,10 @@ struct umb_sha256 {
     void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
                    uint8_t out[UMB_ID_BYTES]);
     void *user;
+    /* digests[i] of message i, one part each, as digest makes them, in one go; NULL: there is no
+     * quicker way than one after the other */
+    void (*digest_many)(void *user, const uint8_t *const *messages, const size_t *sizes,
+                        size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 };
 
 /*

@@ -257,6 +257,19 @@ bool umb__directory_identify(const struct umb__head *head, const struct umb_sha2
     return made;
 }
 
+void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
+                      const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES])
+{
+    if (sha256->digest_many) {
+        sha256->digest_many(sha256->user, messages, sizes, count, digests);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const void *part = messages[i];
+        sha256->digest(sha256->user, &part, &sizes[i], 1, digests[i]);
+    }
+}
+
 bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES])
 {
     static const uint8_t zeros[UMB_ID_BYTES];

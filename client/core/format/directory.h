@@ -125,6 +125,14 @@ void umb__page_brick(const struct umb__page *page, uint32_t index, const uint8_t
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,
                              const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES]);
 
+/* Pages that are hashed together: as many as vector registers have lanes. */
+#define UMB__DIGESTS 16U
+
+/* Hashes messages of one part each: by digest_many if the hasher has it.
+ * Out: digests: [count]; each as digest makes it. */
+void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
+                      const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
+
 /* False for the all-zero digest of a hasher that failed (struct umb_sha256). */
 bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES]);
 

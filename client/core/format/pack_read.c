@@ -334,30 +334,60 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     return status;
 }
 
-/* Hashes one page and compares; raw: room for the longest. */
-static enum umb_status prove_page(ZSTD_DCtx *zstd, const uint8_t *file,
-                                  const struct umb__head *head, uint32_t page, uint8_t *raw,
-                                  const struct umb_sha256 *sha256, struct umb_error *error)
+/* Uncompressed pages that follow one another, to be hashed together. */
+struct batch {
+    uint8_t *raw; /* [UMB__PAGE_RAW_MAX] */
+    size_t raw_size;
+    uint32_t first, count; /* pages */
+    const uint8_t *messages[UMB__DIGESTS];
+    size_t sizes[UMB__DIGESTS];
+};
+
+/* Uncompresses as many pages as there is room for, at least one. */
+static enum umb_status batch_fill(struct batch *batch, ZSTD_DCtx *zstd, const uint8_t *file,
+                                  const struct umb__head *head, struct umb_error *error)
 {
-    struct umb__page_entry entry = umb__directory_load(head, page);
-    enum umb_status status = entry_fits(head, &entry, UMB__PAGE_RAW_MAX)
-                                 ? umb__page_expand(zstd, file + entry.offset, &entry, raw, error)
-                                 : entry_changed(&entry, error);
-    if (status != UMB_OK) {
-        return status;
+    batch->first += batch->count;
+    batch->count = 0;
+    batch->raw_size = 0;
+    while (batch->count < UMB__DIGESTS && batch->first + batch->count < head->page_count) {
+        const struct umb__page_entry entry = umb__directory_load(head, batch->first + batch->count);
+        if (!entry_fits(head, &entry, UMB__PAGE_RAW_MAX)) {
+            return entry_changed(&entry, error);
+        }
+        if (entry.raw_length > UMB__PAGE_RAW_MAX - batch->raw_size) {
+            break;
+        }
+        uint8_t *raw = batch->raw + batch->raw_size;
+        const enum umb_status status =
+            umb__page_expand(zstd, file + entry.offset, &entry, raw, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        batch->messages[batch->count] = raw;
+        batch->sizes[batch->count++] = entry.raw_length;
+        batch->raw_size += entry.raw_length;
     }
-    const uint8_t *wanted = umb__directory_hash(head, page);
-    const void *part = raw;
-    size_t part_size = entry.raw_length;
-    uint8_t hash[UMB_ID_BYTES];
-    sha256->digest(sha256->user, &part, &part_size, 1, hash);
-    if (!umb__digest_made(hash)) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "proving: page %u could not be hashed", page);
+    return UMB_OK;
+}
+
+/* Compares the pages' hashes with the directory's. */
+static enum umb_status batch_prove(const struct batch *batch, const struct umb__head *head,
+                                   const struct umb_sha256 *sha256, struct umb_error *error)
+{
+    uint8_t hashes[UMB__DIGESTS][UMB_ID_BYTES];
+    umb__digest_many(sha256, batch->messages, batch->sizes, batch->count, hashes);
+    for (uint32_t i = 0; i < batch->count; i++) {
+        const uint32_t page = batch->first + i;
+        if (!umb__digest_made(hashes[i])) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "proving: page %u could not be hashed", page);
+        }
+        if (memcmp(hashes[i], umb__directory_hash(head, page), sizeof hashes[i]) != 0) {
+            return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
+                            page);
+        }
     }
-    return memcmp(hash, wanted, sizeof hash) == 0
-               ? UMB_OK
-               : umb_fail(error, UMB_E_CORRUPT, "page %u of the file: not what its hash says",
-                          page);
+    return UMB_OK;
 }
 
 enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head, int check_pages,
@@ -372,14 +402,15 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
         return status;
     }
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
-    uint8_t *raw = umb__alloc(NULL, UMB__PAGE_RAW_MAX, 1);
-    if (!zstd || !raw) {
+    struct batch batch = {.raw = umb__alloc(NULL, UMB__PAGE_RAW_MAX, 1)};
+    if (!zstd || !batch.raw) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
-    for (uint32_t page = 0; page < head->page_count && status == UMB_OK; page++) {
-        status = prove_page(zstd, file, head, page, raw, sha256, error);
+    while (status == UMB_OK && batch.first + batch.count < head->page_count) {
+        status = batch_fill(&batch, zstd, file, head, error);
+        status = status == UMB_OK ? batch_prove(&batch, head, sha256, error) : status;
     }
     ZSTD_freeDCtx(zstd);
-    umb__free(NULL, raw);
+    umb__free(NULL, batch.raw);
     return status;
 }

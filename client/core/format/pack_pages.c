@@ -1,0 +1,272 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See pack_pages.h. Pages are independent of one another, so helpers share them. */
+#include "format/pack_pages.h"
+
+#include <stdbool.h>
+#include <string.h>
+#include <xxhash.h>
+#include <zstd.h>
+#include <zstd_errors.h>
+
+#include "base/bytes.h"
+#include "base/memory.h"
+#include "format/directory.h"
+#include "format/layout.h"
+#include "format/page.h"
+
+/*
+ * How pages are compressed: they are short, so that tables small enough for the first-level cache
+ * find as much as large ones. Pages that refer to others repeat little but for neighbours: with
+ * tables of 512 entries they take no more bytes than with 4096, and a quarter less time, as matches
+ * that would cost more than they save are not found. Level 6 saves 5 % and takes three times as
+ * long (docs/performance.md). Outside the identity, so it may change.
+ */
+#define TABLE_LOG2_ALONE  12
+#define TABLE_LOG2_REFERS 9
+#define SHORTEST_MATCH    4
+
+/* Compressed pages, one behind the other. */
+struct chunk {
+    struct chunk *next;
+    size_t used, size;
+    uint8_t bytes[];
+};
+
+/* Sizes of a worker's first chunk, and of those that it doubles to: few large pages of the system,
+ * and little that a small asset does not need. */
+#define CHUNK_FIRST ((size_t)64 << 10)
+#define CHUNK_MOST  (((size_t)4 << 20) - sizeof(struct chunk))
+
+/* An encoded page. */
+struct raw_page {
+    uint8_t *bytes;
+    size_t size, capacity;
+};
+
+/* What one worker has to itself. */
+struct umb__page_worker {
+    struct umb__page_encoder encoder;
+    ZSTD_CCtx *zstd;
+    struct raw_page raw[UMB__DIGESTS]; /* the pages of a job, until they are hashed together */
+    struct chunk *chunks;              /* the last one first */
+    enum umb_status status;            /* of the first page it failed at */
+    struct umb_error error;
+};
+
+/* What the workers share. */
+struct packing {
+    const struct umb_octree *octree;
+    const struct umb_sha256 *sha256;
+    const struct umb__pack_order *order;
+    struct umb__pack_pages *pages;
+};
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "packing: out of memory");
+}
+
+/* Makes room for `needed` more bytes of compressed pages. */
+static bool make_room(const struct umb_alloc *alloc, struct umb__page_worker *worker, size_t needed)
+{
+    const struct chunk *last = worker->chunks;
+    if (last && last->size - last->used >= needed) {
+        return true;
+    }
+    size_t size = last ? 2 * last->size : CHUNK_FIRST;
+    size = size > CHUNK_MOST ? CHUNK_MOST : size;
+    size = size < needed ? needed : size;
+    struct chunk *chunk = umb__alloc_large(alloc, sizeof *chunk + size, 1);
+    if (!chunk) {
+        return false;
+    }
+    chunk->next = worker->chunks;
+    chunk->used = 0;
+    chunk->size = size;
+    worker->chunks = chunk;
+    return true;
+}
+
+/* Compresses the encoded page and keeps it. */
+static enum umb_status compress_page(const struct packing *p, struct umb__page_worker *worker,
+                                     uint32_t page, size_t *stored_length)
+{
+    const struct umb__page_encoder *e = &worker->encoder;
+    const size_t bound = ZSTD_compressBound(e->raw_size);
+    if (!make_room(p->pages->alloc, worker, bound)) {
+        return no_memory(&worker->error);
+    }
+    struct chunk *chunk = worker->chunks;
+    uint8_t *stored = chunk->bytes + chunk->used;
+    const size_t length = ZSTD_compress2(worker->zstd, stored, bound, e->raw, e->raw_size);
+    if (ZSTD_isError(length)) {
+        const bool memory = ZSTD_getErrorCode(length) == ZSTD_error_memory_allocation;
+        return umb_fail(&worker->error, memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
+                        "packing: zstd: %s", ZSTD_getErrorName(length));
+    }
+    p->pages->stored[page] = stored;
+    chunk->used += length;
+    *stored_length = length;
+    return UMB_OK;
+}
+
+/* Puts the encoded page among those to be hashed; the encoder goes on with the one before. */
+static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
+{
+    const struct raw_page before = *raw;
+    *raw = (struct raw_page){e->raw, e->raw_size, e->raw_capacity};
+    e->raw = before.bytes;
+    e->raw_size = 0;
+    e->raw_capacity = before.capacity;
+}
+
+/* Writes a page's entry but for its hash. In: number: of the page in its job. */
+static enum umb_status write_page(const struct packing *p, struct umb__page_worker *worker,
+                                  uint32_t page, uint32_t number)
+{
+    struct umb__page_encoder *e = &worker->encoder;
+    size_t length = 0;
+    enum umb_status status = umb__page_encode(e, p->octree, p->order, page, &worker->error);
+    if (status == UMB_OK) {
+        status = compress_page(p, worker, page, &length);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    uint8_t *entry = p->pages->entries + (size_t)page * UMB__PAGE_ENTRY;
+    umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+    umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
+    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(p->pages->stored[page], length));
+    entry[UMB__PAGE_LEVEL_HIGH] = e->raw[1];
+    entry[UMB__PAGE_LEVEL_LOW] = e->raw[2];
+    umb__store32(entry + UMB__PAGE_RECORDS, e->node_count);
+    keep_raw(e, &worker->raw[number]);
+    return UMB_OK;
+}
+
+/* Hashes the pages of a job into their entries. */
+static enum umb_status hash_pages(const struct packing *p, struct umb__page_worker *worker,
+                                  uint32_t first, uint32_t count)
+{
+    const uint8_t *messages[UMB__DIGESTS] = {NULL};
+    size_t sizes[UMB__DIGESTS] = {0};
+    uint8_t digests[UMB__DIGESTS][UMB_ID_BYTES];
+    for (uint32_t i = 0; i < count; i++) {
+        messages[i] = worker->raw[i].bytes;
+        sizes[i] = worker->raw[i].size;
+    }
+    umb__digest_many(p->sha256, messages, sizes, count, digests);
+    for (uint32_t i = 0; i < count; i++) {
+        uint8_t *entry = p->pages->entries + (size_t)(first + i) * UMB__PAGE_ENTRY;
+        if (!umb__digest_made(digests[i])) {
+            return no_memory(&worker->error);
+        }
+        memcpy(entry + UMB__PAGE_HASH, digests[i], UMB_ID_BYTES);
+    }
+    return UMB_OK;
+}
+
+/* Some pages; after a failure of its own a worker leaves the others out. */
+static void pages_job(void *user, uint32_t job, unsigned number)
+{
+    const struct packing *p = user;
+    struct umb__page_worker *worker = &p->pages->workers[number];
+    const uint32_t first = job * UMB__DIGESTS, left = p->order->page_count - first;
+    const uint32_t count = left < UMB__DIGESTS ? left : UMB__DIGESTS;
+    for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
+        worker->status = write_page(p, worker, first + i, i);
+    }
+    if (worker->status == UMB_OK) {
+        worker->status = hash_pages(p, worker, first, count);
+    }
+}
+
+/* In: alone: for pages of which most refer to no other. */
+static ZSTD_CCtx *compressor_create(bool alone)
+{
+    const struct {
+        ZSTD_cParameter name;
+        int value;
+    } settings[] = {
+        {ZSTD_c_compressionLevel, 1},
+        {ZSTD_c_strategy, ZSTD_fast},
+        {ZSTD_c_hashLog, alone ? TABLE_LOG2_ALONE : TABLE_LOG2_REFERS},
+        {ZSTD_c_minMatch, SHORTEST_MATCH},
+    };
+    ZSTD_CCtx *zstd = ZSTD_createCCtx();
+    for (size_t i = 0; zstd && i < sizeof settings / sizeof settings[0]; i++) {
+        if (ZSTD_isError(ZSTD_CCtx_setParameter(zstd, settings[i].name, settings[i].value))) {
+            ZSTD_freeCCtx(zstd);
+            zstd = NULL;
+        }
+    }
+    return zstd;
+}
+
+static enum umb_status allocate(const struct packing *p, struct umb_error *error)
+{
+    struct umb__pack_pages *pages = p->pages;
+    const uint32_t count = p->order->page_count;
+    pages->workers = umb__alloc_zeroed(pages->alloc, pages->worker_count, sizeof *pages->workers);
+    pages->stored = umb__alloc_zeroed(pages->alloc, count, sizeof *pages->stored);
+    pages->entries = umb__alloc_zeroed(pages->alloc, count, UMB__PAGE_ENTRY);
+    bool complete = pages->workers && pages->stored && pages->entries;
+    for (unsigned i = 0; complete && i < pages->worker_count; i++) {
+        pages->workers[i].zstd = compressor_create(p->order->alone_from != UINT32_MAX);
+        complete = pages->workers[i].zstd != NULL;
+    }
+    return complete ? UMB_OK : no_memory(error);
+}
+
+enum umb_status umb__pack_pages(const struct umb_pack_job *job, const struct umb__pack_order *order,
+                                struct umb__pack_pages *pages, struct umb_error *error)
+{
+    const uint32_t count = order->page_count;
+    const uint32_t jobs = count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
+    struct packing p = {job->octree, job->sha256, order, pages};
+    memset(pages, 0, sizeof *pages);
+    pages->alloc = job->octree->alloc;
+    pages->worker_count = job->workers ? job->workers->count : 1;
+    enum umb_status status = allocate(&p, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (job->workers) {
+        job->workers->run(job->workers->user, pages_job, &p, jobs);
+    } else {
+        for (uint32_t number = 0; number < jobs; number++) {
+            pages_job(&p, number, 0);
+        }
+    }
+    for (unsigned i = 0; i < pages->worker_count; i++) {
+        const struct umb__page_worker *worker = &pages->workers[i];
+        if (worker->status != UMB_OK) {
+            return umb_fail(error, worker->status, "%s", worker->error.message);
+        }
+    }
+    return UMB_OK;
+}
+
+static void worker_finish(struct umb__page_worker *worker, const struct umb_alloc *alloc)
+{
+    umb__page_encoder_finish(&worker->encoder, alloc);
+    ZSTD_freeCCtx(worker->zstd);
+    for (size_t i = 0; i < UMB__DIGESTS; i++) {
+        umb__free(alloc, worker->raw[i].bytes);
+    }
+    for (struct chunk *chunk = worker->chunks, *next; chunk; chunk = next) {
+        next = chunk->next;
+        umb__free(alloc, chunk);
+    }
+}
+
+void umb__pack_pages_finish(struct umb__pack_pages *pages)
+{
+    for (unsigned i = 0; pages->workers && i < pages->worker_count; i++) {
+        worker_finish(&pages->workers[i], pages->alloc);
+    }
+    umb__free(pages->alloc, pages->workers);
+    umb__free(pages->alloc, (void *)pages->stored);
+    umb__free(pages->alloc, pages->entries);
+    memset(pages, 0, sizeof *pages);
+}
