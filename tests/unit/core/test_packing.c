@@ -239,7 +239,7 @@ static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), v
 static void helpers_in_any_order_write_the_same_bytes(void **state)
 {
     /* More pages than one job makes. */
-    static const struct voxels larger = {noisy, NULL, 8, 3};
+    static const struct voxels larger = {noisy, NULL, 8, 2};
     struct bytes whole = make_packed(&larger, 0.5, origin), again = {0};
     struct umb_octree octree;
     struct umb_content content;
