@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: directory, identity and pages of a packed file. Source: docs/umb-format.md,
- * sections 4 and 5.
+ * The oracle's reader: directory, identity and pages of a packed file; what a page holds is in
+ * oracle_page.c. Source: docs/umb-format.md, sections 4 and 5.
  *
  * Two passes: the first proves and expands every page and reads how many nodes it has, which
  * numbers all nodes of a level through (page after page); the second decodes, so that a reference
  * to a page further on has its number already.
  */
-#include "oracle_parts.h"
+#include "oracle_page.h"
 
 #include <inttypes.h>
 #include <openssl/evp.h>
@@ -24,21 +24,7 @@ enum {
     PAGE_LIMIT = 1 << 20,
 };
 
-struct page {
-    uint64_t stored_at;
-    uint32_t stored_size, size, nodes;
-    uint64_t stored_hash;
-    uint32_t high, low;
-    const uint8_t *hash;            /* SHA-256 stated by the directory */
-    uint8_t *bytes;                 /* expanded */
-    uint32_t count[ORACLE_LEVELS];  /* N[l] */
-    uint32_t others[ORACLE_LEVELS]; /* E[l] */
-    uint64_t base[ORACLE_LEVELS];   /* number of its first node among all of level l */
-    struct oracle_cursor cursor;    /* what stands after the counts */
-    uint32_t leaves;                /* F */
-};
-
-static void free_pages(struct page *pages, uint32_t count)
+static void free_pages(struct oracle_page *pages, uint32_t count)
 {
     for (uint32_t i = 0; pages != NULL && i < count; i++) {
         free(pages[i].bytes);
@@ -54,7 +40,7 @@ static const uint8_t *block_at(const struct oracle *oracle, uint32_t block)
                        : oracle->blocks_at + (uint64_t)(block - 1) * BLOCK_PAGES * ENTRY_SIZE);
 }
 
-static int read_entry(const struct oracle *oracle, uint32_t number, struct page *page,
+static int read_entry(const struct oracle *oracle, uint32_t number, struct oracle_page *page,
                       char error[ORACLE_ERROR_SIZE])
 {
     const uint8_t *entry =
@@ -86,7 +72,7 @@ static int digest(const uint8_t *bytes, size_t size, uint8_t out[32])
     return EVP_Digest(bytes, size, out, NULL, EVP_sha256(), NULL) == 1;
 }
 
-static int expand(const struct oracle *oracle, uint32_t number, struct page *page,
+static int expand(const struct oracle *oracle, uint32_t number, struct oracle_page *page,
                   char error[ORACLE_ERROR_SIZE])
 {
     const uint8_t *stored = oracle->bytes + page->stored_at;
@@ -112,7 +98,7 @@ static int expand(const struct oracle *oracle, uint32_t number, struct page *pag
 }
 
 /* A block's XXH3, and its hash of the hashes of its pages. */
-static int check_block(const struct oracle *oracle, const struct page *pages, uint32_t block,
+static int check_block(const struct oracle *oracle, const struct oracle_page *pages, uint32_t block,
                        char error[ORACLE_ERROR_SIZE])
 {
     const uint8_t *stated =
@@ -133,7 +119,7 @@ static int check_block(const struct oracle *oracle, const struct page *pages, ui
     return 1;
 }
 
-static int check_id(const struct oracle *oracle, const struct page *pages,
+static int check_id(const struct oracle *oracle, const struct oracle_page *pages,
                     char error[ORACLE_ERROR_SIZE])
 {
     uint8_t id[32];
@@ -160,215 +146,7 @@ static int check_id(const struct oracle *oracle, const struct page *pages,
     return 1;
 }
 
-/* The fixed part and the counts of a page, and where its nodes get their numbers. */
-static int read_counts(struct oracle *oracle, uint32_t number, struct page *page,
-                       char error[ORACLE_ERROR_SIZE])
-{
-    struct oracle_cursor *cursor = &page->cursor;
-    *cursor = (struct oracle_cursor){.data = page->bytes, .size = page->size};
-    uint64_t encoding = oracle_take(cursor, 1);
-    uint64_t high = oracle_take(cursor, 1);
-    uint64_t low = oracle_take(cursor, 1);
-    uint64_t zero = oracle_take(cursor, 1);
-    if (encoding != 1 || high != page->high || low != page->low || zero != 0) {
-        return oracle_refuse(
-            error, "page %" PRIu32 ": encoding %" PRIu64 ", levels %" PRIu64 " to %" PRIu64, number,
-            encoding, high, low);
-    }
-    uint64_t total = 0;
-    for (uint32_t l = page->high; l >= page->low; l--) {
-        page->count[l] = (uint32_t)oracle_take(cursor, 4);
-        page->base[l] = oracle->counts[l];
-        oracle->counts[l] += page->count[l];
-        total += page->count[l];
-    }
-    for (uint32_t l = page->high; l >= page->low && l >= 4; l--) {
-        page->others[l] = (uint32_t)oracle_take(cursor, 4);
-    }
-    if (page->low == 3) {
-        page->leaves = (uint32_t)oracle_take(cursor, 4);
-    }
-    /* A node takes at least two bytes and a brick one, so that counts beyond the page are lies. */
-    if (cursor->overrun || total != page->nodes || total > page->size) {
-        return oracle_refuse(error,
-                             "page %" PRIu32 ": %" PRIu64 " nodes, the directory says "
-                             "%" PRIu32,
-                             number, total, page->nodes);
-    }
-    return 1;
-}
-
-static uint32_t width_for(uint64_t count)
-{
-    if (count <= (uint64_t)1 << 8) {
-        return 1;
-    }
-    if (count <= (uint64_t)1 << 16) {
-        return 2;
-    }
-    return count <= (uint64_t)1 << 24 ? 3 : 4;
-}
-
-/* The pages as a whole, and the one being decoded. */
-struct decoder {
-    struct oracle *oracle;
-    const struct page *pages;
-    uint32_t number;
-    struct page *page;
-    char *error;
-};
-
-/* Number of reference r of level l among all nodes of level l - 1, or -1. */
-static int64_t resolve(const struct decoder *decoder, uint32_t l, uint64_t r, const uint8_t *others)
-{
-    const struct page *page = decoder->page;
-    if (r < page->count[l - 1]) {
-        return (int64_t)(page->base[l - 1] + r);
-    }
-    uint64_t k = r - page->count[l - 1];
-    if (k >= page->others[l]) {
-        return -1;
-    }
-    uint64_t other = oracle_number(others + 4 * k, 4);
-    uint64_t position = oracle_number(others + 4 * ((uint64_t)page->others[l] + k), 4);
-    if (other >= decoder->oracle->page_count || other == decoder->number ||
-        position >= decoder->pages[other].count[l - 1]) {
-        return -1;
-    }
-    return (int64_t)(decoder->pages[other].base[l - 1] + position);
-}
-
-static int decode_node(const struct decoder *decoder, uint32_t l, struct oracle_node *node,
-                       const uint8_t *others, uint8_t *used)
-{
-    const struct page *page = decoder->page;
-    uint32_t width = width_for((uint64_t)page->count[l - 1] + page->others[l]);
-    for (uint32_t c = 0; c < 8; c++) {
-        uint32_t state = (node->mask >> (2 * c)) & 3;
-        if (state == 3) {
-            return oracle_refuse(decoder->error,
-                                 "page %" PRIu32 ": level %" PRIu32 ": a child has state 3",
-                                 decoder->number, l);
-        }
-        if (state != 2) {
-            continue;
-        }
-        uint64_t r = oracle_take(&decoder->page->cursor, width);
-        int64_t child = resolve(decoder, l, r, others);
-        if (child < 0 || child > UINT32_MAX) {
-            return oracle_refuse(decoder->error,
-                                 "page %" PRIu32 ": level %" PRIu32 ": reference %" PRIu64
-                                 " leads nowhere",
-                                 decoder->number, l, r);
-        }
-        node->child[c] = (uint32_t)child;
-        if (r >= page->count[l - 1]) {
-            used[r - page->count[l - 1]] = 1;
-        }
-    }
-    return 1;
-}
-
-static int decode_level(const struct decoder *decoder, uint32_t l)
-{
-    struct page *page = decoder->page;
-    uint64_t other_count = page->others[l];
-    const uint8_t *others = oracle_take_bytes(&page->cursor, 8 * other_count);
-    const uint8_t *masks = oracle_take_bytes(&page->cursor, 2 * (uint64_t)page->count[l]);
-    if (page->cursor.overrun) {
-        return oracle_refuse(decoder->error,
-                             "page %" PRIu32 ": level %" PRIu32 " runs over its end",
-                             decoder->number, l);
-    }
-    uint8_t *used = calloc((size_t)other_count + 1, 1);
-    if (used == NULL) {
-        return oracle_refuse(decoder->error, "out of memory");
-    }
-    int good = 1;
-    for (uint32_t i = 0; good && i < page->count[l]; i++) {
-        struct oracle_node *node = &decoder->oracle->nodes[l][page->base[l] + i];
-        node->mask = (uint16_t)oracle_number(masks + 2 * (uint64_t)i, 2);
-        good = decode_node(decoder, l, node, others, used);
-    }
-    for (uint64_t k = 0; good && k < other_count; k++) {
-        good = used[k] || oracle_refuse(decoder->error,
-                                        "page %" PRIu32 ": level %" PRIu32 ": other %" PRIu64
-                                        " is not referred to",
-                                        decoder->number, l, k);
-    }
-    free(used);
-    return good;
-}
-
-/* A brick's eight slices from its runs. */
-static int decode_brick(const struct decoder *decoder, const uint8_t *leaves, uint32_t runs,
-                        struct oracle_brick *brick)
-{
-    struct page *page = decoder->page;
-    uint64_t leaf = 0;
-    for (uint32_t z = 0; z < 8; z++) {
-        if ((runs >> z) & 1) {
-            uint64_t number = oracle_take(&page->cursor, width_for(page->leaves));
-            if (page->cursor.overrun || number >= page->leaves) {
-                return oracle_refuse(decoder->error,
-                                     "page %" PRIu32 ": leaf %" PRIu64 " of %" PRIu32,
-                                     decoder->number, number, page->leaves);
-            }
-            uint64_t next = oracle_number(leaves + 8 * number, 8);
-            if (z > 0 && next == leaf) {
-                return oracle_refuse(decoder->error,
-                                     "page %" PRIu32 ": a run begins with the "
-                                     "slice before it",
-                                     decoder->number);
-            }
-            leaf = next;
-        }
-        brick->slice[z] = leaf;
-    }
-    return 1;
-}
-
-static int decode_bricks(const struct decoder *decoder)
-{
-    struct page *page = decoder->page;
-    const uint8_t *leaves = oracle_take_bytes(&page->cursor, 8 * (uint64_t)page->leaves);
-    const uint8_t *runs = oracle_take_bytes(&page->cursor, page->count[3]);
-    if (page->cursor.overrun) {
-        return oracle_refuse(decoder->error, "page %" PRIu32 ": leaves or runs run over its end",
-                             decoder->number);
-    }
-    for (uint32_t i = 0; i < page->count[3]; i++) {
-        if ((runs[i] & 1) == 0) {
-            return oracle_refuse(decoder->error,
-                                 "page %" PRIu32 ": runs of brick %" PRIu32 " lack bit 0",
-                                 decoder->number, i);
-        }
-        if (!decode_brick(decoder, leaves, runs[i], &decoder->oracle->bricks[page->base[3] + i])) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-static int decode_page(const struct decoder *decoder)
-{
-    for (uint32_t l = decoder->page->high; l >= decoder->page->low && l >= 4; l--) {
-        if (!decode_level(decoder, l)) {
-            return 0;
-        }
-    }
-    if (decoder->page->low == 3 && !decode_bricks(decoder)) {
-        return 0;
-    }
-    const struct oracle_cursor *cursor = &decoder->page->cursor;
-    if (cursor->overrun || cursor->at != cursor->size) {
-        return oracle_refuse(decoder->error, "page %" PRIu32 ": %" PRIu64 " bytes used of %" PRIu64,
-                             decoder->number, cursor->at, cursor->size);
-    }
-    return 1;
-}
-
-static int find_roots(struct oracle *oracle, const struct page *pages,
+static int find_roots(struct oracle *oracle, const struct oracle_page *pages,
                       char error[ORACLE_ERROR_SIZE])
 {
     for (uint32_t i = 0; i < oracle->frustum_count; i++) {
@@ -389,7 +167,8 @@ static int find_roots(struct oracle *oracle, const struct page *pages,
     return 1;
 }
 
-static int read_all_counts(struct oracle *oracle, struct page *pages, char error[ORACLE_ERROR_SIZE])
+static int read_all_counts(struct oracle *oracle, struct oracle_page *pages,
+                           char error[ORACLE_ERROR_SIZE])
 {
     uint32_t first = oracle->page_count < BLOCK_PAGES ? oracle->page_count : BLOCK_PAGES;
     uint64_t at = oracle->head_size + (uint64_t)first * ENTRY_SIZE;
@@ -410,7 +189,8 @@ static int read_all_counts(struct oracle *oracle, struct page *pages, char error
                                  i, pages[i].stored_size, pages[i].stored_at, at);
         }
         at += pages[i].stored_size;
-        if (!expand(oracle, i, &pages[i], error) || !read_counts(oracle, i, &pages[i], error)) {
+        if (!expand(oracle, i, &pages[i], error) ||
+            !oracle_read_counts(oracle, i, &pages[i], error)) {
             return 0;
         }
     }
@@ -433,15 +213,14 @@ static int allocate_levels(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 
 int oracle_read_pages(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
-    struct page *pages = calloc((size_t)oracle->page_count + 1, sizeof *pages);
+    struct oracle_page *pages = calloc((size_t)oracle->page_count + 1, sizeof *pages);
     if (pages == NULL) {
         return oracle_refuse(error, "out of memory");
     }
     int good = read_all_counts(oracle, pages, error) && check_id(oracle, pages, error) &&
                allocate_levels(oracle, error);
     for (uint32_t i = 0; good && i < oracle->page_count; i++) {
-        const struct decoder decoder = {oracle, pages, i, &pages[i], error};
-        good = decode_page(&decoder);
+        good = oracle_decode_page(oracle, pages, i, error);
     }
     good = good && find_roots(oracle, pages, error);
     free_pages(pages, oracle->page_count);

@@ -19,6 +19,8 @@ int oracle_all_zero(const uint8_t *bytes, uint64_t size);
 int oracle_is_utf8(const uint8_t *bytes, uint64_t size);
 
 uint64_t oracle_take(struct oracle_cursor *cursor, uint32_t width);
+/* A number of seven bits a byte; what is none counts as an overrun. */
+uint64_t oracle_take_number(struct oracle_cursor *cursor);
 /* The next `size` bytes, or NULL beyond the end. */
 const uint8_t *oracle_take_bytes(struct oracle_cursor *cursor, uint64_t size);
 

@@ -93,6 +93,24 @@ uint64_t oracle_take(struct oracle_cursor *cursor, uint32_t width)
     return bytes != NULL ? oracle_number(bytes, width) : 0;
 }
 
+uint64_t oracle_take_number(struct oracle_cursor *cursor)
+{
+    uint64_t value = 0, factor = 1;
+    for (int i = 0; i < 5; i++) {
+        const uint64_t byte = oracle_take(cursor, 1);
+        value += byte % 128 * factor;
+        factor *= 128;
+        if (byte < 128) {
+            if (value >= (uint64_t)1 << 32 || (byte == 0 && i > 0)) {
+                cursor->overrun = 1; /* too large, or longer than need be */
+            }
+            return value;
+        }
+    }
+    cursor->overrun = 1;
+    return 0;
+}
+
 int oracle_refuse(char error[ORACLE_ERROR_SIZE], const char *format, ...)
 {
     va_list arguments;

@@ -17,36 +17,17 @@ struct wanted {
     int64_t left;     /* found so far */
 };
 
-/* A number of seven bits a byte. */
-static uint64_t take_number(struct oracle_cursor *cursor)
-{
-    uint64_t value = 0, factor = 1;
-    for (int i = 0; i < 5; i++) {
-        const uint64_t byte = oracle_take(cursor, 1);
-        value += byte % 128 * factor;
-        factor *= 128;
-        if (byte < 128) {
-            if (value >= (uint64_t)1 << 32 || (byte == 0 && i > 0)) {
-                cursor->overrun = 1; /* too large, or longer than need be */
-            }
-            return value;
-        }
-    }
-    cursor->overrun = 1;
-    return 0;
-}
-
 /* One list. In: is_it: the wanted one. Out: first_z: where it begins. */
 static void take_list(struct oracle_cursor *cursor, int64_t size, int is_it, struct wanted *wanted,
                       int64_t *first_z, int64_t drops[8])
 {
     int64_t z = -1, left = ALL_LIGHT;
     for (int step = 0; !cursor->overrun; step++) {
-        const uint64_t number = take_number(cursor);
+        const uint64_t number = oracle_take_number(cursor);
         const int64_t way = (int64_t)(number / 4);
         int64_t drop = drops[step % 8];
         if (number / 2 % 2 == 0) {
-            drop = (int64_t)take_number(cursor) + 1;
+            drop = (int64_t)oracle_take_number(cursor) + 1;
             cursor->overrun |= drop == drops[step % 8];
         }
         drops[step % 8] = drop;

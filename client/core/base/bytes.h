@@ -84,12 +84,6 @@ static inline void umb__store_narrow(uint8_t *p, uint32_t v, unsigned width)
     }
 }
 
-/* Bytes needed for numbers below `count`: 1 to 4. */
-static inline unsigned umb__narrow_width(uint64_t count)
-{
-    return count <= 0x100 ? 1U : count <= 0x10000 ? 2U : count <= 0x1000000 ? 3U : 4U;
-}
-
 /* Value of a hexadecimal digit of either case, or -1. */
 static inline int umb__hex_value(char c)
 {

@@ -221,20 +221,6 @@ enum umb_status umb__page_open(const uint8_t *raw, const struct umb__page_entry 
     return UMB_OK;
 }
 
-void umb__page_brick(const struct umb__page *page, uint32_t index, const uint8_t **number,
-                     uint64_t brick[8])
-{
-    unsigned width = page->width[UMB_LEVEL_BRICK];
-    uint64_t slice = 0;
-    for (unsigned z = 0; z < 8; z++) {
-        if (page->runs[index] >> z & 1) {
-            slice = umb__load64(page->leaves + 8 * (size_t)umb__load_narrow(*number, width));
-            *number += width;
-        }
-        brick[z] = slice;
-    }
-}
-
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,
                              const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES])
 {

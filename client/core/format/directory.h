@@ -113,11 +113,6 @@ enum umb_status umb__in_page(struct umb_error *error, uint32_t page, enum umb_st
 UMB_CHECKED enum umb_status umb__page_open(const uint8_t *raw, const struct umb__page_entry *entry,
                                            struct umb__page *page, struct umb_error *error);
 
-/* Writes brick `index` of a parsed page after another: call with index 0, 1, ... in order; *number
- * starts at page->leaf_numbers. */
-void umb__page_brick(const struct umb__page *page, uint32_t index, const uint8_t **number,
-                     uint64_t brick[8]);
-
 /*
  * The identity that canonical block and block hashes have. False: out of memory.
  * In: alloc: for a list of the hashes.

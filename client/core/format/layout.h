@@ -125,7 +125,7 @@ enum {
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
-#define UMB__PAGE_ENCODING   1U
+#define UMB__PAGE_ENCODING   2U /* 1: every reference written, numbers of whole bytes */
 #define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
 /* Estimated bytes at which the writer closes a page: a thin client needs a few nodes of each
  * (docs/streaming.md has what other sizes cost). */

@@ -39,6 +39,8 @@ struct reader {
     struct umb__page *pages; /* [page count], pointing into raw */
     page_numbers *first;     /* [page count], where numbers of a page's nodes of a level begin */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* in the pool, of the nodes of all pages */
+    uint32_t *others; /* in the pool, of the nodes in other pages that a level of a page leads to */
+    uint64_t *leaves; /* of a page; both have room for those of any */
     struct umb_pool pool;
 };
 
@@ -108,6 +110,22 @@ static enum umb_status wrong_counts(struct umb_error *error)
     return umb_fail(error, UMB_E_CORRUPT, "counts: not the nodes that the pages hold");
 }
 
+/* Room for the tables of any page. */
+static bool allocate_tables(struct reader *r)
+{
+    uint32_t others = 0, leaves = 0;
+    for (uint32_t p = 0; p < r->head->page_count; p++) {
+        const struct umb__page *page = &r->pages[p];
+        leaves = page->leaf_count > leaves ? page->leaf_count : leaves;
+        for (size_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+            others = page->external_count[l] > others ? page->external_count[l] : others;
+        }
+    }
+    r->others = umb__alloc(r->alloc, (size_t)others + 1, sizeof *r->others);
+    r->leaves = umb__alloc(r->alloc, (size_t)leaves + 1, sizeof *r->leaves);
+    return r->others && r->leaves;
+}
+
 /* In: totals: nodes of all pages, copies included: what is counted is not more. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
@@ -122,7 +140,9 @@ static enum umb_status allocate_numbers(struct reader *r, const struct umb__cano
             return umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for the nodes");
         }
     }
-    return UMB_OK;
+    return allocate_tables(r)
+               ? UMB_OK
+               : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for a page's tables");
 }
 
 /* The number of a node in any page; all of its level are in the pool. */
@@ -137,48 +157,49 @@ static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t 
     return UMB_OK;
 }
 
-/* The keys of some nodes of a page. In: at: where their references begin; moved on. */
-static enum umb_status read_keys(const struct reader *r, uint32_t p, uint32_t l, uint32_t first,
-                                 uint32_t count, uint64_t *at, struct umb__node_group *group)
+/* Numbers of the nodes in other pages that a level of a page leads to. */
+static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 {
     const struct umb__page *page = &r->pages[p];
-    const uint32_t local = page->node_count[l - 1];
-    const unsigned width = page->width[l];
+    struct umb__page_others others = umb__page_others(page, l);
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < page->external_count[l] && status == UMB_OK; i++) {
+        const struct umb__node_place place = umb__page_others_next(&others);
+        status = resolve(r, l - 1, place.page, place.position, &r->others[i]);
+    }
+    return status == UMB_OK ? UMB_OK : umb__in_page(r->error, p, status);
+}
+
+/* The keys of the next nodes of a level of a page, whose others are read. */
+static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
+                      uint32_t count, struct umb__node_group *group)
+{
     for (uint32_t i = 0; i < count; i++) {
         struct umb__node_key *key = &group->keys[i];
-        const uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)(first + i));
+        uint32_t *children = key->words + 1;
+        uint16_t mask;
+        key->child_count = umb__page_nodes_next(nodes, &mask, children);
         key->words[0] = mask;
-        key->child_count = umb_mask_mixed_count(mask);
-        for (uint32_t c = 0; c < key->child_count; c++, ++*at) {
-            const uint32_t reference = umb__load_narrow(page->references[l] + *at * width, width);
-            uint32_t in = p, position = reference;
-            if (reference >= local) {
-                const size_t k = reference - local;
-                in = umb__load32(page->external_pages[l] + 4 * k);
-                position = umb__load32(page->external_positions[l] + 4 * k);
-            }
-            enum umb_status status = resolve(r, l - 1, in, position, &key->words[1 + c]);
-            if (status != UMB_OK) {
-                return umb__in_page(r->error, p, status);
-            }
+        for (uint32_t c = 0; c < key->child_count; c++) {
+            children[c] =
+                children[c] < nodes->own ? own[children[c]] : r->others[children[c] - nodes->own];
         }
     }
-    return UMB_OK;
 }
 
 static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
 {
     struct umb__node_group group;
-    const uint32_t nodes = r->pages[p].node_count[l];
+    const struct umb__page *page = &r->pages[p];
+    const uint32_t count = page->node_count[l];
+    const uint32_t *own = r->numbers[l - 1] + r->first[p][l - 1];
     uint32_t *numbers = r->numbers[l] + r->first[p][l];
-    enum umb_status status = UMB_OK;
-    uint64_t at = 0;
-    for (uint32_t i = 0; i < nodes && status == UMB_OK; i += UMB__POOL_GROUP) {
-        const uint32_t left = nodes - i, count = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
-        status = read_keys(r, p, l, i, count, &at, &group);
-        if (status == UMB_OK) {
-            status = umb__pool_find_nodes(&r->pool, l, &group, count, numbers + i, r->error);
-        }
+    struct umb__page_nodes nodes = umb__page_nodes(page, l);
+    enum umb_status status = read_others(r, p, l);
+    for (uint32_t i = 0; i < count && status == UMB_OK; i += UMB__POOL_GROUP) {
+        const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
+        read_keys(r, own, &nodes, some, &group);
+        status = umb__pool_find_nodes(&r->pool, l, &group, some, numbers + i, r->error);
     }
     return status;
 }
@@ -186,17 +207,18 @@ static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
 static enum umb_status add_bricks(struct reader *r, uint32_t p)
 {
     const struct umb__page *page = &r->pages[p];
-    const uint32_t bricks = page->node_count[UMB_LEVEL_BRICK];
+    const uint32_t count = page->node_count[UMB_LEVEL_BRICK];
     uint32_t *numbers = r->numbers[UMB_LEVEL_BRICK] + r->first[p][UMB_LEVEL_BRICK];
-    const uint8_t *leaf = page->leaf_numbers;
+    struct umb__page_bricks bricks = umb__page_bricks(page, r->leaves);
     uint64_t group[UMB__POOL_GROUP][8];
     enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < bricks && status == UMB_OK; i += UMB__POOL_GROUP) {
-        const uint32_t left = bricks - i, count = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
-        for (uint32_t k = 0; k < count; k++) {
-            umb__page_brick(page, i + k, &leaf, group[k]);
+    umb__page_leaves(page, r->leaves);
+    for (uint32_t i = 0; i < count && status == UMB_OK; i += UMB__POOL_GROUP) {
+        const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
+        for (uint32_t k = 0; k < some; k++) {
+            umb__page_bricks_next(&bricks, group[k]);
         }
-        status = umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, count, numbers + i,
+        status = umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, some, numbers + i,
                                        r->error);
     }
     return status;
@@ -256,14 +278,19 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
     return status;
 }
 
-/* Bytes of all but the pool: the pages, parsed, the numbers of their nodes, and the roots. */
+/* Bytes of all but the pool: the pages, parsed, the numbers of their nodes, the tables of the
+ * longest, whose leaves and nodes in other pages take a byte at least, and the roots. */
 static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
     uint64_t bytes =
         raw_total + head->page_count * (uint64_t)(sizeof(struct umb__page) + sizeof(page_numbers));
+    uint32_t longest = 0;
     for (uint32_t page = 0; page < head->page_count; page++) {
-        bytes += sizeof(uint32_t) * (uint64_t)umb__directory_load(head, page).records;
+        const struct umb__page_entry entry = umb__directory_load(head, page);
+        bytes += sizeof(uint32_t) * (uint64_t)entry.records;
+        longest = entry.raw_length > longest ? entry.raw_length : longest;
     }
+    bytes += (sizeof(uint32_t) + sizeof(uint64_t)) * (uint64_t)longest;
     return bytes + root_count * (sizeof(struct umb_octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
@@ -300,6 +327,8 @@ static void reader_finish(struct reader *r)
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(r->alloc, r->numbers[level]);
     }
+    umb__free(r->alloc, r->others);
+    umb__free(r->alloc, r->leaves);
     umb__free(r->alloc, r->raw);
     umb__free(r->alloc, r->pages);
     umb__free(r->alloc, r->first);

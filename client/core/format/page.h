@@ -2,23 +2,35 @@
 #ifndef UMBRAGE_CORE_FORMAT_PAGE_H
 #define UMBRAGE_CORE_FORMAT_PAGE_H
 /*
- * One page of a packed file, uncompressed. Decodes alone: references are narrow numbers into the
- * page's own nodes of the level below, then into its table of nodes in other pages.
+ * One page of a packed file, uncompressed. Decodes alone: references are numbers into the page's
+ * own nodes of the level below, then into its table of nodes in other pages. Most lead to the node
+ * of the level below that nothing led to so far; these are not written: the mask says so.
+ * Numbers and lists are those of base/numbers.h.
  *
- *   u8 encoding (1), u8 level_high, u8 level_low, u8 0
- *   u32 node_count, for each level from high down to low
- *   u32 external_count, for each level from high down to max(low, 4)
- *   u32 leaf_count, if low is 3
+ *   u8 encoding (2), u8 level_high, u8 level_low
+ *   number node_count, for each level from high down to low
  *   for each level from high down to max(low, 4):
- *     u32 page[external_count], u32 position[external_count]   nodes of the level below
- *     u16 mask[node_count]
- *     u8[w] reference[mixed children of all masks], w bytes each: 1..4, the least that holds
- *           node_count of the level below (0 if not in the page) + external_count - 1
+ *     number external_count                              nodes of the level below in other pages,
+ *     number page difference[external_count]             ascending: page less that of the one
+ *     number position difference[external_count]         before; position, less that of the one
+ *                                                        before and 1 if it is in the same page
+ *     u16 mask[node_count]                               states of the children; 3: mixed, and the
+ *                                                        next node
+ *     list references[children of state 2 in all masks]  below node_count of the level below (0 if
+ *                                                        not in the page) + external_count
  *   if low is 3:
- *     u64 leaf[leaf_count]
- *     u8 runs[node_count of level 3]   bit z: slice z differs from slice z - 1; bit 0 is set
- *     u8[w] leaf number[set bits of all runs], w: the least that holds leaf_count - 1
+ *     number leaf_count
+ *     u8 rows[leaf_count]      bit y: row y differs from that of the leaf before, of the first: is
+ *                              not 0
+ *     u8 row[set bits of all rows]   those that differ, of each leaf from bit 7 down
+ *     u8 runs[node_count of level 3] bit z: slice z differs from slice z - 1; bit 0 is set
+ *     list leaf numbers[set bits of all runs]   below leaf_count
+ *
+ * The next node is the one behind all of the page's own that masks and references of the level have
+ * led to before; at first the page's first.
  */
+#include "base/bytes.h"
+#include "base/numbers.h"
 #include "format/pack_order.h"
 #include "format/value_set.h"
 
@@ -27,25 +39,137 @@ struct umb__page {
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
     uint32_t external_count[UMB_LEVEL_MAX + 1];
-    const uint8_t *external_pages[UMB_LEVEL_MAX + 1];
-    const uint8_t *external_positions[UMB_LEVEL_MAX + 1];
+    const uint8_t *external_pages[UMB_LEVEL_MAX + 1];     /* differences */
+    const uint8_t *external_positions[UMB_LEVEL_MAX + 1]; /* differences */
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
-    const uint8_t *references[UMB_LEVEL_MAX + 1];
-    uint64_t reference_count[UMB_LEVEL_MAX + 1];
-    unsigned width[UMB_LEVEL_MAX + 1]; /* of references; [3] of leaf numbers */
+    uint64_t child_count[UMB_LEVEL_MAX + 1]; /* mixed children of all nodes of the level */
+    /* Written ones; [3] leaf numbers. */
+    struct umb__number_list references[UMB_LEVEL_MAX + 1];
     uint32_t leaf_count;
-    const uint8_t *leaves;
+    const uint8_t *leaves; /* which rows differ, then these */
     const uint8_t *runs;
-    const uint8_t *leaf_numbers;
 };
 
 /*
- * Parses a raw page and checks all that can be checked inside it: lengths, masks, references,
- * leaf numbers. References to other pages are checked by the reader of the whole file.
- * Trust: safe on hostile bytes. Fails: E_CORRUPT.
+ * Parses a raw page and checks all that can be checked inside it: lengths, numbers, masks,
+ * references, leaf numbers. References to other pages are checked by the reader of the whole file.
+ * Trust: safe on hostile bytes. Fails: E_CORRUPT, E_VERSION (another encoding).
  */
 UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__page *page,
                                             struct umb_error *error);
+
+/*
+ * Reading a parsed page, level by level. Each goes from the first to the last: nodes of other pages
+ *
+ *     struct umb__page_others others = umb__page_others(&page, level);
+ *     for each of external_count[level]: place = umb__page_others_next(&others);
+ *
+ * and the nodes of a level, whose references below node_count[level - 1] are positions of nodes in
+ * the page, the others numbers in that table, counted from there:
+ *
+ *     struct umb__page_nodes nodes = umb__page_nodes(&page, level);
+ *     for each of node_count[level]: count = umb__page_nodes_next(&nodes, &mask, references);
+ *
+ * and bricks, with the table of leaves:
+ *
+ *     umb__page_leaves(&page, leaves);
+ *     struct umb__page_bricks bricks = umb__page_bricks(&page, leaves);
+ *     for each of node_count[3]: umb__page_bricks_next(&bricks, slices);
+ */
+struct umb__page_others {
+    const uint8_t *page_at, *position_at;
+    struct umb__node_place place; /* the one before */
+    bool first;
+};
+
+static inline struct umb__page_others umb__page_others(const struct umb__page *page, uint32_t level)
+{
+    return (struct umb__page_others){.page_at = page->external_pages[level],
+                                     .position_at = page->external_positions[level],
+                                     .first = true};
+}
+
+static inline struct umb__node_place umb__page_others_next(struct umb__page_others *others)
+{
+    const uint32_t page = umb__next_number(&others->page_at);
+    const uint32_t position = umb__next_number(&others->position_at);
+    const bool same = page == 0 && !others->first;
+    others->place.page += page;
+    others->place.position = same ? others->place.position + 1 + position : position;
+    others->first = false;
+    return others->place;
+}
+
+struct umb__page_nodes {
+    const uint8_t *masks;
+    struct umb__list_reader references;
+    uint32_t own;  /* nodes of the level below in the page */
+    uint32_t next; /* of those */
+};
+
+static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *page, uint32_t level)
+{
+    return (struct umb__page_nodes){.masks = page->masks[level],
+                                    .references = umb__list_read(&page->references[level]),
+                                    .own = page->node_count[level - 1]};
+}
+
+/* Bits of the children of a mask as it stands in a page that are the next nodes: the lower bit of
+ * each. */
+static inline unsigned umb__page_mask_next(unsigned mask)
+{
+    return mask & mask >> 1 & 0x5555U;
+}
+
+/* Out: mask: as the octree has it. Returns the number of mixed children. */
+static inline unsigned umb__page_nodes_next(struct umb__page_nodes *nodes, uint16_t *mask,
+                                            uint32_t references[8])
+{
+    const unsigned stored = umb__load16(nodes->masks), next = umb__page_mask_next(stored);
+    unsigned count = 0;
+    nodes->masks += 2;
+    *mask = (uint16_t)(stored & ~next);
+    for (unsigned mixed = stored >> 1 & 0x5555U; mixed != 0; mixed &= mixed - 1) {
+        uint32_t reference;
+        if ((mixed & -mixed & next) != 0) {
+            reference = nodes->next++;
+        } else {
+            reference = umb__list_next(&nodes->references);
+            const bool ahead = reference >= nodes->next && reference < nodes->own;
+            nodes->next = ahead ? reference + 1 : nodes->next;
+        }
+        references[count++] = reference;
+    }
+    return count;
+}
+
+/* Out: leaves: [leaf_count]. */
+void umb__page_leaves(const struct umb__page *page, uint64_t *leaves);
+
+struct umb__page_bricks {
+    const uint8_t *runs;
+    struct umb__list_reader numbers;
+    const uint64_t *leaves;
+};
+
+static inline struct umb__page_bricks umb__page_bricks(const struct umb__page *page,
+                                                       const uint64_t *leaves)
+{
+    return (struct umb__page_bricks){page->runs, umb__list_read(&page->references[UMB_LEVEL_BRICK]),
+                                     leaves};
+}
+
+static inline void umb__page_bricks_next(struct umb__page_bricks *bricks, uint64_t slices[8])
+{
+    const unsigned runs = *bricks->runs++;
+    uint64_t slice = 0;
+    for (unsigned z = 0; z < 8; z++) {
+        if (runs >> z & 1) {
+            slice = bricks->leaves[umb__list_next(&bricks->numbers)];
+        }
+        slices[z] = slice;
+    }
+}
 
 /* What encoding a page needs, kept from one page to the next. Start zeroed. */
 struct umb__page_encoder {
@@ -54,6 +178,8 @@ struct umb__page_encoder {
     uint32_t node_count;  /* nodes and bricks in it */
     uint32_t *references; /* of a level */
     size_t references_capacity;
+    uint32_t *positions; /* of a level's nodes in other pages, as differences */
+    size_t positions_capacity;
     uint8_t *runs; /* of the bricks */
     size_t runs_capacity;
     struct umb__value_set table; /* a level's nodes in other pages, or leaves */

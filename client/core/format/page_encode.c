@@ -7,6 +7,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/numbers.h"
 #include "format/layout.h"
 
 /* The open page. */
@@ -21,17 +22,22 @@ struct writer {
     const uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [node_count] in the order of the page */
 };
 
-static uint8_t *append(struct writer *w, size_t count)
+/* Makes room for at most so many more bytes of the page. NULL: out of memory. */
+static uint8_t *reserve(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
-    if (w->failed || !umb__grow(w->order->alloc, &e->raw, &e->raw_capacity, e->raw_size + count,
+    if (w->failed || !umb__grow(w->order->alloc, &e->raw, &e->raw_capacity, e->raw_size + most,
                                 sizeof *e->raw)) {
         w->failed = true;
         return NULL;
     }
-    uint8_t *at = e->raw + e->raw_size;
-    e->raw_size += count;
-    return at;
+    return e->raw + e->raw_size;
+}
+
+/* In: end: of what was written into room made. */
+static void keep(struct writer *w, const uint8_t *end)
+{
+    w->e->raw_size = (size_t)(end - w->e->raw);
 }
 
 /* Bit z: slice z differs from slice z - 1; bit 0 is set. */
@@ -65,38 +71,31 @@ static void find_nodes(struct writer *w)
     }
 }
 
-/* Writes what is known of the counts; the others are put in as the levels are written. */
 static void write_counts(struct writer *w)
 {
-    const size_t levels = w->level_high - w->level_low + 1;
-    const size_t tables = levels; /* external nodes of each level but bricks, which have leaves */
-    uint8_t *head = append(w, 4 + 4 * (levels + tables));
-    if (!head) {
+    uint8_t *at = reserve(w, 3 + UMB__NUMBER_BYTES_MAX * (UMB_LEVEL_MAX + 1));
+    if (!at) {
         return;
     }
-    head[0] = UMB__PAGE_ENCODING;
-    head[1] = (uint8_t)w->level_high;
-    head[2] = (uint8_t)w->level_low;
-    head[3] = 0;
-    for (size_t i = 0; i < levels; i++) {
-        umb__store32(head + 4 + 4 * i, w->node_count[w->level_high - i]);
+    *at++ = UMB__PAGE_ENCODING;
+    *at++ = (uint8_t)w->level_high;
+    *at++ = (uint8_t)w->level_low;
+    for (uint32_t level = w->level_high; level >= w->level_low; level--) {
+        at = umb__put_number(at, w->node_count[level]);
     }
+    keep(w, at);
 }
 
-/* Puts a level's number of external nodes (or leaves) into its place among the counts. */
-static void put_table_count(struct writer *w, uint32_t level, size_t count)
-{
-    const size_t levels = w->level_high - w->level_low + 1;
-    umb__store32(w->e->raw + 4 + 4 * (levels + w->level_high - level), (uint32_t)count);
-}
-
-/* Makes room for at most so many references of a level and an empty table. False: out of memory. */
+/* Makes room for at most so many references of a level, and an empty table. False: out of memory.
+ */
 static bool begin_table(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
     if (w->failed ||
         !umb__grow(w->order->alloc, &e->references, &e->references_capacity, most + 1,
                    sizeof *e->references) ||
+        !umb__grow(w->order->alloc, &e->positions, &e->positions_capacity, most + 1,
+                   sizeof *e->positions) ||
         !umb__value_set_begin(&e->table, w->order->alloc, most)) {
         w->failed = true;
     }
@@ -170,29 +169,12 @@ static void number_all(struct writer *w, uint32_t node_level, size_t count)
     }
 }
 
-/* Writes numbers of a width. */
-static uint8_t *put_numbers(uint8_t *at, const uint32_t *numbers, size_t count, unsigned width)
-{
-    if (width == 1) {
-        for (size_t i = 0; i < count; i++) {
-            at[i] = (uint8_t)numbers[i];
-        }
-    } else if (width == 2) {
-        for (size_t i = 0; i < count; i++) {
-            umb__store16(at + 2 * i, (uint16_t)numbers[i]);
-        }
-    } else {
-        for (size_t i = 0; i < count; i++) {
-            umb__store_narrow(at + width * i, numbers[i], width);
-        }
-    }
-    return at + width * count;
-}
-
-/* Writes where the table's nodes, all in other pages, stand. */
+/* Writes where the table's nodes, all in other pages, stand: their pages, then their positions. */
 static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *at)
 {
     const struct umb__value_set *table = &w->e->table;
+    uint32_t *positions = w->e->positions;
+    struct umb__node_place last = {0, 0};
     for (size_t i = 0; i < table->count; i++) {
         if (i + 2 * AHEAD < table->count) {
             __builtin_prefetch(w->order->hints[level] +
@@ -204,10 +186,39 @@ static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *a
         }
         const struct umb__node_place place =
             umb__pack_place(w->order, level, (uint32_t)table->values[i]);
-        umb__store32(at + 4 * i, place.page);
-        umb__store32(at + 4 * (table->count + i), place.position);
+        const bool same = i > 0 && place.page == last.page;
+        at = umb__put_number(at, place.page - last.page);
+        positions[i] = same ? place.position - last.position - 1 : place.position;
+        last = place;
     }
-    return at + 8 * table->count;
+    for (size_t i = 0; i < table->count; i++) {
+        at = umb__put_number(at, positions[i]);
+    }
+    return at;
+}
+
+/* Writes the masks, in which children that are the next nodes are marked, and moves the references
+ * of all others, as they are to be written, to the front. Returns how many these are. */
+static size_t put_masks(const struct writer *w, uint32_t node_level, uint8_t *at)
+{
+    const uint16_t *masks = w->octree->level[node_level].masks;
+    const uint32_t own = w->node_count[node_level - 1];
+    const uint32_t *rank = w->e->table.rank, *reference = w->e->references;
+    uint32_t *written = w->e->references;
+    uint32_t next = 0;
+    for (uint32_t i = 0; i < w->node_count[node_level]; i++, at += 2) {
+        unsigned mask = masks[w->nodes[node_level][i]];
+        for (unsigned mixed = mask >> 1 & 0x5555U; mixed != 0; mixed &= mixed - 1) {
+            const uint32_t to = *reference++;
+            const bool is_next = to == next;
+            mask |= is_next ? mixed & -mixed : 0;
+            *written = to & IN_TABLE ? own + rank[to & ~IN_TABLE] : to;
+            written += !is_next;
+            next = to >= next && to < own ? to + 1 : next;
+        }
+        umb__store16(at, (uint16_t)mask);
+    }
+    return (size_t)(written - w->e->references);
 }
 
 static void write_nodes(struct writer *w, uint32_t node_level)
@@ -217,31 +228,26 @@ static void write_nodes(struct writer *w, uint32_t node_level)
     if (!begin_table(w, 8 * (size_t)nodes)) {
         return;
     }
-    uint32_t *references = w->e->references;
-    const size_t count = list_children(w, node_level);
+    const size_t children = list_children(w, node_level);
     if (w->page >= w->order->alone_from) {
-        w->failed = !number_own(w, node_level, count);
+        w->failed = !number_own(w, node_level, children);
     } else {
-        number_all(w, node_level, count);
+        number_all(w, node_level, children);
     }
     if (!sort_table(w)) {
         return;
     }
-    const unsigned width = umb__narrow_width((uint64_t)own + table->count);
-    uint8_t *at = append(w, 8 * table->count + 2 * (size_t)nodes + width * count);
+    const unsigned high_bits = umb__list_high_bits((uint64_t)own + table->count);
+    uint8_t *at = reserve(w, UMB__NUMBER_BYTES_MAX * (1 + 2 * table->count) + 2 * (size_t)nodes +
+                                 (size_t)umb__list_bytes(children, high_bits));
     if (!at) {
         return;
     }
-    put_table_count(w, node_level, table->count);
+    at = umb__put_number(at, (uint32_t)table->count);
     at = put_externals(w, node_level - 1, at);
-    for (uint32_t i = 0; i < nodes; i++, at += 2) {
-        umb__store16(at, w->octree->level[node_level].masks[w->nodes[node_level][i]]);
-    }
-    for (size_t i = 0; i < count; i++) {
-        references[i] =
-            references[i] & IN_TABLE ? own + table->rank[references[i] & ~IN_TABLE] : references[i];
-    }
-    (void)put_numbers(at, references, count, width);
+    const size_t written = put_masks(w, node_level, at);
+    at += 2 * (size_t)nodes;
+    keep(w, umb__put_list(at, w->e->references, written, high_bits));
 }
 
 /* Finds the runs of the page's bricks and the numbers of their leaves, and returns how many these
@@ -264,6 +270,27 @@ static size_t list_leaves(struct writer *w)
     return (size_t)(reference - w->e->references);
 }
 
+/* Writes the table's leaves: of each which rows differ from those of the one before, then all of
+ * these rows. One byte behind them may be overwritten. */
+static uint8_t *put_leaves(const struct umb__value_set *table, uint8_t *at)
+{
+    uint8_t *row = at + table->count;
+    uint64_t last = 0;
+    for (size_t i = 0; i < table->count; i++) {
+        const uint64_t leaf = table->values[i], changed = leaf ^ last;
+        unsigned differ = 0;
+        for (unsigned y = 8; y-- > 0;) {
+            const bool differs = (changed >> (8 * y) & 0xff) != 0;
+            *row = (uint8_t)(leaf >> (8 * y));
+            row += differs;
+            differ |= (unsigned)differs << y;
+        }
+        at[i] = (uint8_t)differ;
+        last = leaf;
+    }
+    return row;
+}
+
 static void write_bricks(struct writer *w)
 {
     struct umb__page_encoder *e = w->e;
@@ -280,20 +307,19 @@ static void write_bricks(struct writer *w)
     if (!sort_table(w)) {
         return;
     }
-    const unsigned width = umb__narrow_width(table->count);
-    uint8_t *at = append(w, 8 * table->count + bricks + width * count);
+    const unsigned high_bits = umb__list_high_bits(table->count);
+    uint8_t *at = reserve(w, UMB__NUMBER_BYTES_MAX + 9 * table->count + 1 + bricks +
+                                 (size_t)umb__list_bytes(count, high_bits));
     if (!at) {
         return;
     }
-    put_table_count(w, UMB_LEVEL_BRICK, table->count);
-    for (size_t i = 0; i < table->count; i++, at += 8) {
-        umb__store64(at, table->values[i]);
-    }
+    at = umb__put_number(at, (uint32_t)table->count);
+    at = put_leaves(table, at);
     memcpy(at, e->runs, bricks);
     for (size_t i = 0; i < count; i++) {
         e->references[i] = table->rank[e->references[i]];
     }
-    (void)put_numbers(at + bricks, e->references, count, width);
+    keep(w, umb__put_list(at + bricks, e->references, count, high_bits));
 }
 
 enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb_octree *octree,
@@ -324,6 +350,7 @@ void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct um
 {
     umb__free(alloc, encoder->raw);
     umb__free(alloc, encoder->references);
+    umb__free(alloc, encoder->positions);
     umb__free(alloc, encoder->runs);
     umb__value_set_finish(&encoder->table, alloc);
     umb__value_set_finish(&encoder->own, alloc);

@@ -15,35 +15,65 @@ static enum umb_status damaged(struct umb_error *error, const char *what)
 
 static bool parse_counts(const uint8_t **at, const uint8_t *end, struct umb__page *page)
 {
-    const uint8_t *bytes;
     for (uint32_t level = page->level_high; level >= page->level_low; level--) {
-        if (!umb__take(at, end, 1, 4, &bytes)) {
+        if (!umb__take_number(at, end, &page->node_count[level])) {
             return false;
         }
-        page->node_count[level] = umb__load32(bytes);
-    }
-    for (uint32_t level = page->level_high; level >= page->level_low && level > UMB_LEVEL_BRICK;
-         level--) {
-        if (!umb__take(at, end, 1, 4, &bytes)) {
-            return false;
-        }
-        page->external_count[level] = umb__load32(bytes);
-    }
-    if (page->level_low == UMB_LEVEL_BRICK) {
-        if (!umb__take(at, end, 1, 4, &bytes)) {
-            return false;
-        }
-        page->leaf_count = umb__load32(bytes);
     }
     return true;
 }
 
-static bool all_below(const uint8_t *numbers, uint64_t count, unsigned width, uint64_t limit)
+/* Takes a list of numbers below a limit. */
+static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, uint64_t limit,
+                      struct umb__number_list *list)
 {
-    for (uint64_t i = 0; i < count; i++) {
-        if (umb__load_narrow(numbers + i * width, width) >= limit) {
-            return false;
+    const unsigned high_bits = umb__list_high_bits(limit);
+    *list = (struct umb__number_list){.count = count, .high_bits = high_bits};
+    return umb__take(at, end, umb__list_bytes(count, high_bits), 1, &list->bytes);
+}
+
+/* Pages, then positions; each place is behind the one before, and both below 2^32. */
+static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint32_t level,
+                                    struct umb__page *page, struct umb_error *error)
+{
+    uint32_t *count = &page->external_count[level];
+    if (!umb__take_number(at, end, count)) {
+        return damaged(error, "counts are cut");
+    }
+    uint64_t last_page = 0, last_position = 0;
+    uint32_t difference = 0;
+    page->external_pages[level] = *at;
+    for (uint32_t i = 0; i < *count; i++) {
+        if (!umb__take_number(at, end, &difference) || (last_page += difference) > UINT32_MAX) {
+            return damaged(error, "a page number is not a number or out of range");
         }
+    }
+    const uint8_t *pages = page->external_pages[level];
+    page->external_positions[level] = *at;
+    for (uint32_t i = 0; i < *count; i++) {
+        const bool same = umb__next_number(&pages) == 0 && i > 0;
+        if (!umb__take_number(at, end, &difference) ||
+            (last_position = difference + (same ? last_position + 1 : 0)) > UINT32_MAX) {
+            return damaged(error, "a position is not a number or out of range");
+        }
+    }
+    return UMB_OK;
+}
+
+/* Counts mixed children, and those of them whose references are written. False: a mask is cut. */
+static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
+                        struct umb__page *page, uint64_t *written)
+{
+    const uint32_t nodes = page->node_count[level];
+    if (!umb__take(at, end, nodes, 2, &page->masks[level])) {
+        return false;
+    }
+    *written = 0;
+    for (uint32_t i = 0; i < nodes; i++) {
+        const unsigned mask = umb__load16(page->masks[level] + 2 * (size_t)i);
+        const unsigned mixed = mask >> 1 & 0x5555U;
+        page->child_count[level] += (unsigned)__builtin_popcount(mixed);
+        *written += (unsigned)__builtin_popcount(mixed & ~mask);
     }
     return true;
 }
@@ -51,38 +81,64 @@ static bool all_below(const uint8_t *numbers, uint64_t count, unsigned width, ui
 static enum umb_status parse_nodes(const uint8_t **at, const uint8_t *end, uint32_t level,
                                    struct umb__page *page, struct umb_error *error)
 {
-    uint32_t nodes = page->node_count[level], externals = page->external_count[level];
-    if (!umb__take(at, end, externals, 4, &page->external_pages[level]) ||
-        !umb__take(at, end, externals, 4, &page->external_positions[level]) ||
-        !umb__take(at, end, nodes, 2, &page->masks[level])) {
+    enum umb_status status = parse_others(at, end, level, page, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint64_t limit = (uint64_t)page->node_count[level - 1] + page->external_count[level];
+    uint64_t written;
+    if (!parse_masks(at, end, level, page, &written)) {
         return damaged(error, "nodes are cut");
     }
-    uint64_t mixed = 0;
-    for (uint32_t i = 0; i < nodes; i++) {
-        uint16_t mask = umb__load16(page->masks[level] + 2 * (size_t)i);
-        if ((mask & (mask >> 1) & 0x5555U) != 0) {
-            return damaged(error, "a mask has a child of state 3");
-        }
-        mixed += umb_mask_mixed_count(mask);
-    }
-    uint64_t space = (uint64_t)page->node_count[level - 1] + externals;
-    page->reference_count[level] = mixed;
-    page->width[level] = umb__narrow_width(space);
-    if (!umb__take(at, end, mixed, page->width[level], &page->references[level])) {
+    if (!take_list(at, end, written, limit, &page->references[level])) {
         return damaged(error, "references are cut");
     }
-    if (!all_below(page->references[level], mixed, page->width[level], space)) {
+    struct umb__page_nodes nodes = umb__page_nodes(page, level);
+    uint32_t greatest = 0;
+    for (uint32_t i = 0; i < page->node_count[level]; i++) {
+        uint16_t mask;
+        uint32_t references[8];
+        const unsigned count = umb__page_nodes_next(&nodes, &mask, references);
+        for (unsigned c = 0; c < count; c++) {
+            greatest = references[c] > greatest ? references[c] : greatest;
+        }
+    }
+    if (nodes.next > nodes.own) {
+        return damaged(error, "more next nodes than there are");
+    }
+    if (page->child_count[level] > 0 && greatest >= limit) {
         return damaged(error, "a reference is out of range");
     }
-    return UMB_OK;
+    return nodes.references.pending == 0 ? UMB_OK : damaged(error, "references end in no zeros");
 }
 
-static enum umb_status parse_bricks(const uint8_t **at, const uint8_t *end,
-                                    struct umb__page *page, struct umb_error *error)
+static enum umb_status parse_leaves(const uint8_t **at, const uint8_t *end, struct umb__page *page,
+                                    struct umb_error *error)
 {
-    uint32_t bricks = page->node_count[UMB_LEVEL_BRICK];
-    if (!umb__take(at, end, page->leaf_count, 8, &page->leaves) ||
-        !umb__take(at, end, bricks, 1, &page->runs)) {
+    const uint8_t *rows;
+    uint64_t differ = 0;
+    if (!umb__take_number(at, end, &page->leaf_count)) {
+        return damaged(error, "counts are cut");
+    }
+    if (!umb__take(at, end, page->leaf_count, 1, &page->leaves)) {
+        return damaged(error, "leaves are cut");
+    }
+    for (uint32_t i = 0; i < page->leaf_count; i++) {
+        differ += (unsigned)__builtin_popcount(page->leaves[i]);
+    }
+    return umb__take(at, end, differ, 1, &rows) ? UMB_OK : damaged(error, "leaves are cut");
+}
+
+static enum umb_status parse_bricks(const uint8_t **at, const uint8_t *end, struct umb__page *page,
+                                    struct umb_error *error)
+{
+    const uint32_t bricks = page->node_count[UMB_LEVEL_BRICK];
+    struct umb__number_list *numbers = &page->references[UMB_LEVEL_BRICK];
+    enum umb_status status = parse_leaves(at, end, page, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (!umb__take(at, end, bricks, 1, &page->runs)) {
         return damaged(error, "bricks are cut");
     }
     uint64_t runs = 0;
@@ -92,16 +148,19 @@ static enum umb_status parse_bricks(const uint8_t **at, const uint8_t *end,
         }
         runs += (unsigned)__builtin_popcount(page->runs[i]);
     }
-    unsigned width = umb__narrow_width(page->leaf_count);
-    page->width[UMB_LEVEL_BRICK] = width;
-    page->reference_count[UMB_LEVEL_BRICK] = runs;
-    if (!umb__take(at, end, runs, width, &page->leaf_numbers)) {
+    if (!take_list(at, end, runs, page->leaf_count, numbers)) {
         return damaged(error, "leaf numbers are cut");
     }
-    if (!all_below(page->leaf_numbers, runs, width, page->leaf_count)) {
+    struct umb__list_reader reader = umb__list_read(numbers);
+    uint32_t greatest = 0;
+    for (uint64_t i = 0; i < runs; i++) {
+        const uint32_t number = umb__list_next(&reader);
+        greatest = number > greatest ? number : greatest;
+    }
+    if (runs > 0 && greatest >= page->leaf_count) {
         return damaged(error, "a leaf number is out of range");
     }
-    return UMB_OK;
+    return reader.pending == 0 ? UMB_OK : damaged(error, "leaf numbers end in no zeros");
 }
 
 enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__page *page,
@@ -109,7 +168,7 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
 {
     const uint8_t *at = raw, *end = raw + size, *head;
     memset(page, 0, sizeof *page);
-    if (!umb__take(&at, end, 1, 4, &head)) {
+    if (!umb__take(&at, end, 1, 3, &head)) {
         return damaged(error, "shorter than its head");
     }
     if (head[0] != UMB__PAGE_ENCODING) {
@@ -119,7 +178,7 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
     page->level_high = head[1];
     page->level_low = head[2];
     if (page->level_high > UMB_LEVEL_MAX || page->level_low < UMB_LEVEL_BRICK ||
-        page->level_low > page->level_high || head[3] != 0) {
+        page->level_low > page->level_high) {
         return damaged(error, "levels out of range");
     }
     if (!parse_counts(&at, end, page)) {
@@ -139,4 +198,18 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
         }
     }
     return at == end ? UMB_OK : damaged(error, "bytes are left over");
+}
+
+void umb__page_leaves(const struct umb__page *page, uint64_t *leaves)
+{
+    const uint8_t *row = page->leaves + page->leaf_count;
+    uint64_t leaf = 0;
+    for (uint32_t i = 0; i < page->leaf_count; i++) {
+        for (unsigned rows = page->leaves[i]; rows != 0;) {
+            const unsigned y = 31U - (unsigned)__builtin_clz(rows);
+            leaf = (leaf & ~((uint64_t)0xff << (8 * y))) | (uint64_t)*row++ << (8 * y);
+            rows &= ~(1U << y);
+        }
+        leaves[i] = leaf;
+    }
 }

@@ -7,27 +7,13 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/numbers.h"
 
 struct walk {
     const uint8_t *at, *end;
     uint32_t size;            /* voxels along the frustum */
     struct umb__trans *trans; /* counts; arrays are filled where they are there */
 };
-
-/* The next number; false if it is cut, longer than need be, or beyond 32 bits. */
-static bool take_varint(struct walk *w, uint32_t *value)
-{
-    uint64_t sum = 0;
-    for (unsigned shift = 0; shift < 35 && w->at < w->end; shift += 7) {
-        const uint8_t byte = *w->at++;
-        sum |= (uint64_t)(byte & 0x7f) << shift;
-        if (byte < 0x80) {
-            *value = (uint32_t)sum;
-            return sum <= UINT32_MAX && (byte != 0 || shift == 0);
-        }
-    }
-    return false;
-}
 
 static bool take_mask(struct walk *w, uint64_t *mask)
 {
@@ -56,7 +42,8 @@ static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
     if (!same) {
-        if (!take_varint(w, &less) || less >= UMB__TRANS_ONE || less + 1 == *recent) {
+        if (!umb__take_number(&w->at, w->end, &less) || less >= UMB__TRANS_ONE ||
+            less + 1 == *recent) {
             return 0;
         }
         *recent = less + 1;
@@ -74,7 +61,7 @@ static bool take_list(struct walk *w, struct recent *recent)
     }
     t->list_count++;
     for (uint32_t number = 0;; number++) {
-        if (!take_varint(w, &step)) {
+        if (!umb__take_number(&w->at, w->end, &step)) {
             return false;
         }
         const uint32_t drop =

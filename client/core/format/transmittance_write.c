@@ -6,8 +6,9 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/numbers.h"
 
-#define STEP_BYTES_MAX 10U /* two varints */
+#define STEP_BYTES_MAX (2 * UMB__NUMBER_BYTES_MAX)
 
 void umb_trans_bytes_finish(struct umb_trans_bytes *bytes)
 {
@@ -33,10 +34,7 @@ static enum umb_status check_limit(const struct umb_trans_bytes *bytes, size_t m
 
 static void put_varint(struct umb_trans_bytes *bytes, uint32_t value)
 {
-    for (; value >= 0x80; value >>= 7) {
-        bytes->data[bytes->count++] = (uint8_t)(value | 0x80);
-    }
-    bytes->data[bytes->count++] = (uint8_t)value;
+    bytes->count = (size_t)(umb__put_number(bytes->data + bytes->count, value) - bytes->data);
 }
 
 /* Room for a mask; returns where it stands. */

@@ -178,10 +178,10 @@ void umb_partial_close(struct umb_partial *p)
 enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit, void *user)
 {
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
+        struct umb__page_others others = umb__page_others(page, level);
         for (size_t i = 0; i < page->external_count[level]; i++) {
-            enum umb_status status =
-                visit(user, level, umb__load32(page->external_pages[level] + 4 * i),
-                      umb__load32(page->external_positions[level] + 4 * i));
+            const struct umb__node_place place = umb__page_others_next(&others);
+            enum umb_status status = visit(user, level, place.page, place.position);
             if (status != UMB_OK) {
                 return status;
             }

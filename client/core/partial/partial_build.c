@@ -95,69 +95,117 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
     return ok && g->bricks && g->roots;
 }
 
-/* Number of a child in the graph, or the page it is absent with. */
-static uint32_t child_of(const struct umb_partial *p, uint32_t self, const struct umb__page *page,
-                         uint32_t l, uint32_t reference)
-{
-    const uint32_t local = page->node_count[l - 1];
-    uint32_t number = self, position = reference;
-    if (reference >= local) {
-        const size_t k = reference - local;
-        number = umb__load32(page->external_pages[l] + 4 * k);
-        position = umb__load32(page->external_positions[l] + 4 * k);
-    }
-    return p->pages[number].stored ? p->pages[number].links->first[l - 1] + position
-                                   : UMB__ABSENT | number;
-}
+/* What filling the graph from one page after another needs. */
+struct filling {
+    struct umb_partial *p;
+    uint8_t *raw; /* room for the longest page */
+    /* Of the nodes in other pages that a level of a page leads to: numbers in the graph, or the
+     * pages they are absent with. */
+    uint32_t *others;
+    uint64_t *leaves; /* of a page */
+    size_t others_capacity, leaves_capacity;
+    size_t children_capacity[UMB__LEVELS]; /* of the graph */
+};
 
-/* Adds one page's nodes of one level to the graph; pages come in order, so that they append. */
-static bool fill_level(struct umb_partial *p, uint32_t self, const struct umb__page *page,
-                       uint32_t l, size_t *capacity)
+/* False: out of memory. */
+static bool read_others(struct filling *f, const struct umb__page *page, uint32_t l)
 {
-    struct umb_octree_level *level = &p->graph.level[l];
-    const uint64_t begin = level->first[level->count];
-    const uint64_t end = begin + page->reference_count[l];
-    if (end >= UINT32_MAX ||
-        !umb__grow(&p->alloc, &level->children, capacity, (size_t)end, sizeof *level->children)) {
+    const struct umb__held *pages = f->p->pages;
+    struct umb__page_others others = umb__page_others(page, l);
+    if (!umb__grow(&f->p->alloc, &f->others, &f->others_capacity, page->external_count[l],
+                   sizeof *f->others)) {
         return false;
     }
-    for (uint32_t i = 0; i < page->node_count[l]; i++) {
-        const uint16_t mask = umb__load16(page->masks[l] + 2 * (size_t)i);
-        level->masks[level->count] = mask;
-        level->first[level->count + 1] = level->first[level->count] + umb_mask_mixed_count(mask);
-        level->count++;
-    }
-    for (uint64_t i = 0; i < page->reference_count[l]; i++) {
-        const unsigned width = page->width[l];
-        const uint32_t reference = umb__load_narrow(page->references[l] + i * width, width);
-        level->children[begin + i] = child_of(p, self, page, l, reference);
+    for (uint32_t i = 0; i < page->external_count[l]; i++) {
+        const struct umb__node_place place = umb__page_others_next(&others);
+        f->others[i] = pages[place.page].stored
+                           ? pages[place.page].links->first[l - 1] + place.position
+                           : UMB__ABSENT | place.page;
     }
     return true;
 }
 
-static enum umb_status fill_page(struct umb_partial *p, uint32_t number, uint8_t *raw,
-                                 size_t capacity[UMB__LEVELS], struct umb_error *error)
+/* Adds one page's nodes of one level to the graph; pages come in order, so that they append.
+ * False: out of memory. */
+static bool fill_level(struct filling *f, uint32_t number, const struct umb__page *page, uint32_t l)
 {
+    struct umb_octree_level *level = &f->p->graph.level[l];
+    const uint32_t own = f->p->pages[number].links->first[l - 1];
+    const uint64_t end = level->first[level->count] + page->child_count[l];
+    if (end >= UINT32_MAX || !read_others(f, page, l) ||
+        !umb__grow(&f->p->alloc, &level->children, &f->children_capacity[l], (size_t)end,
+                   sizeof *level->children)) {
+        return false;
+    }
+    struct umb__page_nodes nodes = umb__page_nodes(page, l);
+    for (uint32_t i = 0; i < page->node_count[l]; i++) {
+        uint32_t references[8], *children = level->children + level->first[level->count];
+        const unsigned count =
+            umb__page_nodes_next(&nodes, &level->masks[level->count], references);
+        for (unsigned c = 0; c < count; c++) {
+            children[c] = references[c] < nodes.own ? own + references[c]
+                                                    : f->others[references[c] - nodes.own];
+        }
+        level->first[level->count + 1] = level->first[level->count] + count;
+        level->count++;
+    }
+    return true;
+}
+
+/* False: out of memory. */
+static bool fill_bricks(struct filling *f, uint32_t number, const struct umb__page *page)
+{
+    uint64_t(*bricks)[8] = f->p->graph.bricks + f->p->pages[number].links->first[UMB_LEVEL_BRICK];
+    if (!umb__grow(&f->p->alloc, &f->leaves, &f->leaves_capacity, page->leaf_count,
+                   sizeof *f->leaves)) {
+        return false;
+    }
+    umb__page_leaves(page, f->leaves);
+    struct umb__page_bricks reader = umb__page_bricks(page, f->leaves);
+    for (uint32_t i = 0; i < page->node_count[UMB_LEVEL_BRICK]; i++) {
+        umb__page_bricks_next(&reader, bricks[i]);
+    }
+    return true;
+}
+
+static enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_error *error)
+{
+    const struct umb_partial *p = f->p;
     const struct umb__page_entry entry = umb__directory_load(&p->head, number);
     struct umb__page page;
-    enum umb_status status = umb__page_expand(p->zstd, p->pages[number].stored, &entry, raw, error);
+    enum umb_status status =
+        umb__page_expand(p->zstd, p->pages[number].stored, &entry, f->raw, error);
     if (status == UMB_OK) {
-        status = umb__page_open(raw, &entry, &page, error);
+        status = umb__page_open(f->raw, &entry, &page, error);
     }
     if (status != UMB_OK) {
         return status;
     }
-    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
-        if (!fill_level(p, number, &page, l, &capacity[l])) {
-            return no_memory(error);
-        }
+    bool filled = fill_bricks(f, number, &page);
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX && filled; l++) {
+        filled = fill_level(f, number, &page, l);
     }
-    const uint32_t first = p->pages[number].links->first[UMB_LEVEL_BRICK];
-    const uint8_t *leaf = page.leaf_numbers;
-    for (uint32_t i = 0; i < page.node_count[UMB_LEVEL_BRICK]; i++) {
-        umb__page_brick(&page, i, &leaf, p->graph.bricks[first + i]);
+    return filled ? UMB_OK : no_memory(error);
+}
+
+/* Adds all pages here to the graph. */
+static enum umb_status fill_graph(struct umb_partial *p, struct umb_error *error)
+{
+    struct filling f = {.p = p};
+    uint32_t longest = 1;
+    for (uint32_t i = 0; i < p->order_count; i++) {
+        uint32_t length = umb__directory_load(&p->head, p->order[i]).raw_length;
+        longest = length > longest ? length : longest;
     }
-    return UMB_OK;
+    f.raw = umb__alloc(&p->alloc, longest, 1);
+    enum umb_status status = f.raw ? UMB_OK : no_memory(error);
+    for (uint32_t i = 0; i < p->order_count && status == UMB_OK; i++) {
+        status = fill_page(&f, p->order[i], error);
+    }
+    umb__free(&p->alloc, f.raw);
+    umb__free(&p->alloc, f.others);
+    umb__free(&p->alloc, f.leaves);
+    return status;
 }
 
 static void place_roots(struct umb_partial *p)
@@ -178,23 +226,12 @@ static void place_roots(struct umb_partial *p)
 static enum umb_status build_graph(struct umb_partial *p, struct umb_error *error)
 {
     uint64_t totals[UMB__LEVELS];
-    size_t capacity[UMB__LEVELS] = {0};
     enum umb_status status = number_pages(p, totals);
     if (status != UMB_OK || !allocate_graph(p, totals)) {
         return status == UMB_E_CORRUPT ? umb_fail(error, status, "pages: 2^31 nodes of one level")
                                        : no_memory(error);
     }
-    uint32_t longest = 1;
-    for (uint32_t i = 0; i < p->order_count; i++) {
-        uint32_t length = umb__directory_load(&p->head, p->order[i]).raw_length;
-        longest = length > longest ? length : longest;
-    }
-    uint8_t *raw = umb__alloc(&p->alloc, longest, 1);
-    status = raw ? UMB_OK : no_memory(error);
-    for (uint32_t i = 0; i < p->order_count && status == UMB_OK; i++) {
-        status = fill_page(p, p->order[i], raw, capacity, error);
-    }
-    umb__free(&p->alloc, raw);
+    status = fill_graph(p, error);
     if (status == UMB_OK) {
         place_roots(p);
     }

@@ -141,13 +141,28 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
             free(raw);
             continue;
         }
-        *target = umb__load32(page.external_pages[level]);
-        const size_t at = (size_t)(page.external_positions[level] - raw);
-        const uint32_t target_records = umb__directory_load(&head, *target).records;
-        umb__store32(raw + at, target_records - 1); /* of another level, or beyond this one's */
-        const size_t room = ZSTD_compressBound(entry.raw_length);
+        struct umb__page_others others = umb__page_others(&page, level), last = others;
+        for (uint32_t i = 0; i < page.external_count[level]; i++) {
+            last = others;
+            (void)umb__page_others_next(&others);
+        }
+        *target = others.place.page;
+        /* Of another level, or beyond this one's. */
+        const uint32_t position = umb__directory_load(&head, *target).records - 1;
+        const bool same = !last.first && last.place.page == *target;
+        const uint8_t *rest = others.position_at;
+        uint8_t *lie = malloc(entry.raw_length + UMB__NUMBER_BYTES_MAX);
+        const size_t before = (size_t)(last.position_at - raw);
+        memcpy(lie, raw, before);
+        uint8_t *end =
+            umb__put_number(lie + before, position - (same ? last.place.position + 1 : 0));
+        memcpy(end, rest, entry.raw_length - (size_t)(rest - raw));
+        const size_t raw_length = (size_t)(end - lie) + entry.raw_length - (size_t)(rest - raw);
+        free(raw);
+        raw = lie;
+        const size_t room = ZSTD_compressBound(raw_length);
         uint8_t *stored = malloc(room);
-        const size_t length = ZSTD_compress(stored, room, raw, entry.raw_length, 1);
+        const size_t length = ZSTD_compress(stored, room, raw, raw_length, 1);
         /* The page grows or shrinks: everything behind it moves. */
         const size_t tail = (size_t)entry.offset + entry.stored_length;
         struct bytes made = {.data = malloc(file->size + room)};
@@ -161,9 +176,9 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         }
         uint8_t *entry_at = made.data + entry_offset(&head, number);
         umb__store32(entry_at + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+        umb__store32(entry_at + UMB__PAGE_RAW_LENGTH, (uint32_t)raw_length);
         umb__store64(entry_at + UMB__PAGE_CHECK, XXH3_64bits(stored, length));
         const void *part = raw;
-        const size_t raw_length = entry.raw_length;
         test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
         for (uint32_t later = number + 1; later < head.page_count; later++) {
             uint8_t *at_later = made.data + entry_offset(&head, later);
