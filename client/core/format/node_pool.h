@@ -33,10 +33,11 @@ static inline enum umb_node_state umb_ref_state(uint32_t ref)
                                      : UMB_NODE_MIXED;
 }
 
-/* An open-addressing table: tag and number plus one in one word; zero is empty. */
+/* An open-addressing table: tag and number plus one in one word; zero is empty. Its size is a
+ * power of two. */
 struct umb_hash_slots {
     uint64_t *words;
-    uint32_t log2_size; /* meaningless while words is NULL */
+    uint32_t log2_size; /* 0 while words is NULL */
 };
 
 struct umb_pool_level {
@@ -48,14 +49,17 @@ struct umb_pool_level {
     uint32_t *children;
 };
 
+#define UMB_POOL_KEYS 16U
+
 struct umb_pool {
     const struct umb_alloc *alloc;
-    int is_loose;            /* see umb_pool_init_loose */
-    uint64_t seed;           /* of its hashes */
-    size_t bytes, max_bytes; /* in use; allowed */
+    int is_loose;                 /* see umb_pool_init_loose */
+    uint64_t keys[UMB_POOL_KEYS]; /* of its hashes: secret, the same in all pools of a process */
+    size_t bytes, max_bytes;      /* in use; allowed */
     struct umb_hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];
+    uint32_t *brick_tags; /* of a loose pool: what its merge need not compute again */
     struct umb_pool_level level[UMB_LEVEL_MAX + 1];
 };
 

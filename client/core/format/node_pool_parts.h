@@ -2,29 +2,43 @@
 #ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 #define UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 /*
- * Between node_pool.c and pool_merge.c: hashes, keys and slots.
+ * Between node_pool.c, pool_room.c and pool_merge.c: tags, keys and slots.
  *
- * A slot is one 64-bit word, tag above number plus one. The tag is the hash's high half; its first
- * bits give the place, so that a word alone says where it goes in a table of any size, and what is
- * left of them (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that
+ * A tag is a hash of 32 bits. Its first bits give the place in a table of any size. A slot is one
+ * 64-bit word, tag above number plus one, so that a word alone says where it goes, and what is left
+ * of the tag (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that
  * follow one another are tried in turn until an empty one.
  *
- * Hashes have a seed that nobody outside the process knows: bricks of a stranger's file that all
- * had one hash would each be compared with all before. Numbers do not depend on it.
+ * Tags have keys that nobody outside the process knows: bricks of a stranger's file that all had
+ * one tag would each be compared with all before. Sums of words times secret keys, or of products
+ * of pairs of words with a secret key added to each, are equal for two given inputs with a chance
+ * near 2^-32, whatever the inputs are. Numbers do not depend on them.
+ * Source: Lemire and Kaser, "Strongly universal string hashing is fast", 2014 (Multilinear and
+ * Multilinear-HM).
  */
 #include "format/node_pool.h"
 
 #define UMB__SLOT_EMPTY UINT64_C(0) /* as fresh pages are */
 
-/* In: hash: or a slot's word. */
-static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint64_t hash)
+/* In: slots: log2_size is 0 while there are none. */
+static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint32_t tag)
 {
-    return (size_t)(hash >> (64 - slots->log2_size));
+    return (size_t)(((uint64_t)tag << slots->log2_size) >> 32);
 }
 
-static inline uint64_t umb__slot_word(uint64_t hash, uint32_t number)
+static inline size_t umb__slot_after(const struct umb_hash_slots *slots, size_t place)
 {
-    return (hash & 0xffffffff00000000ULL) | (number + 1U);
+    return (place + 1) & (((size_t)1 << slots->log2_size) - 1);
+}
+
+static inline uint64_t umb__slot_word(uint32_t tag, uint32_t number)
+{
+    return (uint64_t)tag << 32 | (number + 1U);
+}
+
+static inline uint32_t umb__slot_tag(uint64_t word)
+{
+    return (uint32_t)(word >> 32);
 }
 
 /* In: word: of a slot that is not empty. */
@@ -33,32 +47,104 @@ static inline uint32_t umb__slot_number(uint64_t word)
     return (uint32_t)word - 1U;
 }
 
-/* Whether a slot's word can be that of what has this hash. */
-static inline int umb__slot_fits(uint64_t word, uint64_t hash)
+/* The first empty slot on a tag's way. */
+static inline size_t umb__slot_free(const struct umb_hash_slots *slots, uint32_t tag)
 {
-    return (uint32_t)((word ^ hash) >> 32) == 0;
+    size_t place = umb__slot_place(slots, tag);
+    while (slots->words[place] != UMB__SLOT_EMPTY) {
+        place = umb__slot_after(slots, place);
+    }
+    return place;
+}
+
+/* The first slot on a tag's way that has this tag or is empty. */
+static inline size_t umb__slot_like(const struct umb_hash_slots *slots, uint32_t tag)
+{
+    size_t place = umb__slot_place(slots, tag);
+    uint64_t word;
+    while ((word = slots->words[place]) != UMB__SLOT_EMPTY && umb__slot_tag(word) != tag) {
+        place = umb__slot_after(slots, place);
+    }
+    return place;
 }
 
 /* A node's key: its mask and its mixed children. */
 struct umb__node_key {
-    uint32_t words[9]; /* mask, children */
+    uint32_t words[9]; /* mask, children, zeros */
     uint32_t child_count;
 };
 
-uint64_t umb__brick_hash(const struct umb_pool *pool, const uint64_t slices[8]);
-uint64_t umb__key_hash(const struct umb_pool *pool, const struct umb__node_key *key);
+/* From a sum: its upper bits are the good ones, those of the product better still. */
+static inline uint32_t umb__sum_tag(uint64_t sum)
+{
+    return (uint32_t)(((sum ^ sum >> 32) * UINT64_C(0x9e3779b97f4a7c15)) >> 32);
+}
+
+static inline uint32_t umb__brick_tag(const struct umb_pool *pool, const uint64_t slices[8])
+{
+    uint64_t sum = 0;
+    for (size_t i = 0; i < 8; i++) {
+        sum +=
+            ((uint32_t)slices[i] + pool->keys[2 * i]) * ((slices[i] >> 32) + pool->keys[2 * i + 1]);
+    }
+    return umb__sum_tag(sum);
+}
+
+static inline uint32_t umb__key_tag(const struct umb_pool *pool, const struct umb__node_key *key)
+{
+    uint64_t sum = 0;
+    for (size_t i = 0; i < 9; i++) {
+        sum += key->words[i] * pool->keys[i];
+    }
+    return umb__sum_tag(sum);
+}
+
+static inline int umb__brick_equals(const uint64_t a[8], const uint64_t b[8])
+{
+    uint64_t differing = 0;
+    for (size_t i = 0; i < 8; i++) {
+        differing |= a[i] ^ b[i];
+    }
+    return differing == 0;
+}
+
+static inline int umb__node_equals(const struct umb_pool_level *level, uint32_t node,
+                                   const struct umb__node_key *key)
+{
+    if (level->masks[node] != key->words[0]) {
+        return 0;
+    }
+    /* Equal masks have equally many mixed children. */
+    const uint32_t *children = level->children + level->first[node];
+    uint32_t differing = 0;
+    for (uint32_t c = 0; c < key->child_count; c++) {
+        differing |= children[c] ^ key->words[1 + c];
+    }
+    return differing == 0;
+}
 
 /* In: children: as umb_pool_node takes them. */
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
-/* Finds or adds what is not uniform, under its hash; else as umb_pool_brick and umb_pool_node.
- * Not of a loose pool. */
-UMB_CHECKED enum umb_status umb__pool_find_brick(struct umb_pool *pool, const uint64_t slices[8],
-                                                 uint64_t hash, uint32_t *ref,
+/*
+ * Make room for one more: in the arrays, and, as a table grows, in that. (Loose pools have none for
+ * nodes, and one that never grows for bricks.) Fails: as umb_pool_brick.
+ */
+UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_node_room(struct umb_pool *pool, struct umb_pool_level *level,
+                                                struct umb_error *error);
+
+/*
+ * Find or add what is not uniform; else as umb_pool_brick and umb_pool_node. Not of a loose pool.
+ * In: place: on the tag's way, with nothing equal before it.
+ */
+UMB_CHECKED enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slices[8],
+                                                 uint32_t tag, size_t place, uint32_t *ref,
                                                  struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t level,
-                                                const struct umb__node_key *key, uint64_t hash,
-                                                uint32_t *ref, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t level,
+                                                const struct umb__node_key *key, uint32_t tag,
+                                                size_t place, uint32_t *ref,
+                                                struct umb_error *error);
 
 /* Nodes or bricks that are looked up together. */
 #define UMB__POOL_GROUP 32U
@@ -66,8 +152,9 @@ UMB_CHECKED enum umb_status umb__pool_find_node(struct umb_pool *pool, uint32_t 
 /* A group of one level's nodes: the caller sets keys. */
 struct umb__node_group {
     struct umb__node_key keys[UMB__POOL_GROUP];
-    uint64_t hashes[UMB__POOL_GROUP];
-    uint32_t numbers[UMB__POOL_GROUP];
+    uint32_t tags[UMB__POOL_GROUP];
+    size_t places[UMB__POOL_GROUP];
+    uint32_t log2_size; /* of the table that they are of */
 };
 
 /*

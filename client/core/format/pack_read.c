@@ -176,6 +176,7 @@ static void read_keys(const struct reader *r, const uint32_t *own, struct umb__p
 {
     for (uint32_t i = 0; i < count; i++) {
         struct umb__node_key *key = &group->keys[i];
+        *key = (struct umb__node_key){0};
         uint32_t *children = key->words + 1;
         uint16_t mask;
         key->child_count = umb__page_nodes_next(nodes, &mask, children);

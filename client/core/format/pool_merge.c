@@ -12,76 +12,88 @@
 #include "base/memory.h"
 #include "format/node_pool_parts.h"
 
-#define GROUP  UMB__POOL_GROUP
-#define NOBODY UINT32_MAX
+#define GROUP UMB__POOL_GROUP
 
 /* Asks for the line that a look-up begins with. */
-static void slot_ahead(const struct umb_hash_slots *slots, uint64_t hash)
+static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
 {
-    if (slots->words != NULL) {
-        __builtin_prefetch(slots->words + umb__slot_place(slots, hash));
-    }
+    __builtin_prefetch(slots->words + umb__slot_place(slots, tag), 1);
 }
 
-/* The first number with the hash's tag on its way, NOBODY if an empty slot comes before. */
-static uint32_t slot_number(const struct umb_hash_slots *slots, uint64_t hash)
+/* The number in a slot; 0, which is as good to ask for as any, of an empty one. */
+static uint32_t number_in(const struct umb_hash_slots *slots, size_t place)
 {
-    if (slots->words == NULL) {
-        return NOBODY;
-    }
-    const size_t last = ((size_t)1 << slots->log2_size) - 1;
-    size_t at = umb__slot_place(slots, hash);
-    for (uint64_t word; (word = slots->words[at]) != UMB__SLOT_EMPTY; at = (at + 1) & last) {
-        if (umb__slot_fits(word, hash)) {
-            return umb__slot_number(word);
-        }
-    }
-    return NOBODY;
+    const uint64_t word = slots->words[place];
+    return word == UMB__SLOT_EMPTY ? 0 : umb__slot_number(word);
 }
 
-/* A group of bricks on its way. */
+/* Bricks to look for, and their tags if they are known. */
+struct bricks {
+    const uint64_t (*slices)[8];
+    const uint32_t *tags; /* or NULL */
+    uint32_t count;
+};
+
+/* Some of them on their way. */
 struct brick_group {
     const uint64_t (*bricks)[8];
     uint32_t count;
-    uint64_t hashes[GROUP];
-    uint32_t numbers[GROUP]; /* of those that may be equal, NOBODY without one */
+    uint32_t tags[GROUP];
+    size_t places[GROUP];
+    uint32_t log2_size; /* of the table that they are of */
 };
 
-/* The first bricks of many as a group, none if there are none; asks for their slots. */
-static void brick_slots_ahead(const struct umb_pool *pool, const uint64_t (*bricks)[8],
-                              uint32_t count, struct brick_group *group)
+/* The bricks from `first` on as a group, none if there are none; asks for their slots. */
+static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *from,
+                              uint32_t first, struct brick_group *group)
 {
-    group->bricks = bricks;
-    group->count = count < GROUP ? count : GROUP;
+    group->bricks = from->slices + first;
+    group->count = from->count - first < GROUP ? from->count - first : GROUP;
     for (uint32_t i = 0; i < group->count; i++) {
-        group->hashes[i] = umb__brick_hash(pool, bricks[i]);
-        slot_ahead(&pool->brick_slots, group->hashes[i]);
+        group->tags[i] =
+            from->tags != NULL ? from->tags[first + i] : umb__brick_tag(pool, group->bricks[i]);
+        slot_ahead(&pool->brick_slots, group->tags[i]);
     }
 }
 
 /* Reads the group's slots; asks for the bricks that they name. */
 static void bricks_ahead(const struct umb_pool *pool, struct brick_group *group)
 {
-    for (uint32_t i = 0; i < group->count; i++) {
-        group->numbers[i] = slot_number(&pool->brick_slots, group->hashes[i]);
-        if (group->numbers[i] != NOBODY) {
-            __builtin_prefetch(pool->bricks[group->numbers[i]]);
-        }
+    const struct umb_hash_slots *slots = &pool->brick_slots;
+    group->log2_size = slots->log2_size;
+    for (uint32_t i = 0; i < group->count && slots->words != NULL; i++) {
+        group->places[i] = umb__slot_like(slots, group->tags[i]);
+        __builtin_prefetch(pool->bricks[number_in(slots, group->places[i])]);
     }
 }
 
 static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_group *group,
                                    uint32_t *refs, struct umb_error *error)
 {
+    const struct umb_hash_slots *slots = &pool->brick_slots;
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < group->count && status == UMB_OK; i++) {
-        const uint32_t number = group->numbers[i];
-        if (number != NOBODY &&
-            memcmp(pool->bricks[number], group->bricks[i], sizeof *group->bricks) == 0) {
-            refs[i] = number;
-            continue;
-        }
-        status = umb__pool_find_brick(pool, group->bricks[i], group->hashes[i], &refs[i], error);
+        const int as_read = slots->words != NULL && slots->log2_size == group->log2_size;
+        const size_t place = as_read ? group->places[i] : umb__slot_place(slots, group->tags[i]);
+        status =
+            umb__pool_brick_from(pool, group->bricks[i], group->tags[i], place, &refs[i], error);
+    }
+    return status;
+}
+
+static enum umb_status merge_bricks(struct umb_pool *pool, const struct bricks *from,
+                                    uint32_t *refs, struct umb_error *error)
+{
+    struct brick_group groups[2]; /* one found, the next asked for */
+    enum umb_status status = UMB_OK;
+    brick_slots_ahead(pool, from, 0, &groups[0]);
+    for (uint32_t first = 0, turn = 0; first < from->count && status == UMB_OK; turn ^= 1) {
+        struct brick_group *group = &groups[turn];
+        const uint32_t next = first + group->count;
+        bricks_ahead(pool, group);
+        brick_slots_ahead(pool, from, next, &groups[turn ^ 1]);
+        status = find_bricks(pool, group, refs + first, error);
+        first = next;
     }
     return status;
 }
@@ -89,18 +101,8 @@ static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_gro
 enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*bricks)[8],
                                       uint32_t count, uint32_t *refs, struct umb_error *error)
 {
-    struct brick_group groups[2]; /* one found, the next asked for */
-    enum umb_status status = UMB_OK;
-    brick_slots_ahead(pool, bricks, count, &groups[0]);
-    for (uint32_t first = 0, turn = 0; first < count && status == UMB_OK; turn ^= 1) {
-        struct brick_group *group = &groups[turn];
-        const uint32_t next = first + group->count;
-        bricks_ahead(pool, group);
-        brick_slots_ahead(pool, bricks + next, count - next, &groups[turn ^ 1]);
-        status = find_bricks(pool, group, refs + first, error);
-        first = next;
-    }
-    return status;
+    const struct bricks from = {bricks, NULL, count};
+    return merge_bricks(pool, &from, refs, error);
 }
 
 /* Asks for the slots of a group of nodes. */
@@ -108,8 +110,8 @@ static void node_slots_ahead(const struct umb_pool *pool, uint32_t level,
                              struct umb__node_group *group, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
-        group->hashes[i] = umb__key_hash(pool, &group->keys[i]);
-        slot_ahead(&pool->level[level].slots, group->hashes[i]);
+        group->tags[i] = umb__key_tag(pool, &group->keys[i]);
+        slot_ahead(&pool->level[level].slots, group->tags[i]);
     }
 }
 
@@ -118,12 +120,12 @@ static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb
                         uint32_t count)
 {
     const struct umb_pool_level *level = &pool->level[number];
-    for (uint32_t i = 0; i < count; i++) {
-        group->numbers[i] = slot_number(&level->slots, group->hashes[i]);
-        if (group->numbers[i] != NOBODY) {
-            __builtin_prefetch(level->masks + group->numbers[i]);
-            __builtin_prefetch(level->first + group->numbers[i]);
-        }
+    group->log2_size = level->slots.log2_size;
+    for (uint32_t i = 0; i < count && level->slots.words != NULL; i++) {
+        group->places[i] = umb__slot_like(&level->slots, group->tags[i]);
+        const uint32_t node = number_in(&level->slots, group->places[i]);
+        __builtin_prefetch(level->masks + node);
+        __builtin_prefetch(level->first + node);
     }
 }
 
@@ -132,10 +134,9 @@ static void children_ahead(const struct umb_pool *pool, uint32_t number,
                            const struct umb__node_group *group, uint32_t count)
 {
     const struct umb_pool_level *level = &pool->level[number];
-    for (uint32_t i = 0; i < count; i++) {
-        if (group->numbers[i] != NOBODY) {
-            __builtin_prefetch(level->children + level->first[group->numbers[i]]);
-        }
+    for (uint32_t i = 0; i < count && level->slots.words != NULL; i++) {
+        const uint32_t node = number_in(&level->slots, group->places[i]);
+        __builtin_prefetch(level->children + level->first[node]);
     }
 }
 
@@ -143,10 +144,13 @@ static enum umb_status find_nodes(struct umb_pool *pool, uint32_t level,
                                   const struct umb__node_group *group, uint32_t count,
                                   uint32_t *refs, struct umb_error *error)
 {
+    const struct umb_hash_slots *slots = &pool->level[level].slots;
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        status =
-            umb__pool_find_node(pool, level, &group->keys[i], group->hashes[i], &refs[i], error);
+        const int as_read = slots->words != NULL && slots->log2_size == group->log2_size;
+        const size_t place = as_read ? group->places[i] : umb__slot_place(slots, group->tags[i]);
+        status = umb__pool_node_from(pool, level, &group->keys[i], group->tags[i], place, &refs[i],
+                                     error);
     }
     return status;
 }
@@ -168,7 +172,7 @@ static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_
     for (uint32_t i = 0; i < n; i++) {
         struct umb__node_key *key = &group->keys[i];
         const uint32_t *children = from->children + from->first[first + i];
-        key->words[0] = from->masks[first + i];
+        *key = (struct umb__node_key){.words = {from->masks[first + i]}};
         key->child_count = from->first[first + i + 1] - from->first[first + i];
         for (uint32_t c = 0; c < key->child_count; c++) {
             key->words[1 + c] = below[children[c]];
@@ -216,16 +220,16 @@ enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *fro
 {
     enum umb_status status = UMB_OK;
     for (uint32_t i = UMB_LEVEL_BRICK; i <= level && status == UMB_OK; i++) {
-        const size_t count = i == UMB_LEVEL_BRICK ? from->brick_count : from->level[i].count;
+        const struct bricks bricks = {(const uint64_t(*)[8])from->bricks, from->brick_tags,
+                                      from->brick_count};
+        const size_t count = i == UMB_LEVEL_BRICK ? bricks.count : from->level[i].count;
         swap_numbers(numbers);
         if (!umb__grow(NULL, &numbers->refs, &numbers->refs_capacity, count,
                        sizeof *numbers->refs)) {
             return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu numbers refused", count);
         }
-        status = i == UMB_LEVEL_BRICK
-                     ? umb__pool_find_bricks(pool, (const uint64_t(*)[8])from->bricks,
-                                             from->brick_count, numbers->refs, error)
-                     : merge_nodes(pool, from, i, numbers, error);
+        status = i == UMB_LEVEL_BRICK ? merge_bricks(pool, &bricks, numbers->refs, error)
+                                      : merge_nodes(pool, from, i, numbers, error);
     }
     return status;
 }

@@ -257,26 +257,48 @@ static void a_merge_ends_at_the_budget(void **state)
     umb_pool_finish(&part);
 }
 
-/* XXH3 multiplies words in pairs, each with a part of its public secret taken off: where that
- * leaves nothing of one, the other may be anything. Whoever writes a file may know this. */
-static void bricks_made_to_have_one_hash_have_many(void **state)
+/* Sums of products whose keys were known could be made equal at will; and where a word plus its key
+ * were 0, the other of its pair would not matter. Whoever writes a file knows no key. */
+static void bricks_and_nodes_that_differ_in_a_word_have_many_tags(void **state)
 {
     (void)state;
     enum {
         COUNT = 1000
     };
     struct umb_pool pool;
-    uint64_t hashes[COUNT], slices[8];
+    uint32_t tags[2][COUNT], equal[2] = {0, 0};
     umb_pool_init(&pool, NULL, SIZE_MAX);
     for (uint32_t n = 0; n < COUNT; n++) {
+        uint64_t slices[8];
         brick_of(7, slices);
-        slices[0] = 0xbe4ba423396cfeb8;
-        slices[1] = n;
-        hashes[n] = umb__brick_hash(&pool, slices);
+        slices[1] = (uint64_t)n << 32;
+        const uint32_t children[8] = {[0] = 5, [7] = n};
+        struct umb__node_key key;
+        umb__key_from_children(children, &key);
+        tags[0][n] = umb__brick_tag(&pool, slices);
+        tags[1][n] = umb__key_tag(&pool, &key);
         for (uint32_t i = 0; i < n; i++) {
-            assert_true(hashes[i] != hashes[n]);
+            equal[0] += tags[0][i] == tags[0][n];
+            equal[1] += tags[1][i] == tags[1][n];
         }
     }
+    assert_in_range(equal[0], 0, 3); /* of half a million pairs; expected: none in 8000 runs */
+    assert_in_range(equal[1], 0, 3);
+    umb_pool_finish(&pool);
+}
+
+/* A loose pool hands its tags on: they must be those that the other would compute. */
+static void a_loose_pool_keeps_the_tags_of_its_bricks(void **state)
+{
+    (void)state;
+    struct umb_pool loose, pool;
+    umb_pool_init_loose(&loose, NULL, SIZE_MAX);
+    umb_pool_init(&pool, NULL, SIZE_MAX);
+    fill_with_nodes(&loose, 3);
+    for (uint32_t i = 0; i < loose.brick_count; i++) {
+        assert_int_equal(loose.brick_tags[i], umb__brick_tag(&pool, loose.bricks[i]));
+    }
+    umb_pool_finish(&loose);
     umb_pool_finish(&pool);
 }
 
@@ -290,7 +312,8 @@ int main(void)
         cmocka_unit_test(a_loose_pool_knows_the_latest_bricks_again),
         cmocka_unit_test(a_loose_pool_adds_every_node_and_its_merge_adds_it_once),
         cmocka_unit_test(a_merge_ends_at_the_budget),
-        cmocka_unit_test(bricks_made_to_have_one_hash_have_many),
+        cmocka_unit_test(bricks_and_nodes_that_differ_in_a_word_have_many_tags),
+        cmocka_unit_test(a_loose_pool_keeps_the_tags_of_its_bricks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Room in a pool for one more brick or node, under its budget.
+ *
+ * Tables double at three quarters full and are refilled from the old ones; arrays double. Where the
+ * budget does not allow that, tables fill to seven eighths and arrays grow by an eighth, so that
+ * most of the budget can be used; large arrays always do where that copies nothing.
+ */
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/page_alloc.h"
+#include "format/node_pool_parts.h"
+
+#define SLOTS_LOG2_MIN 10U
+#define SLOTS_LOG2_MAX 32U /* as many bits as a tag has */
+#define ITEMS_MIN      1024U
+#define LARGE_BYTES    ((size_t)4 << 20) /* arrays from here on are worth large pages */
+
+/* Reserves bytes of the budget. */
+static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_error *error)
+{
+    size_t total;
+    if (__builtin_add_overflow(pool->bytes, more, &total) || total > pool->max_bytes) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "memory: the shadow octree needs %zu bytes more than the %zu it has of "
+                        "the %zu allowed; give more or lower the resolution",
+                        more, pool->bytes, pool->max_bytes);
+    }
+    pool->bytes = total;
+    return UMB_OK;
+}
+
+/* Whether arrays grow without a copy. */
+static int grows_by_pages(const struct umb_pool *pool)
+{
+    return pool->alloc == &umb__page_alloc;
+}
+
+/* Resizes a block; a large one by moving it to large pages, as look-ups go all over it. */
+static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes, size_t bytes)
+{
+    if (bytes < LARGE_BYTES || alloc == &umb__page_alloc) {
+        return umb__resize(alloc, block, bytes);
+    }
+    void *moved = umb__alloc_large(alloc, bytes, 1);
+    if (moved != NULL && block != NULL) {
+        memcpy(moved, block, old_bytes);
+        umb__free(alloc, block);
+    }
+    return moved;
+}
+
+/* Grows an array of items to new_count; an old block that is copied is charged until it is gone. */
+static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
+                            size_t new_count, struct umb_error *error)
+{
+    const size_t copied = grows_by_pages(pool) ? 0 : old_count * item;
+    const size_t more = (new_count - old_count) * item + copied;
+    const enum umb_status status = charge(pool, more, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    void *grown = resize(pool->alloc, *block, old_count * item, new_count * item);
+    if (grown == NULL) {
+        pool->bytes -= more;
+        return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
+                        new_count * item);
+    }
+    *block = grown;
+    pool->bytes -= copied;
+    return UMB_OK;
+}
+
+static int can_afford(const struct umb_pool *pool, uint64_t more)
+{
+    return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
+}
+
+/* Capacity after growth, at most `most`. In: item: bytes that it takes of each. */
+static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t item, uint32_t most)
+{
+    const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
+    const uint64_t more = (uint64_t)capacity + capacity / 8 + 8;
+    const int is_cheap = grows_by_pages(pool) && twice * item >= LARGE_BYTES;
+    const uint64_t wanted = !is_cheap && can_afford(pool, twice * item) ? twice : more;
+    return wanted > most ? most : (uint32_t)wanted;
+}
+
+/* Whether a table must grow before it takes one more. */
+static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *slots,
+                      uint32_t count)
+{
+    if (slots->words == NULL || pool->is_loose) {
+        return slots->words == NULL;
+    }
+    const uint64_t size = (uint64_t)1 << slots->log2_size, wanted = (uint64_t)count + 1;
+    return wanted > size / 4 * 3 &&
+           (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
+}
+
+/* Replaces a table by one twice as large. Words stand in the order of their places in both, so
+ * that the new one is filled from end to end. */
+static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *slots,
+                                  struct umb_error *error)
+{
+    const uint32_t log2_size = slots->words == NULL ? SLOTS_LOG2_MIN : slots->log2_size + 1;
+    if (log2_size > SLOTS_LOG2_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "shadow octree: hash table over 2^%u slots",
+                        SLOTS_LOG2_MAX);
+    }
+    const size_t old_count = slots->words == NULL ? 0 : (size_t)1 << slots->log2_size;
+    const size_t bytes = ((size_t)1 << log2_size) * sizeof *slots->words;
+    const enum umb_status status = charge(pool, bytes, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    struct umb_hash_slots larger = {umb__alloc_large(pool->alloc, bytes, 1), log2_size};
+    if (larger.words == NULL) {
+        pool->bytes -= bytes;
+        return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
+    }
+    if (!grows_by_pages(pool) || bytes < UMB__PAGE_ALLOC_LARGE) { /* else they are fresh */
+        memset(larger.words, 0, bytes);
+    }
+    for (size_t i = 0; i < old_count; i++) {
+        const uint64_t word = slots->words[i];
+        if (word != UMB__SLOT_EMPTY) {
+            larger.words[umb__slot_free(&larger, umb__slot_tag(word))] = word;
+        }
+    }
+    umb__free(pool->alloc, slots->words);
+    pool->bytes -= old_count * sizeof *slots->words;
+    *slots = larger;
+    return UMB_OK;
+}
+
+/* Larger arrays for bricks. */
+static enum umb_status bricks_grow(struct umb_pool *pool, struct umb_error *error)
+{
+    const uint32_t old = pool->brick_capacity;
+    const uint32_t capacity = grown(pool, old, sizeof *pool->bricks, UMB_REF_INDEX_MAX + 1U);
+    void *block = pool->bricks;
+    enum umb_status status = grow(pool, &block, sizeof *pool->bricks, old, capacity, error);
+    pool->bricks = block;
+    if (status == UMB_OK && pool->is_loose) {
+        block = pool->brick_tags;
+        status = grow(pool, &block, sizeof *pool->brick_tags, old, capacity, error);
+        pool->brick_tags = block;
+        if (status != UMB_OK) { /* the bricks keep their larger block, charged as the old one */
+            pool->bytes -= (size_t)(capacity - old) * sizeof *pool->bricks;
+        }
+    }
+    pool->brick_capacity = status == UMB_OK ? capacity : old;
+    return status;
+}
+
+enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *error)
+{
+    if (pool->brick_count > UMB_REF_INDEX_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
+                        UMB_REF_INDEX_MAX);
+    }
+    enum umb_status status =
+        pool->brick_count == pool->brick_capacity ? bricks_grow(pool, error) : UMB_OK;
+    if (status == UMB_OK && slots_full(pool, &pool->brick_slots, pool->brick_count)) {
+        status = slots_grow(pool, &pool->brick_slots, error);
+    }
+    return status;
+}
+
+static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *level,
+                                  struct umb_error *error)
+{
+    const uint32_t capacity = grown(
+        pool, level->capacity, sizeof *level->masks + sizeof *level->first, UMB_REF_INDEX_MAX + 1U);
+    void *block = level->masks;
+    enum umb_status status =
+        grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);
+    level->masks = block;
+    if (status != UMB_OK) {
+        return status;
+    }
+    block = level->first;
+    const size_t old = level->first == NULL ? 0 : (size_t)level->capacity + 1;
+    status = grow(pool, &block, sizeof *level->first, old, (size_t)capacity + 1, error);
+    level->first = block;
+    if (status != UMB_OK) {
+        /* The masks keep their larger block; only their charge goes back to what is recorded. */
+        pool->bytes -= (size_t)(capacity - level->capacity) * sizeof *level->masks;
+        return status;
+    }
+    if (level->capacity == 0) {
+        level->first[0] = 0;
+    }
+    level->capacity = capacity;
+    return UMB_OK;
+}
+
+/* A larger array for children. */
+static enum umb_status children_grow(struct umb_pool *pool, struct umb_pool_level *level,
+                                     struct umb_error *error)
+{
+    const uint32_t capacity =
+        grown(pool, level->child_capacity, sizeof *level->children, UINT32_MAX);
+    void *block = level->children;
+    const enum umb_status status =
+        grow(pool, &block, sizeof *level->children, level->child_capacity, capacity, error);
+    level->children = block;
+    level->child_capacity = status == UMB_OK ? capacity : level->child_capacity;
+    return status;
+}
+
+enum umb_status umb__pool_node_room(struct umb_pool *pool, struct umb_pool_level *level,
+                                    struct umb_error *error)
+{
+    if (level->count > UMB_REF_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "shadow octree: more than %u nodes or children in one level",
+                        UMB_REF_INDEX_MAX);
+    }
+    enum umb_status status =
+        level->count == level->capacity ? nodes_grow(pool, level, error) : UMB_OK;
+    if (status == UMB_OK && level->child_capacity - level->child_count < 8) {
+        status = children_grow(pool, level, error);
+    }
+    if (status == UMB_OK && !pool->is_loose && slots_full(pool, &level->slots, level->count)) {
+        status = slots_grow(pool, &level->slots, error);
+    }
+    return status;
+}
