@@ -34,7 +34,8 @@
 #include "format/pack_order.h"
 #include "format/value_set.h"
 
-/* A parsed page; pointers into its raw bytes. Level arrays are indexed by level. */
+/* A parsed page; pointers into its raw bytes. Level arrays are indexed by level; levels that it
+ * does not have read as empty. */
 struct umb__page {
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];

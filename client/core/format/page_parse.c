@@ -181,6 +181,11 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
         page->level_low > page->level_high) {
         return damaged(error, "levels out of range");
     }
+    /* What the page does not have reads as nothing, from an address all the same. */
+    page->leaves = at;
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        page->references[level].bytes = at;
+    }
     if (!parse_counts(&at, end, page)) {
         return damaged(error, "counts are cut");
     }
