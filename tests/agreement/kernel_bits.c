@@ -5,11 +5,13 @@
  *     kernel_bits COUNT FILE...
  *
  * COUNT points of every asset's first light, near its surfaces: half of them far from one another,
- * half in the order of a picture whose pixels lie closer than voxels. For 1, 9 and 17 taps the
+ * half in the order of a picture whose pixels lie closer than voxels; half of each with normals,
+ * along which the automatic bias moves them. For 1, 9 and 17 taps the
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
  * the same bits, and every 64th answer must be that of the walk which looks up a window alone.
  * Prints what it compared; 1 where two differ.
  */
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,6 +29,7 @@ struct way {
 };
 
 static double points[CHUNK][3];
+static float normals[CHUNK][3];
 static float answers[2][CHUNK];
 
 static uint64_t next_random(uint64_t *state)
@@ -79,9 +82,25 @@ static void make_points(const struct umb__query *q, int picture, uint64_t *state
     }
 }
 
+/* Of all directions, of length 1 or nearly so. */
+static void make_normals(uint64_t *state)
+{
+    for (uint32_t i = 0; i < CHUNK; i++) {
+        double n[3], length2 = 0;
+        for (unsigned axis = 0; axis < 3; axis++) {
+            n[axis] = unit(state) - 0.5;
+            length2 += n[axis] * n[axis];
+        }
+        for (unsigned axis = 0; axis < 3; axis++) {
+            normals[i][axis] = (float)(n[axis] / sqrt(length2));
+        }
+    }
+}
+
 static struct umb_points batch_of(const struct umb__query *q)
 {
     struct umb_points batch = {.positions = points, .format = UMB_POINT_F64, .count = CHUNK};
+    batch.normals = q->bias_mode == UMB_BIAS_AUTO ? normals : NULL;
     memcpy(batch.origin, q->origin, sizeof batch.origin);
     return batch;
 }
@@ -125,11 +144,17 @@ static int threads_run(const struct umb_query *query, const struct umb_points *b
 static int compare_walk(const struct umb__query *q)
 {
     const uint32_t total = (uint32_t)(q->taps * q->taps);
+    const struct umb_points batch = batch_of(q);
     int wrong = 0;
     for (uint32_t i = 0; i < CHUNK; i += 64) {
         struct umb_query_stats stats = {0};
-        double v[3];
-        umb__to_voxel(q, points[i], v);
+        double p[3], v[3];
+        memcpy(p, points[i], sizeof p);
+        if (!umb__move(q, &batch, i, p)) {
+            wrong += answers[0][i] != 0;
+            continue;
+        }
+        umb__to_voxel(q, p, v);
         const struct umb__window window = umb__window_at(q, v, &stats);
         const uint32_t lit =
             window.all_lit ? total : window.outside + umb__count_window(q, &window, &stats);
@@ -176,16 +201,21 @@ static int check_asset(const char *path, size_t count)
         return 1;
     }
     for (uint32_t taps = 1; taps <= 17; taps += 8) {
-        const struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
-        struct umb_query query;
-        if (umb_query_prepare(asset, &settings, &query, &error) != UMB_OK) {
-            (void)fprintf(stderr, "%s: %s\n", path, error.message);
-            return 1;
+        struct umb_query queries[2]; /* of points without and with normals */
+        for (unsigned k = 0; k < 2; k++) {
+            const struct umb_query_settings settings = {
+                .taps = taps, .bias_mode = k == 0 ? UMB_BIAS_NONE : UMB_BIAS_AUTO};
+            if (umb_query_prepare(asset, &settings, &queries[k], &error) != UMB_OK) {
+                (void)fprintf(stderr, "%s: %s\n", path, error.message);
+                return 1;
+            }
         }
-        for (size_t done = 0, picture = 0; done < count; done += CHUNK, picture ^= 1) {
-            make_points((const struct umb__query *)(const void *)query.opaque, (int)picture,
+        for (size_t chunk = 0; chunk * CHUNK < count; chunk++) {
+            const struct umb_query *query = &queries[chunk / 2 % 2];
+            make_points((const struct umb__query *)(const void *)query->opaque, (int)(chunk % 2),
                         &state);
-            wrong += check_chunk(&query, ways, way_count + (taps == 1 ? wide : 0));
+            make_normals(&state);
+            wrong += check_chunk(query, ways, way_count + (taps == 1 ? wide : 0));
         }
     }
     umb_asset_close(asset);

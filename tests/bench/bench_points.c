@@ -49,14 +49,22 @@ static void point_put(const struct bench_scene *scene, const double position[3],
     }
 }
 
+static float *array_make(size_t capacity)
+{
+    float *array = calloc(capacity, 3 * sizeof *array);
+    if (array == NULL) {
+        bench_fail("%zu points: out of memory", capacity);
+    }
+    return array;
+}
+
 static void arrays_make(struct bench_points *points, size_t capacity)
 {
     for (int t = 0; t < 3; t++) {
-        points->at[t] = calloc(capacity, 3 * sizeof(float));
-        if (points->at[t] == NULL) {
-            bench_fail("%zu points: out of memory", capacity);
-        }
+        points->at[t] = array_make(capacity);
     }
+    points->surface = array_make(capacity);
+    points->normals = array_make(capacity);
 }
 
 void bench_points_finish(struct bench_points *points)
@@ -64,6 +72,8 @@ void bench_points_finish(struct bench_points *points)
     for (int t = 0; t < 3; t++) {
         free(points->at[t]);
     }
+    free(points->surface);
+    free(points->normals);
     memset(points, 0, sizeof *points);
 }
 
@@ -84,6 +94,10 @@ static void surface_take(const struct bench_scene *scene, const double position[
         umbt_along(position, bias_m(scene, normal, bench_taps[t]) + more_m, normal, moved);
         point_put(scene, moved, &points->at[t][3 * points->count]);
     }
+    double before[3];
+    umbt_along(position, more_m, normal, before);
+    point_put(scene, before, &points->surface[3 * points->count]);
+    memcpy(&points->normals[3 * points->count], raw_normal, 3 * sizeof(float));
     points->count++;
 }
 

@@ -21,7 +21,8 @@
 struct bench_points {
     const char *name; /* "gbuffer", "gbuffer-overview" or "random" */
     size_t count;
-    float *at[3]; /* [3 * count] for 1, 9 and 17 taps */
+    float *at[3];             /* [3 * count] for 1, 9 and 17 taps */
+    float *surface, *normals; /* [3 * count] before the bias, for who moves them himself */
 };
 
 extern const int bench_taps[3];

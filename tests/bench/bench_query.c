@@ -47,11 +47,14 @@ struct race {
     const struct bench_points *points;
     struct umb_query queries[3];
     struct umb_points batches[3];
+    struct umb_query moving; /* one tap of points with normals, moved by the query */
+    struct umb_points surface;
     struct umbt_map16_query maps[3], tiled[3];
     struct embree_query rays[2]; /* gbuffer: 8 coherent, 1; random: the best */
     size_t ray_races;
     float *answers, *other;
     struct bench_samples ours[3], map_ratios[3], map_s[3], ray_ratios[2], ray_s[2];
+    struct bench_samples moving_s, moving_over_ray;
     struct bench_samples tiled_ratios[3], tiled_s[3];
     struct bench_samples floor_s, floor_over_ray, map_over_ray; /* a ray over them; one tap */
     struct lines_floor lines;                                   /* of random points */
@@ -73,6 +76,14 @@ static double ours_run(struct race *race, int t)
     struct umb_answers answers = {.values = race->answers};
     const double start = bench_cpu_s();
     umb_query_run(&race->queries[t], &race->batches[t], 0, race->points->count, &answers);
+    return (bench_cpu_s() - start) / (double)race->points->count;
+}
+
+static double moving_run(struct race *race)
+{
+    struct umb_answers answers = {.values = race->answers};
+    const double start = bench_cpu_s();
+    umb_query_run(&race->moving, &race->surface, 0, race->points->count, &answers);
     return (bench_cpu_s() - start) / (double)race->points->count;
 }
 
@@ -140,6 +151,11 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
         race->tiled[t] = race->maps[t];
         race->tiled[t].way = UMBT_MAP16_TILES;
     }
+    const struct umb_query_settings moved = {.taps = 1, .format = UMB_ANSWER_F32};
+    bench_must(umb_query_prepare(asset->asset, &moved, &race->moving, &error), &error, "query");
+    race->surface = race->batches[0];
+    race->surface.positions = points->surface;
+    race->surface.normals = points->normals;
     for (size_t r = 0; r < race->ray_races; r++) {
         struct embree_query *rays = &race->rays[r];
         rays->peer = stage->peer;
@@ -217,6 +233,9 @@ static void race_once(struct race *race)
             bench_add(&race->ray_s[r], rays);
             bench_add(&race->ray_ratios[r], rays / point_s);
             if (r == 0) {
+                const double moving = moving_run(race);
+                bench_add(&race->moving_s, moving);
+                bench_add(&race->moving_over_ray, rays / moving);
                 bench_add(&race->floor_over_ray, rays / floor_s);
                 if (race->lines.lines != NULL) {
                     bench_add(&race->lines_over_ray, rays / lines_run(race));
@@ -255,6 +274,9 @@ static void limits_report(const struct race *race)
 static void race_report(const struct race *race)
 {
     limits_report(race);
+    bench_row(BENCH, race->name,
+              race->ray_races == 2 ? "tap1_normals_vs_occluded8" : "tap1_normals_vs_best_embree",
+              "higher", &race->moving_over_ray);
     if (race->ray_races == 2) {
         bench_row(BENCH, race->name, "tap1_vs_occluded8", "higher", &race->ray_ratios[0]);
         if (race->stage->has_map) {
@@ -271,13 +293,14 @@ static void race_report(const struct race *race)
         bench_row(BENCH, race->name, "pcf17_vs_sm16_tiled", "higher", &race->tiled_ratios[2]);
     }
     bench_say("%s: ns a point: ours %.1f %.1f %.1f, shadow map %.1f %.1f %.1f, tiled %.1f %.1f "
-              "%.1f, rays %.0f %.0f, floor %.1f",
+              "%.1f, rays %.0f %.0f, floor %.1f, with normals %.1f",
               race->name, 1e9 * bench_median(&race->ours[0]), 1e9 * bench_median(&race->ours[1]),
               1e9 * bench_median(&race->ours[2]), 1e9 * bench_median(&race->map_s[0]),
               1e9 * bench_median(&race->map_s[1]), 1e9 * bench_median(&race->map_s[2]),
               1e9 * bench_median(&race->tiled_s[0]), 1e9 * bench_median(&race->tiled_s[1]),
               1e9 * bench_median(&race->tiled_s[2]), 1e9 * bench_median(&race->ray_s[0]),
-              1e9 * bench_median(&race->ray_s[1]), 1e9 * bench_median(&race->floor_s));
+              1e9 * bench_median(&race->ray_s[1]), 1e9 * bench_median(&race->floor_s),
+              1e9 * bench_median(&race->moving_s));
 }
 
 /* Half of a batch, answered by a thread of its own. */

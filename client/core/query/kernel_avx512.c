@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The kernel of one tap for x86-64 with AVX-512 (F, VL, BW, DQ, CD), AVX2, POPCNT, BMI and BMI2. It
- * is worth its lower clock where points have no normals or share their way down: umb__run_taps
- * chooses. Where it cannot be compiled it is the baseline.
+ * is worth its lower clock for all but short batches: umb__run_taps chooses. Where it cannot be
+ * compiled it is the baseline.
  */
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) &&                      \
     defined(__AVX512DQ__) && defined(__AVX512CD__)

@@ -20,11 +20,30 @@
  * not below twice that, then the sum that umb__to_voxel makes has the same floor, and is no
  * integer; if moreover the index is inside the frustum, then so is the point. A block of which a
  * point may be otherwise is placed anew: what is in doubt is one coordinate in 2^27.
+ *
+ * Points with normals are moved along them, by lengths that are computed in floats, u = 2^-24, and
+ * added as voxels. Let the square of the normal, n.n, be between 1/4 and 4; A be
+ * the sum of |m_k| of an axis, S that of all components of the voxel's three edges, both sums of
+ * absolute values, N the greatest of |n_k|, and `longest` the length UMB__BIAS_SLACK S / 2, or that
+ * which is given. The automatic bias is the normal times longest N / n.n at most.
+ *  - A product of the normal and an edge or a row takes a rounding of each constant, one product
+ * and two fused ones: 4 u of the sum of its terms. Three of them are added: 6 u of N S.
+ *  - The constant that multiplies it is rounded, so is the product: 8 u; n.n has 3 u, the quotient
+ * one more: 12 u of longest N / n.n. A given length takes less, with the root of n.n.
+ *  - The product with a row adds 4 u and its own: 17 u of longest A N N / n.n, which is no more
+ * than 17 u of longest A. So the slack grows by 32 u longest A, some 2^-17 of a voxel as a rule,
+ * and is rounded up to a power of two, for which the test of fractions is one of bits; umb__move's
+ * own roundings, in doubles, are lost in the difference. A normal faces away if its product with
+ * the light's direction is not negative: where that in floats is within 8 u D N of zero, D being
+ * the sum of |d_k|, which is twice what the same count gives, the product is made in doubles as
+ * umb__move makes it.
  */
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-#define UMB__FIXED_SLACK 16 /* units of 2^-32 voxels; twice what the argument above needs */
+#define UMB__FIXED_SLACK 16        /* units of 2^-32 voxels; twice what the argument above needs */
+#define UMB__FIXED_MOST  (1 << 22) /* of the slack, for normals: a thousandth of a voxel */
+#define UMB__FLOATS_MOST 1e10      /* of what is computed with in floats: nothing overflows */
 #define UMB__FIXED_BASE  (1 << 20)
 #define UMB__FIXED_HIGH  0x41300000 /* the upper half of 2^20's bits */
 
@@ -34,31 +53,95 @@ struct umb__wide_placer {
     double reach; /* no coordinate is further from 0, as the batch gives them */
     __m512d to_voxel[3][3], base[3];
     __m512i beyond; /* bits that no index inside has */
+    __m512i sure;   /* bits of which one is set in sure fractions */
+    bool automatic; /* the next six: for points with normals */
+    __m512 row[3][3], step[3][3];
+    __m512 direction[3], doubt; /* of the product with it */
+    __m512 length;              /* half a voxel's slack, or the bias in metres */
 };
+
+/* The nearest float; far beyond what fits, some float. */
+static inline float umb__float_of(double value)
+{
+    return (float)fmax(fmin(value, 1e30), -1e30);
+}
+
+/* What points with normals need; returns the length of which no bias is longer. */
+static inline double umb__wide_mover_init(const struct umb__query *q,
+                                          struct umb__wide_placer *placer)
+{
+    double edges = 0, light = 0;
+    placer->automatic = q->bias_mode == UMB_BIAS_AUTO;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        light += fabs(q->direction[axis]);
+        placer->direction[axis] = _mm512_set1_ps(umb__float_of(q->direction[axis]));
+        for (unsigned k = 0; k < 3; k++) {
+            edges += fabs(q->voxel_step[axis][k]);
+            placer->step[axis][k] = _mm512_set1_ps(umb__float_of(q->voxel_step[axis][k]));
+            placer->row[axis][k] = _mm512_set1_ps(umb__float_of(q->world_to_voxel[axis][k]));
+        }
+    }
+    const double length = placer->automatic ? 0.5 * UMB__BIAS_SLACK : q->bias_m;
+    placer->length = _mm512_set1_ps(umb__float_of(length));
+    placer->doubt = _mm512_set1_ps(umb__float_of(8 * 0x1p-24 * 2 * light)); /* N is 2 at most */
+    const double longest = placer->automatic ? length * edges : fabs(length);
+    return light < UMB__FLOATS_MOST ? longest : INFINITY;
+}
+
+/* The slack for steps of so many voxels: a power of two. */
+static inline int32_t umb__wide_slack(double voxels)
+{
+    int32_t slack = UMB__FIXED_SLACK;
+    while (slack < UMB__FIXED_MOST && slack < UMB__FIXED_SLACK + 32 * 0x1p-24 * 0x1p32 * voxels) {
+        slack *= 2;
+    }
+    return slack;
+}
+
+/* One axis: the sum to which products with a point are added, and how far a point may be. */
+static inline double umb__wide_base(const struct umb__query *q, const struct umb_points *points,
+                                    unsigned axis, double longest, double *most)
+{
+    const double *m = q->world_to_voxel[axis];
+    double base = m[3], far = fabs(m[3]), steep = 0;
+    for (unsigned k = 0; k < 3; k++) {
+        const double offset = points->origin[k] - q->origin[k];
+        const double push = points->normals == NULL ? q->direction[k] * q->no_normal_m : 0;
+        base += m[k] * (offset - push);
+        far += fabs(m[k]) * (fabs(offset) + fabs(push) + 2 * longest);
+        steep += fabs(m[k]);
+    }
+    *most = (0.999 * UMB__FIXED_BASE - far) / steep;
+    return base;
+}
 
 static inline void umb__wide_placer_init(const struct umb__query *q,
                                          const struct umb_points *points,
                                          struct umb__wide_placer *placer)
 {
-    double reach = INFINITY;
+    double reach = INFINITY, steepest = 0;
     umb__lane_placer_init(q, points, &placer->exact);
-    placer->fits = points->normals == NULL && q->log2_size < 20;
+    const double bias = umb__wide_mover_init(q, placer);
+    const double longest = points->normals != NULL ? bias : 0;
+    placer->fits = q->log2_size < 20;
+    double base[3];
     for (unsigned axis = 0; axis < 3; axis++) {
         const double *m = q->world_to_voxel[axis];
-        double base = m[3], far = fabs(m[3]), steep = 0;
-        for (unsigned k = 0; k < 3; k++) {
-            const double offset = points->origin[k] - q->origin[k];
-            const double push = q->direction[k] * q->no_normal_m;
-            base += m[k] * (offset - push);
-            far += fabs(m[k]) * (fabs(offset) + fabs(push));
-            steep += fabs(m[k]);
-            placer->to_voxel[axis][k] = _mm512_set1_pd(m[k]);
-        }
-        const double most = (0.999 * UMB__FIXED_BASE - far) / steep;
+        double most;
+        base[axis] = umb__wide_base(q, points, axis, longest, &most);
         placer->fits &= most > 0; /* nor if it is not a number */
         reach = most < reach ? most : reach;
-        base += UMB__FIXED_BASE + UMB__FIXED_SLACK * 0x1p-32;
-        placer->base[axis] = _mm512_set1_pd(base);
+        steepest = fmax(steepest, fabs(m[0]) + fabs(m[1]) + fabs(m[2]));
+        for (unsigned k = 0; k < 3; k++) {
+            placer->to_voxel[axis][k] = _mm512_set1_pd(m[k]);
+        }
+    }
+    const int32_t slack = umb__wide_slack(steepest * longest);
+    placer->fits &= slack < UMB__FIXED_MOST && steepest < UMB__FLOATS_MOST;
+    placer->fits &= longest < UMB__FLOATS_MOST; /* nor if it is not a number */
+    placer->sure = _mm512_set1_epi32(-2 * slack);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        placer->base[axis] = _mm512_set1_pd(base[axis] + (UMB__FIXED_BASE + slack * 0x1p-32));
     }
     placer->reach = reach;
     placer->beyond = _mm512_set1_epi32(-((int32_t)1 << q->log2_size));
@@ -124,13 +207,73 @@ static inline void umb__sixteen_f64(const struct umb__wide_placer *placer, const
         (__mmask16)(umb__within_reach(placer, to->low) | umb__within_reach(placer, to->high) << 8);
 }
 
-/* Voxel coordinates of eight points, as fixed[axis] says above; returns the least fractions. */
+static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
+{
+    return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], _mm512_mul_ps(v[0], w[0])));
+}
+
+/* Steps along the normals, in voxels, of the first and the last eight of sixteen points. */
+struct umb__sixteen_steps {
+    __m512d low[3], high[3];
+    __mmask16 usable, away; /* of the usable ones, those that face away */
+};
+
+/* The points whose normal faces away, as umb__move computes it. */
+static inline __mmask16 umb__face_away(const struct umb__lane_placer *placer, const __m512 n[3])
+{
+    __m512d low[3], high[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        umb__widen(n[axis], &low[axis], &high[axis]);
+    }
+    const __m512d zero = _mm512_setzero_pd();
+    const unsigned first = umb__lanes_at_least(umb__lanes_dot(low, placer->direction), zero);
+    const unsigned second = umb__lanes_at_least(umb__lanes_dot(high, placer->direction), zero);
+    return (__mmask16)(first | second << 8);
+}
+
+static inline __attribute__((always_inline)) void
+umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
+                  struct umb__sixteen_steps *to)
+{
+    __m512 n[3], scale;
+    umb__split_floats(normals, n);
+    const __m512 length2 = umb__dot_floats(n, n);
+    to->usable = _mm512_cmp_ps_mask(length2, _mm512_set1_ps(0.25F), _CMP_GE_OQ);
+    to->usable = _mm512_mask_cmp_ps_mask(to->usable, length2, _mm512_set1_ps(4), _CMP_LE_OQ);
+    const __m512 facing = umb__dot_floats(n, placer->direction);
+    to->away = _mm512_cmp_ps_mask(facing, _mm512_setzero_ps(), _CMP_GE_OQ);
+    const __mmask16 close =
+        _mm512_mask_cmp_ps_mask(to->usable, _mm512_abs_ps(facing), placer->doubt, _CMP_LE_OQ);
+    if (close) {
+        to->away = umb__face_away(&placer->exact, n);
+    }
+    to->away &= to->usable;
+    if (placer->automatic) {
+        __m512 sum = _mm512_abs_ps(umb__dot_floats(n, placer->step[0]));
+        sum = _mm512_add_ps(sum, _mm512_abs_ps(umb__dot_floats(n, placer->step[1])));
+        sum = _mm512_add_ps(sum, _mm512_abs_ps(umb__dot_floats(n, placer->step[2])));
+        scale = _mm512_div_ps(_mm512_mul_ps(sum, placer->length), length2);
+    } else {
+        scale = _mm512_div_ps(placer->length, _mm512_sqrt_ps(length2));
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const __m512 step = _mm512_mul_ps(umb__dot_floats(n, placer->row[axis]), scale);
+        umb__widen(step, &to->low[axis], &to->high[axis]);
+    }
+}
+
+/* Voxel coordinates of eight points, in fixed point as said above; returns the least fractions.
+ * step: NULL for points without normals. */
 static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m512d p[3],
-                               __m512i fixed[3])
+                               const __m512d step[3], __m512i fixed[3])
 {
     for (unsigned axis = 0; axis < 3; axis++) {
         const __m512d *m = placer->to_voxel[axis];
-        __m512d sum = _mm512_fmadd_pd(p[0], m[0], placer->base[axis]);
+        __m512d sum = placer->base[axis];
+        if (step != NULL) {
+            sum = _mm512_add_pd(sum, step[axis]);
+        }
+        sum = _mm512_fmadd_pd(p[0], m[0], sum);
         sum = _mm512_fmadd_pd(p[1], m[1], sum);
         fixed[axis] = _mm512_castpd_si512(_mm512_fmadd_pd(p[2], m[2], sum));
     }
@@ -138,25 +281,26 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
 }
 
 /* Puts sixteen points into lanes i .. of the block; returns those whose voxels are sure and inside
- * the frustum. */
+ * the frustum. steps: NULL for points without normals; those that face away get voxel 0, 0, 0. */
 static inline __attribute__((always_inline)) __mmask16
 umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixteen *p,
-                   struct umb__block *block, uint32_t i)
+                   const struct umb__sixteen_steps *steps, struct umb__block *block, uint32_t i)
 {
     const __m512i even =
         _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
     const __m512i odd =
         _mm512_setr_epi32(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
     const __m512i high = _mm512_set1_epi32(UMB__FIXED_HIGH);
-    const __m512i sure = _mm512_set1_epi32(-2 * UMB__FIXED_SLACK); /* bits: set in sure fractions */
     __m512i first[3], second[3], v[3];
-    const __m512i least_first = umb__fix(placer, p->low, first);
-    const __m512i least_second = umb__fix(placer, p->high, second);
+    const __m512i least_first = umb__fix(placer, p->low, steps ? steps->low : NULL, first);
+    const __m512i least_second = umb__fix(placer, p->high, steps ? steps->high : NULL, second);
     const __m512i least = _mm512_permutex2var_epi32(least_first, even, least_second);
-    __mmask16 good = _mm512_mask_test_epi32_mask(p->near, least, sure);
+    const __mmask16 seen = steps ? (__mmask16)~steps->away : (__mmask16)0xffff;
+    __mmask16 good = _mm512_mask_test_epi32_mask(p->near & seen, least, placer->sure);
     for (unsigned axis = 0; axis < 3; axis++) {
         v[axis] = _mm512_permutex2var_epi32(first[axis], odd, second[axis]);
-        v[axis] = _mm512_xor_si512(v[axis], high);
+        v[axis] =
+            steps ? _mm512_maskz_xor_epi32(seen, v[axis], high) : _mm512_xor_si512(v[axis], high);
     }
     const __m512i any = _mm512_or_si512(_mm512_or_si512(v[0], v[1]), v[2]);
     good = _mm512_mask_testn_epi32_mask(good, any, placer->beyond);
@@ -164,7 +308,7 @@ umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixt
     _mm512_storeu_si512(block->y + i, v[1]);
     _mm512_storeu_si512(block->z + i, v[2]);
     _mm512_storeu_si512(block->lit + i, _mm512_setzero_si512());
-    return good;
+    return steps ? good & steps->usable : good;
 }
 
 /*
@@ -183,35 +327,70 @@ static inline __attribute__((always_inline)) void umb__ask_for_points(const uint
     }
 }
 
-/* A whole block; returns the points that are good. */
+/* What forms a batch has, constants where they are used. */
+struct umb__wide_form {
+    bool f32, normals;
+};
+
+/* A whole block; returns the points that are good. *away: those that face away. */
 static inline __attribute__((always_inline)) uint64_t
-umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, bool f32,
-                    struct umb__block *block)
+umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct umb__wide_form form,
+                    struct umb__block *block, uint64_t *away)
 {
-    const size_t bytes = f32 ? 12 : 24;
-    const uint8_t *at = (const uint8_t *)placer->exact.plain.points->positions + bytes * first;
+    const struct umb_points *points = placer->exact.plain.points;
+    const size_t bytes = form.f32 ? 12 : 24;
+    const uint8_t *at = (const uint8_t *)points->positions + bytes * first;
+    const uint8_t *normals = form.normals ? (const uint8_t *)points->normals + 12 * first : NULL;
     uint64_t good = 0;
+    *away = 0;
     umb__ask_for_points(at, bytes * UMB__BLOCK);
+    if (form.normals) {
+        umb__ask_for_points(normals, 12 * UMB__BLOCK);
+    }
     for (uint32_t i = 0; i < UMB__BLOCK; i += 16) {
         struct umb__sixteen p;
-        if (f32) {
+        struct umb__sixteen_steps steps;
+        if (form.f32) {
             umb__sixteen_f32(placer, at + bytes * i, &p);
         } else {
             umb__sixteen_f64(placer, at + bytes * i, &p);
         }
-        good |= (uint64_t)umb__place_sixteen(placer, &p, block, i) << i;
+        if (form.normals) {
+            umb__step_sixteen(placer, normals + 12 * (size_t)i, &steps);
+            *away |= (uint64_t)steps.away << i;
+        }
+        good |= (uint64_t)umb__place_sixteen(placer, &p, form.normals ? &steps : NULL, block, i)
+                << i;
     }
     return good;
+}
+
+static inline uint64_t umb__place_form(const struct umb__wide_placer *placer, size_t first,
+                                       struct umb__block *block, uint64_t *away)
+{
+    const struct umb_points *points = placer->exact.plain.points;
+    const bool f32 = points->format == UMB_POINT_F32, normals = points->normals != NULL;
+    if (f32 && normals) {
+        return umb__place_sixteens(placer, first, (struct umb__wide_form){true, true}, block, away);
+    }
+    if (f32) {
+        return umb__place_sixteens(placer, first, (struct umb__wide_form){true, false}, block,
+                                   away);
+    }
+    return normals ? umb__place_sixteens(placer, first, (struct umb__wide_form){false, true}, block,
+                                         away)
+                   : umb__place_sixteens(placer, first, (struct umb__wide_form){false, false},
+                                         block, away);
 }
 
 static inline void umb__wide_place_block(const struct umb__wide_placer *placer, size_t first,
                                          struct umb__block *block, struct umb_query_stats *stats)
 {
     if (placer->fits && block->size == UMB__BLOCK) {
-        const bool f32 = placer->exact.plain.points->format == UMB_POINT_F32;
-        block->todo = f32 ? umb__place_sixteens(placer, first, true, block)
-                          : umb__place_sixteens(placer, first, false, block);
-        if (block->todo == UINT64_MAX) {
+        uint64_t away;
+        block->todo = umb__place_form(placer, first, block, &away);
+        if ((block->todo | away) == UINT64_MAX) {
+            stats->facing_away += umb__count_bits(away);
             return;
         }
     }

@@ -78,6 +78,7 @@ static void turn(struct turned *t, double apart, uint64_t *seed)
         t->scale[axis] = exp(4 * random_unit(seed) - 2);
         for (unsigned k = 0; k < 3; k++) {
             t->q->world_to_voxel[axis][k] = t->scale[axis] * turned[axis][k];
+            t->q->voxel_step[axis][k] = turned[axis][k] / t->scale[axis];
         }
         t->q->world_to_voxel[axis][3] = 0.5 * SIZE + apart * (random_unit(seed) - 0.5);
         t->q->direction[axis] = turned[2][axis];
@@ -193,6 +194,102 @@ static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **sta
     turned_finish(&t);
 }
 
+/* A normal of any direction, some across the light or next to it. `odd`: some of lengths at the
+ * limits, a few of none or of no number; a block with one of those is placed in doubles. */
+static void make_normal(const struct turned *t, int odd, uint64_t *seed, float normal[3])
+{
+    static const double lengths[] = {1, 1, 0.51, 1.99, 0.4999999, 0.5000001, 1.999999, 2.000001};
+    double n[3], length2 = 0;
+    const double across = next_random(seed) % 8 == 0
+                              ? (double)(int32_t)(next_random(seed) % 65 - 32) * 0x1p-26
+                              : 2 * random_unit(seed) - 1;
+    const double angle = 7 * random_unit(seed), side = sqrt(fmax(0, 1 - across * across));
+    for (unsigned k = 0; k < 3; k++) {
+        n[k] = cos(angle) * side * t->turn[0][k] + sin(angle) * side * t->turn[1][k] +
+               across * t->turn[2][k];
+        length2 += n[k] * n[k];
+    }
+    const double length = lengths[next_random(seed) % (odd ? 8 : 4)];
+    for (unsigned k = 0; k < 3; k++) {
+        normal[k] = (float)(n[k] * length / sqrt(length2));
+    }
+    if (odd && next_random(seed) % 100 == 0) {
+        static const float values[] = {0, 1e-30F, 1e30F, INFINITY, NAN};
+        const float value = values[next_random(seed) % 5];
+        normal[0] = normal[1] = normal[2] = value;
+    }
+}
+
+/* Where umb__move begins to end where p is, to a rounding or two. */
+static void unmove(const struct turned *t, const float normal[3], double p[3])
+{
+    const struct umb__query *q = t->q;
+    double length2 = 0, sum = 0;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        double along = 0;
+        for (unsigned k = 0; k < 3; k++) {
+            along += (double)normal[k] * q->voxel_step[axis][k];
+        }
+        length2 += (double)normal[axis] * (double)normal[axis];
+        sum += fabs(along);
+    }
+    const double scale = q->bias_mode == UMB_BIAS_AUTO ? 0.5 * UMB__BIAS_SLACK * sum / length2
+                                                       : q->bias_m / sqrt(length2);
+    for (unsigned k = 0; k < 3 && length2 > 0.01 && length2 < 100; k++) {
+        p[k] -= (double)normal[k] * scale + q->direction[k] * q->no_normal_m;
+    }
+}
+
+/* As near_border, but as near as floats are to doubles. */
+static double within_floats_of_border(uint64_t *seed)
+{
+    const double units = (double)(int32_t)(next_random(seed) % 129 - 64);
+    const double off = units * 0x1p-32 * (double)(1U << next_random(seed) % 12);
+    return rint(random_unit(seed) * SIZE) + off;
+}
+
+static void points_with_normals_fall_into_the_voxels_of_doubles(void **state)
+{
+    static double places[BATCH][3];
+    static float narrow[BATCH][3], normals[BATCH][3];
+    struct turned t;
+    uint64_t seed = round_seed(20261125);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    turned_make(&t);
+    for (int done = 0; done < case_count(400000); done += BATCH) {
+        const int floats = next_random(&seed) % 3 == 0;
+        const int odd = next_random(&seed) % 4 == 0;
+        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
+                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
+                                    .normals = normals,
+                                    .count = BATCH};
+        turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
+        t.q->bias_mode = next_random(&seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
+        t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(&seed) - 1;
+        for (unsigned k = 0; k < 3; k++) {
+            points.origin[k] = next_random(&seed) % 2 ? 100 * random_unit(&seed) : 0;
+        }
+        for (size_t i = 0; i < BATCH; i++) {
+            double v[3];
+            for (unsigned k = 0; k < 3; k++) {
+                v[k] = next_random(&seed) % 100 == 0 ? within_floats_of_border(&seed)
+                                                     : (0.01 + 0.98 * random_unit(&seed)) * SIZE;
+            }
+            make_normal(&t, odd, &seed, normals[i]);
+            unturn(&t, &points, v, places[i]);
+            unmove(&t, normals[i], places[i]);
+            for (unsigned k = 0; k < 3; k++) {
+                narrow[i][k] = (float)places[i][k];
+            }
+        }
+        check_batch(&t, &points);
+    }
+    turned_finish(&t);
+}
+
 /* A frame that a file may state, though no bake does: all axes look the same way. What points are
  * across it takes no part in a sum but by its roundings. */
 static void points_far_across_a_flat_frame_are_answered_as_by_doubles(void **state)
@@ -226,6 +323,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_beside_borders_fall_into_the_voxels_of_doubles),
+        cmocka_unit_test(points_with_normals_fall_into_the_voxels_of_doubles),
         cmocka_unit_test(points_far_away_and_no_numbers_are_answered_as_by_doubles),
         cmocka_unit_test(points_far_across_a_flat_frame_are_answered_as_by_doubles),
     };
