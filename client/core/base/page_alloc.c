@@ -93,7 +93,9 @@ static void *map_resize(struct header *header, size_t bytes)
         }
         moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
         if (moved == MAP_FAILED) {
-            (void)munmap(space, mapped);
+            /* The space is not given back. Mostly it is gone: kernels unmap it before they find
+             * out that memory is short, so that another thread may have mapped there by now. Only
+             * at the limit of mappings it is left, addresses without memory. */
             return NULL;
         }
     }

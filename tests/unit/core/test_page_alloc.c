@@ -1,18 +1,69 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Blocks that grow by moving their pages: what they hold stays, and what is refused changes
  * nothing. */
+#define _GNU_SOURCE /* mremap */
+#include <errno.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include "base/memory.h"
 #include "base/page_alloc.h"
 
 #define BLOCKS 5
 #define LARGE  UMB__PAGE_ALLOC_LARGE
+
+#ifdef SYS_mremap
+static int memory_is_short;
+static unsigned char *stranger; /* what another thread has mapped meanwhile */
+static size_t stranger_bytes;
+
+/* The system's, called before libc's: where memory is short it fails as kernels do, after it has
+ * unmapped what was to be replaced; and then a thread comes that is given that very place. */
+void *mremap(void *old, size_t old_bytes, size_t bytes, int flags, ...)
+{
+    va_list rest;
+    va_start(rest, flags);
+    void *to = flags & MREMAP_FIXED ? va_arg(rest, void *) : NULL;
+    va_end(rest);
+    if (!memory_is_short) {
+        const long moved = syscall(SYS_mremap, old, old_bytes, bytes, flags, to);
+        return moved == -1 ? MAP_FAILED : (void *)(uintptr_t)moved;
+    }
+    if (to != NULL) {
+        (void)munmap(to, bytes);
+        stranger = mmap(to, bytes, PROT_READ | PROT_WRITE,
+                        MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE | MAP_FIXED, -1, 0);
+        stranger_bytes = bytes;
+    }
+    errno = ENOMEM;
+    return MAP_FAILED;
+}
+
+static void a_block_that_cannot_move_leaves_other_mappings_alone(void **state)
+{
+    (void)state;
+    unsigned char *block = umb__alloc(&umb__page_alloc, LARGE, 1), resident;
+    assert_non_null(block);
+    memset(block, 7, LARGE);
+    memory_is_short = 1;
+    assert_null(umb__resize(&umb__page_alloc, block, 3 * LARGE));
+    memory_is_short = 0;
+    assert_true(stranger != NULL && (void *)stranger != MAP_FAILED);
+    assert_int_equal(mincore(stranger, 1, &resident), 0); /* ENOMEM: nothing is mapped there */
+    (void)munmap(stranger, stranger_bytes);
+    for (size_t i = 0; i < LARGE; i++) {
+        assert_int_equal(block[i], 7);
+    }
+    umb__free(&umb__page_alloc, block);
+}
+#endif
 
 /* Word i of a block. */
 static uint64_t word_of(uint64_t block, size_t i)
@@ -87,6 +138,9 @@ int main(void)
         cmocka_unit_test(blocks_keep_what_they_hold_while_they_grow_and_shrink),
         cmocka_unit_test(large_blocks_begin_where_cache_lines_do),
         cmocka_unit_test(a_refused_size_leaves_the_block_alone),
+#ifdef SYS_mremap
+        cmocka_unit_test(a_block_that_cannot_move_leaves_other_mappings_alone),
+#endif
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
