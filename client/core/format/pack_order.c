@@ -1,9 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * See pack_order.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
- * Most of a traversal is finding that a child stands somewhere already. That, and whether it is in
- * the open page, are two bits a node, which fit the cache where ordinals do not.
- */
+/* See pack_order.h. Bands and their roots; what happens on the way is pack_walk's. */
 #include "format/pack_order.h"
 
 #include <stdbool.h>
@@ -11,52 +7,20 @@
 
 #include "base/memory.h"
 #include "format/layout.h"
-#include "format/pack_survey.h"
+#include "format/pack_copies.h"
+#include "format/pack_walk.h"
 
 /* Lowest level of each band, from the top. */
-static const uint32_t band_lows[] = {13, 8, UMB_LEVEL_BRICK};
-enum {
-    BAND_COUNT = sizeof band_lows / sizeof band_lows[0],
-    STACK_MAX = 8 * UMB_LEVEL_MAX + 8, /* at most 8 pending children a level */
-};
+static const uint32_t band_lows[] = {13, UMB__LOWEST_END, UMB_LEVEL_BRICK};
+#define BAND_COUNT (sizeof band_lows / sizeof band_lows[0])
 
-/* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
- * fifth larger (docs/streaming.md), as references, which copies make unnecessary, take the most.
- * That is asked of 16384 roots or a few more, in runs of neighbours. */
-#define COPIES_MAX_FIFTHS 12U
-#define SAMPLE_ROOTS      16384U
-#define SAMPLE_RUN        64U
-
-#define PAGES_MAX  (UINT32_MAX - 1)
-#define NODES_MAX  UINT32_MAX /* of a level, copies included */
-#define LOWEST_END 8U         /* levels of the lowest band are below */
-
-/* A growing list of nodes. */
-struct node_list {
-    struct umb__node_ref *nodes;
-    size_t count, capacity;
-};
-
-/* What became of a node so far. */
-enum node_state {
-    NOT_MET = 0,
-    WAITS = 1,  /* met by a band above, as a root of the next */
-    BEFORE = 2, /* stands in a closed page only */
-    HERE = 3,   /* stands in the open page */
-};
-
-struct traversal {
-    const struct umb_octree *octree;
-    const struct umb__pack_survey *survey;
-    struct umb__pack_order *order;
-    struct umb_error *error;
-    uint64_t *states[UMB_LEVEL_MAX + 1]; /* enum node_state, two bits a node */
-    uint32_t next[UMB_LEVEL_MAX + 1];    /* ordinal */
-    size_t page_bytes;                   /* estimate for the open page */
-    struct node_list waiting;            /* roots of the next band */
-    uint32_t band_low;
-    bool alone;            /* the band's pages refer to no other */
-    uint64_t copied_bytes; /* estimate of such pages that are closed */
+struct umb__pack_ordering {
+    struct umb__pack_survey survey;
+    struct umb__pack_walk walk;
+    struct umb__node_list roots; /* of the lowest band */
+    size_t next_root;            /* of these, to be visited next */
+    bool complete;
+    const struct umb_alloc *alloc;
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -64,355 +28,135 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
 }
 
-static size_t state_words(const struct traversal *t, uint32_t level)
+static enum umb_status allocate(struct umb__pack_ordering *o)
 {
-    return umb__octree_level_count(t->octree, level) / 32 + 1;
-}
-
-static enum node_state state_of(const struct traversal *t, struct umb__node_ref node)
-{
-    return (enum node_state)(t->states[node.level][node.index / 32] >> (2 * (node.index % 32)) & 3);
-}
-
-static void set_state(struct traversal *t, struct umb__node_ref node, enum node_state state)
-{
-    uint64_t *word = &t->states[node.level][node.index / 32];
-    const unsigned shift = 2 * (node.index % 32);
-    *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
-}
-
-/* Makes room for the begins of so many pages. */
-static bool grow_pages(struct umb__pack_order *order, size_t needed)
-{
-    size_t capacity = order->page_capacity;
-    bool complete = true;
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
-        capacity = order->page_capacity;
-        complete = umb__grow(order->alloc, &order->begins[level], &capacity, needed,
-                             sizeof *order->begins[level]);
-    }
-    order->page_capacity = complete ? capacity : order->page_capacity;
-    return complete;
-}
-
-static enum umb_status allocate(struct traversal *t)
-{
+    struct umb__pack_walk *t = &o->walk;
     struct umb__pack_order *order = t->order;
-    bool complete = grow_pages(order, 1);
+    bool complete =
+        umb__pack_grow_pages(order, 1) && umb__pack_walk_begin(t, UMB_LEVEL_BRICK, UMB_LEVEL_MAX);
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
         const size_t count = umb__octree_level_count(t->octree, level);
-        const size_t reached = (size_t)t->survey->counts[level]; /* more with copies */
-        t->states[level] =
-            umb__alloc_zeroed(order->alloc, state_words(t, level), sizeof *t->states[level]);
+        const size_t reached = (size_t)o->survey.counts[level]; /* more with copies */
         order->ordinals[level] =
             umb__alloc_large(order->alloc, count, sizeof *order->ordinals[level]);
         order->nodes[level] = umb__alloc_large(order->alloc, reached, sizeof *order->nodes[level]);
         order->node_capacity[level] = reached;
-        complete = t->states[level] && order->ordinals[level] && order->nodes[level];
+        complete = order->ordinals[level] && order->nodes[level];
     }
-    if (!complete) {
-        return no_memory(t->error);
-    }
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
         order->begins[level][0] = 0;
     }
-    return UMB_OK;
+    return complete ? UMB_OK : no_memory(t->error);
 }
 
-/* Ends the open page, if it holds anything. */
-static enum umb_status close_page(struct traversal *t)
-{
-    struct umb__pack_order *order = t->order;
-    if (t->page_bytes == 0) {
-        return UMB_OK;
-    }
-    if (order->page_count == PAGES_MAX) {
-        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
-    }
-    if (!grow_pages(order, (size_t)order->page_count + 2)) {
-        return no_memory(t->error);
-    }
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        for (uint32_t i = order->begins[level][order->page_count]; i < t->next[level]; i++) {
-            set_state(t, (struct umb__node_ref){level, order->nodes[level][i]}, BEFORE);
-        }
-        order->begins[level][order->page_count + 1] = t->next[level];
-    }
-    t->copied_bytes += t->page_bytes;
-    order->page_count++;
-    t->page_bytes = 0;
-    return UMB_OK;
-}
-
-/* Writes a node at the end of the open page, where it will take so many bytes, roughly. */
-static enum umb_status place(struct traversal *t, struct umb__node_ref node, size_t bytes)
-{
-    struct umb__pack_order *order = t->order;
-    const uint32_t ordinal = t->next[node.level];
-    if (ordinal == NODES_MAX) {
-        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: level %u: more than %u copies",
-                        node.level, NODES_MAX);
-    }
-    if (!umb__grow(order->alloc, &order->nodes[node.level], &order->node_capacity[node.level],
-                   (size_t)ordinal + 1, sizeof *order->nodes[node.level])) {
-        return no_memory(t->error);
-    }
-    t->page_bytes += bytes;
-    set_state(t, node, HERE);
-    order->ordinals[node.level][node.index] = ordinal;
-    order->nodes[node.level][ordinal] = node.index;
-    t->next[node.level] = ordinal + 1;
-    /* Pages that stand alone end between the trees of two roots. */
-    return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? close_page(t) : UMB_OK;
-}
-
-/* True if a node stands where it is needed: anywhere, or in the open page if that stands alone. */
-static bool is_placed(const struct traversal *t, struct umb__node_ref node)
-{
-    return state_of(t, node) >= (t->alone ? HERE : BEFORE);
-}
-
-static enum umb_status list_add(struct traversal *t, struct node_list *list,
-                                struct umb__node_ref node)
-{
-    if (!umb__grow(t->order->alloc, &list->nodes, &list->capacity, list->count + 1,
-                   sizeof *list->nodes)) {
-        return no_memory(t->error);
-    }
-    list->nodes[list->count++] = node;
-    return UMB_OK;
-}
-
-/* Lets a node of the next band wait, once. */
-static enum umb_status wait_for_next_band(struct traversal *t, struct umb__node_ref child)
-{
-    if (state_of(t, child) != NOT_MET) {
-        return UMB_OK;
-    }
-    set_state(t, child, WAITS);
-    return list_add(t, &t->waiting, child);
-}
-
-/* Nodes that are to be visited; the last one first. */
-struct stack {
-    struct umb__node_ref nodes[STACK_MAX];
-    size_t depth;
-};
-
-/*
- * Looks at what a node leads to: children that stand nowhere yet and are to be visited in this band
- * go on the stack, but for bricks. Returns what the node will take in the open page, roughly.
- */
-static size_t enter(const struct traversal *t, struct umb__node_ref node, struct stack *stack)
-{
-    const struct umb_octree_level *level = &t->octree->level[node.level];
-    const struct umb_octree_level *below = &t->octree->level[node.level - 1];
-    const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
-    const bool visits = node.level > t->band_low && node.level > UMB_LEVEL_BRICK + 1;
-    const enum node_state stands = t->alone ? HERE : BEFORE;
-    const size_t depth = stack->depth;
-    size_t bytes = umb__node_estimate(end - first);
-    /* The stack gives children back in reverse, so the last one goes first. */
-    for (uint32_t i = end; i-- > first;) {
-        const struct umb__node_ref child = {node.level - 1, level->children[i]};
-        const enum node_state state = state_of(t, child);
-        bytes += !t->alone && (state == WAITS || state == BEFORE) ? 8 : 0;
-        if (visits && state < stands) {
-            __builtin_prefetch(below->first + child.index);
-            stack->nodes[stack->depth++] = child;
-        }
-    }
-    for (size_t i = depth; i < stack->depth; i++) {
-        __builtin_prefetch(below->children + below->first[stack->nodes[i].index]);
-    }
-    return bytes;
-}
-
-/* Bricks stand right behind the node above them; what is read of them is asked for together. */
-static enum umb_status place_bricks(struct traversal *t, const uint32_t *bricks, uint32_t count)
+/* Visits roots until the order has so many pages, and says which is the next one. */
+static enum umb_status visit_roots(struct umb__pack_walk *t, const struct umb__node_list *roots,
+                                   size_t *next, uint32_t most_pages)
 {
     enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < count; i++) {
-        __builtin_prefetch(t->survey->brick_bytes + bricks[i]);
+    while (*next < roots->count && t->order->page_count < most_pages && status == UMB_OK) {
+        status = umb__pack_visit_root(t, roots->nodes[(*next)++]);
     }
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        const struct umb__node_ref brick = {UMB_LEVEL_BRICK, bricks[i]};
-        status = is_placed(t, brick) ? UMB_OK : place(t, brick, t->survey->brick_bytes[bricks[i]]);
+    return status == UMB_OK && *next == roots->count ? umb__pack_close_page(t) : status;
+}
+
+static enum umb_status visit_band(struct umb__pack_walk *t, const struct umb__node_list *roots)
+{
+    size_t next = 0;
+    return visit_roots(t, roots, &next, UINT32_MAX);
+}
+
+/* True if the canonical block names nodes of the lowest band: the last copy of each. */
+static bool has_low_roots(const struct umb_octree *octree)
+{
+    bool has = false;
+    for (uint32_t i = 0; i < octree->root_count; i++) {
+        has = has || (octree->roots[i].state == UMB_NODE_MIXED &&
+                      octree->roots[i].level < UMB__LOWEST_END - 1);
+    }
+    return has;
+}
+
+/* Visits all of the lowest band with copies, and takes them back if they take too much. */
+static enum umb_status visit_all_with_copies(struct umb__pack_ordering *o, bool *worth)
+{
+    struct umb__pack_walk *t = &o->walk;
+    const uint32_t page_count = t->order->page_count;
+    t->closed_bytes = 0;
+    enum umb_status status = visit_band(t, &o->roots);
+    *worth = t->closed_bytes <= umb__pack_copies_most(&o->survey, &o->roots, o->roots.count);
+    o->complete = *worth;
+    if (!*worth) {
+        umb__pack_rewind(t, page_count, UMB__LOWEST_END);
     }
     return status;
 }
 
-/* What follows a node besides what is on the stack: bricks, or children that wait. */
-static enum umb_status follow(struct traversal *t, struct umb__node_ref node)
+/* The band of the bricks: with copies of what its trees share, if that costs little; those are made
+ * step by step. */
+static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
+                                         const struct umb_workers *workers)
 {
-    const struct umb_octree_level *level = &t->octree->level[node.level];
-    const uint32_t *children = level->children + level->first[node.index];
-    const uint32_t count = level->first[node.index + 1] - level->first[node.index];
-    enum umb_status status = UMB_OK;
-    if (node.level == UMB_LEVEL_BRICK + 1) {
-        return place_bricks(t, children, count);
-    }
-    for (uint32_t i = 0; i < count && node.level == t->band_low && status == UMB_OK; i++) {
-        status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
-    }
-    return status;
-}
-
-/* Asks for the states of what a node leads to, which is to be visited next but one. */
-static void ask_for_states(const struct traversal *t, struct umb__node_ref node)
-{
-    const struct umb_octree_level *level = &t->octree->level[node.level];
-    for (uint32_t i = level->first[node.index]; i < level->first[node.index + 1]; i++) {
-        __builtin_prefetch(t->states[node.level - 1] + level->children[i] / 32);
-    }
-}
-
-/* Visits a subtree down to the band's lowest level. */
-static enum umb_status visit(struct traversal *t, struct umb__node_ref root)
-{
-    struct stack stack = {.nodes = {root}, .depth = 1};
-    enum umb_status status = UMB_OK;
-    while (stack.depth > 0 && status == UMB_OK) {
-        const struct umb__node_ref node = stack.nodes[--stack.depth];
-        if (stack.depth > 0) {
-            ask_for_states(t, stack.nodes[stack.depth - 1]);
-        }
-        if (!is_placed(t, node)) {
-            const size_t bytes = enter(t, node, &stack);
-            status = place(t, node, bytes);
-            status = status == UMB_OK ? follow(t, node) : status;
-        }
-    }
-    return status;
-}
-
-/* Visits a root of the band, unless it stands below another one, or is the root of two frusta. */
-static enum umb_status visit_root(struct traversal *t, struct umb__node_ref root)
-{
-    if (state_of(t, root) >= BEFORE) {
-        return UMB_OK;
-    }
-    const enum umb_status status = visit(t, root);
-    const bool ends = t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET;
-    return status == UMB_OK && ends ? close_page(t) : status;
-}
-
-static enum umb_status visit_band(struct traversal *t, const struct node_list *roots)
-{
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < roots->count && status == UMB_OK; i++) {
-        status = visit_root(t, roots->nodes[i]);
-    }
-    return status == UMB_OK ? close_page(t) : status;
-}
-
-/* Takes back what the lowest band has placed. */
-static void rewind_to(struct traversal *t, uint32_t page_count)
-{
-    t->order->page_count = page_count;
-    for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
-        t->next[level] = t->order->begins[level][page_count];
-        memset(t->states[level], 0, state_words(t, level) * sizeof *t->states[level]);
-    }
-}
-
-/* Every how many runs of roots one is visited. */
-static size_t sample_step(const struct node_list *roots)
-{
-    return 1 + roots->count / SAMPLE_ROOTS;
-}
-
-static bool is_sampled(size_t root, size_t step)
-{
-    return root / SAMPLE_RUN % step == 0;
-}
-
-/* Visits some runs of the lowest band's roots with copies, and says whether the estimate of their
- * pages is small beside their share of all nodes, each once. */
-static enum umb_status try_copies(struct traversal *t, const struct node_list *roots, bool *worth)
-{
-    const size_t step = sample_step(roots);
-    uint64_t own_bytes = 0, sampled = 0;
-    for (uint32_t level = UMB_LEVEL_BRICK; level < LOWEST_END; level++) {
-        own_bytes += t->survey->bytes[level];
-    }
-    for (size_t i = 0; i < roots->count; i++) {
-        sampled += is_sampled(i, step);
-    }
-    const uint64_t most = /* at most 2^40 bytes, 2^15 roots */
-        roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * sampled / (5 * roots->count);
-    enum umb_status status = UMB_OK;
-    t->copied_bytes = 0;
-    for (size_t i = 0; i < roots->count && status == UMB_OK && t->copied_bytes <= most; i++) {
-        status = is_sampled(i, step) ? visit_root(t, roots->nodes[i]) : UMB_OK;
-        if (status == UMB_OK && is_sampled(i, step) && !is_sampled(i + 1, step)) {
-            status = close_page(t);
-        }
-    }
-    status = status == UMB_OK ? close_page(t) : status;
-    *worth = t->copied_bytes <= most;
-    return status;
-}
-
-/* The band of the bricks: with copies of what its trees share, if that costs little. */
-static enum umb_status visit_lowest_band(struct traversal *t, const struct node_list *roots)
-{
-    struct umb__pack_order *order = t->order;
-    const uint32_t page_count = order->page_count;
-    bool worth;
+    struct umb__pack_walk *t = &o->walk;
+    const uint32_t page_count = t->order->page_count;
+    bool worth = false;
     t->alone = true;
-    enum umb_status status = try_copies(t, roots, &worth);
+    t->numbers_roots = !has_low_roots(t->octree);
+    enum umb_status status = umb__pack_copies_asks_all(&o->roots)
+                                 ? visit_all_with_copies(o, &worth)
+                                 : umb__pack_copies(t, &o->roots, workers, &worth);
     if (status != UMB_OK) {
         return status;
     }
-    order->alone_from = worth ? page_count : UINT32_MAX;
-    if (worth && sample_step(roots) == 1) {
-        return UMB_OK; /* all roots were visited */
+    t->order->alone_from = worth ? page_count : UINT32_MAX;
+    if (!worth) {
+        t->alone = false;
+        t->numbers_roots = false;
+        o->complete = true;
+        status = visit_band(t, &o->roots);
     }
-    rewind_to(t, page_count);
-    t->alone = worth;
-    return visit_band(t, roots);
+    return status;
 }
 
 /* The band's roots: those of frusta, and what the band above ended in. */
-static enum umb_status find_roots(struct traversal *t, uint32_t band_high, struct node_list *roots)
+static enum umb_status find_roots(struct umb__pack_walk *t, uint32_t band_high,
+                                  struct umb__node_list *roots)
 {
     enum umb_status status = UMB_OK;
-    memset(roots, 0, sizeof *roots);
     for (uint32_t i = 0; i < t->octree->root_count && status == UMB_OK; i++) {
         const struct umb_octree_root *root = &t->octree->roots[i];
         if (root->state == UMB_NODE_MIXED && root->level >= t->band_low &&
             root->level <= band_high) {
-            status = list_add(t, roots, (struct umb__node_ref){root->level, root->index});
+            status = umb__node_list_add(t, roots, (struct umb__node_ref){root->level, root->index});
         }
     }
     for (size_t i = 0; i < t->waiting.count && status == UMB_OK; i++) {
-        status = list_add(t, roots, t->waiting.nodes[i]);
+        status = umb__node_list_add(t, roots, t->waiting.nodes[i]);
     }
     t->waiting.count = 0;
     return status;
 }
 
-static enum umb_status visit_bands(struct traversal *t)
+static enum umb_status visit_bands(struct umb__pack_ordering *o, const struct umb_workers *workers)
 {
-    enum umb_status status = allocate(t);
+    struct umb__pack_walk *t = &o->walk;
+    enum umb_status status = allocate(o);
     uint32_t band_high = UMB_LEVEL_MAX;
     for (size_t band = 0; band < BAND_COUNT && status == UMB_OK; band++) {
-        struct node_list roots;
+        o->roots.count = 0;
         t->band_low = band_lows[band];
-        status = find_roots(t, band_high, &roots);
+        status = find_roots(t, band_high, &o->roots);
         if (status == UMB_OK) {
-            status = t->band_low == UMB_LEVEL_BRICK ? visit_lowest_band(t, &roots)
-                                                    : visit_band(t, &roots);
+            status = t->band_low == UMB_LEVEL_BRICK ? begin_lowest_band(o, workers)
+                                                    : visit_band(t, &o->roots);
         }
-        umb__free(t->order->alloc, roots.nodes);
         band_high = t->band_low - 1;
     }
     return status;
 }
 
 /* Notes the pages of every 16th ordinal of each level, and of the last. */
-static enum umb_status make_hints(struct traversal *t)
+static enum umb_status make_hints(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
@@ -451,30 +195,75 @@ struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint
     return (struct umb__node_place){low, ordinal - order->begins[level][low]};
 }
 
-enum umb_status umb__pack_order(const struct umb_octree *octree, struct umb__pack_order *order,
-                                struct umb_error *error)
+enum umb_status umb__pack_order_begin(const struct umb_octree *octree,
+                                      const struct umb_workers *workers,
+                                      struct umb__pack_order *order,
+                                      struct umb__pack_ordering **out, struct umb_error *error)
 {
-    struct umb__pack_survey survey;
     memset(order, 0, sizeof *order);
     order->alloc = octree->alloc;
     order->alone_from = UINT32_MAX;
-    enum umb_status status = umb__pack_survey(octree, &survey, error);
-    if (status != UMB_OK) {
-        return status;
+    struct umb__pack_ordering *o = umb__alloc_zeroed(octree->alloc, 1, sizeof *o);
+    *out = o;
+    if (!o) {
+        return no_memory(error);
     }
-    memcpy(order->counts, survey.counts, sizeof order->counts);
-    struct traversal t = {.octree = octree, .survey = &survey, .order = order, .error = error};
-    status = visit_bands(&t);
-    status = status == UMB_OK ? make_hints(&t) : status;
-    umb__free(order->alloc, t.waiting.nodes);
-    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(order->alloc, t.states[level]);
-    }
-    umb__pack_survey_finish(&survey);
-    if (status != UMB_OK) {
-        umb__pack_order_finish(order);
+    o->alloc = octree->alloc;
+    enum umb_status status = umb__pack_survey(octree, &o->survey, error);
+    if (status == UMB_OK) {
+        memcpy(order->counts, o->survey.counts, sizeof order->counts);
+        o->walk = (struct umb__pack_walk){
+            .octree = octree, .survey = &o->survey, .order = order, .error = error};
+        status = visit_bands(o, workers);
+        status = status == UMB_OK && o->complete ? make_hints(&o->walk) : status;
     }
     return status;
+}
+
+bool umb__pack_order_complete(const struct umb__pack_ordering *o)
+{
+    return o->complete;
+}
+
+/* What one page that stands alone may hold of a level: less than its target, and one whole tree. */
+static size_t page_nodes_most(uint32_t level)
+{
+    return UMB__PAGE_RAW_TARGET / 2 + ((size_t)1 << 3 * (UMB__LOWEST_END - 1 - level));
+}
+
+enum umb_status umb__pack_order_reserve(struct umb__pack_ordering *o, uint32_t pages)
+{
+    struct umb__pack_order *order = o->walk.order;
+    bool complete = umb__pack_grow_pages(order, (size_t)order->page_count + pages + 2);
+    for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END && complete; level++) {
+        complete = umb__grow(order->alloc, &order->nodes[level], &order->node_capacity[level],
+                             o->walk.next[level] + pages * page_nodes_most(level),
+                             sizeof *order->nodes[level]);
+    }
+    return complete ? UMB_OK : no_memory(o->walk.error);
+}
+
+enum umb_status umb__pack_order_step(struct umb__pack_ordering *o, uint32_t pages)
+{
+    const uint32_t left = UINT32_MAX - o->walk.order->page_count;
+    const uint32_t most = o->walk.order->page_count + (pages < left ? pages : left);
+    enum umb_status status = visit_roots(&o->walk, &o->roots, &o->next_root, most);
+    if (status == UMB_OK && o->next_root == o->roots.count) {
+        o->complete = true;
+        status = make_hints(&o->walk);
+    }
+    return status;
+}
+
+void umb__pack_ordering_destroy(struct umb__pack_ordering *o)
+{
+    if (o) {
+        const struct umb_alloc *alloc = o->alloc;
+        umb__free(alloc, o->roots.nodes);
+        umb__pack_walk_finish(&o->walk);
+        umb__pack_survey_finish(&o->survey);
+        umb__free(alloc, o);
+    }
 }
 
 void umb__pack_order_finish(struct umb__pack_order *order)

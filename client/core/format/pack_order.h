@@ -16,7 +16,11 @@
  * nodes of the lowest band stand once, too, where they are first visited. The order depends on the
  * tree's content only, never on its numbering: equal trees give equal files.
  */
+#include <stdbool.h>
 #include "format/octree.h"
+#include "umbrage/workers.h"
+
+#define UMB__LOWEST_END 8U /* levels of the lowest band are below */
 
 struct umb__node_ref {
     uint32_t level;
@@ -35,8 +39,8 @@ struct umb__node_place {
 struct umb__pack_order {
     uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal], in the octree's numbering */
     size_t node_capacity[UMB_LEVEL_MAX + 1];
-    /* [count of the level] the ordinal of what is reached: of one of several in the lowest band,
-     * the only one of the roots of a band. */
+    /* [count of the level] the ordinal of what is reached. Pages that stand alone have ordinals of
+     * their roots only, unless a frustum's root is below those: then of each node's last copy. */
     uint32_t *ordinals[UMB_LEVEL_MAX + 1];
     uint32_t page_count;
     uint32_t alone_from; /* pages from here on refer to no other: the lowest band, if at all */
@@ -48,10 +52,39 @@ struct umb__pack_order {
     const struct umb_alloc *alloc;
 };
 
-/* Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
- * or copies). */
-UMB_CHECKED enum umb_status umb__pack_order(const struct umb_octree *octree,
-                                            struct umb__pack_order *order, struct umb_error *error);
+/* Orders an octree's nodes, step by step if their pages stand alone: such a page can be encoded as
+ * soon as it is closed, while another thread goes on ordering. */
+struct umb__pack_ordering; /* opaque */
+
+/*
+ * Orders what has to be known before the first page that stands alone; everything, if none does.
+ *
+ * In:    workers: help to find out whether pages are to stand alone; or NULL.
+ * Out:   order: filled as steps are taken; finish it after `out`. Both also after a failure.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
+ *        or copies).
+ */
+UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb_octree *octree,
+                                                  const struct umb_workers *workers,
+                                                  struct umb__pack_order *order,
+                                                  struct umb__pack_ordering **out,
+                                                  struct umb_error *error);
+
+/* True if all is ordered: page_count, ordinals and hints are final. */
+bool umb__pack_order_complete(const struct umb__pack_ordering *ordering);
+
+/*
+ * Makes room for a step of so many pages. Threads: pages from alone_from on that are closed by now
+ * can be encoded while the step is taken: it moves nothing. Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umb__pack_order_reserve(struct umb__pack_ordering *ordering,
+                                                    uint32_t pages);
+
+/* Closes so many pages more, if there are as many. Fails: as begin. In: it is not complete. */
+UMB_CHECKED enum umb_status umb__pack_order_step(struct umb__pack_ordering *ordering,
+                                                 uint32_t pages);
+void umb__pack_ordering_destroy(struct umb__pack_ordering *ordering); /* NULL is allowed */
+
 void umb__pack_order_finish(struct umb__pack_order *order);
 
 /* Finds where an ordinal of a level stands. Cost: a search among the pages of 16 ordinals. */

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See pack_pages.h. Pages are independent of one another, so helpers share them. */
+/*
+ * See pack_pages.h. Pages are independent of one another, so helpers share them; only their order
+ * is made by one thread at a time.
+ */
 #include "format/pack_pages.h"
 
 #include <stdbool.h>
@@ -24,6 +27,9 @@
 #define TABLE_LOG2_ALONE  12
 #define TABLE_LOG2_REFERS 9
 #define SHORTEST_MATCH    4
+
+/* Pages that are ordered in a round, for each worker. */
+#define STEP_PAGES (2 * UMB__DIGESTS)
 
 /* Compressed pages, one behind the other. */
 struct chunk {
@@ -57,8 +63,13 @@ struct umb__page_worker {
 struct packing {
     const struct umb_octree *octree;
     const struct umb_sha256 *sha256;
-    const struct umb__pack_order *order;
     struct umb__pack_pages *pages;
+    struct umb__pack_ordering *ordering;
+    uint32_t step; /* pages that are ordered in a round */
+    bool orders;   /* this round orders some */
+    enum umb_status ordered;
+    uint32_t done, ready; /* turns of pages that are made, and of those that are ordered */
+    uint32_t alone;       /* of the latter stand alone */
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -126,7 +137,7 @@ static enum umb_status write_page(const struct packing *p, struct umb__page_work
 {
     struct umb__page_encoder *e = &worker->encoder;
     size_t length = 0;
-    enum umb_status status = umb__page_encode(e, p->octree, p->order, page, &worker->error);
+    enum umb_status status = umb__page_encode(e, p->octree, &p->pages->order, page, &worker->error);
     if (status == UMB_OK) {
         status = compress_page(p, worker, page, &length);
     }
@@ -134,6 +145,7 @@ static enum umb_status write_page(const struct packing *p, struct umb__page_work
         return status;
     }
     uint8_t *entry = p->pages->entries + (size_t)page * UMB__PAGE_ENTRY;
+    memset(entry, 0, UMB__PAGE_ENTRY);
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
     umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
     umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(p->pages->stored[page], length));
@@ -146,7 +158,7 @@ static enum umb_status write_page(const struct packing *p, struct umb__page_work
 
 /* Hashes the pages of a job into their entries. */
 static enum umb_status hash_pages(const struct packing *p, struct umb__page_worker *worker,
-                                  uint32_t first, uint32_t count)
+                                  const uint32_t *pages, uint32_t count)
 {
     const uint8_t *messages[UMB__DIGESTS] = {NULL};
     size_t sizes[UMB__DIGESTS] = {0};
@@ -157,7 +169,7 @@ static enum umb_status hash_pages(const struct packing *p, struct umb__page_work
     }
     umb__digest_many(p->sha256, messages, sizes, count, digests);
     for (uint32_t i = 0; i < count; i++) {
-        uint8_t *entry = p->pages->entries + (size_t)(first + i) * UMB__PAGE_ENTRY;
+        uint8_t *entry = p->pages->entries + (size_t)pages[i] * UMB__PAGE_ENTRY;
         if (!umb__digest_made(digests[i])) {
             return no_memory(&worker->error);
         }
@@ -166,18 +178,41 @@ static enum umb_status hash_pages(const struct packing *p, struct umb__page_work
     return UMB_OK;
 }
 
-/* Some pages; after a failure of its own a worker leaves the others out. */
-static void pages_job(void *user, uint32_t job, unsigned number)
+/* The page of a turn. Pages that stand alone take the first turns, as they are ordered last but
+ * need nothing besides. */
+static uint32_t page_of_turn(const struct umb__pack_order *order, uint32_t alone, uint32_t turn)
 {
-    const struct packing *p = user;
+    return turn < alone ? order->alone_from + turn : turn - alone;
+}
+
+/* Some pages, whose hashes are made together; after a failure of its own a worker leaves the others
+ * out. */
+static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
+{
     struct umb__page_worker *worker = &p->pages->workers[number];
-    const uint32_t first = job * UMB__DIGESTS, left = p->order->page_count - first;
+    const uint32_t first = p->done + job * UMB__DIGESTS, left = p->ready - first;
     const uint32_t count = left < UMB__DIGESTS ? left : UMB__DIGESTS;
+    uint32_t pages[UMB__DIGESTS] = {0};
     for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
-        worker->status = write_page(p, worker, first + i, i);
+        pages[i] = page_of_turn(&p->pages->order, p->alone, first + i);
+        worker->status = write_page(p, worker, pages[i], i);
     }
     if (worker->status == UMB_OK) {
-        worker->status = hash_pages(p, worker, first, count);
+        worker->status = hash_pages(p, worker, pages, count);
+    }
+}
+
+/* A job of a round: the first one orders the pages of the next, the others make those that are
+ * ordered. */
+static void round_job(void *user, uint32_t job, unsigned number)
+{
+    struct packing *p = user;
+    if (!p->orders) {
+        encode_pages(p, job, number);
+    } else if (job > 0) {
+        encode_pages(p, job - 1, number);
+    } else {
+        p->ordered = umb__pack_order_step(p->ordering, p->step);
     }
 }
 
@@ -203,48 +238,87 @@ static ZSTD_CCtx *compressor_create(bool alone)
     return zstd;
 }
 
-static enum umb_status allocate(const struct packing *p, struct umb_error *error)
+static enum umb_status create_workers(struct umb__pack_pages *pages, struct umb_error *error)
 {
-    struct umb__pack_pages *pages = p->pages;
-    const uint32_t count = p->order->page_count;
     pages->workers = umb__alloc_zeroed(pages->alloc, pages->worker_count, sizeof *pages->workers);
-    pages->stored = umb__alloc_zeroed(pages->alloc, count, sizeof *pages->stored);
-    pages->entries = umb__alloc_zeroed(pages->alloc, count, UMB__PAGE_ENTRY);
-    bool complete = pages->workers && pages->stored && pages->entries;
+    bool complete = pages->workers != NULL;
     for (unsigned i = 0; complete && i < pages->worker_count; i++) {
-        pages->workers[i].zstd = compressor_create(p->order->alone_from != UINT32_MAX);
+        pages->workers[i].zstd = compressor_create(pages->order.alone_from != UINT32_MAX);
         complete = pages->workers[i].zstd != NULL;
     }
     return complete ? UMB_OK : no_memory(error);
 }
 
-enum umb_status umb__pack_pages(const struct umb_pack_job *job, const struct umb__pack_order *order,
-                                struct umb__pack_pages *pages, struct umb_error *error)
+/* Makes room for what the round makes and, with helpers, for what it orders. */
+static enum umb_status begin_round(struct packing *p, bool helped, struct umb_error *error)
 {
-    const uint32_t count = order->page_count;
-    const uint32_t jobs = count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
-    struct packing p = {job->octree, job->sha256, order, pages};
-    memset(pages, 0, sizeof *pages);
-    pages->alloc = job->octree->alloc;
-    pages->worker_count = job->workers ? job->workers->count : 1;
-    enum umb_status status = allocate(&p, error);
-    if (status != UMB_OK) {
-        return status;
+    struct umb__pack_pages *pages = p->pages;
+    const uint32_t count = pages->order.page_count;
+    const bool complete = umb__pack_order_complete(p->ordering);
+    p->alone = pages->order.alone_from < count ? count - pages->order.alone_from : 0;
+    p->ready = complete ? count : p->alone - (p->alone - p->done) % UMB__DIGESTS;
+    p->orders = !complete;
+    if (!umb__grow(pages->alloc, &pages->stored, &pages->stored_capacity, count,
+                   sizeof *pages->stored) ||
+        !umb__grow(pages->alloc, &pages->entries, &pages->entries_capacity, count,
+                   UMB__PAGE_ENTRY)) {
+        return no_memory(error);
     }
-    if (job->workers) {
-        job->workers->run(job->workers->user, pages_job, &p, jobs);
-    } else {
-        for (uint32_t number = 0; number < jobs; number++) {
-            pages_job(&p, number, 0);
-        }
-    }
-    for (unsigned i = 0; i < pages->worker_count; i++) {
-        const struct umb__page_worker *worker = &pages->workers[i];
+    return p->orders && helped ? umb__pack_order_reserve(p->ordering, p->step) : UMB_OK;
+}
+
+static enum umb_status end_round(struct packing *p, struct umb_error *error)
+{
+    p->done = p->ready;
+    for (unsigned i = 0; i < p->pages->worker_count && p->ordered == UMB_OK; i++) {
+        const struct umb__page_worker *worker = &p->pages->workers[i];
         if (worker->status != UMB_OK) {
             return umb_fail(error, worker->status, "%s", worker->error.message);
         }
     }
-    return UMB_OK;
+    return p->ordered;
+}
+
+/* Makes all pages. While pages that stand alone are ordered by one thread, others make those that
+ * were ordered in the round before. Rounds are short, as nothing is made in the first one. */
+static enum umb_status make_pages(struct packing *p, const struct umb_workers *workers,
+                                  struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK &&
+           (!umb__pack_order_complete(p->ordering) || p->done < p->pages->order.page_count)) {
+        status = begin_round(p, workers != NULL, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        const uint32_t count = p->ready - p->done;
+        const uint32_t jobs = p->orders + count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
+        if (workers) {
+            workers->run(workers->user, round_job, p, jobs);
+        } else {
+            for (uint32_t job = jobs; job-- > 0;) { /* what was just ordered is in the cache */
+                round_job(p, job, 0);
+            }
+        }
+        status = end_round(p, error);
+    }
+    return status;
+}
+
+enum umb_status umb__pack_pages(const struct umb_pack_job *job, struct umb__pack_pages *pages,
+                                struct umb_error *error)
+{
+    struct packing p = {.octree = job->octree, .sha256 = job->sha256, .pages = pages};
+    memset(pages, 0, sizeof *pages);
+    pages->alloc = job->octree->alloc;
+    pages->worker_count = job->workers ? job->workers->count : 1;
+    p.step = STEP_PAGES * pages->worker_count;
+    enum umb_status status =
+        umb__pack_order_begin(job->octree, job->workers, &pages->order, &p.ordering, error);
+    status = status == UMB_OK ? create_workers(pages, error) : status;
+    status = status == UMB_OK ? make_pages(&p, job->workers, error) : status;
+    umb__pack_ordering_destroy(p.ordering);
+    return status;
 }
 
 static void worker_finish(struct umb__page_worker *worker, const struct umb_alloc *alloc)
@@ -268,5 +342,6 @@ void umb__pack_pages_finish(struct umb__pack_pages *pages)
     umb__free(pages->alloc, pages->workers);
     umb__free(pages->alloc, (void *)pages->stored);
     umb__free(pages->alloc, pages->entries);
+    umb__pack_order_finish(&pages->order);
     memset(pages, 0, sizeof *pages);
 }

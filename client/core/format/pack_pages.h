@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_PAGES_H
 #define UMBRAGE_CORE_FORMAT_PACK_PAGES_H
 /*
- * All pages of a packed file, encoded, compressed and hashed. Compressed pages wait in memory,
- * because the head in front of them holds their hashes.
+ * All pages of a packed file, ordered, encoded, compressed and hashed. Compressed pages wait in
+ * memory, because the head in front of them holds their hashes.
  *
  *     struct umb__pack_pages pages;
- *     umb__pack_pages(job, &order, &pages, &error);
- *     ... pages.stored, pages.entries ...
+ *     umb__pack_pages(job, &pages, &error);
+ *     ... pages.order, pages.stored, pages.entries ...
  *     umb__pack_pages_finish(&pages);
  */
 #include "format/content.h"
@@ -16,19 +16,23 @@
 struct umb__page_worker;
 
 struct umb__pack_pages {
-    uint8_t **stored; /* [page_count] compressed pages; lengths are in the entries */
-    uint8_t *entries; /* [page_count * UMB__PAGE_ENTRY], all but where pages stand in the file */
+    struct umb__pack_order order;
+    uint8_t **stored; /* [order.page_count] compressed pages; lengths are in the entries */
+    uint8_t
+        *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but where pages stand in the file */
     struct umb__page_worker *workers; /* [worker_count] */
     unsigned worker_count;
+    size_t stored_capacity, entries_capacity; /* pages */
     const struct umb_alloc *alloc;
 };
 
 /*
- * In:    job: its octree, sha256 and workers. order: of that octree. Both are borrowed for the
- * call. Out:   pages: finish it, also after a failure. Fails: E_NO_MEMORY.
+ * In:    job: its octree, sha256 and workers, borrowed for the call.
+ * Out:   pages: finish it, also after a failure.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages, or
+ *        copies).
  */
 UMB_CHECKED enum umb_status umb__pack_pages(const struct umb_pack_job *job,
-                                            const struct umb__pack_order *order,
                                             struct umb__pack_pages *pages, struct umb_error *error);
 void umb__pack_pages_finish(struct umb__pack_pages *pages);
 

@@ -20,7 +20,6 @@ struct writer {
     const struct umb_sha256 *sha256;
     const struct umb_alloc *alloc;
     struct umb_error *error;
-    struct umb__pack_order order;
     struct umb__pack_pages pages;
     uint8_t *blocks; /* [block count * UMB__BLOCK_ENTRY] */
 };
@@ -32,16 +31,19 @@ static enum umb_status no_memory(struct umb_error *error)
 
 static enum umb_status write_pages(struct writer *w, const struct umb_pack_job *job)
 {
-    w->blocks =
-        umb__alloc_zeroed(w->alloc, umb__block_count(w->order.page_count), UMB__BLOCK_ENTRY);
-    return w->blocks ? umb__pack_pages(job, &w->order, &w->pages, w->error) : no_memory(w->error);
+    enum umb_status status = umb__pack_pages(job, &w->pages, w->error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    const uint32_t blocks = umb__block_count(w->pages.order.page_count);
+    w->blocks = umb__alloc_zeroed(w->alloc, blocks, UMB__BLOCK_ENTRY);
+    return w->blocks ? UMB_OK : no_memory(w->error);
 }
 
 static void writer_finish(struct writer *w)
 {
     umb__pack_pages_finish(&w->pages);
     umb__free(w->alloc, w->blocks);
-    umb__pack_order_finish(&w->order);
 }
 
 /* Content plus the roots' places, as the canonical block wants them. */
@@ -49,7 +51,7 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
                                         uint8_t **bytes, uint64_t *length)
 {
     struct umb__canonical canonical = {.content = *content};
-    memcpy(canonical.counts, w->order.counts, sizeof canonical.counts);
+    memcpy(canonical.counts, w->pages.order.counts, sizeof canonical.counts);
     canonical.roots = umb__alloc_zeroed(w->alloc, content->frustum_count, sizeof *canonical.roots);
     if (!canonical.roots) {
         return no_memory(w->error);
@@ -59,7 +61,7 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
         canonical.roots[i].state = (uint32_t)root->state;
         if (root->state == UMB_NODE_MIXED) {
             const struct umb__node_place place = umb__pack_place(
-                &w->order, root->level, w->order.ordinals[root->level][root->index]);
+                &w->pages.order, root->level, w->pages.order.ordinals[root->level][root->index]);
             canonical.roots[i].page = place.page;
             canonical.roots[i].position = place.position;
         }
@@ -72,7 +74,7 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
 /* Where pages and blocks stand, and the blocks' checks and hashes. False: no digest. */
 static bool lay_out(struct writer *w, struct umb__head *head)
 {
-    const uint32_t count = w->order.page_count;
+    const uint32_t count = w->pages.order.page_count;
     head->file_length = head->head_length + umb__block_bytes(count, 0);
     for (uint32_t page = 0; page < count; page++) {
         uint8_t *entry = w->pages.entries + (size_t)page * UMB__PAGE_ENTRY;
@@ -97,7 +99,7 @@ static bool lay_out(struct writer *w, struct umb__head *head)
 /* All but the head. */
 static enum umb_status write_blocks_and_pages(const struct writer *w, const struct umb_sink *sink)
 {
-    const uint32_t count = w->order.page_count;
+    const uint32_t count = w->pages.order.page_count;
     const size_t first = umb__block_bytes(count, 0);
     enum umb_status status = sink->write(sink->user, w->pages.entries, first);
     for (uint32_t page = 0; page < count && status == UMB_OK; page++) {
@@ -123,8 +125,8 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
         .canonical = canonical,
         .canonical_length = canonical_length,
         .directory = w->blocks,
-        .directory_count = umb__block_count(w->order.page_count),
-        .page_count = w->order.page_count,
+        .directory_count = umb__block_count(w->pages.order.page_count),
+        .page_count = w->pages.order.page_count,
         .info = (const uint8_t *)content->notes,
         .info_length = (uint32_t)info_length,
     };
@@ -201,9 +203,6 @@ enum umb_status umb_pack_run(const struct umb_pack_job *job, uint8_t id[UMB_ID_B
     enum umb_status status = check_content(job->content, error);
     if (status == UMB_OK) {
         status = check_roots(job->content, octree, error);
-    }
-    if (status == UMB_OK) {
-        status = umb__pack_order(octree, &w.order, error);
     }
     if (status == UMB_OK) {
         status = write_pages(&w, job);

@@ -1,0 +1,171 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * See pack_copies.h. Runs of neighbours are measured for themselves, so that helpers share them,
+ * each on a walk of its own. Only where frusta are so small that their roots are in the lowest band
+ * may one tree stand in another: there one walk visits all runs, one after the other.
+ */
+#include "format/pack_copies.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+
+/* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
+ * fifth larger (docs/streaming.md), as references, which copies make unnecessary, take the most.
+ * That is asked of 16384 roots or a few more, in runs of neighbours. */
+#define COPIES_MAX_FIFTHS 12U
+#define SAMPLE_ROOTS      16384U
+#define SAMPLE_RUN        64U
+
+/* Runs that are visited before it is asked whether they took too much already. */
+#define ROUND_RUNS 32U
+
+/* One worker's walk, and where it writes its open page. */
+struct sampler {
+    struct umb__pack_walk walk;
+    struct umb__pack_order order;
+    enum umb_status status;
+};
+
+struct sample {
+    const struct umb__node_list *roots;
+    struct sampler *samplers;
+    size_t step; /* every how many runs one is visited */
+    size_t first_run;
+};
+
+static size_t sample_step(const struct umb__node_list *roots)
+{
+    return 1 + roots->count / SAMPLE_ROOTS;
+}
+
+bool umb__pack_copies_asks_all(const struct umb__node_list *roots)
+{
+    return sample_step(roots) == 1;
+}
+
+uint64_t umb__pack_copies_most(const struct umb__pack_survey *survey,
+                               const struct umb__node_list *roots, uint64_t asked)
+{
+    uint64_t own_bytes = 0;
+    for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END; level++) {
+        own_bytes += survey->bytes[level];
+    }
+    return /* at most 2^40 bytes, 2^15 roots */
+        roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * asked / (5 * roots->count);
+}
+
+static enum umb_status sampler_begin(struct sampler *sampler, const struct umb__pack_walk *walk)
+{
+    sampler->order.alloc = walk->order->alloc;
+    sampler->walk = (struct umb__pack_walk){
+        .octree = walk->octree,
+        .survey = walk->survey,
+        .order = &sampler->order,
+        .band_low = walk->band_low,
+        .alone = true,
+        .numbers_roots = true,
+        .sample = true,
+    };
+    bool complete = umb__pack_walk_begin(&sampler->walk, UMB_LEVEL_BRICK, UMB__LOWEST_END - 1) &&
+                    umb__pack_grow_pages(&sampler->order, 1);
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
+        sampler->order.begins[level][0] = 0;
+    }
+    return complete ? UMB_OK : UMB_E_NO_MEMORY;
+}
+
+/* The first root of a run that is visited; count: of its roots. */
+static size_t run_first(const struct sample *s, size_t run, size_t *count)
+{
+    const size_t first = run * s->step * SAMPLE_RUN;
+    const size_t left = first < s->roots->count ? s->roots->count - first : 0;
+    *count = left < SAMPLE_RUN ? left : SAMPLE_RUN;
+    return first;
+}
+
+static void run_job(void *user, uint32_t job, unsigned worker)
+{
+    const struct sample *s = user;
+    struct sampler *sampler = &s->samplers[worker];
+    size_t count;
+    const size_t first = run_first(s, s->first_run + job, &count);
+    for (size_t i = 0; i < count && sampler->status == UMB_OK; i++) {
+        sampler->status = umb__pack_visit_root(&sampler->walk, s->roots->nodes[first + i]);
+    }
+    if (sampler->status == UMB_OK) {
+        sampler->status = umb__pack_close_page(&sampler->walk);
+    }
+}
+
+/* Visits the runs until they take too much. In: runs: how many. */
+static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
+                                  const struct umb_workers *workers, uint64_t *bytes)
+{
+    const unsigned count = workers ? workers->count : 1;
+    enum umb_status status = UMB_OK;
+    *bytes = 0;
+    while (s->first_run < runs && *bytes <= most && status == UMB_OK) {
+        const size_t left = runs - s->first_run;
+        const uint32_t jobs = left < ROUND_RUNS ? (uint32_t)left : ROUND_RUNS;
+        if (workers) {
+            workers->run(workers->user, run_job, s, jobs);
+        } else {
+            for (uint32_t job = 0; job < jobs; job++) {
+                run_job(s, job, 0);
+            }
+        }
+        s->first_run += jobs;
+        *bytes = 0;
+        for (unsigned i = 0; i < count; i++) {
+            *bytes += s->samplers[i].walk.closed_bytes;
+            status = status == UMB_OK ? s->samplers[i].status : status;
+        }
+    }
+    return status;
+}
+
+/* True if no root stands below another, and none is there twice. */
+static bool roots_are_apart(const struct umb_octree *octree)
+{
+    bool apart = true;
+    for (uint32_t i = 0; i < octree->root_count; i++) {
+        apart = apart && (octree->roots[i].state != UMB_NODE_MIXED ||
+                          octree->roots[i].level >= UMB__LOWEST_END);
+    }
+    return apart;
+}
+
+enum umb_status umb__pack_copies(const struct umb__pack_walk *walk,
+                                 const struct umb__node_list *roots,
+                                 const struct umb_workers *workers, bool *worth)
+{
+    const struct umb_alloc *alloc = walk->order->alloc;
+    workers = roots_are_apart(walk->octree) ? workers : NULL;
+    const unsigned count = workers ? workers->count : 1;
+    struct sample s = {.roots = roots, .step = sample_step(roots)};
+    const size_t all_runs = roots->count / SAMPLE_RUN + (roots->count % SAMPLE_RUN > 0);
+    const size_t runs = all_runs / s.step + (all_runs % s.step > 0);
+    uint64_t asked = 0, bytes = 0;
+    for (size_t run = 0; run < runs; run++) {
+        size_t in_run;
+        (void)run_first(&s, run, &in_run);
+        asked += in_run;
+    }
+    const uint64_t most = umb__pack_copies_most(walk->survey, roots, asked);
+    s.samplers = umb__alloc_zeroed(alloc, count, sizeof *s.samplers);
+    enum umb_status status = s.samplers ? UMB_OK : UMB_E_NO_MEMORY;
+    for (unsigned i = 0; i < count && status == UMB_OK; i++) {
+        status = sampler_begin(&s.samplers[i], walk);
+    }
+    status = status == UMB_OK ? visit_runs(&s, runs, most, workers, &bytes) : status;
+    for (unsigned i = 0; s.samplers && i < count; i++) {
+        umb__pack_walk_finish(&s.samplers[i].walk);
+        umb__pack_order_finish(&s.samplers[i].order);
+    }
+    umb__free(alloc, s.samplers);
+    *worth = bytes <= most;
+    return status == UMB_OK
+               ? UMB_OK
+               : umb_fail(walk->error, status, "packing: no memory for a sample of the pages");
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_PACK_COPIES_H
+#define UMBRAGE_CORE_FORMAT_PACK_COPIES_H
+/* Whether pages that stand alone, with copies of what they share, take little more than others. */
+#include "format/pack_walk.h"
+#include "umbrage/workers.h"
+
+/* True if so few roots are asked that the sample is all of them. */
+bool umb__pack_copies_asks_all(const struct umb__node_list *roots);
+
+/* The most that so many of the roots may take with copies. In: asked: at most 2^15. */
+uint64_t umb__pack_copies_most(const struct umb__pack_survey *survey,
+                               const struct umb__node_list *roots, uint64_t asked);
+
+/*
+ * Visits some runs of the lowest band's roots with copies, and says whether the estimate of their
+ * pages is small beside their share of all nodes, each once. The same for any workers.
+ *
+ * In:    walk: at the beginning of the lowest band; only read. workers: or NULL.
+ * Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umb__pack_copies(const struct umb__pack_walk *walk,
+                                             const struct umb__node_list *roots,
+                                             const struct umb_workers *workers, bool *worth);
+
+#endif

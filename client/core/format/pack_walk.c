@@ -1,0 +1,283 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * See pack_walk.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
+ * Most of a traversal is finding that a child stands somewhere already. That, and whether it is in
+ * the open page, are two bits a node, which fit the cache where ordinals do not.
+ */
+#include "format/pack_walk.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "format/layout.h"
+
+#define STACK_MAX (8 * UMB_LEVEL_MAX + 8) /* at most 8 pending children a level */
+#define PAGES_MAX (UINT32_MAX - 1)
+#define NODES_MAX UINT32_MAX /* of a level, copies included */
+
+/* What became of a node so far. */
+enum node_state {
+    NOT_MET = 0,
+    WAITS = 1,  /* met by a band above, as a root of the next */
+    BEFORE = 2, /* stands in a closed page only */
+    HERE = 3,   /* stands in the open page */
+};
+
+static enum umb_status no_memory(struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
+}
+
+static size_t state_words(const struct umb__pack_walk *t, uint32_t level)
+{
+    return umb__octree_level_count(t->octree, level) / 32 + 1;
+}
+
+static enum node_state state_of(const struct umb__pack_walk *t, struct umb__node_ref node)
+{
+    return (enum node_state)(t->states[node.level][node.index / 32] >> (2 * (node.index % 32)) & 3);
+}
+
+static void set_state(struct umb__pack_walk *t, struct umb__node_ref node, enum node_state state)
+{
+    uint64_t *word = &t->states[node.level][node.index / 32];
+    const unsigned shift = 2 * (node.index % 32);
+    *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
+}
+
+bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed)
+{
+    size_t capacity = order->page_capacity;
+    bool complete = true;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
+        capacity = order->page_capacity;
+        complete = umb__grow(order->alloc, &order->begins[level], &capacity, needed,
+                             sizeof *order->begins[level]);
+    }
+    order->page_capacity = complete ? capacity : order->page_capacity;
+    return complete;
+}
+
+/* Gives the open page its number. */
+static enum umb_status add_page(struct umb__pack_walk *t)
+{
+    struct umb__pack_order *order = t->order;
+    if (order->page_count == PAGES_MAX) {
+        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
+    }
+    if (!umb__pack_grow_pages(order, (size_t)order->page_count + 2)) {
+        return no_memory(t->error);
+    }
+    order->page_count++;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        order->begins[level][order->page_count] = t->next[level];
+    }
+    return UMB_OK;
+}
+
+enum umb_status umb__pack_close_page(struct umb__pack_walk *t)
+{
+    const struct umb__pack_order *order = t->order;
+    if (t->page_bytes == 0) {
+        return UMB_OK;
+    }
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        const uint32_t begin = order->begins[level][order->page_count];
+        for (uint32_t i = begin; i < t->next[level]; i++) {
+            set_state(t, (struct umb__node_ref){level, order->nodes[level][i]}, BEFORE);
+        }
+        t->next[level] = t->sample ? begin : t->next[level];
+    }
+    t->closed_bytes += t->page_bytes;
+    t->page_bytes = 0;
+    return t->sample ? UMB_OK : add_page(t);
+}
+
+/* Writes a node at the end of the open page, where it will take so many bytes, roughly. */
+static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node, size_t bytes)
+{
+    struct umb__pack_order *order = t->order;
+    const uint32_t ordinal = t->next[node.level];
+    if (ordinal == NODES_MAX) {
+        return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: level %u: more than %u copies",
+                        node.level, NODES_MAX);
+    }
+    if (!umb__grow(order->alloc, &order->nodes[node.level], &order->node_capacity[node.level],
+                   (size_t)ordinal + 1, sizeof *order->nodes[node.level])) {
+        return no_memory(t->error);
+    }
+    t->page_bytes += bytes;
+    set_state(t, node, HERE);
+    if (!t->numbers_roots) {
+        order->ordinals[node.level][node.index] = ordinal;
+    }
+    order->nodes[node.level][ordinal] = node.index;
+    t->next[node.level] = ordinal + 1;
+    /* Pages that stand alone end between the trees of two roots. */
+    return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
+}
+
+/* True if a node stands where it is needed: anywhere, or in the open page if that stands alone. */
+static bool is_placed(const struct umb__pack_walk *t, struct umb__node_ref node)
+{
+    return state_of(t, node) >= (t->alone ? HERE : BEFORE);
+}
+
+enum umb_status umb__node_list_add(const struct umb__pack_walk *t, struct umb__node_list *list,
+                                   struct umb__node_ref node)
+{
+    if (!umb__grow(t->order->alloc, &list->nodes, &list->capacity, list->count + 1,
+                   sizeof *list->nodes)) {
+        return no_memory(t->error);
+    }
+    list->nodes[list->count++] = node;
+    return UMB_OK;
+}
+
+/* Lets a node of the next band wait, once. */
+static enum umb_status wait_for_next_band(struct umb__pack_walk *t, struct umb__node_ref child)
+{
+    if (state_of(t, child) != NOT_MET) {
+        return UMB_OK;
+    }
+    set_state(t, child, WAITS);
+    return umb__node_list_add(t, &t->waiting, child);
+}
+
+/* Nodes that are to be visited; the last one first. */
+struct stack {
+    struct umb__node_ref nodes[STACK_MAX];
+    size_t depth;
+};
+
+/*
+ * Looks at what a node leads to: children that stand nowhere yet and are to be visited in this band
+ * go on the stack, but for bricks. Returns what the node will take in the open page, roughly.
+ */
+static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, struct stack *stack)
+{
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    const struct umb_octree_level *below = &t->octree->level[node.level - 1];
+    const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
+    const bool visits = node.level > t->band_low && node.level > UMB_LEVEL_BRICK + 1;
+    const enum node_state stands = t->alone ? HERE : BEFORE;
+    const size_t depth = stack->depth;
+    size_t bytes = umb__node_estimate(end - first);
+    /* The stack gives children back in reverse, so the last one goes first. */
+    for (uint32_t i = end; i-- > first;) {
+        const struct umb__node_ref child = {node.level - 1, level->children[i]};
+        const enum node_state state = state_of(t, child);
+        bytes += !t->alone && (state == WAITS || state == BEFORE) ? 8 : 0;
+        if (visits && state < stands) {
+            __builtin_prefetch(below->first + child.index);
+            stack->nodes[stack->depth++] = child;
+        }
+    }
+    for (size_t i = depth; i < stack->depth; i++) {
+        __builtin_prefetch(below->children + below->first[stack->nodes[i].index]);
+    }
+    return bytes;
+}
+
+/* Bricks stand right behind the node above them; what is read of them is asked for together. */
+static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *bricks,
+                                    uint32_t count)
+{
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < count; i++) {
+        __builtin_prefetch(t->survey->brick_bytes + bricks[i]);
+    }
+    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+        const struct umb__node_ref brick = {UMB_LEVEL_BRICK, bricks[i]};
+        status = is_placed(t, brick) ? UMB_OK : place(t, brick, t->survey->brick_bytes[bricks[i]]);
+    }
+    return status;
+}
+
+/* What follows a node besides what is on the stack: bricks, or children that wait. */
+static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref node)
+{
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    const uint32_t *children = level->children + level->first[node.index];
+    const uint32_t count = level->first[node.index + 1] - level->first[node.index];
+    enum umb_status status = UMB_OK;
+    if (node.level == UMB_LEVEL_BRICK + 1) {
+        return place_bricks(t, children, count);
+    }
+    for (uint32_t i = 0; i < count && node.level == t->band_low && status == UMB_OK; i++) {
+        status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
+    }
+    return status;
+}
+
+/* Asks for the states of what a node leads to, which is to be visited next but one. */
+static void ask_for_states(const struct umb__pack_walk *t, struct umb__node_ref node)
+{
+    const struct umb_octree_level *level = &t->octree->level[node.level];
+    for (uint32_t i = level->first[node.index]; i < level->first[node.index + 1]; i++) {
+        __builtin_prefetch(t->states[node.level - 1] + level->children[i] / 32);
+    }
+}
+
+/* Visits a subtree down to the band's lowest level. */
+static enum umb_status visit(struct umb__pack_walk *t, struct umb__node_ref root)
+{
+    struct stack stack = {.nodes = {root}, .depth = 1};
+    enum umb_status status = UMB_OK;
+    while (stack.depth > 0 && status == UMB_OK) {
+        const struct umb__node_ref node = stack.nodes[--stack.depth];
+        if (stack.depth > 0) {
+            ask_for_states(t, stack.nodes[stack.depth - 1]);
+        }
+        if (!is_placed(t, node)) {
+            const size_t bytes = enter(t, node, &stack);
+            status = place(t, node, bytes);
+            status = status == UMB_OK ? follow(t, node) : status;
+        }
+    }
+    return status;
+}
+
+enum umb_status umb__pack_visit_root(struct umb__pack_walk *t, struct umb__node_ref root)
+{
+    if (state_of(t, root) >= BEFORE) {
+        return UMB_OK;
+    }
+    if (t->numbers_roots && !t->sample) {
+        t->order->ordinals[root.level][root.index] = t->next[root.level];
+    }
+    const enum umb_status status = visit(t, root);
+    const bool ends = t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET;
+    return status == UMB_OK && ends ? umb__pack_close_page(t) : status;
+}
+
+bool umb__pack_walk_begin(struct umb__pack_walk *t, uint32_t low, uint32_t high)
+{
+    bool complete = true;
+    for (uint32_t level = low; level <= high && complete; level++) {
+        t->states[level] =
+            umb__alloc_zeroed(t->order->alloc, state_words(t, level), sizeof *t->states[level]);
+        complete = t->states[level] != NULL;
+    }
+    return complete;
+}
+
+void umb__pack_walk_finish(struct umb__pack_walk *t)
+{
+    if (t->order) {
+        umb__free(t->order->alloc, t->waiting.nodes);
+        for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+            umb__free(t->order->alloc, t->states[level]);
+        }
+    }
+    memset(t, 0, sizeof *t);
+}
+
+void umb__pack_rewind(struct umb__pack_walk *t, uint32_t page_count, uint32_t end)
+{
+    t->order->page_count = page_count;
+    for (uint32_t level = UMB_LEVEL_BRICK; level < end; level++) {
+        t->next[level] = t->order->begins[level][page_count];
+        memset(t->states[level], 0, state_words(t, level) * sizeof *t->states[level]);
+    }
+}
