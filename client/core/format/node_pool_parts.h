@@ -80,14 +80,23 @@ static inline uint32_t umb__sum_tag(uint64_t sum)
     return (uint32_t)(((sum ^ sum >> 32) * UINT64_C(0x9e3779b97f4a7c15)) >> 32);
 }
 
+/* Of a pair of words and its keys. */
+static inline uint64_t umb__pair_product(uint64_t pair, const uint64_t keys[2])
+{
+    return ((uint32_t)pair + keys[0]) * ((pair >> 32) + keys[1]);
+}
+
 static inline uint32_t umb__brick_tag(const struct umb_pool *pool, const uint64_t slices[8])
 {
-    uint64_t sum = 0;
-    for (size_t i = 0; i < 8; i++) {
-        sum +=
-            ((uint32_t)slices[i] + pool->keys[2 * i]) * ((slices[i] >> 32) + pool->keys[2 * i + 1]);
-    }
-    return umb__sum_tag(sum);
+    const uint64_t *keys = pool->keys;
+    const uint64_t a = umb__pair_product(slices[0], keys) + umb__pair_product(slices[1], keys + 2);
+    const uint64_t b =
+        umb__pair_product(slices[2], keys + 4) + umb__pair_product(slices[3], keys + 6);
+    const uint64_t c =
+        umb__pair_product(slices[4], keys + 8) + umb__pair_product(slices[5], keys + 10);
+    const uint64_t d =
+        umb__pair_product(slices[6], keys + 12) + umb__pair_product(slices[7], keys + 14);
+    return umb__sum_tag((a + b) + (c + d));
 }
 
 static inline uint32_t umb__key_tag(const struct umb_pool *pool, const struct umb__node_key *key)
@@ -101,11 +110,8 @@ static inline uint32_t umb__key_tag(const struct umb_pool *pool, const struct um
 
 static inline int umb__brick_equals(const uint64_t a[8], const uint64_t b[8])
 {
-    uint64_t differing = 0;
-    for (size_t i = 0; i < 8; i++) {
-        differing |= a[i] ^ b[i];
-    }
-    return differing == 0;
+    return (((a[0] ^ b[0]) | (a[1] ^ b[1]) | (a[2] ^ b[2]) | (a[3] ^ b[3])) |
+            ((a[4] ^ b[4]) | (a[5] ^ b[5]) | (a[6] ^ b[6]) | (a[7] ^ b[7]))) == 0;
 }
 
 static inline int umb__node_equals(const struct umb_pool_level *level, uint32_t node,

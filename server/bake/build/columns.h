@@ -50,7 +50,15 @@ UMB_CHECKED enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column
                                            uint32_t z_end, uint32_t ref, struct umb_error *error);
 
 /* The bounds of a column's mixed range from the pyramid's values. */
-struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit, int32_t min_end);
+static inline struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_lit,
+                                                    int32_t min_end)
+{
+    const uint32_t step = (uint32_t)1 << level;
+    const uint32_t first = (uint32_t)min_end >> level;
+    const uint32_t end = ((uint32_t)max_lit + step - 1) >> level;
+    /* first > end: everything between is undefined, and shadowed from `end` on. */
+    return (struct umbb_column){.mixed_first = first < end ? first : end, .mixed_end = end};
+}
 
 /* A quadtree of squares, and somebody who knows the columns over its leaves. */
 struct umbb_column_tree {

@@ -1,0 +1,216 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The lowest columns of a square: bricks from texels, and the nodes over 2 x 2 x 2 of them.
+ *
+ * Most quads (16 x 16 texels) of a surface are a few nodes high. Theirs are made from a table of
+ * bricks, which costs no walk along four columns; others by joining columns.
+ */
+#include <string.h>
+
+#include "bake/build/brick_slices.h"
+#include "bake/build/columns.h"
+
+/* What the bricks of a tile are built with. */
+struct walk {
+    struct umb_pool *pool;
+    const struct umbb_tile *tile;
+    struct umbb_runs *runs;
+    const struct umbb_slicer *slicer;
+};
+
+static enum umb_status build_brick(const struct walk *walk, const int32_t *const values[2],
+                                   uint32_t z, uint32_t *ref, struct umb_error *error)
+{
+    const int32_t *lit = values[0], *end = values[1];
+    uint64_t visible[8];
+    walk->slicer->above(lit, (int32_t)(8 * z), visible);
+    if (end != lit) {
+        uint64_t allowed[8];
+        walk->slicer->above(end, (int32_t)(8 * z), allowed);
+        umbb_slices_fill(visible, allowed, visible);
+    }
+    return umb_pool_brick(walk->pool, visible, ref, error);
+}
+
+/* The first brick at or after z into which some value falls; `end` if none before it. */
+static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *values, uint32_t z,
+                           uint32_t end)
+{
+    const uint32_t least = (uint32_t)slicer->least_from(values, (int32_t)(8 * z));
+    return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
+}
+
+/* The brick after z that may differ from it, `end` if none before. Brick z has an event if some lit
+ * or end v has v / 8 == z. Between two events all bricks are equal: every comparison with every
+ * slice comes out the same. */
+static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
+                           uint32_t end)
+{
+    if (end - z <= 2) { /* not worth the search */
+        return z + 1;
+    }
+    uint32_t event = next_event(walk->slicer, values[0], z, end);
+    event = values[1] == values[0] ? event : next_event(walk->slicer, values[1], z, event);
+    return event > z + 1 ? event : z + 1;
+}
+
+/* Bricks of one 8x8 square. */
+static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_column *column,
+                                    struct umb_error *error)
+{
+    const struct walk *walk = user;
+    const size_t block = (y << (walk->tile->log2_size - UMB_LEVEL_BRICK)) + x;
+    const int32_t *const values[2] = {walk->tile->lit + block * 64, walk->tile->end + block * 64};
+    uint32_t next;
+    for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
+        uint32_t ref;
+        next = next_brick(walk, values, z, column->mixed_end);
+        enum umb_status status = build_brick(walk, values, z, &ref, error);
+        if (status == UMB_OK) {
+            status = umbb_runs_push(walk->runs, column->run_first, next, ref, error);
+        }
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    column->run_count = walk->runs->count - column->run_first;
+    return UMB_OK;
+}
+
+/* Asks for the texels of the square of 16x16 that the tree comes to after (x, y). */
+static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
+{
+    size_t bit = 1;
+    while ((x & y & bit) != 0) { /* the last of a quarter: on in the quarter around it */
+        x ^= bit;
+        y ^= bit;
+        bit <<= 1;
+    }
+    y ^= (x & bit) != 0 ? bit : 0;
+    x ^= bit;
+    const size_t width = (size_t)tile->size >> UMB_LEVEL_BRICK;
+    if (2 * y >= width) {
+        return;
+    }
+    for (size_t row = 0; row < 2; row++) {
+        const size_t block = (2 * y + row) * width + 2 * x;
+        for (size_t texel = 0; texel < 128; texel += 16) {
+            __builtin_prefetch(tile->lit + block * 64 + texel);
+        }
+    }
+}
+
+/* The columns of bricks over the quarters of a quad, without their runs. */
+static void quad_bounds(const struct umbb_tile *tile, size_t x, size_t y,
+                        struct umbb_column four[4])
+{
+    const size_t width = (size_t)tile->size >> UMB_LEVEL_BRICK;
+    for (size_t q = 0; q < 4; q++) {
+        const size_t at = (2 * y + (q >> 1)) * width + 2 * x + (q & 1);
+        four[q] = umbb_column_bounds(UMB_LEVEL_BRICK, tile->max_lit[UMB_LEVEL_BRICK][at],
+                                     tile->min_end[UMB_LEVEL_BRICK][at]);
+    }
+}
+
+/* Nodes that a low quad may have along the light. */
+#define LOW_NODES 8U
+
+/* All bricks of a low quad: [from its first node on][x + 2 * y]. Two rows are a node's children. */
+typedef uint32_t low_bricks[2 * LOW_NODES][4];
+
+/* Fills column q. In: first: the brick of row 0. */
+static enum umb_status low_column(const struct walk *walk, size_t block,
+                                  const struct umbb_column *column, uint32_t first, size_t q,
+                                  low_bricks bricks, struct umb_error *error)
+{
+    const int32_t *const values[2] = {walk->tile->lit + block * 64, walk->tile->end + block * 64};
+    uint32_t next;
+    for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
+        uint32_t ref;
+        next = next_brick(walk, values, z, column->mixed_end);
+        const enum umb_status status = build_brick(walk, values, z, &ref, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        for (uint32_t i = z; i < next; i++) {
+            bricks[i - first][q] = ref;
+        }
+    }
+    return UMB_OK;
+}
+
+/* The nodes of a low quad. In: four: the columns of its bricks. */
+static enum umb_status low_quad(const struct walk *walk, const size_t place[2],
+                                const struct umbb_column four[4], struct umbb_column *column,
+                                struct umb_error *error)
+{
+    const size_t width = (size_t)walk->tile->size >> UMB_LEVEL_BRICK;
+    const uint32_t first = 2 * column->mixed_first;
+    const uint32_t nodes = column->mixed_end - column->mixed_first;
+    low_bricks bricks;
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; i < 2 * nodes; i++) {
+        for (size_t q = 0; q < 4; q++) {
+            bricks[i][q] = first + i < four[q].mixed_first ? UMB_REF_LIT : UMB_REF_SHADOWED;
+        }
+    }
+    for (size_t q = 0; q < 4 && status == UMB_OK; q++) {
+        const size_t block = (2 * place[1] + (q >> 1)) * width + 2 * place[0] + (q & 1);
+        status = low_column(walk, block, &four[q], first, q, bricks, error);
+    }
+    uint32_t ref = UMB_REF_LIT;
+    for (uint32_t i = 0; i < nodes && status == UMB_OK; i++) {
+        if (i == 0 || memcmp(bricks[2 * i - 2], bricks[2 * i], sizeof bricks[0] * 2) != 0) {
+            status = umb_pool_node(walk->pool, UMB_LEVEL_BRICK + 1, bricks[2 * i], &ref, error);
+        }
+        if (status == UMB_OK) {
+            status = umbb_runs_push(walk->runs, column->run_first, column->mixed_first + i + 1, ref,
+                                    error);
+        }
+    }
+    column->run_count = walk->runs->count - column->run_first;
+    return status;
+}
+
+/* Nodes of level 4: the four columns of bricks in a 16x16 square, joined. */
+static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_column *column,
+                                   struct umb_error *error)
+{
+    const struct walk *walk = user;
+    const size_t mark = walk->runs->count;
+    struct umbb_column four[4];
+    next_quad_ahead(walk->tile, x, y);
+    quad_bounds(walk->tile, x, y, four);
+    if (column->mixed_end - column->mixed_first <= LOW_NODES) {
+        const size_t place[2] = {x, y};
+        return low_quad(walk, place, four, column, error);
+    }
+    for (size_t q = 0; q < 4; q++) {
+        four[q].run_first = walk->runs->count;
+        const enum umb_status status =
+            brick_column(user, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
+    return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, mark, walk->runs, column, error);
+}
+
+enum umb_status umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
+                                      const struct umbb_square *square, struct umbb_runs *runs,
+                                      struct umbb_column *column, struct umb_error *error)
+{
+    struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer_best()};
+    const int one_brick = square->level == UMB_LEVEL_BRICK;
+    const struct umbb_column_tree tree = {
+        .pool = pool,
+        .runs = runs,
+        .log2_size = tile->log2_size,
+        .leaf_level = one_brick ? UMB_LEVEL_BRICK : UMB_LEVEL_BRICK + 1,
+        .max_lit = tile->max_lit,
+        .min_end = tile->min_end,
+        .leaf = one_brick ? brick_column : quad_column,
+        .user = &walk,
+    };
+    return umbb_column_of_tree(&tree, square->level, square->place, column, error);
+}
