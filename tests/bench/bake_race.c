@@ -17,10 +17,9 @@
 #include "common/sha256.h"
 #include "embree_peer.h"
 
-#define BENCH     "bake"
-#define TILE_LOG2 11U /* two tiles are in memory at a time */
-#define WINDOWS   512 /* two seconds of rays and more: a shorter moment of the machine says little \
-                       */
+#define BENCH         "bake"
+#define TILE_LOG2     11U /* two tiles are in memory at a time */
+#define WINDOWS       512 /* two seconds of rays: a shorter moment says little */
 #define WINDOW_LOG2   8U
 #define WINDOW        (1 << WINDOW_LOG2)
 #define SHARE_LOG2    12U
