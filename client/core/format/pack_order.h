@@ -12,7 +12,7 @@
  * Pages of the lowest band refer to no other page: each holds whole trees of 128^3 voxels, and a
  * node that trees of several pages share stands in each of them. A copy takes hardly more room than
  * a reference to another page would, and whoever needs one tree needs one page. Only where trees
- * share so much that the file would grow by more than about a fifth (as a sample of them says),
+ * share so much that the file would grow by more than about a quarter (as a sample of them says),
  * nodes of the lowest band stand once, too, where they are first visited. The order depends on the
  * tree's content only, never on its numbering: equal trees give equal files.
  */
