@@ -101,10 +101,11 @@ static inline uint32_t umb__brick_tag(const struct umb_pool *pool, const uint64_
 
 static inline uint32_t umb__key_tag(const struct umb_pool *pool, const struct umb__node_key *key)
 {
-    uint64_t sum = 0;
-    for (size_t i = 0; i < 9; i++) {
-        sum += key->words[i] * pool->keys[i];
-    }
+    const uint64_t *keys = pool->keys;
+    const uint32_t *words = key->words;
+    const uint64_t sum = (words[0] * keys[0] + words[1] * keys[1] + words[2] * keys[2]) +
+                         (words[3] * keys[3] + words[4] * keys[4] + words[5] * keys[5]) +
+                         (words[6] * keys[6] + words[7] * keys[7] + words[8] * keys[8]);
     return umb__sum_tag(sum);
 }
 

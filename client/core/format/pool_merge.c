@@ -73,10 +73,17 @@ static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_gro
     const struct umb_hash_slots *slots = &pool->brick_slots;
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < group->count && status == UMB_OK; i++) {
+        const uint64_t *slices = group->bricks[i];
+        const uint32_t tag = group->tags[i];
         const int as_read = slots->words != NULL && slots->log2_size == group->log2_size;
-        const size_t place = as_read ? group->places[i] : umb__slot_place(slots, group->tags[i]);
-        status =
-            umb__pool_brick_from(pool, group->bricks[i], group->tags[i], place, &refs[i], error);
+        const size_t place = as_read ? group->places[i] : umb__slot_place(slots, tag);
+        const uint64_t word = as_read ? slots->words[place] : UMB__SLOT_EMPTY;
+        if (word != UMB__SLOT_EMPTY && umb__slot_tag(word) == tag &&
+            umb__brick_equals(pool->bricks[umb__slot_number(word)], slices)) {
+            refs[i] = umb__slot_number(word); /* most are */
+            continue;
+        }
+        status = umb__pool_brick_from(pool, slices, tag, place, &refs[i], error);
     }
     return status;
 }
