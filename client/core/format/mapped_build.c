@@ -10,8 +10,9 @@
 
 #include "base/memory.h"
 
-#define LINE_WORDS    8U /* of a cache */
-#define GRID_LOG2_TOP 6U /* finer grids gain nothing beside columns */
+#define LINE_WORDS    8U  /* of a cache */
+#define GAPS          16U /* that are remembered */
+#define GRID_LOG2_TOP 6U  /* finer grids gain nothing beside columns */
 
 struct builder {
     const struct umb_octree *octree;
@@ -96,13 +97,43 @@ static uint64_t content_bytes(const struct umb_octree *octree)
     return bytes;
 }
 
-/* Where a node of `length` words may begin from `word` on: so that it lies in as few lines as its
- * length allows, since each of them is a cache miss. */
-static uint64_t clear_of_lines(uint64_t word, uint64_t length)
+/* Room that placing nodes left within a line. */
+struct gap {
+    uint64_t word;
+    uint64_t words;
+};
+
+/* Nodes of one level find their places, one after the other. */
+struct places {
+    uint64_t end;    /* of what is taken */
+    uint32_t oldest; /* gap: the next to be forgotten */
+    struct gap gaps[GAPS];
+};
+
+/*
+ * Where a node of `length` words begins. A node that fits a line lies in one, if possible in one
+ * that longer nodes left room in; a longer one begins where a line does, so that its masks and as
+ * many numbers as a line has room for are one cache miss, and the others one more.
+ */
+static uint64_t place_node(struct places *places, uint64_t length)
 {
-    uint64_t in_line = word % LINE_WORDS;
-    uint64_t lines = (length + LINE_WORDS - 1) / LINE_WORDS;
-    return in_line + length > lines * LINE_WORDS ? word - in_line + LINE_WORDS : word;
+    const uint64_t used = places->end % LINE_WORDS;
+    uint64_t begin = places->end;
+    for (uint32_t i = 0; i < GAPS && length <= LINE_WORDS; i++) {
+        struct gap *gap = &places->gaps[i];
+        if (gap->words >= length) {
+            gap->word += length;
+            gap->words -= length;
+            return gap->word - length;
+        }
+    }
+    if (used != 0 && used + length > LINE_WORDS) {
+        begin += LINE_WORDS - used;
+        places->gaps[places->oldest] = (struct gap){places->end, LINE_WORDS - used};
+        places->oldest = (places->oldest + 1) % GAPS;
+    }
+    places->end = begin + length;
+    return begin;
 }
 
 /* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the
@@ -114,20 +145,20 @@ static enum umb_status place_nodes(struct builder *b)
     for (uint32_t i = 0; i < UMB__WIDE_COUNT; i++) {
         uint32_t level = UMB__WIDE_FIRST + 2 * i;
         uint32_t count = level <= b->level_highest ? b->octree->level[level].count : 0;
+        struct places places = {.end = words};
         view->level_begin[i] = words;
         b->word_of[level] = umb__alloc(b->mapped->alloc, count, sizeof(uint32_t));
         if (!b->word_of[level]) {
             return no_memory(b);
         }
         for (uint32_t node = 0; node < count; node++) {
-            if (words > UINT32_MAX - 64) {
+            if (places.end > UINT32_MAX - 64) {
                 return umb_fail(b->error, UMB_E_TOO_LARGE, "expanding: more than 32 GiB of nodes");
             }
-            uint64_t length = words_of(b->octree, level, node);
-            words = clear_of_lines(words, length);
-            b->word_of[level][node] = (uint32_t)words;
-            words += length;
+            b->word_of[level][node] =
+                (uint32_t)place_node(&places, words_of(b->octree, level, node));
         }
+        words = places.end;
     }
     view->level_begin[UMB__WIDE_COUNT] = words;
     view->node_words = words;
@@ -139,29 +170,27 @@ static uint32_t number_of(const struct builder *b, uint32_t level, uint32_t inde
     return level == UMB_LEVEL_BRICK ? index : b->word_of[level][index];
 }
 
+static void write_node(const struct builder *b, uint32_t level, uint32_t index)
+{
+    uint64_t *words = b->mapped->nodes + b->word_of[level][index];
+    struct wide wide;
+    widen(b->octree, level, index, &wide);
+    words[0] = wide.mixed;
+    words[1] = wide.lit;
+    unsigned count = (unsigned)__builtin_popcountll(wide.mixed);
+    for (unsigned i = 0; i < count; i += 2) {
+        uint64_t low = number_of(b, level - 2, wide.numbers[i]);
+        uint64_t high = i + 1 < count ? number_of(b, level - 2, wide.numbers[i + 1]) : 0;
+        words[2 + i / 2] = low | high << 32;
+    }
+}
+
 static void write_nodes(const struct builder *b)
 {
-    struct wide wide;
-    uint64_t *end = b->mapped->nodes;
+    memset(b->mapped->nodes, 0, (size_t)b->mapped->view.node_words * sizeof *b->mapped->nodes);
     for (uint32_t level = UMB__WIDE_FIRST; level <= b->level_highest; level += 2) {
         for (uint32_t node = 0; node < b->octree->level[level].count; node++) {
-            uint64_t *words = b->mapped->nodes + b->word_of[level][node];
-            for (; end < words; end++) {
-                *end = 0;
-            }
-            widen(b->octree, level, node, &wide);
-            words[0] = wide.mixed;
-            words[1] = wide.lit;
-            unsigned count = (unsigned)__builtin_popcountll(wide.mixed);
-            for (unsigned i = 0; i < count; i += 2) {
-                uint64_t low = number_of(b, level - 2, wide.numbers[i]);
-                uint64_t high = i + 1 < count ? number_of(b, level - 2, wide.numbers[i + 1]) : 0;
-                words[2 + i / 2] = low | high << 32;
-            }
-            end = words + umb__wide_words(count);
-            if ((count + 1) / 2 % 2 == 1) {
-                end[-1] = 0;
-            }
+            write_node(b, level, node);
         }
     }
 }

@@ -21,9 +21,10 @@
  * piece `high`. Surfaces are thin, so lists are short. The first two pieces of a frustum are 0 and
  * 1: the lists of columns that are all shadowed or all lit.
  *
- * A node that would begin in one line of 64 bytes and end in more than it needs begins in the next;
- * what it leaves is zero. Two zero words are a node that is all shadowed, which written trees have
- * not.
+ * A node longer than a line of 64 bytes begins where a line does, so that its masks and as many
+ * numbers as can be are one line; one that fits a line lies in one, in the room that longer ones
+ * left where it can, and the rest of that is zero. So nodes of a level stand in no order. Two zero
+ * words are a node that is all shadowed, which written trees have not.
  *
  * Why: against an octree it halves the dependent cache lines of a look-up (reference/core.md,
  * section 3, layout C: 1.7 to 2.3 times faster than one octree level a node), and a whole window
