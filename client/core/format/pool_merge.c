@@ -14,10 +14,12 @@
 
 #define GROUP UMB__POOL_GROUP
 
-/* Asks for the line that a look-up begins with. */
+/* Asks for the line that a look-up begins with, if there is a table. */
 static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
 {
-    __builtin_prefetch(slots->words + umb__slot_place(slots, tag), 1);
+    if (slots->words != NULL) {
+        __builtin_prefetch(slots->words + umb__slot_place(slots, tag), 1);
+    }
 }
 
 /* The number in a slot; 0, which is as good to ask for as any, of an empty one. */
