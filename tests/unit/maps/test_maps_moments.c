@@ -193,6 +193,66 @@ static void bounds_equal_long_double_ones(void **state)
     }
 }
 
+/* The least that the second part's density falls to, in parts of the arcsine's, where means of so
+ * many moments are off by e each, whatever the signs. */
+static double least_density(uint32_t count, double e, double bias)
+{
+    double least = 1.0;
+    for (uint32_t signs = 0; signs < 1U << count; signs++) {
+        for (int i = 0; i <= 180; i++) {
+            double density = 1.0;
+            for (uint32_t k = 1; k <= count; k++) {
+                const double off = signs >> (k - 1) & 1 ? e : -e;
+                density += 2.0 * off / bias * cos(acos(-1.0) / 180.0 * i * k);
+            }
+            least = fmin(least, density);
+        }
+    }
+    return least;
+}
+
+/* As moment_bound.h argues: errors leave a half of the density and no more, since a larger bias is
+ * off by more than it must. */
+static void the_bias_is_the_least_that_errors_want(void **state)
+{
+    (void)state;
+    static const double errors[] = {0.5 / 32767.0, 0x1p-20};
+    for (uint32_t i = 0; i < 2; i++) {
+        for (uint32_t count = 4; count <= UMB__MOMENTS_MAX; count += 2) {
+            const double bias = umb__moment_bias(count, errors[i]);
+            assert_true(fabs(least_density(count, errors[i], bias) - 0.5) < 1e-9);
+        }
+    }
+}
+
+/* Without errors of means, those of doubles are left: the bias keeps them, and itself, far below
+ * what a byte of an answer tells apart. */
+static void doubles_have_the_bias_that_they_want(void **state)
+{
+    (void)state;
+    static struct mixture m;
+    uint64_t seed = round_seed(2019);
+    for (uint32_t count = 4; count <= UMB__MOMENTS_MAX; count += 2) {
+        const double bias = umb__moment_bias(count, 0.0);
+        long double worst = 0.0L;
+        for (int i = 0; i < case_count(24000) / 60; i++) {
+            struct distribution d;
+            double means[UMB__MOMENTS_MAX];
+            distribution_make(&d, &seed);
+            means_of(&d, count, means);
+            mixture_make(&d, bias, (int)count / 2, &m);
+            for (int k = 0; k < 20; k++) {
+                const double t = receiver_of(&d, &seed);
+                const long double before =
+                    (long double)umb__moment_bound(means, count, bias, t).before;
+                worst = fmaxl(worst, fabsl(before - slow_before(&m, t)));
+            }
+        }
+        print_message("%u moments of doubles, bias %.2g: off by %Lg\n", count, bias, worst);
+        assert_true(bias < 2e-7 && worst < 1e-6L);
+    }
+}
+
 /* No distribution lies outside of its bounds by more than the bias, whatever its means are off by.
  */
 static void distributions_lie_within_their_bounds(void **state)
@@ -589,6 +649,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bounds_equal_long_double_ones),
+        cmocka_unit_test(the_bias_is_the_least_that_errors_want),
+        cmocka_unit_test(doubles_have_the_bias_that_they_want),
         cmocka_unit_test(distributions_lie_within_their_bounds),
         cmocka_unit_test(light_is_never_below_the_products_and_nearer_with_more_moments),
         cmocka_unit_test(a_bias_below_what_the_format_needs_has_no_slack_to_state),
