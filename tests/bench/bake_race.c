@@ -17,15 +17,14 @@
 #include "common/sha256.h"
 #include "embree_peer.h"
 
-#define BENCH         "bake"
-#define TILE_LOG2     11U /* two tiles are in memory at a time */
-#define WINDOWS       512 /* two seconds of rays: a shorter moment says little */
-#define WINDOW_LOG2   8U
-#define WINDOW        (1 << WINDOW_LOG2)
-#define SHARE_LOG2    12U
-#define SEED          5U
-#define RUNS          3
-#define QUICK_SECONDS 20.0 /* bakes below this are repeated */
+#define BENCH       "bake"
+#define TILE_LOG2   11U /* two tiles are in memory at a time */
+#define WINDOWS     512 /* two seconds of rays: a shorter moment says little */
+#define WINDOW_LOG2 8U
+#define WINDOW      (1 << WINDOW_LOG2)
+#define SHARE_LOG2  12U
+#define SEED        5U
+#define RUNS        3
 
 /* What one bake took. */
 struct run {
@@ -259,22 +258,17 @@ static double embree_apart(const struct bench_scene *scene)
 void bake_race(const struct bench_scene *scene, int closed_rule, const char *name, int with_threads)
 {
     struct bench_samples rays = {0}, threads = {0};
-    double cpu_s[RUNS], peak = 0.0, last_s = 0.0;
-    int runs = 0;
-    /* Before the bakes and behind them: what it took in its better moment. */
-    const double embree_before = embree_apart(scene);
-    while (runs < RUNS && (runs == 0 || last_s < QUICK_SECONDS)) {
+    double peak = 0.0, embree = embree_apart(scene);
+    for (int i = 0; i < RUNS; i++) {
         const struct run one = bake_apart(scene, closed_rule, 1);
-        cpu_s[runs++] = one.cpu_s;
         peak = one.peak_mib > peak ? one.peak_mib : peak;
-        last_s = one.wall_s;
         if (with_threads) {
             bench_add(&threads, one.wall_s / bake_apart(scene, closed_rule, 2).wall_s);
         }
-    }
-    const double embree = fmin(embree_before, embree_apart(scene));
-    for (int i = 0; i < runs; i++) {
-        bench_add(&rays, embree / cpu_s[i]);
+        /* Before a bake and behind it: what it took in its better moment. */
+        const double embree_behind = embree_apart(scene);
+        bench_add(&rays, fmin(embree, embree_behind) / one.cpu_s);
+        embree = embree_behind;
     }
     bench_row(BENCH, name, "bake_vs_embree_rays", "higher", &rays);
     bench_row_counted(BENCH, name, "peak_mib", "lower", peak);

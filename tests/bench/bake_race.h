@@ -5,12 +5,14 @@
  * Whole bakes, from triangles in voxel space to packed bytes, against Embree's rays:
  *
  *   bake_vs_embree_rays  seconds of Embree for one ray a covered texel (embree_peer.h, at the rate
- *                        of 64 random windows of 256 x 256 texels; the covered share of the map is
+ *                        of 512 random windows of 256 x 256 texels; the covered share of the map is
  *                        that at 4096) over seconds of the bake, both of one thread's CPU time
  *   threads2_vs_1        wall seconds of one thread over those of two
  *   peak_mib             resident memory over that before the bake, one thread
  *
- * Each bake runs in a process of its own, so that none finds memory that another left.
+ * Three rounds, whose medians count: Embree, a bake by one thread, one by two, Embree again; a
+ * round's Embree is the better of the two around the bake. Each runs in a process of its own, so
+ * that none finds memory that another left.
  */
 #include "bench_scene.h"
 
