@@ -20,6 +20,7 @@ static void demand(int ok, const char *what)
 static enum umb_status append(void *user, const void *data, size_t count)
 {
     struct bytes *bytes = user;
+    demand(data != NULL, "a sink was given no address");
     if (bytes->size + count > bytes->capacity) {
         size_t capacity = (bytes->size + count) * 2 + 64;
         uint8_t *grown = aligned_alloc(64, (capacity + 63) / 64 * 64);

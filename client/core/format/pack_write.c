@@ -101,7 +101,7 @@ static enum umb_status write_blocks_and_pages(const struct writer *w, const stru
 {
     const uint32_t count = w->pages.order.page_count;
     const size_t first = umb__block_bytes(count, 0);
-    enum umb_status status = sink->write(sink->user, w->pages.entries, first);
+    enum umb_status status = count > 0 ? sink->write(sink->user, w->pages.entries, first) : UMB_OK;
     for (uint32_t page = 0; page < count && status == UMB_OK; page++) {
         const uint8_t *entry = w->pages.entries + (size_t)page * UMB__PAGE_ENTRY;
         if (page == UMB__BLOCK_PAGES) {
