@@ -34,8 +34,10 @@ enum umb_status umbc_repack(const struct umb_asset *asset, const struct umb_sink
         char claimed[UMB_ID_TEXT_SIZE];
         umb_id_to_text(id, made);
         umb_id_to_text(info.id, claimed);
-        status = umb_fail(error, UMB_E_CORRUPT, "id: the content has %s, the file claims %s", made,
-                          claimed);
+        status =
+            umb_fail(error, UMB_E_CORRUPT,
+                     "id: the content has %s, the file claims %s: damaged or of another version",
+                     made, claimed);
     }
     return status;
 }

@@ -8,7 +8,8 @@
  * Packs an asset and proves that its content has the id it claims.
  *
  * In:    sink: gets the packed file; NULL if only the proof is wanted.
- * Fails: E_CORRUPT (another id), E_NO_MEMORY, or what the sink returns.
+ * Fails: E_CORRUPT (another id: damaged, or of a version that packs otherwise), E_NO_MEMORY, or
+ * what the sink returns.
  */
 UMB_CHECKED enum umb_status umbc_repack(const struct umb_asset *asset, const struct umb_sink *sink,
                                         struct umb_error *error);
