@@ -4,6 +4,7 @@
 #   config=release|debug|asan|tsan   which build (each in its own folder)
 #   werror=1                         warnings are errors (CI)
 #   BUILD=DIR                        another build folder
+#   IPSEC_MB=                        without libipsec-mb, also where it is installed
 -include Makefile.config
 
 config ?= release

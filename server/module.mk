@@ -28,6 +28,13 @@ ifneq ($(IPSEC_MB),)
 COMMON_LIBS += -Wl,--as-needed -lIPSec_MB -Wl,--no-as-needed
 $(BUILD)/server/common/sha256_lanes.o: INC_server += -DHAVE_IPSEC_MB
 endif
+# Which of the two this folder was built for: compiled and linked anew when that changes.
+IPSEC_MB_BUILT := $(BUILD)/gen/ipsec_mb_$(if $(IPSEC_MB),with,without)
+$(IPSEC_MB_BUILT):
+	@mkdir -p $(@D)
+	@rm -f $(@D)/ipsec_mb_*
+	@touch $@
+$(BUILD)/server/common/sha256_lanes.o: $(IPSEC_MB_BUILT)
 
 COMMON_LIB := $(BUILD)/libumbrage-common.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a

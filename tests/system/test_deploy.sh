@@ -19,6 +19,11 @@ if "$@" >"$folder/make" 2>&1; then
 else
     bad "make install" "$(tail -n 5 "$folder/make")"
 fi
+# Switched on or off, a library that a build may do without is heeded in a folder that is built already.
+for with in "" yes; do
+    "$@" -n "IPSEC_MB=$with" 2>&1 | grep -q 'server/common/sha256_lanes\.c' && echo compiled || echo kept
+done | sort >"$folder/switched"
+same "with or without libipsec-mb: what is not built so is compiled anew" "compiled kept " "$(tr '\n' ' ' <"$folder/switched")"
 installed=$folder/root/usr
 for file in bin/umbraged bin/umbrage bin/umbrage-bake bin/umbrage-study lib/libumbrage-core.a \
     include/umbrage/query.h share/man/man8/umbraged.8 share/man/man1/umbrage.1 share/man/man1/umbrage-bake.1 \
