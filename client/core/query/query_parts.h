@@ -258,7 +258,7 @@ void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *p
 /* One tap only. */
 void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
                         size_t first, size_t count, struct umb_answers *answers);
-/* One tap: pieces of a batch by umb__kernel_avx2 or umb__kernel_avx512 (taps_run.c). */
+/* One tap: a batch by umb__kernel_avx512, a short one by umb__kernel_avx2 (taps_run.c). */
 void umb__run_taps(const struct umb__query *query, const struct umb_points *points, size_t first,
                    size_t count, struct umb_answers *answers);
 
