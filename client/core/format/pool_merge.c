@@ -49,8 +49,8 @@ struct brick_group {
 static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *from,
                               uint32_t first, struct brick_group *group)
 {
-    group->bricks = from->slices + first;
     group->count = from->count - first < GROUP ? from->count - first : GROUP;
+    group->bricks = group->count > 0 ? from->slices + first : NULL;
     for (uint32_t i = 0; i < group->count; i++) {
         group->tags[i] =
             from->tags != NULL ? from->tags[first + i] : umb__brick_tag(pool, group->bricks[i]);

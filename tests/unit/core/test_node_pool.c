@@ -182,6 +182,20 @@ static void merged_loose_pools_come_to_the_same(void **state)
     merge_and_compare(1);
 }
 
+static void a_pool_that_never_held_anything_adds_nothing(void **state)
+{
+    (void)state;
+    struct umb_pool all, none;
+    struct umb_pool_numbers numbers = {0};
+    umb_pool_init(&all, NULL, SIZE_MAX);
+    umb_pool_init_loose(&none, NULL, SIZE_MAX);
+    assert_int_equal(umb_pool_merge(&all, &none, 5, &numbers, NULL), UMB_OK);
+    assert_int_equal(all.brick_count, 0);
+    umb_pool_numbers_finish(&numbers);
+    umb_pool_finish(&none);
+    umb_pool_finish(&all);
+}
+
 static void a_loose_pool_knows_the_latest_bricks_again(void **state)
 {
     (void)state;
@@ -309,6 +323,7 @@ int main(void)
         cmocka_unit_test(most_of_a_budget_holds_nodes),
         cmocka_unit_test(merged_pools_hold_what_each_held_and_nothing_twice),
         cmocka_unit_test(merged_loose_pools_come_to_the_same),
+        cmocka_unit_test(a_pool_that_never_held_anything_adds_nothing),
         cmocka_unit_test(a_loose_pool_knows_the_latest_bricks_again),
         cmocka_unit_test(a_loose_pool_adds_every_node_and_its_merge_adds_it_once),
         cmocka_unit_test(a_merge_ends_at_the_budget),
