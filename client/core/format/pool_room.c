@@ -161,8 +161,14 @@ enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *er
         return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
                         UMB_REF_INDEX_MAX);
     }
-    enum umb_status status =
-        pool->brick_count == pool->brick_capacity ? bricks_grow(pool, error) : UMB_OK;
+    enum umb_status status = UMB_OK;
+    if (pool->is_loose && pool->brick_slots.words == NULL) {
+        /* First, also if no more is to be had: where there is room for a brick there is a table. */
+        status = slots_grow(pool, &pool->brick_slots, error);
+    }
+    if (status == UMB_OK && pool->brick_count == pool->brick_capacity) {
+        status = bricks_grow(pool, error);
+    }
     if (status == UMB_OK && slots_full(pool, &pool->brick_slots, pool->brick_count)) {
         status = slots_grow(pool, &pool->brick_slots, error);
     }

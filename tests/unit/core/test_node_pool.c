@@ -252,6 +252,32 @@ static void a_loose_pool_adds_every_node_and_its_merge_adds_it_once(void **state
     umb_pool_finish(&pool);
 }
 
+/* As a square's pool that had more than its share, or no memory, is taken for another square. */
+static void a_loose_pool_that_was_refused_memory_is_sound(void **state)
+{
+    (void)state;
+    uint32_t refused = 0;
+    for (size_t budget = 0; budget < 200000; budget += 2000) {
+        struct umb_pool pool;
+        umb_pool_init_loose(&pool, NULL, budget);
+        for (uint32_t n = 0; n < 2000; n++) {
+            uint64_t slices[8];
+            uint32_t ref;
+            brick_of(n, slices);
+            const enum umb_status status = umb_pool_brick(&pool, slices, &ref, NULL);
+            if (status != UMB_OK) {
+                assert_int_equal(status, UMB_E_LIMIT);
+                refused++;
+            }
+        }
+        umb_pool_clear(&pool);
+        pool.max_bytes = SIZE_MAX;
+        fill_with_nodes(&pool, 1);
+        umb_pool_finish(&pool);
+    }
+    assert_true(refused > 0);
+}
+
 static void a_merge_ends_at_the_budget(void **state)
 {
     (void)state;
@@ -326,6 +352,7 @@ int main(void)
         cmocka_unit_test(a_pool_that_never_held_anything_adds_nothing),
         cmocka_unit_test(a_loose_pool_knows_the_latest_bricks_again),
         cmocka_unit_test(a_loose_pool_adds_every_node_and_its_merge_adds_it_once),
+        cmocka_unit_test(a_loose_pool_that_was_refused_memory_is_sound),
         cmocka_unit_test(a_merge_ends_at_the_budget),
         cmocka_unit_test(bricks_and_nodes_that_differ_in_a_word_have_many_tags),
         cmocka_unit_test(a_loose_pool_keeps_the_tags_of_its_bricks),
