@@ -172,8 +172,9 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
         return damaged(error, "shorter than its head");
     }
     if (head[0] != UMB__PAGE_ENCODING) {
-        return umb_fail(error, UMB_E_VERSION, "page: encoding %u, this reader knows %u", head[0],
-                        UMB__PAGE_ENCODING);
+        return umb_fail(error, UMB_E_VERSION, "page: encoding %u, this reader knows %u%s", head[0],
+                        UMB__PAGE_ENCODING,
+                        head[0] < UMB__PAGE_ENCODING ? "; bake the scene again" : "");
     }
     page->level_high = head[1];
     page->level_low = head[2];
