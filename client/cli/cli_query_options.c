@@ -52,8 +52,9 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                        0},
     [OPTION_NORMALS] = {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", 0},
     [OPTION_ORIGIN] = {"origin", "X,Y,Z", "metres, added to every point", 0},
-    [OPTION_LIGHT] = {"light", "N,...|all",
-                      "index of the light, default 0; several: an answer each, side by side", 0},
+    [OPTION_LIGHT] =
+        {"light", "N,...|all",
+         "index of the light, default 0; several, of a FILE only: an answer each, side by side", 0},
     [OPTION_TAPS] = {"taps", "N", "width of the filter window: odd, 1 (default) to 17", 0},
     [OPTION_FOOTPRINT] = {"footprint", "M",
                           "FILE only: width of the window in metres instead of --taps; of --filter "
