@@ -20,7 +20,10 @@
 /* Runs that are visited before it is asked whether they took too much already. */
 #define ROUND_RUNS 32U
 
-/* One worker's walk, and where it writes its open page. */
+/* More walks would take more memory, two bits a node each, than they save time. */
+#define SAMPLERS_MOST 8U
+
+/* One walk, and where it writes its open page. */
 struct sampler {
     struct umb__pack_walk walk;
     struct umb__pack_order order;
@@ -30,8 +33,10 @@ struct sampler {
 struct sample {
     const struct umb__node_list *roots;
     struct sampler *samplers;
-    size_t step; /* every how many runs one is visited */
-    size_t first_run;
+    unsigned sampler_count; /* each takes every so manieth run of a round */
+    size_t step;            /* every how many runs one is visited */
+    size_t first_run;       /* of the round */
+    size_t round_runs;
 };
 
 static size_t sample_step(const struct umb__node_list *roots)
@@ -84,12 +89,10 @@ static size_t run_first(const struct sample *s, size_t run, size_t *count)
     return first;
 }
 
-static void run_job(void *user, uint32_t job, unsigned worker)
+static void visit_run(const struct sample *s, struct sampler *sampler, size_t run)
 {
-    const struct sample *s = user;
-    struct sampler *sampler = &s->samplers[worker];
     size_t count;
-    const size_t first = run_first(s, s->first_run + job, &count);
+    const size_t first = run_first(s, run, &count);
     for (size_t i = 0; i < count && sampler->status == UMB_OK; i++) {
         sampler->status = umb__pack_visit_root(&sampler->walk, s->roots->nodes[first + i]);
     }
@@ -98,26 +101,33 @@ static void run_job(void *user, uint32_t job, unsigned worker)
     }
 }
 
+/* A sampler's runs of a round. */
+static void run_job(void *user, uint32_t job, unsigned worker)
+{
+    const struct sample *s = user;
+    (void)worker;
+    for (size_t run = job; run < s->round_runs; run += s->sampler_count) {
+        visit_run(s, &s->samplers[job], s->first_run + run);
+    }
+}
+
 /* Visits the runs until they take too much. In: runs: how many. */
 static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
                                   const struct umb_workers *workers, uint64_t *bytes)
 {
-    const unsigned count = workers ? workers->count : 1;
     enum umb_status status = UMB_OK;
     *bytes = 0;
     while (s->first_run < runs && *bytes <= most && status == UMB_OK) {
         const size_t left = runs - s->first_run;
-        const uint32_t jobs = left < ROUND_RUNS ? (uint32_t)left : ROUND_RUNS;
+        s->round_runs = left < ROUND_RUNS ? left : ROUND_RUNS;
         if (workers) {
-            workers->run(workers->user, run_job, s, jobs);
+            workers->run(workers->user, run_job, s, s->sampler_count);
         } else {
-            for (uint32_t job = 0; job < jobs; job++) {
-                run_job(s, job, 0);
-            }
+            run_job(s, 0, 0);
         }
-        s->first_run += jobs;
+        s->first_run += s->round_runs;
         *bytes = 0;
-        for (unsigned i = 0; i < count; i++) {
+        for (unsigned i = 0; i < s->sampler_count; i++) {
             *bytes += s->samplers[i].walk.closed_bytes;
             status = status == UMB_OK ? s->samplers[i].status : status;
         }
@@ -142,8 +152,9 @@ enum umb_status umb__pack_copies(const struct umb__pack_walk *walk,
 {
     const struct umb_alloc *alloc = walk->order->alloc;
     workers = roots_are_apart(walk->octree) ? workers : NULL;
-    const unsigned count = workers ? workers->count : 1;
-    struct sample s = {.roots = roots, .step = sample_step(roots)};
+    const unsigned helpers = workers ? workers->count : 1;
+    const unsigned count = helpers < SAMPLERS_MOST ? helpers : SAMPLERS_MOST;
+    struct sample s = {.roots = roots, .sampler_count = count, .step = sample_step(roots)};
     const size_t all_runs = roots->count / SAMPLE_RUN + (roots->count % SAMPLE_RUN > 0);
     const size_t runs = all_runs / s.step + (all_runs % s.step > 0);
     uint64_t asked = 0, bytes = 0;

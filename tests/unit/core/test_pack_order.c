@@ -314,8 +314,62 @@ static void orders_are_those_of_the_format_page(void **state)
     assert_true(worth[0] > 1 && worth[1] > 1 && steps > 1);
 }
 
+/* Bytes that are allocated, and the most that were. */
+struct tally {
+    size_t bytes, peak;
+};
+
+static void *counted_resize(void *user, void *block, size_t bytes)
+{
+    struct tally *tally = user;
+    size_t *const old = block != NULL ? (size_t *)block - 2 : NULL;
+    tally->bytes -= old != NULL ? *old : 0;
+    if (bytes == 0) {
+        free(old);
+        return NULL;
+    }
+    size_t *const header = realloc(old, bytes + 2 * sizeof *header);
+    assert_non_null(header);
+    *header = bytes;
+    tally->bytes += bytes;
+    tally->peak = tally->bytes > tally->peak ? tally->bytes : tally->peak;
+    return header + 2;
+}
+
+/* Most bytes that an order takes before its first step. */
+static size_t peak_with_helpers(const struct umb_octree *octree, unsigned count)
+{
+    struct tally tally = {0};
+    const struct umb_alloc alloc = {counted_resize, &tally};
+    const struct umb_workers workers = {count, run_backwards, NULL};
+    struct umb_octree counted = *octree;
+    struct umb__pack_order order;
+    struct umb__pack_ordering *ordering;
+    counted.alloc = &alloc;
+    assert_int_equal(umb__pack_order_begin(&counted, &workers, &order, &ordering, NULL), UMB_OK);
+    umb__pack_ordering_destroy(ordering);
+    umb__pack_order_finish(&order);
+    assert_int_equal(tally.bytes, 0);
+    return tally.peak;
+}
+
+static void many_helpers_take_no_more_memory_than_some(void **state)
+{
+    struct umb_octree octree;
+    (void)state;
+    random_octree(6, 20000, 0, &octree); /* so many trees that some are asked */
+    const size_t some = peak_with_helpers(&octree, 8), many = peak_with_helpers(&octree, 256);
+    umb_octree_finish(&octree);
+    if (many > some + some / 100) {
+        fail_msg("%zu bytes with 8 helpers, %zu with 256", some, many);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(orders_are_those_of_the_format_page)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(orders_are_those_of_the_format_page),
+        cmocka_unit_test(many_helpers_take_no_more_memory_than_some),
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
