@@ -84,7 +84,7 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
     bench_must(umbb_jobs_create(threads, &jobs, &error), &error, "threads");
     const struct umb_sink sink = {count_bytes, &bytes};
     const struct umb_workers workers = umbb_jobs_workers(jobs);
-    const struct umb_pack_job job = {&content, octree, &umbs_sha256, &sink, &workers};
+    const struct umb_pack_job job = {&content, octree, &umbs_sha256, &sink, &workers, NULL};
     bench_must(umb_pack_run(&job, id, &error), &error, "pack");
     umbb_jobs_destroy(jobs);
     return bytes;

@@ -204,7 +204,7 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     struct umbb_jobs *jobs;
     bench_must(umbb_jobs_create(umbt_processor_count(), &jobs, &error), &error, "threads");
     const struct umb_workers workers = umbb_jobs_workers(jobs);
-    const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers};
+    const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
     bench_must(umb_pack_run(&job, id, &error), &error, "pack");
     umbb_jobs_destroy(jobs);
     umb_octree_finish(&octree);

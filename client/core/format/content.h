@@ -103,6 +103,8 @@ struct umb_pack_job {
     const struct umb_sha256 *sha256; /* with workers, called from several threads */
     const struct umb_sink *sink;
     const struct umb_workers *workers; /* NULL: the caller's thread does everything */
+    /* Asked every few pages, from any of the threads; once it is not 0, E_CANCELLED. Or NULL. */
+    int (*cancelled)(void);
 };
 
 /* umb_pack_write with helpers: they encode and compress pages. The same bytes for any number. */

@@ -63,6 +63,7 @@ struct umb__page_worker {
 struct packing {
     const struct umb_octree *octree;
     const struct umb_sha256 *sha256;
+    int (*cancelled)(void); /* or NULL */
     struct umb__pack_pages *pages;
     struct umb__pack_ordering *ordering;
     uint32_t step; /* pages that are ordered in a round */
@@ -193,6 +194,9 @@ static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
     const uint32_t first = p->done + job * UMB__DIGESTS, left = p->ready - first;
     const uint32_t count = left < UMB__DIGESTS ? left : UMB__DIGESTS;
     uint32_t pages[UMB__DIGESTS] = {0};
+    if (worker->status == UMB_OK && p->cancelled && p->cancelled()) {
+        worker->status = umb_fail(&worker->error, UMB_E_CANCELLED, "packing: cancelled");
+    }
     for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
         pages[i] = page_of_turn(&p->pages->order, p->alone, first + i);
         worker->status = write_page(p, worker, pages[i], i);
@@ -308,7 +312,8 @@ static enum umb_status make_pages(struct packing *p, const struct umb_workers *w
 enum umb_status umb__pack_pages(const struct umb_pack_job *job, struct umb__pack_pages *pages,
                                 struct umb_error *error)
 {
-    struct packing p = {.octree = job->octree, .sha256 = job->sha256, .pages = pages};
+    struct packing p = {
+        .octree = job->octree, .sha256 = job->sha256, .cancelled = job->cancelled, .pages = pages};
     memset(pages, 0, sizeof *pages);
     pages->alloc = job->octree->alloc;
     pages->worker_count = job->workers ? job->workers->count : 1;

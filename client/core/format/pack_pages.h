@@ -27,10 +27,10 @@ struct umb__pack_pages {
 };
 
 /*
- * In:    job: its octree, sha256 and workers, borrowed for the call.
+ * In:    job: its octree, sha256, workers and cancelled, borrowed for the call.
  * Out:   pages: finish it, also after a failure.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages, or
- *        copies).
+ *        copies), E_CANCELLED.
  */
 UMB_CHECKED enum umb_status umb__pack_pages(const struct umb_pack_job *job,
                                             struct umb__pack_pages *pages, struct umb_error *error);

@@ -57,7 +57,8 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                      .octree = octree,
                                      .sha256 = &umbs_sha256,
                                      .sink = &sink,
-                                     .workers = &workers};
+                                     .workers = &workers,
+                                     .cancelled = umbb_interrupted};
     status = umb_pack_run(&job, publish->id, error);
     umbb_jobs_destroy(jobs);
     publish->bytes = counter.bytes;

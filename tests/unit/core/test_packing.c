@@ -219,47 +219,6 @@ static void trees_that_share_too_much_are_stored_once(void **state)
     bytes_finish(&file);
 }
 
-/* Every column ends anywhere, so that hardly two bricks are equal. */
-static int noisy(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
-{
-    const uint64_t column = (uint64_t)frustum << 32 | x << 16 | y;
-    (void)user;
-    return z < (column * 0x9e3779b97f4a7c15ULL ^ 0x5bf03635) * 0xbf58476d1ce4e5b9ULL >> 56;
-}
-
-static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), void *job_user,
-                          uint32_t jobs)
-{
-    *(uint32_t *)user = jobs;
-    while (jobs-- > 0) {
-        job(job_user, jobs, jobs % 3);
-    }
-}
-
-static void helpers_in_any_order_write_the_same_bytes(void **state)
-{
-    /* More pages than one job makes. */
-    static const struct voxels larger = {noisy, NULL, 8, 2};
-    struct bytes whole = make_packed(&larger, 0.5, origin), again = {0};
-    struct umb_octree octree;
-    struct umb_content content;
-    struct umb_sink sink = bytes_sink(&again);
-    uint32_t jobs = 0;
-    const struct umb_workers workers = {3, run_backwards, &jobs};
-    const struct umb_pack_job job = {&content, &octree, &test_digest, &sink, &workers};
-    uint8_t id[UMB_ID_BYTES];
-    (void)state;
-    make_octree(&larger, &octree);
-    make_content(&larger, 0.5, origin, &content);
-    assert_int_equal(umb_pack_run(&job, id, NULL), UMB_OK);
-    assert_true(jobs > 1);
-    assert_int_equal(again.size, whole.size);
-    assert_memory_equal(again.data, whole.data, whole.size);
-    umb_octree_finish(&octree);
-    bytes_finish(&again);
-    bytes_finish(&whole);
-}
-
 /* Packs what `spoil` has changed and expects a refusal that names `words`. */
 static void expect_refused(void (*spoil)(struct umb_content *, struct umb_octree *),
                            const char *words)
@@ -618,82 +577,17 @@ static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **sta
     bytes_finish(&file);
 }
 
-/* Digests of several messages at once: how many calls, and which digest fails. */
-struct many {
-    size_t calls, digests;
-    size_t failing; /* number of the digest that cannot be made */
-};
-
-static void digest_backwards(void *user, const uint8_t *const *messages, const size_t *sizes,
-                             size_t count, uint8_t (*digests)[UMB_ID_BYTES])
-{
-    struct many *many = user;
-    many->calls++;
-    for (size_t i = count; i-- > 0; many->digests++) {
-        const void *part = messages[i];
-        test_digest.digest(NULL, &part, &sizes[i], 1, digests[i]);
-        if (many->digests == many->failing) {
-            memset(digests[i], 0, UMB_ID_BYTES);
-        }
-    }
-}
-
-static void single_digest(void *user, const void *const *parts, const size_t *sizes,
-                          size_t part_count, uint8_t out[UMB_ID_BYTES])
-{
-    (void)user;
-    test_digest.digest(NULL, parts, sizes, part_count, out);
-}
-
-static void pages_hashed_together_are_those_hashed_one_by_one(void **state)
-{
-    static const struct voxels larger = {noisy, NULL, 8, 2}; /* more pages than go together */
-    struct bytes file = make_packed(&larger, 0.5, origin), again = {0}, spoiled = {0};
-    struct umb_octree octree;
-    struct umb_content content;
-    struct umb_sink sink = bytes_sink(&again), spoiled_sink = bytes_sink(&spoiled);
-    uint8_t id[UMB_ID_BYTES];
-    struct many many = {.failing = SIZE_MAX};
-    const struct umb_sha256 hasher = {single_digest, &many, digest_backwards};
-    (void)state;
-    make_octree(&larger, &octree);
-    make_content(&larger, 0.5, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &hasher, &sink, id, NULL), UMB_OK);
-    assert_int_equal(again.size, file.size);
-    assert_memory_equal(again.data, file.data, file.size);
-    const size_t pages = many.digests;
-    assert_true(many.calls > 1 && pages > 16 * (many.calls - 1)); /* all but the last were full */
-
-    many = (struct many){.failing = SIZE_MAX};
-    assert_int_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_OK);
-    assert_int_equal(many.digests, pages);
-    for (size_t failing = 0; failing < pages; failing += 1 + pages / 3) {
-        many = (struct many){.failing = failing};
-        assert_int_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_E_NO_MEMORY);
-        many = (struct many){.failing = failing};
-        spoiled.size = 0;
-        assert_int_equal(umb_pack_write(&content, &octree, &hasher, &spoiled_sink, id, NULL),
-                         UMB_E_NO_MEMORY);
-    }
-    umb_octree_finish(&octree);
-    bytes_finish(&spoiled);
-    bytes_finish(&again);
-    bytes_finish(&file);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
         cmocka_unit_test(pages_with_bricks_stand_alone_and_their_copies_become_one_node_again),
         cmocka_unit_test(trees_that_share_too_much_are_stored_once),
-        cmocka_unit_test(helpers_in_any_order_write_the_same_bytes),
         cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
         cmocka_unit_test(packing_only_reads_what_it_is_given),
         cmocka_unit_test(every_failing_allocation_of_the_writers_is_reported),
         cmocka_unit_test(a_sink_that_fails_stops_the_writers_with_its_status),
         cmocka_unit_test(a_digest_that_could_not_be_made_never_becomes_an_identity),
-        cmocka_unit_test(pages_hashed_together_are_those_hashed_one_by_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
