@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbrage: one Makefile for everything. `make help` lists the targets.
 #
-#   config=release|debug|asan|tsan   which build (each in its own folder)
+#   config=release|debug|asan|tsan|ubsan   which build (each in its own folder)
 #   werror=1                         warnings are errors (CI)
 #   BUILD=DIR                        another build folder
 #   IPSEC_MB=                        without libipsec-mb, also where it is installed
@@ -30,8 +30,9 @@ opt_release := -O2 -DNDEBUG
 opt_debug   := -O0
 opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 opt_tsan    := -O1 -fsanitize=thread -fno-omit-frame-pointer
+opt_ubsan   := -O2 -fsanitize=undefined -fno-sanitize-recover=all
 ifeq ($(opt_$(config)),)
-$(error config=$(config) is not one of release debug asan tsan)
+$(error config=$(config) is not one of release debug asan tsan ubsan)
 endif
 
 WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla

@@ -202,6 +202,10 @@ static uint64_t cost_clock_ns(size_t points)
 static struct umb_points sub_points(const struct umb_points *points, size_t first, size_t count)
 {
     struct umb_points part = *points;
+    if (count == 0) {
+        part.count = 0; /* and perhaps no address to count from */
+        return part;
+    }
     size_t stride = 3 * (points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float));
     part.positions = (const uint8_t *)points->positions + first * stride;
     part.normals = NULL;
