@@ -163,30 +163,37 @@ static long double slow_before(const struct mixture *m, double t)
     return sum;
 }
 
+/* How far bounds of random distributions are off the slow ones, at worst; 20 receivers of each. */
+static long double worst_before(uint32_t count, double bias, int distributions, uint64_t *seed)
+{
+    static struct mixture m;
+    long double worst = 0.0L;
+    for (int i = 0; i < distributions; i++) {
+        struct distribution d;
+        double means[UMB__MOMENTS_MAX];
+        distribution_make(&d, seed);
+        means_of(&d, count, means);
+        mixture_make(&d, bias, (int)count / 2, &m);
+        for (int k = 0; k < 20; k++) {
+            const double t = receiver_of(&d, seed);
+            const long double before = (long double)umb__moment_bound(means, count, bias, t).before;
+            worst = fmaxl(worst, fabsl(before - slow_before(&m, t)));
+        }
+    }
+    return worst;
+}
+
 /* Off by rounding alone, which grows as the least squared norm falls, bias 4^-K. */
 static void bounds_equal_long_double_ones(void **state)
 {
     (void)state;
     static const double errors[] = {0.5 / 32767.0, 0x1p-25};
-    static struct mixture m;
     uint64_t seed = round_seed(2018);
     for (size_t f = 0; f < 2; f++) {
         for (uint32_t count = 4; count <= UMB__MOMENTS_MAX; count += 2) {
             const double bias = umb__moment_bias(count, errors[f]);
-            long double worst = 0.0L;
-            for (int i = 0; i < case_count(24000) / 120; i++) { /* of 6 kinds, 20 each */
-                struct distribution d;
-                double means[UMB__MOMENTS_MAX];
-                distribution_make(&d, &seed);
-                means_of(&d, count, means);
-                mixture_make(&d, bias, (int)count / 2, &m);
-                for (int k = 0; k < 20; k++) {
-                    const double t = receiver_of(&d, &seed);
-                    const long double before =
-                        (long double)umb__moment_bound(means, count, bias, t).before;
-                    worst = fmaxl(worst, fabsl(before - slow_before(&m, t)));
-                }
-            }
+            const long double worst =
+                worst_before(count, bias, case_count(24000) / 120, &seed); /* of 6 kinds */
             print_message("%u moments, bias %.2g: off by %Lg\n", count, bias, worst);
             assert_true(worst < 0x1p-46L * powl(4.0L, count / 2) / (long double)bias);
         }
@@ -230,24 +237,10 @@ static void the_bias_is_the_least_that_errors_want(void **state)
 static void doubles_have_the_bias_that_they_want(void **state)
 {
     (void)state;
-    static struct mixture m;
     uint64_t seed = round_seed(2019);
     for (uint32_t count = 4; count <= UMB__MOMENTS_MAX; count += 2) {
         const double bias = umb__moment_bias(count, 0.0);
-        long double worst = 0.0L;
-        for (int i = 0; i < case_count(24000) / 60; i++) {
-            struct distribution d;
-            double means[UMB__MOMENTS_MAX];
-            distribution_make(&d, &seed);
-            means_of(&d, count, means);
-            mixture_make(&d, bias, (int)count / 2, &m);
-            for (int k = 0; k < 20; k++) {
-                const double t = receiver_of(&d, &seed);
-                const long double before =
-                    (long double)umb__moment_bound(means, count, bias, t).before;
-                worst = fmaxl(worst, fabsl(before - slow_before(&m, t)));
-            }
-        }
+        const long double worst = worst_before(count, bias, case_count(24000) / 60, &seed);
         print_message("%u moments of doubles, bias %.2g: off by %Lg\n", count, bias, worst);
         assert_true(bias < 2e-7 && worst < 1e-6L);
     }
