@@ -5,5 +5,5 @@
 #define PLACE_FLOOR place_floor_avx512
 #define PLACER      umb__wide_placer
 #define PLACER_INIT umb__wide_placer_init
-#define PLACE       umb__wide_place_block
+#define PLACE       umb__wide_place_points
 #include "place_floor_body.h"

@@ -28,6 +28,7 @@ struct umb__cells {
                                              before that begins in the same cell */
     uint16_t slot[4 * UMB__BLOCK];        /* cells on their way */
     const uint64_t *node[4 * UMB__BLOCK]; /* by slot: the node reached, or a uniform one */
+    uint8_t steps[4 * UMB__BLOCK];        /* by slot: nodes that were visited on the way */
 };
 
 #define UMB__PREFETCH(address) __builtin_prefetch(address)
@@ -247,11 +248,21 @@ static inline void umb__store_taps(const struct umb__block *block, uint8_t *to)
     }
 }
 
-static inline void umb__store_shares(const struct umb__block *block, float total, uint8_t *to)
+static inline __attribute__((always_inline)) void
+umb__store_shares_of(const struct umb__block *block, uint32_t count, float total, uint8_t *to)
 {
-    for (uint32_t i = 0; i < block->size; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         float value = (float)(int32_t)block->lit[i] / total;
         memcpy(to + i * sizeof value, &value, sizeof value);
+    }
+}
+
+static inline void umb__store_shares(const struct umb__block *block, float total, uint8_t *to)
+{
+    if (block->size == UMB__BLOCK) {
+        umb__store_shares_of(block, UMB__BLOCK, total, to);
+    } else {
+        umb__store_shares_of(block, block->size, total, to);
     }
 }
 

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 /*
- * Placing a block sixteen points at a time with AVX-512, for one tap: in fixed point where that
- * surely gives the voxels of kernel_place_lanes.h, and by kernel_place_lanes.h elsewhere.
+ * Placing a block sixteen points at a time with AVX-512: in fixed point where that surely gives the
+ * voxels of kernel_place_lanes.h, and by kernel_place_lanes.h elsewhere.
  *
  * Doubles from 2^20 to 2^21 have units of 2^-32. So the sum of a voxel coordinate and 2^20 has the
  * voxel's index in the upper half of its bits, below a constant, and the fraction in the lower
@@ -18,14 +18,16 @@
  *  - Each of the three additions rounds a number below 2^21: 1.5 units.
  * So the two differ by less than UMB__FIXED_SLACK units, which is added, too. If the fraction is
  * not below twice that, then the sum that umb__to_voxel makes has the same floor, and is no
- * integer; if moreover the index is inside the frustum, then so is the point. A block of which a
- * point may be otherwise is placed anew: what is in doubt is one coordinate in 2^27.
+ * integer; if moreover the index is inside the frustum, then so is the point. A window begins
+ * so many texels before the point's as half of it has, and is inside if its ends are. A block of
+ * which a point may be otherwise is placed anew: what is in doubt is one coordinate in 2^27.
  *
  * Points with normals are moved along them, by lengths that are computed in floats, u = 2^-24, and
  * added as voxels. Let the square of the normal, n.n, be between 1/4 and 4; A be
- * the sum of |m_k| of an axis, S that of all components of the voxel's three edges, both sums of
- * absolute values, N the greatest of |n_k|, and `longest` the length UMB__BIAS_SLACK S / 2, or that
- * which is given. The automatic bias is the normal times longest N / n.n at most.
+ * the sum of |m_k| of an axis, S that of all components of the voxel's three edges, those of x and
+ * y times the taps, both sums of absolute values, N the greatest of |n_k|, and `longest` the length
+ * UMB__BIAS_SLACK S / 2, or that which is given. The automatic bias is the normal times longest N /
+ * n.n at most.
  *  - A product of the normal and an edge or a row takes a rounding of each constant, one product
  * and two fused ones: 4 u of the sum of its terms. Three of them are added: 6 u of N S.
  *  - The constant that multiplies it is rounded, so is the product: 8 u; n.n has 3 u, the quotient
@@ -52,9 +54,10 @@ struct umb__wide_placer {
     bool fits;
     double reach; /* no coordinate is further from 0, as the batch gives them */
     __m512d to_voxel[3][3], base[3];
-    __m512i beyond; /* bits that no index inside has */
-    __m512i sure;   /* bits of which one is set in sure fractions */
-    bool automatic; /* the next six: for points with normals */
+    __m512i beyond;     /* bits that no index inside has */
+    __m512i half, span; /* texels before a window's centre, and from its first to its last */
+    __m512i sure;       /* bits of which one is set in sure fractions */
+    bool automatic;     /* the next six: for points with normals */
     __m512 row[3][3], step[3][3];
     __m512 direction[3], doubt; /* of the product with it */
     __m512 length;              /* half a voxel's slack, or the bias in metres */
@@ -73,11 +76,13 @@ static inline double umb__wide_mover_init(const struct umb__query *q,
     double edges = 0, light = 0;
     placer->automatic = q->bias_mode == UMB_BIAS_AUTO;
     for (unsigned axis = 0; axis < 3; axis++) {
+        const double edge_weight = axis < 2 ? q->taps : 1;
         light += fabs(q->direction[axis]);
         placer->direction[axis] = _mm512_set1_ps(umb__float_of(q->direction[axis]));
         for (unsigned k = 0; k < 3; k++) {
-            edges += fabs(q->voxel_step[axis][k]);
-            placer->step[axis][k] = _mm512_set1_ps(umb__float_of(q->voxel_step[axis][k]));
+            const double step = edge_weight * q->voxel_step[axis][k];
+            edges += fabs(step);
+            placer->step[axis][k] = _mm512_set1_ps(umb__float_of(step));
             placer->row[axis][k] = _mm512_set1_ps(umb__float_of(q->world_to_voxel[axis][k]));
         }
     }
@@ -123,7 +128,7 @@ static inline void umb__wide_placer_init(const struct umb__query *q,
     umb__lane_placer_init(q, points, &placer->exact);
     const double bias = umb__wide_mover_init(q, placer);
     const double longest = points->normals != NULL ? bias : 0;
-    placer->fits = q->log2_size < 20;
+    placer->fits = q->log2_size < 20 && placer->exact.fits;
     double base[3];
     for (unsigned axis = 0; axis < 3; axis++) {
         const double *m = q->world_to_voxel[axis];
@@ -145,6 +150,8 @@ static inline void umb__wide_placer_init(const struct umb__query *q,
     }
     placer->reach = reach;
     placer->beyond = _mm512_set1_epi32(-((int32_t)1 << q->log2_size));
+    placer->half = _mm512_set1_epi32(q->taps / 2);
+    placer->span = _mm512_set1_epi32(q->taps - 1);
 }
 
 /* Coordinates of sixteen points, by axis; low: of the first eight. */
@@ -153,17 +160,43 @@ struct umb__sixteen {
     __mmask16 near; /* points within reach */
 };
 
-/* From x0 y0 z0 x1 .., forty-eight floats. */
+/*
+ * Sixteen points are taken apart by blending: a lane keeps what it has loaded, so that lane k holds
+ * point umb__mixed()[k], and shuffles, which processors have fewest units for, only bring the three
+ * coordinates together. Their voxels are put in order when the halves are joined, which takes a
+ * shuffle anyway.
+ */
+static inline __m512i umb__mixed(void)
+{
+    return _mm512_setr_epi32(0, 11, 6, 1, 12, 7, 2, 13, 8, 3, 14, 9, 4, 15, 10, 5);
+}
+
+/* The lane that holds each point. */
+static inline __m512i umb__mixed_back(void)
+{
+    return _mm512_setr_epi32(0, 3, 6, 9, 12, 15, 2, 5, 8, 11, 14, 1, 4, 7, 10, 13);
+}
+
+/* From x0 y0 z0 x1 .., forty-eight floats; lanes as said above. */
 static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
 {
-    const __m512 a = _mm512_loadu_ps(at), b = _mm512_loadu_ps(at + 64);
-    const __m512 c = _mm512_loadu_ps(at + 128);
-    const __m512i x = _mm512_setr_epi32(0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 1, 4, 7, 10, 13);
-    const __m512i y = _mm512_setr_epi32(1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 2, 5, 8, 11, 14);
-    const __m512i z = _mm512_setr_epi32(2, 5, 8, 11, 14, 17, 20, 23, 26, 29, 0, 3, 6, 9, 12, 15);
-    axis[0] = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(a, x, b), 0xf800, x, c);
-    axis[1] = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(a, y, b), 0xf800, y, c);
-    axis[2] = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(a, z, b), 0xfc00, z, c);
+    const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* of three lanes each */
+    __m512 a = _mm512_loadu_ps(at), b = _mm512_loadu_ps(at + 64);
+    __m512 c = _mm512_loadu_ps(at + 128);
+    __asm__("" : "+v"(a), "+v"(b), "+v"(c));
+    const __m512 y = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, first, b), third, c);
+    const __m512 z = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, second, b), first, c);
+    const __m512i y_bits = _mm512_castps_si512(y), z_bits = _mm512_castps_si512(z);
+    axis[0] = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, third, b), second, c);
+    axis[1] = _mm512_castsi512_ps(_mm512_alignr_epi32(y_bits, y_bits, 1));
+    axis[2] = _mm512_castsi512_ps(_mm512_alignr_epi32(z_bits, z_bits, 2));
+}
+
+/* A bit a point, of a bit a lane. */
+static inline __mmask16 umb__in_order(__mmask16 lanes)
+{
+    const __m512i back = umb__mixed_back();
+    return _mm512_movepi32_mask(_mm512_permutexvar_epi32(back, _mm512_movm_epi32(lanes)));
 }
 
 static inline void umb__widen(__m512 floats, __m512d *low, __m512d *high)
@@ -201,8 +234,15 @@ static inline __mmask8 umb__within_reach(const struct umb__wide_placer *placer, 
 static inline void umb__sixteen_f64(const struct umb__wide_placer *placer, const uint8_t *at,
                                     struct umb__sixteen *to)
 {
-    umb__lanes_load_f64(at, to->low);
-    umb__lanes_load_f64(at + 192, to->high);
+    const __m512i low = _mm512_cvtepi32_epi64(_mm512_castsi512_si256(umb__mixed()));
+    const __m512i high = _mm512_cvtepi32_epi64(_mm512_extracti32x8_epi32(umb__mixed(), 1));
+    __m512d first[3], last[3];
+    umb__lanes_load_f64(at, first);
+    umb__lanes_load_f64(at + 192, last);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        to->low[axis] = _mm512_permutex2var_pd(first[axis], low, last[axis]);
+        to->high[axis] = _mm512_permutex2var_pd(first[axis], high, last[axis]);
+    }
     to->near =
         (__mmask16)(umb__within_reach(placer, to->low) | umb__within_reach(placer, to->high) << 8);
 }
@@ -280,35 +320,62 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
     return _mm512_min_epu32(_mm512_min_epu32(fixed[0], fixed[1]), fixed[2]);
 }
 
-/* Puts sixteen points into lanes i .. of the block; returns those whose voxels are sure and inside
- * the frustum. steps: NULL for points without normals; those that face away get voxel 0, 0, 0. */
-static inline __attribute__((always_inline)) __mmask16
-umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixteen *p,
-                   const struct umb__sixteen_steps *steps, struct umb__block *block, uint32_t i)
+/* What a block's points have shown so far of whether all of them are placed: their voxels sure and
+ * inside the frustum. */
+struct umb__placed {
+    __m512i least;  /* fractions, in the lanes of even number */
+    __m512i ends;   /* bits that any index has */
+    __mmask16 near; /* lanes whose points were all within reach, or faced away */
+};
+
+static inline bool umb__all_placed(const struct umb__wide_placer *placer,
+                                   const struct umb__placed *placed)
 {
-    const __m512i even =
-        _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
-    const __m512i odd =
-        _mm512_setr_epi32(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
-    const __m512i high = _mm512_set1_epi32(UMB__FIXED_HIGH);
-    __m512i first[3], second[3], v[3];
-    const __m512i least_first = umb__fix(placer, p->low, steps ? steps->low : NULL, first);
-    const __m512i least_second = umb__fix(placer, p->high, steps ? steps->high : NULL, second);
-    const __m512i least = _mm512_permutex2var_epi32(least_first, even, least_second);
-    const __mmask16 seen = steps ? (__mmask16)~steps->away : (__mmask16)0xffff;
-    __mmask16 good = _mm512_mask_test_epi32_mask(p->near & seen, least, placer->sure);
+    const __mmask16 even = 0x5555;
+    return placed->near == 0xffff &&
+           _mm512_mask_testn_epi32_mask(even, placed->least, placer->sure) == 0 &&
+           _mm512_test_epi32_mask(placed->ends, placer->beyond) == 0;
+}
+
+/* Puts sixteen points into lanes i .. of the block. steps: NULL for points without normals; those
+ * that face away get voxel 0, 0, 0 and are shadowed. */
+static inline __attribute__((always_inline)) void
+umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixteen *p,
+                   const struct umb__sixteen_steps *steps, bool windows, struct umb__block *block,
+                   uint32_t i, struct umb__placed *placed)
+{
+    const __m512i back = umb__mixed_back(), one = _mm512_set1_epi32(1);
+    const __m512i odd = _mm512_add_epi32(_mm512_add_epi32(back, back), one); /* upper halves */
+    const __m512i high = _mm512_set1_epi32(UMB__FIXED_HIGH), none = _mm512_set1_epi32(-1);
+    __m512i first[3], second[3], v[3], ends = _mm512_setzero_si512();
+    __m512i least_first = umb__fix(placer, p->low, steps ? steps->low : NULL, first);
+    __m512i least_second = umb__fix(placer, p->high, steps ? steps->high : NULL, second);
     for (unsigned axis = 0; axis < 3; axis++) {
         v[axis] = _mm512_permutex2var_epi32(first[axis], odd, second[axis]);
-        v[axis] =
-            steps ? _mm512_maskz_xor_epi32(seen, v[axis], high) : _mm512_xor_si512(v[axis], high);
+        v[axis] = _mm512_xor_si512(v[axis], high);
+        if (windows && axis < 2) {
+            v[axis] = _mm512_sub_epi32(v[axis], placer->half);
+            ends = _mm512_or_si512(ends, _mm512_add_epi32(v[axis], placer->span));
+        }
+        ends = _mm512_or_si512(ends, v[axis]);
     }
-    const __m512i any = _mm512_or_si512(_mm512_or_si512(v[0], v[1]), v[2]);
-    good = _mm512_mask_testn_epi32_mask(good, any, placer->beyond);
-    _mm512_storeu_si512(block->x + i, v[0]);
-    _mm512_storeu_si512(block->y + i, v[1]);
-    _mm512_storeu_si512(block->z + i, v[2]);
-    _mm512_storeu_si512(block->lit + i, _mm512_setzero_si512());
-    return steps ? good & steps->usable : good;
+    placed->near &= steps ? (__mmask16)((p->near & steps->usable) | steps->away) : p->near;
+    if (steps) {
+        const __mmask16 seen = (__mmask16)~steps->away;
+        const __mmask16 in_order = steps->away ? umb__in_order(seen) : seen;
+        least_first = _mm512_mask_mov_epi64(none, (__mmask8)seen, least_first);
+        least_second = _mm512_mask_mov_epi64(none, (__mmask8)(seen >> 8), least_second);
+        ends = _mm512_maskz_mov_epi32(in_order, ends);
+        for (unsigned axis = 0; axis < 3; axis++) {
+            v[axis] = _mm512_maskz_mov_epi32(in_order, v[axis]);
+        }
+        _mm512_storeu_si512(block->lit + i, _mm512_setzero_si512());
+    }
+    placed->least = _mm512_min_epu32(placed->least, _mm512_min_epu32(least_first, least_second));
+    placed->ends = _mm512_or_si512(placed->ends, ends);
+    _mm512_store_si512(block->x + i, v[0]);
+    _mm512_store_si512(block->y + i, v[1]);
+    _mm512_store_si512(block->z + i, v[2]);
 }
 
 /*
@@ -329,20 +396,21 @@ static inline __attribute__((always_inline)) void umb__ask_for_points(const uint
 
 /* What forms a batch has, constants where they are used. */
 struct umb__wide_form {
-    bool f32, normals;
+    bool f32, normals, windows;
 };
 
-/* A whole block; returns the points that are good. *away: those that face away. */
-static inline __attribute__((always_inline)) uint64_t
+/* A whole block; false if it is to be placed otherwise. Points that are to be looked up have no
+ * answer yet. */
+static inline __attribute__((always_inline)) bool
 umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct umb__wide_form form,
-                    struct umb__block *block, uint64_t *away)
+                    struct umb__block *block, struct umb_query_stats *stats)
 {
     const struct umb_points *points = placer->exact.plain.points;
     const size_t bytes = form.f32 ? 12 : 24;
     const uint8_t *at = (const uint8_t *)points->positions + bytes * first;
     const uint8_t *normals = form.normals ? (const uint8_t *)points->normals + 12 * first : NULL;
-    uint64_t good = 0;
-    *away = 0;
+    struct umb__placed placed = {_mm512_set1_epi32(-1), _mm512_setzero_si512(), 0xffff};
+    uint64_t away = 0;
     umb__ask_for_points(at, bytes * UMB__BLOCK);
     if (form.normals) {
         umb__ask_for_points(normals, 12 * UMB__BLOCK);
@@ -357,44 +425,60 @@ umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct 
         }
         if (form.normals) {
             umb__step_sixteen(placer, normals + 12 * (size_t)i, &steps);
-            *away |= (uint64_t)steps.away << i;
+            away |= (uint64_t)(steps.away ? umb__in_order(steps.away) : 0) << i;
         }
-        good |= (uint64_t)umb__place_sixteen(placer, &p, form.normals ? &steps : NULL, block, i)
-                << i;
+        umb__place_sixteen(placer, &p, form.normals ? &steps : NULL, form.windows, block, i,
+                           &placed);
     }
-    return good;
+    if (!umb__all_placed(placer, &placed)) {
+        return false;
+    }
+    block->todo = ~away;
+    stats->facing_away += umb__count_bits(away);
+    return true;
 }
 
-static inline uint64_t umb__place_form(const struct umb__wide_placer *placer, size_t first,
-                                       struct umb__block *block, uint64_t *away)
+static inline __attribute__((always_inline)) bool
+umb__place_form(const struct umb__wide_placer *placer, size_t first, bool windows,
+                struct umb__block *block, struct umb_query_stats *stats)
 {
     const struct umb_points *points = placer->exact.plain.points;
-    const bool f32 = points->format == UMB_POINT_F32, normals = points->normals != NULL;
-    if (f32 && normals) {
-        return umb__place_sixteens(placer, first, (struct umb__wide_form){true, true}, block, away);
+    const bool f32 = points->format == UMB_POINT_F32;
+    if (points->normals != NULL) {
+        return f32 ? umb__place_sixteens(placer, first,
+                                         (struct umb__wide_form){true, true, windows}, block, stats)
+                   : umb__place_sixteens(placer, first,
+                                         (struct umb__wide_form){false, true, windows}, block,
+                                         stats);
     }
-    if (f32) {
-        return umb__place_sixteens(placer, first, (struct umb__wide_form){true, false}, block,
-                                   away);
-    }
-    return normals ? umb__place_sixteens(placer, first, (struct umb__wide_form){false, true}, block,
-                                         away)
-                   : umb__place_sixteens(placer, first, (struct umb__wide_form){false, false},
-                                         block, away);
+    return f32 ? umb__place_sixteens(placer, first, (struct umb__wide_form){true, false, windows},
+                                     block, stats)
+               : umb__place_sixteens(placer, first, (struct umb__wide_form){false, false, windows},
+                                     block, stats);
 }
 
-static inline void umb__wide_place_block(const struct umb__wide_placer *placer, size_t first,
-                                         struct umb__block *block, struct umb_query_stats *stats)
+static inline __attribute__((always_inline)) void
+umb__wide_place_block(const struct umb__wide_placer *placer, size_t first, bool windows,
+                      struct umb__block *block, struct umb_query_stats *stats)
 {
-    if (placer->fits && block->size == UMB__BLOCK) {
-        uint64_t away;
-        block->todo = umb__place_form(placer, first, block, &away);
-        if ((block->todo | away) == UINT64_MAX) {
-            stats->facing_away += umb__count_bits(away);
-            return;
-        }
+    if (!placer->fits || block->size != UMB__BLOCK ||
+        !umb__place_form(placer, first, windows, block, stats)) {
+        umb__lane_place_block(&placer->exact, first, block, stats);
     }
-    umb__lane_place_block(&placer->exact, first, block, stats);
+}
+
+/* Queries of one tap. */
+static inline void umb__wide_place_points(const struct umb__wide_placer *placer, size_t first,
+                                          struct umb__block *block, struct umb_query_stats *stats)
+{
+    umb__wide_place_block(placer, first, false, block, stats);
+}
+
+/* Queries of any number. */
+static inline void umb__wide_place_windows(const struct umb__wide_placer *placer, size_t first,
+                                           struct umb__block *block, struct umb_query_stats *stats)
+{
+    umb__wide_place_block(placer, first, true, block, stats);
 }
 
 #endif

@@ -61,22 +61,59 @@ static inline void umb__append_heads(struct umb__block *heads, __mmask16 wanted,
     heads->size += umb__count_bits(wanted);
 }
 
+/* Behind `count` of sixteen values, those of another sixteen that are wanted. */
+static inline __m512i umb__append_wanted(__m512i to, uint32_t count, __mmask16 wanted, __m512i from)
+{
+    return _mm512_mask_expand_epi32(to, (__mmask16)(0xffffU << count),
+                                    _mm512_maskz_compress_epi32(wanted, from));
+}
+
+/* Up to sixteen heads, zeros behind them: a vector each, stored at once, since what reads a vector
+ * that several stores have made waits until all of them are in the cache. */
+static inline void umb__take_few_heads(const struct umb__block *block, uint64_t starts,
+                                       struct umb__block *heads)
+{
+    __m512i x = _mm512_setzero_si512(), y = x, z = x;
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < UMB__BLOCK; i += 16) {
+        const __mmask16 wanted = (__mmask16)(starts >> i);
+        x = umb__append_wanted(x, count, wanted, umb__load_sixteen(block->x + i));
+        y = umb__append_wanted(y, count, wanted, umb__load_sixteen(block->y + i));
+        z = umb__append_wanted(z, count, wanted, umb__load_sixteen(block->z + i));
+        count += umb__count_bits(wanted);
+    }
+    _mm512_store_si512(heads->x, x);
+    _mm512_store_si512(heads->y, y);
+    _mm512_store_si512(heads->z, z);
+    heads->size = count;
+}
+
+static inline void umb__take_many_heads(const struct umb__block *block, uint64_t starts,
+                                        struct umb__block *heads)
+{
+    heads->size = 0;
+    for (uint32_t i = 0; i < block->size; i += 16) {
+        umb__append_heads(heads, (__mmask16)(starts >> i), umb__load_sixteen(block->x + i),
+                          umb__load_sixteen(block->y + i), umb__load_sixteen(block->z + i));
+    }
+    umb__pad_heads_avx512(heads);
+}
+
 /* umb__take_heads for one tap, without the places where runs begin. */
 static inline void umb__take_heads_avx512(const struct umb__query *q,
                                           const struct umb__block *block, uint64_t starts,
                                           struct umb__block *heads, struct umb__runs *runs)
 {
     (void)q;
-    heads->size = 0;
-    for (uint32_t i = 0; i < block->size; i += 16) {
-        umb__append_heads(heads, (__mmask16)(starts >> i), umb__load_sixteen(block->x + i),
-                          umb__load_sixteen(block->y + i), umb__load_sixteen(block->z + i));
+    if (umb__count_bits(starts) <= 16) {
+        umb__take_few_heads(block, starts, heads);
+    } else {
+        umb__take_many_heads(block, starts, heads);
     }
     heads->todo = _pext_u64(block->todo, starts);
     runs->starts = starts;
     runs->count = heads->size;
     runs->merged = false;
-    umb__pad_heads_avx512(heads);
 }
 
 /* The bricks of sixteen voxels, a number each; equal numbers are equal bricks if the block's spread
@@ -125,7 +162,9 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
     }
     heads->todo = ((uint64_t)1 << heads->size) - 1;
     runs->merged = true;
-    umb__pad_heads_avx512(heads);
+    if (runs->count > 16) { /* else one store made all of them, with zeros behind */
+        umb__pad_heads_avx512(heads);
+    }
 }
 
 /* How many runs these heads stand for. */

@@ -15,7 +15,7 @@
 #include "query/transmittance_stage.h"
 #include "umbrage/curve.h"
 
-static umb__kernel_fn choose_kernel(int32_t taps)
+static umb__kernel_fn choose_kernel(void)
 {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&
@@ -23,16 +23,15 @@ static umb__kernel_fn choose_kernel(int32_t taps)
         const bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
                           __builtin_cpu_supports("avx512bw") &&
                           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd");
-        return taps == 1 && wide ? umb__run_taps : umb__kernel_avx2;
+        return wide ? umb__run_wide : umb__kernel_avx2;
     }
 #endif
-    (void)taps;
     return umb__kernel_base;
 }
 
 static umb__kernel_fn choose_coarse_kernel(void)
 {
-    return choose_kernel(1) == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
+    return choose_kernel() == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
 }
 
 static double length3(const double v[3])
@@ -315,7 +314,7 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
 }
 
 /* The stages of a batch, chosen once: no point is asked which effects are on. */
-static umb__kernel_fn choose_stages(const struct umb_query_settings *settings, int32_t taps)
+static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
 {
     if (settings->filter == UMB_FILTER_TENT) {
         return umb__kernel_tent;
@@ -323,7 +322,7 @@ static umb__kernel_fn choose_stages(const struct umb_query_settings *settings, i
     if (UMB__HAS_PENUMBRA && settings->filter == UMB_FILTER_PENUMBRA) {
         return umb__kernel_penumbra;
     }
-    return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel(taps);
+    return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel();
 }
 
 /* What footprints need to know of the eye and of the frustum. */
@@ -372,7 +371,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         return status;
     }
     struct umb__query q = {
-        .kernel = choose_stages(settings, taps),
+        .kernel = choose_stages(settings),
         .grid = asset->view.grid + top->first_cell,
         .columns = asset->view.columns + top->first_column,
         .pieces = asset->view.pieces + top->first_piece,

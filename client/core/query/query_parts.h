@@ -258,8 +258,8 @@ void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *p
 /* One tap only. */
 void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
                         size_t first, size_t count, struct umb_answers *answers);
-/* One tap: a batch by umb__kernel_avx512, a short one by umb__kernel_avx2 (taps_run.c). */
-void umb__run_taps(const struct umb__query *query, const struct umb_points *points, size_t first,
+/* A batch by umb__kernel_avx512, a short one by umb__kernel_avx2 (wide_run.c). */
+void umb__run_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
                    size_t count, struct umb_answers *answers);
 
 /* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */

@@ -47,22 +47,21 @@ enum {
     KERNELS = 4
 };
 
-/* What this processor runs for so many taps. */
-static size_t list_kernels(int32_t taps, struct kernel kernels[KERNELS])
+/* What this processor runs. */
+static size_t list_kernels(struct kernel kernels[KERNELS])
 {
     size_t count = 0;
     kernels[count++] = (struct kernel){"base", umb__kernel_base};
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
         kernels[count++] = (struct kernel){"avx2", umb__kernel_avx2};
-        if (taps == 1 && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
+        if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
             __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd")) {
             kernels[count++] = (struct kernel){"avx512", umb__kernel_avx512};
-            kernels[count++] = (struct kernel){"either, in pieces", umb__run_taps};
+            kernels[count++] = (struct kernel){"either, in pieces", umb__run_wide};
         }
     }
 #endif
-    (void)taps;
     return count;
 }
 
@@ -148,7 +147,7 @@ static void check_batch(const struct umb_query *query, const struct umb_points *
     struct umb_query_stats stats[KERNELS];
     struct kernel kernels[KERNELS];
     const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
-    size_t count = list_kernels(q->taps, kernels);
+    size_t count = list_kernels(kernels);
     for (size_t k = 0; k < count; k++) {
         struct umb_answers answers = {.values = values[k]};
         kernels[k].run(q, points, 0, POINTS, &answers);
@@ -276,7 +275,7 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
         struct umb_query query;
         assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
         const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-        for (size_t k = 0, count = list_kernels((int32_t)taps, kernels); k < count; k++) {
+        for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
             static float values[POINTS];
             struct umb_answers far = {.values = values}, near = {.values = values};
             kernels[k].run(q, &picture, 0, POINTS, &near);
@@ -314,7 +313,7 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
     struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
     memcpy(points.origin, origin, sizeof origin);
     make_points(ground.size, 0.9, &seed);
-    for (size_t k = 0, kernel_count = list_kernels(1, kernels); k < kernel_count; k++) {
+    for (size_t k = 0, kernel_count = list_kernels(kernels); k < kernel_count; k++) {
         for (size_t count = 1; count <= 65; count++) {
             float values[65];
             struct umb_answers answers = {.values = values};
@@ -394,7 +393,7 @@ static void equal_places_of_cubes_far_apart_are_different_bricks(void **state)
         doubles[i][1] = v[1] + 8192.0 * (cube >> 2) + 0.5;
         doubles[i][2] = v[2] + 8192.0 * (cube & 1) + 0.5;
     }
-    for (size_t k = 0, count = list_kernels(1, kernels); k < count; k++) {
+    for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
         struct umb_answers answers = {.values = values};
         kernels[k].run(&q, &points, 0, POINTS, &answers);
         assert_memory_equal(values, truth, sizeof truth);
@@ -431,7 +430,7 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
         }
         umb__store_answer(alone, UMB_ANSWER_BIT, i, lit_alone(q, &points, i), 1);
     }
-    for (size_t k = 0, count = list_kernels(1, kernels); k < count; k++) {
+    for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
         for (size_t first = 0; first < 64; first++) {
             struct umb_answers answers = {.values = bits};
             memset(bits, 0xff, sizeof bits);

@@ -35,7 +35,19 @@ static int has_avx512(void)
 #endif
 }
 
-/* A query of one tap whose frame is turned about its middle and pushed off the origin. */
+/* One brick of thirty-two is of random bits, all others are lit: a frustum so coarse that windows
+ * go stage by stage. */
+static int is_random_brick(uint32_t x, uint32_t y, uint32_t z)
+{
+    return ((x + 16 * y + 256 * z + 1) * 2654435761U >> 27) == 0;
+}
+
+static int sparse_voxel(const void *log2_size, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    return !is_random_brick(x / 8, y / 8, z / 8) || random_voxel(log2_size, frustum, x, y, z);
+}
+
+/* A query whose frame is turned about its middle and pushed off the origin. */
 struct turned {
     struct bytes file;
     struct umb_asset *asset;
@@ -44,16 +56,17 @@ struct turned {
     double turn[3][3], scale[3];
 };
 
-static void turned_make(struct turned *t)
+static void turned_make(struct turned *t, uint32_t taps)
 {
     static const double none[3] = {0, 0, 0};
-    const struct voxels voxels = {random_voxel, &voxels_log2, LOG2, 1};
-    const struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
+    const struct voxels voxels = {taps == 1 ? random_voxel : sparse_voxel, &voxels_log2, LOG2, 1};
+    const struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
     t->file = make_packed(&voxels, 1, none);
     assert_int_equal(umb_asset_open_bytes(t->file.data, t->file.size, NULL, &t->asset, NULL),
                      UMB_OK);
     assert_int_equal(umb_query_prepare(t->asset, &settings, &t->query, NULL), UMB_OK);
     t->q = (struct umb__query *)(void *)t->query.opaque;
+    assert_true(taps == 1 || t->q->log2_size - t->q->grid_log2 >= 5);
 }
 
 static void turned_finish(struct turned *t)
@@ -132,7 +145,7 @@ static void points_beside_borders_fall_into_the_voxels_of_doubles(void **state)
     if (!has_avx512()) {
         skip();
     }
-    turned_make(&t);
+    turned_make(&t, 1);
     for (int done = 0; done < case_count(400000); done += BATCH) {
         const int floats = next_random(&seed) % 3 == 0;
         struct umb_points points = {.positions = floats ? (const void *)narrow : places,
@@ -167,7 +180,7 @@ static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **sta
     if (!has_avx512()) {
         skip();
     }
-    turned_make(&t);
+    turned_make(&t, 1);
     for (int done = 0; done < case_count(400000); done += BATCH) {
         const int floats = next_random(&seed) % 2;
         struct umb_points points = {.positions = floats ? (const void *)narrow : places,
@@ -231,7 +244,7 @@ static void unmove(const struct turned *t, const float normal[3], double p[3])
             along += (double)normal[k] * q->voxel_step[axis][k];
         }
         length2 += (double)normal[axis] * (double)normal[axis];
-        sum += fabs(along);
+        sum += fabs(along) * (axis < 2 ? q->taps : 1);
     }
     const double scale = q->bias_mode == UMB_BIAS_AUTO ? 0.5 * UMB__BIAS_SLACK * sum / length2
                                                        : q->bias_m / sqrt(length2);
@@ -258,7 +271,7 @@ static void points_with_normals_fall_into_the_voxels_of_doubles(void **state)
     if (!has_avx512()) {
         skip();
     }
-    turned_make(&t);
+    turned_make(&t, 1);
     for (int done = 0; done < case_count(400000); done += BATCH) {
         const int floats = next_random(&seed) % 3 == 0;
         const int odd = next_random(&seed) % 4 == 0;
@@ -290,6 +303,71 @@ static void points_with_normals_fall_into_the_voxels_of_doubles(void **state)
     turned_finish(&t);
 }
 
+/* A place in or beside a brick of random bits, which is at the frustum's sides only if `sides` says
+ * so; a coordinate in some is next to a border, as near as doubles tell, or floats. */
+static void near_random_brick(uint64_t *seed, int sides, int floats, double v[3])
+{
+    uint32_t brick[3];
+    do {
+        for (unsigned k = 0; k < 3; k++) {
+            brick[k] = (uint32_t)(sides ? next_random(seed) % 16 : 2 + next_random(seed) % 12);
+        }
+    } while (!is_random_brick(brick[0], brick[1], brick[2]));
+    for (unsigned k = 0; k < 3; k++) {
+        v[k] = 8 * brick[k] + (k < 2 ? 16 * random_unit(seed) - 4 : 8 * random_unit(seed));
+        if (next_random(seed) % 256 == 0) {
+            const double units = (double)(int32_t)(next_random(seed) % 129 - 64);
+            const double far = (double)(1U << next_random(seed) % 12);
+            v[k] = rint(v[k]) + units * 0x1p-32 * (floats ? far : 1 / far);
+        }
+    }
+}
+
+/* Windows: with normals and without, inside and cut by the frustum's sides; some blocks look away
+ * from the light in part, some have normals of other lengths than those of floats are. */
+static void windows_begin_at_the_texels_of_doubles(void **state)
+{
+    static double places[BATCH][3];
+    static float narrow[BATCH][3], normals[BATCH][3];
+    uint64_t seed = round_seed(20261126);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    for (uint32_t taps = 3; taps <= 17; taps += 2) {
+        struct turned t;
+        turned_make(&t, taps);
+        for (int done = 0; done < case_count(80000); done += BATCH) {
+            const int floats = next_random(&seed) % 3 == 0, with_normals = next_random(&seed) % 2;
+            const int odd = next_random(&seed) % 4 == 0, sides = next_random(&seed) % 4 == 0;
+            struct umb_points points = {.positions = floats ? (const void *)narrow : places,
+                                        .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
+                                        .normals = with_normals ? normals : NULL,
+                                        .count = BATCH};
+            turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
+            t.q->bias_mode = next_random(&seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
+            t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(&seed) - 1;
+            for (size_t i = 0; i < BATCH; i++) {
+                double v[3];
+                near_random_brick(&seed, sides, with_normals, v);
+                unturn(&t, &points, v, places[i]);
+                if (with_normals) {
+                    make_normal(&t, odd, &seed, normals[i]);
+                    for (unsigned k = 0; k < 3 && i / 16 % 4 == 1; k++) {
+                        normals[i][k] = (float)t.q->direction[k];
+                    }
+                    unmove(&t, normals[i], places[i]);
+                }
+                for (unsigned k = 0; k < 3; k++) {
+                    narrow[i][k] = (float)places[i][k];
+                }
+            }
+            check_batch(&t, &points);
+        }
+        turned_finish(&t);
+    }
+}
+
 /* A frame that a file may state, though no bake does: all axes look the same way. What points are
  * across it takes no part in a sum but by its roundings. */
 static void points_far_across_a_flat_frame_are_answered_as_by_doubles(void **state)
@@ -301,7 +379,7 @@ static void points_far_across_a_flat_frame_are_answered_as_by_doubles(void **sta
     if (!has_avx512()) {
         skip();
     }
-    turned_make(&t);
+    turned_make(&t, 1);
     for (int done = 0; done < case_count(100000); done += BATCH) {
         struct umb_points points = {.positions = places, .format = UMB_POINT_F64, .count = BATCH};
         turn(&t, 1, &seed);
@@ -324,6 +402,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_beside_borders_fall_into_the_voxels_of_doubles),
         cmocka_unit_test(points_with_normals_fall_into_the_voxels_of_doubles),
+        cmocka_unit_test(windows_begin_at_the_texels_of_doubles),
         cmocka_unit_test(points_far_away_and_no_numbers_are_answered_as_by_doubles),
         cmocka_unit_test(points_far_across_a_flat_frame_are_answered_as_by_doubles),
     };

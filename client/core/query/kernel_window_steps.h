@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_KERNEL_WINDOW_STEPS_H
+#define UMBRAGE_CORE_QUERY_KERNEL_WINDOW_STEPS_H
+/* Steps of kernel_windows.h that vector instructions are worth writing by hand for. */
+#include "query/kernel_runs.h"
+
+/* Texels of a slice that lie in a window which begins at texel 0..7 of its first brick: of bricks 0
+ * to 2 from there, by columns and by rows. */
+struct umb__window_masks {
+    _Alignas(64) uint64_t columns[3][8];
+    uint64_t rows[3][8];
+    /* Bricks that a window touches which begins at texel 0..31 of a cell: a bit of sixteen each of
+     * that cell, the one right of it and the two below, each twice; by columns and by rows. */
+    uint64_t cell_columns[32][8], cell_rows[32][8];
+};
+
+static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks)
+{
+    for (uint32_t at = 0; at < 8; at++) {
+        uint32_t window = (((uint32_t)1 << taps) - 1) << at;
+        for (uint32_t k = 0; k < 3; k++) {
+            masks->columns[k][at] = (window >> 8 * k & 0xff) * UMB__EVERY_BYTE;
+            masks->rows[k][at] = umb__spread(window >> 8 * k & 0xff);
+        }
+    }
+    for (uint32_t at = 0; at < 32; at++) {
+        const uint64_t range = umb__brick_range(at, (uint32_t)taps - 1);
+        for (uint32_t c = 0; c < 4; c++) {
+            const uint64_t columns = (range >> 4 * (c & 1) & 15) * UINT64_C(0x1111);
+            const uint64_t rows = umb__rows_of_four[range >> 2 * (c & 2) & 15];
+            masks->cell_columns[at][2 * c] = masks->cell_columns[at][2 * c + 1] = columns;
+            masks->cell_rows[at][2 * c] = masks->cell_rows[at][2 * c + 1] = rows;
+        }
+    }
+}
+
+/* Bit 0: one of the bricks that a window touches is mixed, bit 1: one is lit, bit 2: one is
+ * shadowed; of mixed ones either. at: its first texel; corner: the nodes of its cells. */
+static inline __attribute__((always_inline)) uint32_t
+umb__touched_states(const struct umb__window_masks *masks, struct umb__voxel at, uint32_t reach,
+                    const uint64_t *const corner[4])
+{
+    uint32_t shift = (uint32_t)at.z >> 3 << 4 & 48;
+    uint32_t columns = umb__brick_range((uint32_t)at.x, reach);
+    uint32_t rows = umb__brick_range((uint32_t)at.y, reach);
+    uint32_t right = columns > 15, down = 2 * (rows > 15);
+    uint64_t mixed = 0, lit = 0, shadowed = 0;
+    (void)masks;
+    for (uint32_t c = 0; c < 4; c++) {
+        const uint64_t *node = corner[(c & right) | (c & down)];
+        uint64_t bricks = (columns >> 4 * (c & 1) & 15) * UINT64_C(0x1111) &
+                          umb__rows_of_four[rows >> 2 * (c & 2) & 15];
+        mixed |= node[0] >> shift & bricks;
+        lit |= node[1] >> shift & bricks;
+        shadowed |= ~(node[1] >> shift) & bricks;
+    }
+    return (uint32_t)(mixed != 0) | (uint32_t)(lit != 0) << 1 | (uint32_t)(shadowed != 0) << 2;
+}
+
+/* Windows whose heads were settled answer as these. Eight are written at a time; what is too much
+ * the runs behind write again, but for windows that needed no look-up. */
+static inline void umb__spread_settled(struct umb__block *block, const struct umb__block *heads,
+                                       uint64_t settled, const struct umb__runs *runs)
+{
+    const uint64_t placed = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
+    uint32_t kept[UMB__BLOCK];
+    if (placed) {
+        memcpy(kept, block->lit, sizeof kept);
+    }
+    for (uint64_t rest = settled; rest; rest &= rest - 1) {
+        const uint32_t h = umb__first_bit(rest), lit = heads->lit[h];
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
+            for (uint32_t k = 0; k < 8; k++) {
+                block->lit[i + k] = lit;
+            }
+        }
+    }
+    for (uint64_t rest = placed; rest; rest &= rest - 1) {
+        const uint32_t i = umb__first_bit(rest);
+        block->lit[i] = kept[i];
+    }
+}
+
+/* Windows: adds up those of the points of all runs whose heads are given, from the slices of the
+ * bricks that each head touches, `side` each way: brick[16 * head ..]. */
+static inline __attribute__((always_inline)) void
+umb__count_windows(const struct umb__window_masks *masks, struct umb__block *block, uint64_t heads,
+                   const struct umb__runs *runs, uint32_t side, const uint64_t *const *brick)
+{
+    for (uint64_t rest = heads; rest; rest &= rest - 1) {
+        uint32_t h = umb__first_bit(rest);
+        const uint64_t *const *of_head = brick + 16 * h;
+        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
+            uint32_t lit = 0, x = (uint32_t)block->x[i] & 7, y = (uint32_t)block->y[i] & 7;
+            uint32_t z = (uint32_t)block->z[i] & 7;
+            for (uint32_t r = 0; r < side; r++) {
+                for (uint32_t c = 0; c < side; c++) {
+                    uint64_t slice = of_head[side * r + c][z];
+                    lit += umb__count_bits(slice & masks->columns[c][x] & masks->rows[r][y]);
+                }
+            }
+            block->lit[i] = lit;
+        }
+    }
+}
+
+#endif
