@@ -14,6 +14,7 @@
 #define UMB__COMPARE_POINTS umb__compare_points_avx2
 #define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs_avx2
+#define UMB__MAKE_MASKS     umb__make_masks
 #define UMB__TAKE_WINDOWS   umb__take_heads
 #define UMB__TOUCHED_STATES umb__touched_states
 #define UMB__SPREAD_SETTLED umb__spread_settled
@@ -29,6 +30,7 @@
 #define UMB__COMPARE_POINTS umb__compare_points
 #define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
+#define UMB__MAKE_MASKS     umb__make_masks
 #define UMB__TAKE_WINDOWS   umb__take_heads
 #define UMB__TOUCHED_STATES umb__touched_states
 #define UMB__SPREAD_SETTLED umb__spread_settled

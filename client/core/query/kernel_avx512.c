@@ -19,6 +19,7 @@
 #define UMB__COMPARE_POINTS umb__compare_points_avx512
 #define UMB__TAKE_HEADS     umb__take_heads_avx512
 #define UMB__READ_RUNS      umb__read_runs_avx512
+#define UMB__MAKE_MASKS     umb__make_masks_avx512
 #define UMB__TAKE_WINDOWS   umb__take_windows_avx512
 #define UMB__TOUCHED_STATES umb__touched_states_avx512
 #define UMB__SPREAD_SETTLED umb__spread_settled_avx512

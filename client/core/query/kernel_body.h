@@ -4,8 +4,8 @@
  * name the function (UMB__KERNEL) and the stages that vector instructions are worth writing by hand
  * for: placing (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE, UMB__PLACE_WINDOWS), UMB__GRID,
  * UMB__COMPARE_POINTS; of one tap UMB__TAKE_HEADS, UMB__STEP_HEADS, UMB__READ_RUNS,
- * UMB__READ_BRICK; of windows UMB__TAKE_WINDOWS, UMB__TOUCHED_STATES, UMB__SPREAD_SETTLED,
- * UMB__COUNT_WINDOWS. No guard: each includes it once.
+ * UMB__READ_BRICK; of windows UMB__MAKE_MASKS, UMB__TAKE_WINDOWS, UMB__TOUCHED_STATES,
+ * UMB__SPREAD_SETTLED, UMB__COUNT_WINDOWS. No guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
@@ -47,8 +47,9 @@ static void answer_windows(const struct umb__query *query, const struct UMB__PLA
     struct umb__block block;
     struct umb__window_masks masks;
     struct idle_stages idle = {0, 0};
-    struct known_cells known = {0};
-    umb__make_masks(query->taps, &masks);
+    struct known_cells known;
+    UMB__MAKE_MASKS(query->taps, &masks);
+    forget_cells(&known);
     for (; first < end; first += block.size) {
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__ASK_FOR_ANSWERS(query, values, first);

@@ -97,14 +97,21 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
     stats->nodes += left;
 }
 
-/* Cells that were found for blocks before, each at the place that its key says. All zero: none. */
+#define KNOWN_CELLS 256U
+
+/* Cells that were found for blocks before, each at the place that its key says. Key 0: none, and
+ * the rest means nothing. steps: nodes that finding it visited, counted whenever it is asked for.
+ */
 struct known_cells {
-    struct known_cell {
-        uint64_t key;
-        const uint64_t *node;
-        uint64_t steps; /* nodes that finding it visited: counted again whenever it is asked for */
-    } cell[256];
+    uint64_t key[KNOWN_CELLS];
+    const uint64_t *node[KNOWN_CELLS];
+    uint8_t steps[KNOWN_CELLS];
 };
+
+static inline void forget_cells(struct known_cells *known)
+{
+    memset(known->key, 0, sizeof known->key);
+}
 
 /* A number a cell, not 0. */
 static inline uint64_t cell_key(struct umb__voxel corner)
@@ -116,9 +123,9 @@ static inline uint64_t cell_key(struct umb__voxel corner)
 }
 
 /* Its place: the highest bits of a product with 2^64 over the golden ratio. */
-static inline struct known_cell *known_place(struct known_cells *known, uint64_t key)
+static inline uint32_t known_place(uint64_t key)
 {
-    return &known->cell[key * UINT64_C(0x9e3779b97f4a7c15) >> 56];
+    return (uint32_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> 56);
 }
 
 /* Finds the nodes of listed cells as find_cells does, where a picture's next block needs many of
@@ -132,10 +139,10 @@ static void find_new_cells(const struct umb__query *q, const struct umb__block *
     for (uint32_t k = 0; k < count; k++) {
         const uint32_t slot = cells->slot[k];
         const uint64_t key = cell_key(umb__cell_corner(block, slot));
-        const struct known_cell *cell = known_place(known, key);
-        const uint64_t hit = cell->key == key;
-        cells->node[slot] = cell->node;
-        stats->nodes += cell->steps & (0 - hit);
+        const uint32_t place = known_place(key);
+        const uint64_t hit = known->key[place] == key;
+        cells->node[slot] = known->node[place];
+        stats->nodes += known->steps[place] & (0 - hit);
         missing[left] = (uint16_t)slot;
         left += (uint32_t)(1 - hit);
     }
@@ -147,7 +154,10 @@ static void find_new_cells(const struct umb__query *q, const struct umb__block *
     for (uint32_t k = 0; k < left; k++) {
         const uint32_t slot = missing[k];
         const uint64_t key = cell_key(umb__cell_corner(block, slot));
-        *known_place(known, key) = (struct known_cell){key, cells->node[slot], cells->steps[slot]};
+        const uint32_t place = known_place(key);
+        known->key[place] = key;
+        known->node[place] = cells->node[slot];
+        known->steps[place] = cells->steps[slot];
     }
 }
 

@@ -9,8 +9,9 @@
 struct umb__window_masks {
     _Alignas(64) uint64_t columns[3][8];
     uint64_t rows[3][8];
-    /* Bricks that a window touches which begins at texel 0..31 of a cell: a bit of sixteen each of
-     * that cell, the one right of it and the two below, each twice; by columns and by rows. */
+    /* With AVX-512 alone. Bricks that a window touches which begins at texel 0..31 of a cell: a bit
+     * of sixteen each of that cell, the one right of it and the two below, each twice; by columns
+     * and by rows. */
     uint64_t cell_columns[32][8], cell_rows[32][8];
 };
 
@@ -21,15 +22,6 @@ static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks
         for (uint32_t k = 0; k < 3; k++) {
             masks->columns[k][at] = (window >> 8 * k & 0xff) * UMB__EVERY_BYTE;
             masks->rows[k][at] = umb__spread(window >> 8 * k & 0xff);
-        }
-    }
-    for (uint32_t at = 0; at < 32; at++) {
-        const uint64_t range = umb__brick_range(at, (uint32_t)taps - 1);
-        for (uint32_t c = 0; c < 4; c++) {
-            const uint64_t columns = (range >> 4 * (c & 1) & 15) * UINT64_C(0x1111);
-            const uint64_t rows = umb__rows_of_four[range >> 2 * (c & 2) & 15];
-            masks->cell_columns[at][2 * c] = masks->cell_columns[at][2 * c + 1] = columns;
-            masks->cell_rows[at][2 * c] = masks->cell_rows[at][2 * c + 1] = rows;
         }
     }
 }

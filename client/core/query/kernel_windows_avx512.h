@@ -5,6 +5,20 @@
 #include "query/kernel_runs_avx512.h"
 #include "query/kernel_window_steps.h"
 
+static inline void umb__make_masks_avx512(int32_t taps, struct umb__window_masks *masks)
+{
+    umb__make_masks(taps, masks);
+    for (uint32_t at = 0; at < 32; at++) {
+        const uint64_t range = umb__brick_range(at, (uint32_t)taps - 1);
+        for (uint32_t c = 0; c < 4; c++) {
+            const uint64_t columns = (range >> 4 * (c & 1) & 15) * UINT64_C(0x1111);
+            const uint64_t rows = umb__rows_of_four[range >> 2 * (c & 2) & 15];
+            masks->cell_columns[at][2 * c] = masks->cell_columns[at][2 * c + 1] = columns;
+            masks->cell_rows[at][2 * c] = masks->cell_rows[at][2 * c + 1] = rows;
+        }
+    }
+}
+
 /* umb__take_heads, up to sixteen of a whole block at once. */
 static inline void umb__take_windows_avx512(const struct umb__query *q,
                                             const struct umb__block *block, uint64_t starts,
