@@ -205,16 +205,39 @@ static inline void umb__copy_block(const struct umb__block *from, struct umb__bl
     }
 }
 
+/* Sends the last block to its end. A function of its own, as the next: where points share their way
+ * down, the loop over blocks is quicker if it knows nothing of these. */
+static __attribute__((noinline)) void umb__end_descents(struct umb__descents *descents,
+                                                        struct umb_query_stats *stats)
+{
+    struct umb__descent *last = descents->looking, *none = &descents->none;
+    if (last == none) {
+        return;
+    }
+    umb__step_both(descents->query, last, none, stats);
+    while (last->level > UMB_LEVEL_BRICK) {
+        umb__step_both(descents->query, none, last, stats);
+        umb__step_both(descents->query, last, none, stats);
+    }
+    umb__arrive(descents, last, stats);
+    none->level = UMB_LEVEL_BRICK;
+    descents->looking = none;
+}
+
 /* Sends a copy of the block down, and the one before to its end. first: of its points in the batch.
  * level, number: of the node that all of them begin at, which are then all to be looked up, or
- * UMB__AT_COLUMNS. A function of its own, as the next, and a copy: where points share their way
- * down, the loop over blocks is quicker if it knows nothing of these. */
+ * UMB__AT_COLUMNS. Of bits, two blocks may share a byte, which is written in the order of points:
+ * one that would be at its bricks before the last waits until that is at its end. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
                                                    const struct umb__block *block, size_t first,
                                                    uint32_t level, uint32_t number,
                                                    struct umb_query_stats *stats)
 {
     const struct umb__query *q = descents->query;
+    if (q->format == UMB_ANSWER_BIT && level != UMB__AT_COLUMNS &&
+        descents->looking->level + 2 > level) {
+        umb__end_descents(descents, stats);
+    }
     struct umb__descent *asks = descents->looking, *looks = descents->free;
     umb__copy_block(block, &looks->block);
     looks->first = first;
@@ -242,24 +265,6 @@ static __attribute__((noinline)) void umb__descend(struct umb__descents *descent
         umb__arrive(descents, asks, stats);
         descents->free = asks;
     }
-}
-
-/* Sends the last block to its end. */
-static __attribute__((noinline)) void umb__end_descents(struct umb__descents *descents,
-                                                        struct umb_query_stats *stats)
-{
-    struct umb__descent *last = descents->looking, *none = &descents->none;
-    if (last == none) {
-        return;
-    }
-    umb__step_both(descents->query, last, none, stats);
-    while (last->level > UMB_LEVEL_BRICK) {
-        umb__step_both(descents->query, none, last, stats);
-        umb__step_both(descents->query, last, none, stats);
-    }
-    umb__arrive(descents, last, stats);
-    none->level = UMB_LEVEL_BRICK;
-    descents->looking = none;
 }
 
 #endif

@@ -400,6 +400,31 @@ static void equal_places_of_cubes_far_apart_are_different_bricks(void **state)
     }
 }
 
+/* Every kernel writes these points' answers of a bit into bytes that two runs share. */
+static void check_shared_bytes(const struct umb__query *q)
+{
+    const size_t bytes = POINTS / 8 + 1;
+    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    struct kernel kernels[KERNELS];
+    static uint8_t alone[POINTS / 8 + 1], bits[POINTS / 8 + 1];
+    memcpy(points.origin, origin, sizeof origin);
+    for (size_t i = 0; i < POINTS; i++) {
+        umb__store_answer(alone, UMB_ANSWER_BIT, i, lit_alone(q, &points, i), 1);
+    }
+    for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
+        for (size_t first = 0; first < 64; first++) {
+            struct umb_answers answers = {.values = bits};
+            memset(bits, 0xff, bytes);
+            kernels[k].run(q, &points, 0, first, &answers);
+            kernels[k].run(q, &points, first, POINTS - first, &answers);
+            assert_memory_equal(bits, alone, bytes);
+        }
+    }
+}
+
+static const struct umb_query_settings one_bit = {
+    .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
+
 /* Blocks that are answered at once stand among scattered ones, which are answered late: the byte
  * that two of them share is written in the order of points. */
 static void answers_of_a_bit_may_begin_within_a_byte(void **state)
@@ -408,19 +433,12 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
     struct ground ground = {256, 256, 3};
     struct voxels voxels = {stepped, &ground, 8, 1};
     struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_query_settings settings = {
-        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
-    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
     struct umb_asset *asset;
     struct umb_query query;
-    struct kernel kernels[KERNELS];
     uint64_t seed = 20261128;
     static double picture[POINTS][3];
-    static uint8_t alone[POINTS / 8 + 1], bits[POINTS / 8 + 1];
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
-    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-    memcpy(points.origin, origin, sizeof origin);
+    assert_int_equal(umb_query_prepare(asset, &one_bit, &query, NULL), UMB_OK);
     make_picture(ground.size, 0.2, &seed);
     memcpy(picture, doubles, sizeof picture);
     make_points(ground.size, 0.9, &seed);
@@ -428,17 +446,34 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
         if (i / 150 % 2 == 0) {
             memcpy(doubles[i], picture[i], sizeof doubles[i]);
         }
-        umb__store_answer(alone, UMB_ANSWER_BIT, i, lit_alone(q, &points, i), 1);
     }
-    for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
-        for (size_t first = 0; first < 64; first++) {
-            struct umb_answers answers = {.values = bits};
-            memset(bits, 0xff, sizeof bits);
-            kernels[k].run(q, &points, 0, first, &answers);
-            kernels[k].run(q, &points, first, POINTS - first, &answers);
-            assert_memory_equal(bits, alone, sizeof bits);
+    check_shared_bytes((const struct umb__query *)(const void *)query.opaque);
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
+/* Blocks scattered over the frustum, which begin at their columns, stand among blocks scattered
+ * over one small cube, which begin at its node and have the shorter way down. */
+static void bits_of_blocks_that_begin_further_down_are_in_the_order_of_points(void **state)
+{
+    (void)state;
+    struct ground ground = {128, 32, 2};
+    struct voxels voxels = {stepped, &ground, 7, 8};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_asset *asset;
+    struct umb_query query;
+    uint64_t seed = 20261129;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    assert_int_equal(umb_query_prepare(asset, &one_bit, &query, NULL), UMB_OK);
+    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    assert_true(q->column_level > 5);
+    make_points(ground.size, 0.9, &seed);
+    for (size_t i = 0; i < POINTS; i++) {
+        for (size_t k = 0; k < 3 && i / 150 % 2 == 0; k++) {
+            doubles[i][k] = (32 + 32 * random_unit(&seed)) * voxel_m;
         }
     }
+    check_shared_bytes(q);
     umb_asset_close(asset);
     bytes_finish(&file);
 }
@@ -454,6 +489,7 @@ int main(void)
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
         cmocka_unit_test(equal_places_of_cubes_far_apart_are_different_bricks),
         cmocka_unit_test(answers_of_a_bit_may_begin_within_a_byte),
+        cmocka_unit_test(bits_of_blocks_that_begin_further_down_are_in_the_order_of_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
