@@ -17,8 +17,6 @@
  */
 #include "query/kernel_parts.h"
 
-#define UMB__AT_COLUMNS 0U /* in the place of a level: every point begins at its column */
-
 /* A block on its way down. */
 struct umb__descent {
     struct umb__block block;
@@ -70,17 +68,6 @@ static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint
     points->number[points->count] = number;
     points->count += mixed;
     UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
-}
-
-/* All points of a block begin at one node. */
-static inline void umb__enter_node(uint32_t level, uint32_t number, struct umb__descent *points)
-{
-    points->level = level;
-    points->count = UMB__BLOCK;
-    for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-        points->slot[i] = (uint8_t)i;
-        points->number[i] = number;
-    }
 }
 
 /* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
@@ -205,48 +192,19 @@ static inline void umb__copy_block(const struct umb__block *from, struct umb__bl
     }
 }
 
-/* Sends the last block to its end. A function of its own, as the next: where points share their way
- * down, the loop over blocks is quicker if it knows nothing of these. */
-static __attribute__((noinline)) void umb__end_descents(struct umb__descents *descents,
-                                                        struct umb_query_stats *stats)
-{
-    struct umb__descent *last = descents->looking, *none = &descents->none;
-    if (last == none) {
-        return;
-    }
-    umb__step_both(descents->query, last, none, stats);
-    while (last->level > UMB_LEVEL_BRICK) {
-        umb__step_both(descents->query, none, last, stats);
-        umb__step_both(descents->query, last, none, stats);
-    }
-    umb__arrive(descents, last, stats);
-    none->level = UMB_LEVEL_BRICK;
-    descents->looking = none;
-}
-
 /* Sends a copy of the block down, and the one before to its end. first: of its points in the batch.
- * level, number: of the node that all of them begin at, which are then all to be looked up, or
- * UMB__AT_COLUMNS. Of bits, two blocks may share a byte, which is written in the order of points:
- * one that would be at its bricks before the last waits until that is at its end. */
+ * A function of its own, as the next, and a copy: where points share their way down, the loop over
+ * blocks is quicker if it knows nothing of these. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
                                                    const struct umb__block *block, size_t first,
-                                                   uint32_t level, uint32_t number,
                                                    struct umb_query_stats *stats)
 {
     const struct umb__query *q = descents->query;
-    if (q->format == UMB_ANSWER_BIT && level != UMB__AT_COLUMNS &&
-        descents->looking->level + 2 > level) {
-        umb__end_descents(descents, stats);
-    }
     struct umb__descent *asks = descents->looking, *looks = descents->free;
     umb__copy_block(block, &looks->block);
     looks->first = first;
-    if (level != UMB__AT_COLUMNS) {
-        umb__enter_node(level, number, looks);
-    } else {
-        stats->nodes += umb__count_bits(looks->block.todo);
-        umb__enter_columns(q, looks);
-    }
+    stats->nodes += umb__count_bits(looks->block.todo);
+    umb__enter_columns(q, looks);
     if (looks->level == UMB_LEVEL_BRICK) {
         umb__arrive(descents, looks, stats);
         return;
@@ -265,6 +223,24 @@ static __attribute__((noinline)) void umb__descend(struct umb__descents *descent
         umb__arrive(descents, asks, stats);
         descents->free = asks;
     }
+}
+
+/* Sends the last block to its end. */
+static __attribute__((noinline)) void umb__end_descents(struct umb__descents *descents,
+                                                        struct umb_query_stats *stats)
+{
+    struct umb__descent *last = descents->looking, *none = &descents->none;
+    if (last == none) {
+        return;
+    }
+    umb__step_both(descents->query, last, none, stats);
+    while (last->level > UMB_LEVEL_BRICK) {
+        umb__step_both(descents->query, none, last, stats);
+        umb__step_both(descents->query, last, none, stats);
+    }
+    umb__arrive(descents, last, stats);
+    none->level = UMB_LEVEL_BRICK;
+    descents->looking = none;
 }
 
 #endif

@@ -222,8 +222,7 @@ static inline void umb__answer_points(const struct umb__query *q, struct umb__bl
                                       struct umb__descents *descents, struct umb_query_stats *stats)
 {
     if (!umb__count_points(q, block, common, stats)) {
-        const uint32_t level = common->found ? common->cube.level : UMB__AT_COLUMNS;
-        umb__descend(descents, block, first, level, common->cube.number, stats);
+        umb__descend(descents, block, first, stats);
         return;
     }
     if (descents->looking != &descents->none) {
