@@ -287,6 +287,47 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
     bytes_finish(&file);
 }
 
+/* A block again and again: what is known of its cells is counted as if they were found again. */
+static void check_known_cells(const struct ground *ground, uint32_t frusta)
+{
+    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), frusta};
+    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct umb_asset *asset;
+    struct kernel kernels[KERNELS];
+    uint64_t seed = 20261130;
+    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
+    make_picture(ground->size, 0.2, &seed);
+    for (size_t i = 0; i < POINTS; i++) {
+        memcpy(doubles[i], doubles[i % 64], sizeof doubles[i]);
+        doubles[i][2] = (0.25 * ground->size + 8.5) * voxel_m; /* where cells are mixed */
+    }
+    struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
+    memcpy(points.origin, origin, sizeof origin);
+    for (uint32_t taps = 3; taps <= UMB_TAPS_MAX; taps += 2) {
+        struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
+        struct umb_query query;
+        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+        const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+        for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
+            static float values[POINTS];
+            struct umb_answers once = {.values = values}, often = {.values = values};
+            kernels[k].run(q, &points, 0, 64, &once);
+            kernels[k].run(q, &points, 0, (size_t)12 * 64, &often);
+            assert_int_equal(often.stats.nodes, 12 * once.stats.nodes);
+            assert_int_equal(often.stats.bricks, 12 * once.stats.bricks);
+        }
+    }
+    umb_asset_close(asset);
+    bytes_finish(&file);
+}
+
+static void nodes_of_known_cells_are_counted_as_if_found_again(void **state)
+{
+    (void)state;
+    check_known_cells(&(struct ground){256, 256, 3}, 1);
+    check_known_cells(&(struct ground){128, 32, 2}, 8);
+}
+
 /* Leaves what looks like voxels far away where the next call has its variables. */
 static __attribute__((noinline)) void litter_stack(void)
 {
@@ -486,6 +527,7 @@ int main(void)
         cmocka_unit_test(kernels_agree_where_wide_nodes_stand_above_level_five),
         cmocka_unit_test(kernels_agree_on_planes_that_a_camera_sees),
         cmocka_unit_test(neighbours_in_one_brick_share_a_look_up),
+        cmocka_unit_test(nodes_of_known_cells_are_counted_as_if_found_again),
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
         cmocka_unit_test(equal_places_of_cubes_far_apart_are_different_bricks),
         cmocka_unit_test(answers_of_a_bit_may_begin_within_a_byte),

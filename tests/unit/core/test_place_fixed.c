@@ -207,11 +207,13 @@ static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **sta
     turned_finish(&t);
 }
 
-/* A normal of any direction, some across the light or next to it. `odd`: some of lengths at the
- * limits, a few of none or of no number; a block with one of those is placed in doubles. */
+/* A normal of any direction, some across the light or next to it. `odd`: a few of lengths at the
+ * limits, of none or of no number; a block with one of those is placed in doubles, so that they are
+ * few enough to be the only one in it. */
 static void make_normal(const struct turned *t, int odd, uint64_t *seed, float normal[3])
 {
     static const double lengths[] = {1, 1, 0.51, 1.99, 0.4999999, 0.5000001, 1.999999, 2.000001};
+    const int limit = odd && next_random(seed) % 100 == 0;
     double n[3], length2 = 0;
     const double across = next_random(seed) % 8 == 0
                               ? (double)(int32_t)(next_random(seed) % 65 - 32) * 0x1p-26
@@ -222,7 +224,7 @@ static void make_normal(const struct turned *t, int odd, uint64_t *seed, float n
                across * t->turn[2][k];
         length2 += n[k] * n[k];
     }
-    const double length = lengths[next_random(seed) % (odd ? 8 : 4)];
+    const double length = lengths[next_random(seed) % 4 + (limit ? 4 : 0)];
     for (unsigned k = 0; k < 3; k++) {
         normal[k] = (float)(n[k] * length / sqrt(length2));
     }
