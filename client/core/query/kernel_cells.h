@@ -97,7 +97,8 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
     stats->nodes += left;
 }
 
-#define KNOWN_CELLS 256U
+#define KNOWN_LOG2  8U
+#define KNOWN_CELLS (1U << KNOWN_LOG2)
 
 /* Cells that were found for blocks before, each at the place that its key says. Key 0: none, and
  * the rest means nothing. steps: nodes that finding it visited, counted whenever it is asked for.
@@ -125,7 +126,7 @@ static inline uint64_t cell_key(struct umb__voxel corner)
 /* Its place: the highest bits of a product with 2^64 over the golden ratio. */
 static inline uint32_t known_place(uint64_t key)
 {
-    return (uint32_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> 56);
+    return (uint32_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> (64 - KNOWN_LOG2));
 }
 
 /* Finds the nodes of listed cells as find_cells does, where a picture's next block needs many of

@@ -183,6 +183,7 @@ static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
     const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* of three lanes each */
     __m512 a = _mm512_loadu_ps(at), b = _mm512_loadu_ps(at + 64);
     __m512 c = _mm512_loadu_ps(at + 128);
+    /* In registers: else compilers read memory anew for every blend. */
     __asm__("" : "+v"(a), "+v"(b), "+v"(c));
     const __m512 y = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, first, b), third, c);
     const __m512 z = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, second, b), first, c);
@@ -207,9 +208,8 @@ static inline void umb__widen(__m512 floats, __m512d *low, __m512d *high)
     *high = _mm512_cvtps_pd(_mm256_load_ps(eights + 8));
 }
 
-#define UMB__GREATER_LENGTH                                                                        \
-    0xb /* of two numbers, or of one and none: the greater absolute value                          \
-         */
+/* Of two numbers, or of one and none: the greater absolute value. */
+#define UMB__GREATER_LENGTH 0xb
 
 static inline void umb__sixteen_f32(const struct umb__wide_placer *placer, const uint8_t *at,
                                     struct umb__sixteen *to)

@@ -254,8 +254,6 @@ void umb__kernel_base(const struct umb__query *query, const struct umb_points *p
                       size_t count, struct umb_answers *answers);
 void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
-
-/* One tap only. */
 void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
                         size_t first, size_t count, struct umb_answers *answers);
 /* A batch by umb__kernel_avx512, a short one by umb__kernel_avx2 (wide_run.c). */
