@@ -8,7 +8,8 @@
  * half in the order of a picture whose pixels lie closer than voxels; half of each with normals,
  * along which the automatic bias moves them. For 1, 9 and 17 taps the
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
- * the same bits, and every 64th answer must be that of the walk which looks up a window alone.
+ * the same bits, the kernels must count the same, and every 64th answer must be that of the walk
+ * which looks up a window alone.
  * Prints what it compared; 1 where two differ.
  */
 #include <math.h>
@@ -167,12 +168,15 @@ static int check_chunk(const struct umb_query *query, const struct way *ways, si
 {
     const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
     const struct umb_points batch = batch_of(q);
+    struct umb_query_stats counted = {0};
     int wrong = 0;
     for (size_t w = 0; w < way_count; w++) {
         struct umb_answers to = {.values = answers[w > 0]};
         memset(answers[w > 0], 0xff, sizeof answers[0]);
         ways[w].run(q, &batch, 0, CHUNK, &to);
         wrong += memcmp(answers[0], answers[w > 0], sizeof answers[0]) != 0;
+        counted = w == 0 ? to.stats : counted;
+        wrong += memcmp(&counted, &to.stats, sizeof counted) != 0;
     }
     memset(answers[1], 0xff, sizeof answers[1]);
     wrong += !threads_run(query, &batch) || memcmp(answers[0], answers[1], sizeof answers[0]) != 0;
