@@ -62,6 +62,9 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
         !umbd_bucket_take(&conn->control, umbd_loop_coarse_ns(conn->loop))) {
         umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many control frames");
     }
+    if (frame->type == NGHTTP2_DATA && frame->length >= UMBD_LONG_DATA) {
+        umbd_bucket_credit(&conn->control, UMBD_LONG_CREDIT);
+    }
     if (frame->length > HEADER_FRAME_BYTES &&
         (frame->type == NGHTTP2_HEADERS || frame->type == NGHTTP2_CONTINUATION)) {
         umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);

@@ -391,7 +391,7 @@ with test.check("a cancelled stream and one past its deadline free what they hel
     time.sleep(0.05)
     stream.cancel()
     tcp.refused(lambda: list(tcp.stream(
-        iter([M.QueryRequest(asset="city", points=BIG, taps=17)] * 50), timeout=0.1)),
+        iter([M.QueryRequest(asset="city", points=BIG, taps=17)] * 2000), timeout=0.1)),
         (Code.DEADLINE_EXCEEDED, Code.UNAVAILABLE) if PROXY else Code.DEADLINE_EXCEEDED)
     ut.wait_until(lambda: daemon.metric("umbrage_buffered_bytes") == 0, 20, "nothing is buffered")
 

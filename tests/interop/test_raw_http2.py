@@ -209,6 +209,22 @@ with test.check("a stream of thousands of tiny requests, a frame each, is no abu
     assert reply.status == OK, reply
     size = struct.unpack(">I", reply.body[1:5])[0] + 5
     assert len(reply.body) == 4000 * size and reply.body == reply.body[:size] * 4000
+with test.check("request data with scraps between long frames, as proxies cut it, is no abuse"):
+    connection = connect()
+    stream = connection.open("/umbrage.v1.Shadows/QueryStream")
+    large = h2.prefixed(M.QueryRequest(asset="city", points=bytes(12 << 16),
+                                       format=M.ANSWER_BIT).SerializeToString())
+    for count in range(6):
+        for at in range(0, len(large), 4098):
+            for part in (large[at:at + 4096], large[at + 4096:at + 4097], large[at + 4097:at + 4098]):
+                connection.data(stream, part)
+        until = time.monotonic() + 20
+        while len(connection.replies[stream].body if stream in connection.replies else b"") <= count << 13:
+            assert time.monotonic() < until, "a request is answered before the next is sent"
+            connection.pump(0.1)
+    connection.data(stream, b"", end=True)
+    reply = connection.reply(stream, 20)
+    assert reply.status == OK, reply
 with test.check("two messages or none in a unary call are refused"):
     connection = connect()
     assert ask(connection, message + message).status in (INTERNAL, UNIMPLEMENTED)
@@ -334,6 +350,18 @@ flood("PRIORITY frames", h2.frame(h2.PRIORITY, 0, 1, struct.pack(">IB", 0, 5)), 
 flood("WINDOW_UPDATEs", h2.frame(h2.WINDOW_UPDATE, 0, 1, struct.pack(">I", 1)), 100000,
       opens_stream=True)
 flood("unknown frames", h2.frame(99, 0, 0, b"?"), 100000)
+
+with test.check("PINGs, twenty to a long frame of request data, end the connection"):
+    connection = connect()
+    stream = connection.open(QUERY)
+    connection.data(stream, struct.pack(">BI", 0, 4 << 20))
+    for _ in range(500):
+        connection.data(stream, bytes(4096))
+        if not connection.send(h2.frame(h2.PING, 0, 0, b"12345678") * 20):
+            break
+    goaway = cut(connection)
+    assert goaway in (None, CALM), goaway
+    still_well()
 
 with test.check("a peer that PINGs and never reads is cut"):
     connection = connect()
