@@ -463,23 +463,42 @@ static void check_shared_bytes(const struct umb__query *q)
     }
 }
 
-static const struct umb_query_settings one_bit = {
-    .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
+/* An asset, and a query of one tap that answers with bits. */
+struct bits_case {
+    struct bytes file;
+    struct umb_asset *asset;
+    struct umb_query query;
+};
+
+static const struct umb__query *bits_case_open(struct bits_case *c, const struct ground *ground,
+                                               uint32_t log2, uint32_t frusta)
+{
+    const struct voxels voxels = {stepped, ground, log2, frusta};
+    const struct umb_query_settings settings = {
+        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
+    c->file = make_packed(&voxels, voxel_m, origin);
+    assert_int_equal(umb_asset_open_bytes(c->file.data, c->file.size, NULL, &c->asset, NULL),
+                     UMB_OK);
+    assert_int_equal(umb_query_prepare(c->asset, &settings, &c->query, NULL), UMB_OK);
+    return (const struct umb__query *)(const void *)c->query.opaque;
+}
+
+static void bits_case_close(struct bits_case *c)
+{
+    umb_asset_close(c->asset);
+    bytes_finish(&c->file);
+}
 
 /* Blocks that are answered at once stand among scattered ones, which are answered late: the byte
  * that two of them share is written in the order of points. */
 static void answers_of_a_bit_may_begin_within_a_byte(void **state)
 {
     (void)state;
-    struct ground ground = {256, 256, 3};
-    struct voxels voxels = {stepped, &ground, 8, 1};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_asset *asset;
-    struct umb_query query;
+    const struct ground ground = {256, 256, 3};
+    struct bits_case c;
     uint64_t seed = 20261128;
     static double picture[POINTS][3];
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &one_bit, &query, NULL), UMB_OK);
+    const struct umb__query *q = bits_case_open(&c, &ground, 8, 1);
     make_picture(ground.size, 0.2, &seed);
     memcpy(picture, doubles, sizeof picture);
     make_points(ground.size, 0.9, &seed);
@@ -488,25 +507,19 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
             memcpy(doubles[i], picture[i], sizeof doubles[i]);
         }
     }
-    check_shared_bytes((const struct umb__query *)(const void *)query.opaque);
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    check_shared_bytes(q);
+    bits_case_close(&c);
 }
 
-/* Blocks scattered over the frustum, which begin at their columns, stand among blocks scattered
- * over one small cube, which begin at its node and have the shorter way down. */
-static void bits_of_blocks_that_begin_further_down_are_in_the_order_of_points(void **state)
+/* Blocks scattered over the frustum stand among blocks scattered over one small cube, whose points
+ * have a node in common that a shorter way down might begin at. */
+static void bits_of_blocks_in_one_cube_are_in_the_order_of_points(void **state)
 {
     (void)state;
-    struct ground ground = {128, 32, 2};
-    struct voxels voxels = {stepped, &ground, 7, 8};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_asset *asset;
-    struct umb_query query;
+    const struct ground ground = {128, 32, 2};
+    struct bits_case c;
     uint64_t seed = 20261129;
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &one_bit, &query, NULL), UMB_OK);
-    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    const struct umb__query *q = bits_case_open(&c, &ground, 7, 8);
     assert_true(q->column_level > 5);
     make_points(ground.size, 0.9, &seed);
     for (size_t i = 0; i < POINTS; i++) {
@@ -515,8 +528,7 @@ static void bits_of_blocks_that_begin_further_down_are_in_the_order_of_points(vo
         }
     }
     check_shared_bytes(q);
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    bits_case_close(&c);
 }
 
 int main(void)
@@ -531,7 +543,7 @@ int main(void)
         cmocka_unit_test(what_a_block_has_no_points_for_is_not_looked_up),
         cmocka_unit_test(equal_places_of_cubes_far_apart_are_different_bricks),
         cmocka_unit_test(answers_of_a_bit_may_begin_within_a_byte),
-        cmocka_unit_test(bits_of_blocks_that_begin_further_down_are_in_the_order_of_points),
+        cmocka_unit_test(bits_of_blocks_in_one_cube_are_in_the_order_of_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
