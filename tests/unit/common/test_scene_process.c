@@ -99,7 +99,7 @@ static int misbehave(const char *name)
         (void)close(2);
         (void)sleep(100);
     } else if (strcmp(name, "spin") == 0) {
-        for (volatile int i = 0;; i++) {
+        for (volatile unsigned i = 0;; i++) { /* a fast core wraps within the second */
         }
     } else if (strcmp(name, "refuse") == 0) {
         say("refuse: bad \x1b[31mscene\nand more\n");
