@@ -196,6 +196,10 @@ for file in half.umb text.umb empty.umb; do
 done
 try 65 umbrage verify flipped.umb
 try 0 umbrage unpack city.umb -o city.umbm
+if command -v valgrind >/dev/null; then
+    check "  and reads nothing that was not set" \
+        valgrind -q --error-exitcode=1 "$BUILD/umbrage" unpack city.umb -o again.umbm
+fi
 try 0 umbrage pack city.umbm -o back.umb
 check "pack of unpack is the same file" cmp city.umb back.umb
 try 0 umbrage verify city.umbm

@@ -39,11 +39,11 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
         }
         return;
     }
-    bool uniform = value < UMB__CELL_FIRST, same = uniform && value == column->first;
+    bool uniform = value < UMB__CELL_FIRST;
     if (z0 == 0) {
         column->low = (uint16_t)(uniform ? z1 : 0); /* one more than the piece, to be above high */
         column->high = 0;
-    } else if (!same) {
+    } else if (!uniform || value != column->first) {
         column->low = (uint16_t)(column->high < column->low ? column->low - 1 : column->low);
         column->high = (uint16_t)z0;
     } else if (column->high < column->low) {
