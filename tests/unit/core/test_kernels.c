@@ -38,6 +38,37 @@ static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, u
     return z < height;
 }
 
+/* An asset of a ground below so many frusta. */
+struct opened {
+    struct bytes file;
+    struct umb_asset *asset;
+};
+
+static struct opened ground_open(const struct ground *ground, uint32_t frusta)
+{
+    const struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), frusta};
+    struct opened opened = {.file = make_packed(&voxels, voxel_m, origin)};
+    assert_int_equal(
+        umb_asset_open_bytes(opened.file.data, opened.file.size, NULL, &opened.asset, NULL),
+        UMB_OK);
+    return opened;
+}
+
+static void ground_close(struct opened *opened)
+{
+    umb_asset_close(opened->asset);
+    bytes_finish(&opened->file);
+}
+
+/* Prepares a query; what kernels see of it. */
+static const struct umb__query *prepare(const struct umb_asset *asset,
+                                        const struct umb_query_settings *settings,
+                                        struct umb_query *query)
+{
+    assert_int_equal(umb_query_prepare(asset, settings, query, NULL), UMB_OK);
+    return (const struct umb__query *)(const void *)query->opaque;
+}
+
 struct kernel {
     const char *name;
     umb__kernel_fn run;
@@ -141,12 +172,11 @@ static void make_plane(uint32_t size, double pixel_voxels, uint64_t *seed)
     }
 }
 
-static void check_batch(const struct umb_query *query, const struct umb_points *points)
+static void check_batch(const struct umb__query *q, const struct umb_points *points)
 {
     static float values[KERNELS][POINTS];
     struct umb_query_stats stats[KERNELS];
     struct kernel kernels[KERNELS];
-    const struct umb__query *q = (const struct umb__query *)(const void *)query->opaque;
     size_t count = list_kernels(kernels);
     for (size_t k = 0; k < count; k++) {
         struct umb_answers answers = {.values = values[k]};
@@ -168,7 +198,7 @@ static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t 
         struct umb_query_settings settings = {
             .light = light, .taps = taps, .bias_mode = (enum umb_bias_mode)mode, .bias = 1.5};
         struct umb_query query;
-        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+        const struct umb__query *q = prepare(asset, &settings, &query);
         for (int form = 0; form < 4; form++) {
             struct umb_points points = {.positions =
                                             form & 1 ? (const void *)floats : (const void *)doubles,
@@ -176,7 +206,7 @@ static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t 
                                         .normals = form & 2 ? normals : NULL,
                                         .count = POINTS};
             memcpy(points.origin, origin, sizeof origin);
-            check_batch(&query, &points);
+            check_batch(q, &points);
         }
     }
 }
@@ -184,24 +214,19 @@ static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t 
 /* Builds, checks that the grid leads to nodes of `cell_level`, and compares. */
 static void check_frusta(const struct ground *ground, uint32_t frusta, uint32_t cell_level)
 {
-    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), frusta};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_asset *asset;
+    struct opened opened = ground_open(ground, frusta);
     struct umb_query query;
     struct umb_query_settings settings = {.light = 0};
     uint64_t seed = 20261121;
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
-    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    const struct umb__query *q = prepare(opened.asset, &settings, &query);
     assert_int_equal(q->log2_size - q->grid_log2, cell_level);
     for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
         make_points(ground->size, taps % 4 == 1 ? 0.9 : 1.2, &seed);
-        check_asset(asset, frusta - 1, taps);
+        check_asset(opened.asset, frusta - 1, taps);
         make_picture(ground->size, taps % 4 == 1 ? 0.4 : 1.6, &seed);
-        check_asset(asset, frusta - 1, taps);
+        check_asset(opened.asset, frusta - 1, taps);
     }
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    ground_close(&opened);
 }
 
 static void kernels_agree_where_the_grid_leads_to_bricks(void **state)
@@ -224,22 +249,18 @@ static void kernels_agree_where_wide_nodes_stand_above_level_five(void **state)
 
 static void check_planes(const struct ground *ground)
 {
-    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), 1};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct opened opened = ground_open(ground, 1);
     struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
     struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
-    struct umb_asset *asset;
     struct umb_query query;
     uint64_t seed = 20261123;
     memcpy(points.origin, origin, sizeof origin);
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
+    const struct umb__query *q = prepare(opened.asset, &settings, &query);
     for (int round = 0; round < 140; round++) {
         make_plane(ground->size, 0.05 * (double)(1U << round % 7), &seed);
-        check_batch(&query, &points);
+        check_batch(q, &points);
     }
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    ground_close(&opened);
 }
 
 static void kernels_agree_on_planes_that_a_camera_sees(void **state)
@@ -255,12 +276,9 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
 {
     (void)state;
     struct ground ground = {256, 256, 3};
-    struct voxels voxels = {stepped, &ground, 8, 1};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_asset *asset;
+    struct opened opened = ground_open(&ground, 1);
     struct kernel kernels[KERNELS];
     uint64_t seed = 11;
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
     static double mixed[POINTS][3];
     make_picture(ground.size, 0.2, &seed);
     for (size_t i = 0; i < POINTS; i++) {
@@ -273,8 +291,7 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
     for (uint32_t taps = 1; taps <= 17; taps += 8) {
         struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
         struct umb_query query;
-        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
-        const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+        const struct umb__query *q = prepare(opened.asset, &settings, &query);
         for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
             static float values[POINTS];
             struct umb_answers far = {.values = values}, near = {.values = values};
@@ -283,19 +300,15 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
             assert_true(4 * near.stats.nodes < far.stats.nodes);
         }
     }
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    ground_close(&opened);
 }
 
 /* A block again and again: what is known of its cells is counted as if they were found again. */
 static void check_known_cells(const struct ground *ground, uint32_t frusta)
 {
-    struct voxels voxels = {stepped, ground, (uint32_t)__builtin_ctz(ground->size), frusta};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
-    struct umb_asset *asset;
+    struct opened opened = ground_open(ground, frusta);
     struct kernel kernels[KERNELS];
     uint64_t seed = 20261130;
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
     make_picture(ground->size, 0.2, &seed);
     for (size_t i = 0; i < POINTS; i++) {
         memcpy(doubles[i], doubles[i % 64], sizeof doubles[i]);
@@ -306,8 +319,7 @@ static void check_known_cells(const struct ground *ground, uint32_t frusta)
     for (uint32_t taps = 3; taps <= UMB_TAPS_MAX; taps += 2) {
         struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
         struct umb_query query;
-        assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
-        const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+        const struct umb__query *q = prepare(opened.asset, &settings, &query);
         for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
             static float values[POINTS];
             struct umb_answers once = {.values = values}, often = {.values = values};
@@ -317,8 +329,7 @@ static void check_known_cells(const struct ground *ground, uint32_t frusta)
             assert_int_equal(often.stats.bricks, 12 * once.stats.bricks);
         }
     }
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    ground_close(&opened);
 }
 
 static void nodes_of_known_cells_are_counted_as_if_found_again(void **state)
@@ -341,16 +352,12 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
 {
     (void)state;
     struct ground ground = {64, 64, 40};
-    struct voxels voxels = {stepped, &ground, 6, 1};
-    struct bytes file = make_packed(&voxels, voxel_m, origin);
+    struct opened opened = ground_open(&ground, 1);
     struct umb_query_settings settings = {.light = 0};
-    struct umb_asset *asset;
     struct umb_query query;
     struct kernel kernels[KERNELS];
     uint64_t seed = 7;
-    assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_query_prepare(asset, &settings, &query, NULL), UMB_OK);
-    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
+    const struct umb__query *q = prepare(opened.asset, &settings, &query);
     struct umb_points points = {.positions = doubles, .format = UMB_POINT_F64, .count = POINTS};
     memcpy(points.origin, origin, sizeof origin);
     make_points(ground.size, 0.9, &seed);
@@ -365,8 +372,7 @@ static void what_a_block_has_no_points_for_is_not_looked_up(void **state)
             }
         }
     }
-    umb_asset_close(asset);
-    bytes_finish(&file);
+    ground_close(&opened);
 }
 
 /* Eight cubes of 8192 voxels, with one brick each, in the same place of every cube. */
@@ -463,31 +469,8 @@ static void check_shared_bytes(const struct umb__query *q)
     }
 }
 
-/* An asset, and a query of one tap that answers with bits. */
-struct bits_case {
-    struct bytes file;
-    struct umb_asset *asset;
-    struct umb_query query;
-};
-
-static const struct umb__query *bits_case_open(struct bits_case *c, const struct ground *ground,
-                                               uint32_t log2, uint32_t frusta)
-{
-    const struct voxels voxels = {stepped, ground, log2, frusta};
-    const struct umb_query_settings settings = {
-        .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
-    c->file = make_packed(&voxels, voxel_m, origin);
-    assert_int_equal(umb_asset_open_bytes(c->file.data, c->file.size, NULL, &c->asset, NULL),
-                     UMB_OK);
-    assert_int_equal(umb_query_prepare(c->asset, &settings, &c->query, NULL), UMB_OK);
-    return (const struct umb__query *)(const void *)c->query.opaque;
-}
-
-static void bits_case_close(struct bits_case *c)
-{
-    umb_asset_close(c->asset);
-    bytes_finish(&c->file);
-}
+static const struct umb_query_settings one_bit = {
+    .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
 
 /* Blocks that are answered at once stand among scattered ones, which are answered late: the byte
  * that two of them share is written in the order of points. */
@@ -495,10 +478,11 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
 {
     (void)state;
     const struct ground ground = {256, 256, 3};
-    struct bits_case c;
+    struct opened opened = ground_open(&ground, 1);
+    struct umb_query query;
     uint64_t seed = 20261128;
     static double picture[POINTS][3];
-    const struct umb__query *q = bits_case_open(&c, &ground, 8, 1);
+    const struct umb__query *q = prepare(opened.asset, &one_bit, &query);
     make_picture(ground.size, 0.2, &seed);
     memcpy(picture, doubles, sizeof picture);
     make_points(ground.size, 0.9, &seed);
@@ -508,7 +492,7 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
         }
     }
     check_shared_bytes(q);
-    bits_case_close(&c);
+    ground_close(&opened);
 }
 
 /* Blocks scattered over the frustum stand among blocks scattered over one small cube, whose points
@@ -517,9 +501,10 @@ static void bits_of_blocks_in_one_cube_are_in_the_order_of_points(void **state)
 {
     (void)state;
     const struct ground ground = {128, 32, 2};
-    struct bits_case c;
+    struct opened opened = ground_open(&ground, 8);
+    struct umb_query query;
     uint64_t seed = 20261129;
-    const struct umb__query *q = bits_case_open(&c, &ground, 7, 8);
+    const struct umb__query *q = prepare(opened.asset, &one_bit, &query);
     assert_true(q->column_level > 5);
     make_points(ground.size, 0.9, &seed);
     for (size_t i = 0; i < POINTS; i++) {
@@ -528,7 +513,7 @@ static void bits_of_blocks_in_one_cube_are_in_the_order_of_points(void **state)
         }
     }
     check_shared_bytes(q);
-    bits_case_close(&c);
+    ground_close(&opened);
 }
 
 int main(void)
