@@ -135,38 +135,6 @@ static double near_border(uint64_t *seed)
     return next_random(seed) % 3 == 0 ? rint(inside) + off : inside;
 }
 
-static void points_beside_borders_fall_into_the_voxels_of_doubles(void **state)
-{
-    static double places[BATCH][3];
-    static float narrow[BATCH][3];
-    struct turned t;
-    uint64_t seed = round_seed(20261122);
-    (void)state;
-    if (!has_avx512()) {
-        skip();
-    }
-    turned_make(&t, 1);
-    for (int done = 0; done < case_count(400000); done += BATCH) {
-        const int floats = next_random(&seed) % 3 == 0;
-        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
-                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
-                                    .count = BATCH};
-        turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
-        for (unsigned k = 0; k < 3; k++) {
-            points.origin[k] = next_random(&seed) % 2 ? 100 * random_unit(&seed) : 0;
-        }
-        for (size_t i = 0; i < BATCH; i++) {
-            const double v[3] = {near_border(&seed), near_border(&seed), near_border(&seed)};
-            unturn(&t, &points, v, places[i]);
-            for (unsigned k = 0; k < 3; k++) {
-                narrow[i][k] = (float)places[i][k];
-            }
-        }
-        check_batch(&t, &points);
-    }
-    turned_finish(&t);
-}
-
 /* Among points inside, some as far as numbers go: their sums cancel, overflow or are none. */
 static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **state)
 {
@@ -263,51 +231,20 @@ static double within_floats_of_border(uint64_t *seed)
     return rint(random_unit(seed) * SIZE) + off;
 }
 
-static void points_with_normals_fall_into_the_voxels_of_doubles(void **state)
+/* With normals, a coordinate in some is next to a border, as floats tell. */
+static void beside_borders(uint64_t *seed, int sides, int with_normals, double v[3])
 {
-    static double places[BATCH][3];
-    static float narrow[BATCH][3], normals[BATCH][3];
-    struct turned t;
-    uint64_t seed = round_seed(20261125);
-    (void)state;
-    if (!has_avx512()) {
-        skip();
+    (void)sides;
+    for (unsigned k = 0; k < 3; k++) {
+        v[k] = !with_normals                  ? near_border(seed)
+               : next_random(seed) % 100 == 0 ? within_floats_of_border(seed)
+                                              : (0.01 + 0.98 * random_unit(seed)) * SIZE;
     }
-    turned_make(&t, 1);
-    for (int done = 0; done < case_count(400000); done += BATCH) {
-        const int floats = next_random(&seed) % 3 == 0;
-        const int odd = next_random(&seed) % 4 == 0;
-        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
-                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
-                                    .normals = normals,
-                                    .count = BATCH};
-        turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
-        t.q->bias_mode = next_random(&seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
-        t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(&seed) - 1;
-        for (unsigned k = 0; k < 3; k++) {
-            points.origin[k] = next_random(&seed) % 2 ? 100 * random_unit(&seed) : 0;
-        }
-        for (size_t i = 0; i < BATCH; i++) {
-            double v[3];
-            for (unsigned k = 0; k < 3; k++) {
-                v[k] = next_random(&seed) % 100 == 0 ? within_floats_of_border(&seed)
-                                                     : (0.01 + 0.98 * random_unit(&seed)) * SIZE;
-            }
-            make_normal(&t, odd, &seed, normals[i]);
-            unturn(&t, &points, v, places[i]);
-            unmove(&t, normals[i], places[i]);
-            for (unsigned k = 0; k < 3; k++) {
-                narrow[i][k] = (float)places[i][k];
-            }
-        }
-        check_batch(&t, &points);
-    }
-    turned_finish(&t);
 }
 
 /* A place in or beside a brick of random bits, which is at the frustum's sides only if `sides` says
- * so; a coordinate in some is next to a border, as near as doubles tell, or floats. */
-static void near_random_brick(uint64_t *seed, int sides, int floats, double v[3])
+ * so; a coordinate in some is next to a border, as near as doubles tell, or with normals floats. */
+static void near_random_brick(uint64_t *seed, int sides, int with_normals, double v[3])
 {
     uint32_t brick[3];
     do {
@@ -320,53 +257,74 @@ static void near_random_brick(uint64_t *seed, int sides, int floats, double v[3]
         if (next_random(seed) % 256 == 0) {
             const double units = (double)(int32_t)(next_random(seed) % 129 - 64);
             const double far = (double)(1U << next_random(seed) % 12);
-            v[k] = rint(v[k]) + units * 0x1p-32 * (floats ? far : 1 / far);
+            v[k] = rint(v[k]) + units * 0x1p-32 * (with_normals ? far : 1 / far);
         }
     }
 }
 
-/* Windows: with normals and without, inside and cut by the frustum's sides; some blocks look away
- * from the light in part, some have normals of other lengths than those of floats are. */
-static void windows_begin_at_the_texels_of_doubles(void **state)
+/* Batches of points, with normals and without, whose places in voxel space `place` chooses. Of
+ * windows, some blocks look away from the light in part. */
+static void check_batches(uint32_t taps, int count,
+                          void (*place)(uint64_t *seed, int sides, int with_normals, double v[3]),
+                          uint64_t *seed)
 {
     static double places[BATCH][3];
     static float narrow[BATCH][3], normals[BATCH][3];
+    struct turned t;
+    turned_make(&t, taps);
+    for (int done = 0; done < count; done += BATCH) {
+        const int floats = next_random(seed) % 3 == 0, with_normals = next_random(seed) % 2;
+        const int odd = next_random(seed) % 4 == 0, sides = next_random(seed) % 4 == 0;
+        struct umb_points points = {.positions = floats ? (const void *)narrow : places,
+                                    .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
+                                    .normals = with_normals ? normals : NULL,
+                                    .count = BATCH};
+        turn(&t, (double)(1U << next_random(seed) % 20), seed);
+        t.q->bias_mode = next_random(seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
+        t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(seed) - 1;
+        for (unsigned k = 0; k < 3; k++) {
+            points.origin[k] = next_random(seed) % 2 ? 100 * random_unit(seed) : 0;
+        }
+        for (size_t i = 0; i < BATCH; i++) {
+            double v[3];
+            place(seed, sides, with_normals, v);
+            unturn(&t, &points, v, places[i]);
+            if (with_normals) {
+                make_normal(&t, odd, seed, normals[i]);
+                for (unsigned k = 0; k < 3 && taps > 1 && i / 16 % 4 == 1; k++) {
+                    normals[i][k] = (float)t.q->direction[k];
+                }
+                unmove(&t, normals[i], places[i]);
+            }
+            for (unsigned k = 0; k < 3; k++) {
+                narrow[i][k] = (float)places[i][k];
+            }
+        }
+        check_batch(&t, &points);
+    }
+    turned_finish(&t);
+}
+
+static void points_beside_borders_fall_into_the_voxels_of_doubles(void **state)
+{
+    uint64_t seed = round_seed(20261122);
+    (void)state;
+    if (!has_avx512()) {
+        skip();
+    }
+    check_batches(1, case_count(800000), beside_borders, &seed);
+}
+
+/* Inside and cut by the frustum's sides. */
+static void windows_begin_at_the_texels_of_doubles(void **state)
+{
     uint64_t seed = round_seed(20261126);
     (void)state;
     if (!has_avx512()) {
         skip();
     }
     for (uint32_t taps = 3; taps <= 17; taps += 2) {
-        struct turned t;
-        turned_make(&t, taps);
-        for (int done = 0; done < case_count(80000); done += BATCH) {
-            const int floats = next_random(&seed) % 3 == 0, with_normals = next_random(&seed) % 2;
-            const int odd = next_random(&seed) % 4 == 0, sides = next_random(&seed) % 4 == 0;
-            struct umb_points points = {.positions = floats ? (const void *)narrow : places,
-                                        .format = floats ? UMB_POINT_F32 : UMB_POINT_F64,
-                                        .normals = with_normals ? normals : NULL,
-                                        .count = BATCH};
-            turn(&t, (double)(1U << next_random(&seed) % 20), &seed);
-            t.q->bias_mode = next_random(&seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
-            t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(&seed) - 1;
-            for (size_t i = 0; i < BATCH; i++) {
-                double v[3];
-                near_random_brick(&seed, sides, with_normals, v);
-                unturn(&t, &points, v, places[i]);
-                if (with_normals) {
-                    make_normal(&t, odd, &seed, normals[i]);
-                    for (unsigned k = 0; k < 3 && i / 16 % 4 == 1; k++) {
-                        normals[i][k] = (float)t.q->direction[k];
-                    }
-                    unmove(&t, normals[i], places[i]);
-                }
-                for (unsigned k = 0; k < 3; k++) {
-                    narrow[i][k] = (float)places[i][k];
-                }
-            }
-            check_batch(&t, &points);
-        }
-        turned_finish(&t);
+        check_batches(taps, case_count(80000), near_random_brick, &seed);
     }
 }
 
@@ -403,7 +361,6 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_beside_borders_fall_into_the_voxels_of_doubles),
-        cmocka_unit_test(points_with_normals_fall_into_the_voxels_of_doubles),
         cmocka_unit_test(windows_begin_at_the_texels_of_doubles),
         cmocka_unit_test(points_far_away_and_no_numbers_are_answered_as_by_doubles),
         cmocka_unit_test(points_far_across_a_flat_frame_are_answered_as_by_doubles),
