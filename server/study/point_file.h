@@ -14,11 +14,13 @@ enum umbt_point_file_format {
 };
 
 struct umbt_point_file {
-    const char *path;
+    const char *path; /* "-" is stdout */
     enum umbt_point_file_format format;
     int normals;      /* write them too */
     double origin[3]; /* subtracted from every position */
 };
+
+int umbt_point_file_is_stdout(const struct umbt_point_file *file);
 
 /*
  * Writes a set; the file is replaced as a whole or stays as it was.

@@ -34,7 +34,7 @@ static const char help[] =
     "Writes sample points of a scene, to query with `umbrage query --points FILE --format f32`.\n"
     "No point lies inside a closed solid. The same seed gives the same points.\n"
     "\n"
-    "  -o, --output FILE  replaced as a whole\n"
+    "  -o, --output FILE  replaced as a whole; - is stdout\n"
     "  --kind KIND        surface: uniform over the visible area (default)\n"
     "                     near: off the surfaces, by up to --reach\n"
     "                     free: uniform in the scene's bounds\n"
@@ -207,6 +207,9 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
     if (run->file.path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
     }
+    if (run->json && umbt_point_file_is_stdout(&run->file)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o - and --json both want stdout");
+    }
     return raw_convert(&raw, run, error);
 }
 
@@ -298,18 +301,20 @@ static void report(const struct points_run *run)
                run->file.origin[0], run->file.origin[1], run->file.origin[2], run->bytes,
                run->scene.count, run->load_s, run->sample_s);
     } else if (!run->quiet) {
-        printf("%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
-               "points %.2f s\n",
-               run->file.path, run->set.count, kind_names[run->kind], run->set.candidates,
-               run->kind == KIND_GBUFFER ? "pixels" : "candidates", format_names[run->file.format],
-               run->file.normals ? " with normals" : "", run->bytes, run->load_s, run->sample_s);
+        fprintf(umbt_point_file_is_stdout(&run->file) ? stderr : stdout,
+                "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
+                "points %.2f s\n",
+                run->file.path, run->set.count, kind_names[run->kind], run->set.candidates,
+                run->kind == KIND_GBUFFER ? "pixels" : "candidates", format_names[run->file.format],
+                run->file.normals ? " with normals" : "", run->bytes, run->load_s, run->sample_s);
     }
 }
 
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
     const double start = umbt_now_s();
-    enum umb_status status = umbs_file_check(run->file.path, error);
+    enum umb_status status =
+        umbt_point_file_is_stdout(&run->file) ? UMB_OK : umbs_file_check(run->file.path, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&run->scene, run->scene_path, error);
     }

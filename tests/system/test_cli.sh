@@ -155,6 +155,15 @@ one_sentence "--origin: coordinates reach 1e+300 m"
 try 0 umbrage points city.glb -o far.f64 --count 10 --origin 1e300,0,0 --format f64
 try 73 umbrage-bake bad.ply -o missing/bad.umb
 try 73 umbrage points bad.ply -o missing/bad.f32
+try 0 umbrage points city.glb -o - --count 10
+check "points to stdout are those of the file" cmp out few.f32
+check "  and what is said of them is talk" test -s err -a ! -e -
+try 0 umbrage points city.glb -o ./- --count 10 -q
+check "  ./- is a file" cmp -- ./- few.f32
+try 2 umbrage points city.glb -o - --count 10 --json
+one_sentence "-o - and --json"
+"$BUILD/umbrage" points city.glb -o - --count 10 -q >/dev/full 2>err
+same "points to a full stdout end with 74" 74 $?
 try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
 try 73 umbrage-bake bad.ply -o .
 
