@@ -84,6 +84,26 @@ static void put_json(struct umbc_json *json, const void *const *values, size_t l
     }
 }
 
+static void end_byte(struct umbc_answers *answers)
+{
+    (void)fputc(answers->begun, answers->output.file);
+    answers->begun = 0;
+    answers->begun_bits = 0;
+}
+
+/* Batches may end within a byte, the next one goes on in it. */
+static void put_bits(struct umbc_answers *answers, const uint8_t *bits, size_t count)
+{
+    const size_t whole = answers->begun_bits == 0 ? count / 8 : 0;
+    (void)fwrite(bits, 1, whole, answers->output.file);
+    for (size_t i = 8 * whole; i < count; i++) {
+        answers->begun |= (uint8_t)((bits[i / 8] >> i % 8 & 1) << answers->begun_bits++);
+        if (answers->begun_bits == 8) {
+            end_byte(answers);
+        }
+    }
+}
+
 static void put_raw(FILE *file, enum umb_answer_format format, const void *const *values,
                     size_t light_count, size_t count)
 {
@@ -103,7 +123,9 @@ bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, s
                       size_t count)
 {
     FILE *file = answers->output.file;
-    if (is_raw(answers)) {
+    if (answers->options->encoding == UMBC_ENCODING_BIT) {
+        put_bits(answers, values[0], count); /* of one light */
+    } else if (is_raw(answers)) {
         put_raw(file, answers->options->settings.format, values, light_count, count);
     } else if (answers->options->json) {
         put_json(&answers->json, values, light_count, count,
@@ -299,6 +321,9 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
                                  struct umb_error *error)
 {
     bool json = answers->options->json;
+    if (answers->begun_bits > 0) {
+        end_byte(answers);
+    }
     if (json && !is_raw(answers)) {
         umbc_json_end(&answers->json, ']');
         end_json(answers, total);

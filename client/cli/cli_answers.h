@@ -32,6 +32,8 @@ struct umbc_answers {
     const struct umbc_query_options *options;
     struct umbc_output output;
     struct umbc_json json;
+    uint8_t begun;       /* bits of a byte that batches share, the first one lowest ... */
+    unsigned begun_bits; /* ... and how many there are */
 };
 
 UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *options,

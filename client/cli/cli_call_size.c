@@ -62,9 +62,6 @@ enum umb_status umbc_call_size(const struct umbc_query_options *options,
     if (bytes >= HEAD_BYTES + record && (bytes - HEAD_BYTES) / record < most) {
         most = (size_t)((bytes - HEAD_BYTES) / record);
     }
-    if (options->encoding == UMBC_ENCODING_BIT) {
-        most = most < 8 ? 8 : most / 8 * 8;
-    }
     *count = most;
     return UMB_OK;
 }

@@ -15,8 +15,7 @@
  *
  * In:    limits: of the server. 0 in max_points and max_message_bytes means that it tells none; in
  *        max_segments, max_columns and max_boxes, that it takes none.
- * Out:   count: records, at least 1. Of answers as bits a multiple of 8, since bits of two calls
- *        never share a byte; a server of fewer points refuses those itself.
+ * Out:   count: records, at least 1.
  * Fails: E_UNSUPPORTED (the server takes none of what is asked).
  */
 UMB_CHECKED enum umb_status umbc_call_size(const struct umbc_query_options *options,

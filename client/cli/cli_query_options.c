@@ -87,9 +87,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
                        0},
     [OPTION_BIAS] = {"bias", "BIAS", "auto (default), none, or a length: 1.5vox, 0.02m", 0},
     [OPTION_BATCH] = {"batch", "N",
-                      "points a call, default 65536, rounded up to a multiple of 8; fewer where a "
-                      "daemon takes fewer",
-                      0},
+                      "points a call, default 65536; fewer where a daemon takes fewer", 0},
     [OPTION_OUTPUT] = {"output", "FILE|-", "where the answers go, default - (stdout); atomic", 'o'},
     [OPTION_ENCODING] = {"encoding", "NAME", "text (default), or raw f32, u8, bit", 0},
     [OPTION_EXPLAIN] = {"explain", NULL, "FILE only: how each point was answered", 0},
@@ -302,8 +300,7 @@ static int take_counts(const struct umbc_parsed *parsed, struct umbc_query_optio
         if (!umbc_parse_count(text, BATCH_MAX, &value) || value == 0) {
             return umbc_usage_error("query: --batch '%s' is not within 1..%u", text, BATCH_MAX);
         }
-        /* Bits of two batches never share a byte. */
-        options->batch = ((size_t)value + 7) / 8 * 8;
+        options->batch = (size_t)value;
     }
     return -1;
 }

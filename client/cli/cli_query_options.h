@@ -39,7 +39,7 @@ struct umbc_query_options {
     size_t light_count;
     bool all_lights; /* of the asset; then light_count is 0 */
     double origin[3];
-    size_t batch; /* points, a multiple of 8 */
+    size_t batch; /* points */
     const char *out;
     enum umbc_encoding encoding;
     bool explain, json, quiet;

@@ -418,6 +418,22 @@ check "render in calls of 30 points is the same picture" cmp little.png file.png
 kill -TERM $daemon
 wait $daemon
 
+# --- calls whose bits are no whole bytes ---
+"$BUILD/umbraged" --store store --listen "unix:$folder/b.sock" --address-file few_addresses \
+    --max-points 3 --drain-delay 0 >daemon.log 2>&1 &
+daemon=$!
+children="$children $daemon"
+wait_file few_addresses
+UMBRAGE_ADDRESS=unix:$folder/b.sock
+set -- --points some.f32 --format f32 --normals --taps 3 --encoding bit --quiet
+try 0 umbrage query city.umb "$@" --output city.umb.answers
+try 0 umbrage query city.umb "$@" --output by_13.answers --batch 13
+check "bits in batches of 13 points are the same" cmp by_13.answers city.umb.answers
+try 0 umbrage query city "$@" --output city.answers
+check "  and in calls of 3" cmp city.answers city.umb.answers
+kill -TERM $daemon
+wait $daemon
+
 # --- a daemon that asks for a token ---
 token=0123456789abcdef0123456789
 (umask 077 && echo "studio query $token" >tokens)

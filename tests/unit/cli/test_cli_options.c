@@ -170,7 +170,7 @@ static void query_options_are_taken(void **state)
     assert_int_equal(parsed.settings.taps, 17);
     assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_METRES);
     assert_true(parsed.settings.bias == 0.25);
-    assert_int_equal(parsed.batch, 16); /* so that bits of two batches share no byte */
+    assert_int_equal(parsed.batch, 9);
     assert_int_equal(parsed.settings.format, UMB_ANSWER_BIT);
     assert_int_equal(query("query a --points p --bias 1.5vox --origin -1e6,2,3.5", &parsed), -1);
     assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_VOXELS);
