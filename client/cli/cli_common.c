@@ -51,21 +51,26 @@ int umbc_usage_error(const char *format, ...)
     return UMBC_EXIT_USAGE;
 }
 
+static const char *said(const struct umb_error *error)
+{
+    return error->message[0] != '\0' ? error->message : umb_status_text(error->status);
+}
+
 int umbc_complain(const struct umb_error *error)
 {
-    (void)fprintf(stderr, "umbrage: %s\n",
-                  error->message[0] != '\0' ? error->message : umb_status_text(error->status));
+    (void)fprintf(stderr, "umbrage: %s\n", said(error));
     return umb_status_exit(error->status);
 }
 
 int umbc_complain_file(const char *path, const struct umb_error *error)
 {
-    struct umb_error named = *error;
+    (void)fputs("umbrage: ", stderr);
     if (strstr(error->message, path) == NULL) {
-        (void)umb_fail(&named, error->status, "%.100s: %.200s", path,
-                       error->message[0] != '\0' ? error->message : umb_status_text(error->status));
+        umbc_print_text(stderr, path, strlen(path));
+        (void)fputs(": ", stderr);
     }
-    int code = umbc_complain(&named);
+    (void)fprintf(stderr, "%s\n", said(error));
+    int code = umb_status_exit(error->status);
     return code == UMBC_EXIT_USAGE ? UMBC_EXIT_DATA : code;
 }
 

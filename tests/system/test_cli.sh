@@ -190,6 +190,11 @@ try 66 umbrage verify missing.umb
 one_sentence missing.umb
 try 66 umbrage verify city.umb --scene missing.glb
 try 66 umbrage info a_folder/
+long=$(printf '%0120d/%0120d/%0120d' 1 2 3)
+mkdir -p "$long"
+try 66 umbrage info "$long/missing.umb"
+one_sentence "3/missing.umb: "
+check "  and why, to its end" grep -qi 'no such file or directory$' err
 size=$(wc -c <city.umb)
 head -c $((size / 2)) city.umb >half.umb
 cp city.umb flipped.umb
@@ -204,6 +209,10 @@ for file in half.umb text.umb empty.umb; do
     try 65 umbrage query $file --points /dev/null
 done
 try 65 umbrage verify flipped.umb
+reason=$(cat err)
+mv flipped.umb "$long"
+try 65 umbrage verify "$long/flipped.umb"
+one_sentence "3/${reason#umbrage: }"
 try 0 umbrage unpack city.umb -o city.umbm
 if command -v valgrind >/dev/null; then
     check "  and reads nothing that was not set" \
