@@ -162,6 +162,30 @@ static void fake_describe(struct fake_stream *stream)
     fake_append_buffer(stream, &buffer);
 }
 
+/* Every limit has a value of its own. */
+static void fake_limits(struct fake_stream *stream)
+{
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    const struct umbw_limits limits = {.max_points = 1001,
+                                       .max_message_bytes = (uint64_t)1002 << 32,
+                                       .max_targets = 1003,
+                                       .max_taps = 1004,
+                                       .max_streams = 1005,
+                                       .queue = 1006,
+                                       .version = "1.2.3-fake",
+                                       .max_bundle_bytes = 1007,
+                                       .max_bundle_files = 1008,
+                                       .max_owner_jobs = 1009,
+                                       .max_segments = 1010,
+                                       .max_columns = 1011,
+                                       .max_boxes = 1012,
+                                       .max_box_steps = (uint64_t)1013 << 32};
+    if (umbw_encode_limits_reply(&limits, &buffer, NULL) != UMB_OK) {
+        abort();
+    }
+    fake_append_buffer(stream, &buffer);
+}
+
 static void fake_health(struct fake_stream *stream)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
@@ -225,6 +249,8 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
             fake_list(stream);
         } else if (strcmp(stream->path, UMBW_PATH_DESCRIBE) == 0) {
             fake_describe(stream);
+        } else if (strcmp(stream->path, UMBW_PATH_LIMITS) == 0) {
+            fake_limits(stream);
         } else if (strncmp(stream->path, "/umbrage.v1.Questions/", 22) == 0) {
             fake_segments(stream);
         } else {

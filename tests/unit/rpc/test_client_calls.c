@@ -129,35 +129,6 @@ static void large_requests_and_replies_pass_the_windows(void **state)
     free(values);
 }
 
-static void small_calls_work(void **state)
-{
-    struct fake_server server = {.http1 = false};
-    char address[128];
-    struct umb_error error;
-    struct umb_client_asset *assets;
-    struct umb_client_description *about;
-    size_t count;
-    int serving = 0;
-    (void)state;
-    fake_start(&server, 0, address);
-    struct umb_client *client = open_client(address, NULL);
-    assert_int_equal(umb_client_list(client, &assets, &count, &error), UMB_OK);
-    assert_int_equal(count, 2);
-    assert_string_equal(assets[1].name, "b");
-    umb_client_assets_free(assets);
-    assert_int_equal(umb_client_describe(client, "a", &about, &error), UMB_OK);
-    assert_string_equal(about->asset.name, "a");
-    assert_int_equal(about->light_count, 1);
-    assert_string_equal(about->lights[0].info.name, "sun");
-    assert_int_equal(about->lights[0].resolution, 1024);
-    assert_string_equal(about->plan, "effect=closed state=on\n");
-    umb_client_description_free(about);
-    assert_int_equal(umb_client_health(client, NULL, &serving, &error), UMB_OK);
-    assert_int_equal(serving, 1);
-    umb_client_close(client);
-    fake_stop(&server);
-}
-
 static void unix_sockets_and_names_work(void **state)
 {
     char path[64];
@@ -653,7 +624,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(query_gets_its_answers_stats_and_id),
         cmocka_unit_test(large_requests_and_replies_pass_the_windows),
-        cmocka_unit_test(small_calls_work),
         cmocka_unit_test(unix_sockets_and_names_work),
         cmocka_unit_test(every_bad_answer_has_its_status_and_a_sentence),
         cmocka_unit_test(refused_calls_are_tried_again_at_most_twice),
