@@ -408,6 +408,19 @@ class Test:
         self.daemons.append(daemon)
         return daemon
 
+    def held_bakes(self):
+        """
+        A --bake-program whose bakes take minutes, however fast the machine, for as long as the file
+        is there that is returned beside it: what is to happen in the middle of a bake is waited for,
+        the file is removed, and the next try of the same job takes its usual time.
+        """
+        program_path, gate = self.path("held-bake"), self.path("held")
+        with open(os.open(program_path, os.O_WRONLY | os.O_CREAT, 0o755), "w",
+                  encoding="ascii") as file:
+            file.write(f"#!/bin/sh\n[ ! -e '{gate}' ] || set -- \"$@\" --verify={ENDLESS}\n"
+                       f"exec '{program('umbrage-bake')}' \"$@\"\n")
+        return program_path, gate
+
     def client(self, target, options=(), credentials=None):
         return Client(target, self.messages, options, credentials)
 
@@ -437,6 +450,7 @@ def need_grpc():
         return skip(f"python3-grpcio is not installed ({error})")
 
 
+ENDLESS = 10 ** 9  # points to verify: minutes on any machine
 PATIENCE = 4  # a machine may be so many times slower than a quiet one
 
 

@@ -30,8 +30,12 @@ with open(os.open(TOKENS, os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="ascii
         file.write(f"{name} {scopes} {name}-0123456789abcdef\n")
 
 
+HELD_BAKE, HOLD = test.held_bakes()
+
+
 def start(*options):
-    daemon = test.daemon("--jobs", JOBS, "--token-file", TOKENS, "--bake-threads", 1, *options)
+    daemon = test.daemon("--jobs", JOBS, "--token-file", TOKENS, "--bake-threads", 1, "--bake-program",
+                         HELD_BAKE, *options)
     return daemon, test.client(daemon.grpc_tcp)
 
 
@@ -58,7 +62,6 @@ def leftovers():
 scene = read(test.scene("city", 4))
 plain = test.bake(test.scene("city", 4), test.path("plain.umb"), "--resolution", 512, "--sun",
                   "120,40", "--verify", 20000)["asset"]
-slow = {"resolution": 4096, "verify": 20000000}  # seconds of work
 daemon, client = start()
 
 with test.check("a submitted scene becomes the asset of the command line, and is served"):
@@ -217,16 +220,25 @@ with test.check("a setting that the bake refuses is a failed job that says so"):
                                                resolution=1000).job, WHO["ann"])
     assert status.failure == B.FAILURE_REJECTED and "resolution" in status.cause, status
 
+
+
+def submit_held(**settings):
+    """A job that ends if somebody ends it, or is tried again without HOLD; returns it and its workers."""
+    open(HOLD, "w", encoding="ascii").close()
+    job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], **settings).job
+    return job, ut.wait_until(lambda: workers(daemon), 20, "the bake runs")
+
+
 with test.check("a cancelled bake ends with all its processes"):
-    job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], **slow).job
-    ut.wait_until(lambda: workers(daemon), 20, "the bake runs")
+    job, _ = submit_held(resolution=4096)
     status = client.cancel_job(B.CancelRequest(job=job), metadata=WHO["ann"])
     assert status.state == B.JOB_FAILED and status.failure == B.FAILURE_CANCELLED
     ut.wait_until(lambda: not workers(daemon) and not leftovers(), 10, "nothing is left")
 
 with test.check("a worker that is killed is tried again, and the asset is published once"):
-    job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], resolution=1024, verify=1500000).job
-    os.kill(ut.wait_until(lambda: workers(daemon), 20, "the bake runs")[0], signal.SIGKILL)
+    job, pids = submit_held(resolution=1024)
+    os.remove(HOLD)
+    os.kill(pids[0], signal.SIGKILL)
     status = client.finished_job(job, WHO["ann"])
     assert status.state == B.JOB_DONE and status.epoch == 2, status
     assert daemon.metric("umbrage_job_failures_total") >= 1
@@ -244,10 +256,10 @@ with test.check("a program that cannot be started is an internal failure with it
     other.stop()
 
 with test.check("a daemon that is killed loses nothing, and leaves no process and no temporary"):
-    job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], resolution=2048, verify=1500000).job
-    ut.wait_until(lambda: workers(daemon), 20, "the bake runs")
+    job, _ = submit_held(resolution=2048)
     client.close()
     daemon.kill()
+    os.remove(HOLD)
     ut.wait_until(lambda: not workers(daemon), 10, "its workers ended with it")
     open(os.path.join(ASSETS, ".tmp." + 64 * "a" + ".umb.1.1.1"), "w", encoding="ascii").close()
     os.mkdir(os.path.join(JOBS, "incoming", "half"))
@@ -257,12 +269,11 @@ with test.check("a daemon that is killed loses nothing, and leaves no process an
     assert leftovers() == [], leftovers()
 
 with test.check("a clean restart goes on with a job and counts no failure"):
-    job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], resolution=2048, closed="off",
-                        verify=1500000).job
-    ut.wait_until(lambda: workers(daemon), 20, "the bake runs")
+    job, _ = submit_held(resolution=2048, closed="off")
     client.close()
     daemon.stop()
     assert not workers(daemon)
+    os.remove(HOLD)
     daemon, client = start("--bake-workers", 2)
     status = client.finished_job(job, WHO["ann"])
     assert status.state == B.JOB_DONE and status.failure == B.FAILURE_NONE, status
