@@ -125,7 +125,7 @@ one_sentence "parts are not closed"
 "$BUILD/scenegen" terrain --size 300 -o big.ply 2>/dev/null
 for number in INT TERM; do
     timeout --preserve-status -s $number -k 100 0.6 "$BUILD/umbrage-bake" big.ply -o big.umb \
-        --resolution 262144 --verify 0 --threads 1 >out 2>err # would take seconds
+        --resolution 262144 --verify 1000000000 --threads 1 >out 2>err # would take minutes
     code=$?
     case $code in
     75 | 130 | 143) ok "SIG$number ends a bake with exit code $code" ;;
@@ -135,14 +135,15 @@ for number in INT TERM; do
         "$(find . -name '*big.umb*' -o -name '*.tmp*' -o -name '*.part*')"
 done
 
-(ulimit -S -t 1 && exec "$BUILD/umbrage-bake" big.ply -o big.umb --resolution 262144 --verify 0 --threads 1) >out 2>err
+(ulimit -S -t 1 && exec "$BUILD/umbrage-bake" big.ply -o big.umb --resolution 262144 \
+    --verify 1000000000 --threads 1) >out 2>err
 same "a bake over its CPU time ends with 75" 75 $?
 same "and leaves nothing" "" "$(find . -name '*big.umb*' -o -name '*.tmp*')"
 
 # --- so do interrupted points; a place that cannot be written shows before the work ---
 for number in TERM HUP; do
     echo old >big.pts
-    "$BUILD/umbrage-study" points big.ply -o big.pts --count 1000000 --format text --quiet &
+    "$BUILD/umbrage-study" points big.ply -o big.pts --count 20000000 --format text --quiet &
     points=$!
     while kill -0 $points 2>err && [ -z "$(find . -name '.tmp.big.pts*')" ]; do sleep 0.01; done
     kill -s $number $points

@@ -18,9 +18,12 @@ DONE, BAKED, FOUND = ('umbrage_job_tiles{state="done"}', 'umbrage_job_tiles_tota
                       'umbrage_job_tiles_total{how="found"}')
 
 
+HELD_BAKE, HOLD = test.held_bakes()
+
+
 def start():
-    return test.daemon("--jobs", JOBS, "--bake-threads", 1, "--bake-tile", 256, "--listen",
-                       "unix:" + SOCKET)
+    return test.daemon("--jobs", JOBS, "--bake-threads", 1, "--bake-tile", 256, "--bake-program",
+                       HELD_BAKE, "--listen", "unix:" + SOCKET)
 
 
 def metric(name):
@@ -74,11 +77,12 @@ with test.check("a job whose tiles cannot be kept is baked all the same"):
                "--wait")["state"] == "done"
 
 with test.check("a daemon that is killed repeats no tile that was finished"):
-    long = ("--resolution", 4096, "--sun", "90,50", "--verify", 3000000)
-    job = cli("submit", scene, *long)["job"]
+    open(HOLD, "w", encoding="ascii").close()
+    job = cli("submit", scene, "--resolution", 4096, "--sun", "90,50", "--verify", 1000)["job"]
     ut.wait_until(lambda: metric(DONE) >= 20, 60, "tiles are done")
     done = metric(DONE)
     daemon.kill()
+    os.remove(HOLD)
     daemon = start()
     again = cli("watch", job)
     assert again["state"] == "done" and again["epoch"] == 2, again

@@ -21,8 +21,12 @@ STORE, JOBS, SOCKET = test.path("store"), test.path("jobs"), test.path("jobs.soc
 ASSETS = os.path.join(JOBS, "assets")
 
 
+HELD_BAKE, HOLD = test.held_bakes()
+
+
 def start():
-    return test.daemon("--jobs", JOBS, "--bake-threads", 1, "--listen", "unix:" + SOCKET)
+    return test.daemon("--jobs", JOBS, "--bake-threads", 1, "--bake-program", HELD_BAKE, "--listen",
+                       "unix:" + SOCKET)
 
 
 def cli(*words, code=0, where=None):
@@ -138,27 +142,33 @@ with test.check("a scene that cannot be used ends with 65 and the reason"):
     cli("submit", scene, "--output", "x", code=2)
     cli("watch", 32 * "0", code=66)
 
-slow = ("--resolution", 2048, "--verify", 4000000)
 
-with test.check("a watch goes on across a restart of the daemon"):
-    job = answer("submit", scene, *slow)["job"]
+
+def watched(*options):
+    """A job that runs for as long as HOLD is there, and `umbrage watch` of it, which has begun."""
+    open(HOLD, "w", encoding="ascii").close()
+    job = answer("submit", scene, *options)["job"]
     watcher = subprocess.Popen([ut.program("umbrage"), "watch", job, "--json"],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                env={**os.environ, "UMBRAGE_ADDRESS": "unix:" + SOCKET})
-    time.sleep(0.3)
+    ut.wait_until(lambda: daemon.metric("umbrage_inflight") == 1 and
+                  {"running"} == {told["state"] for told in answer("jobs")["jobs"]
+                                  if told["job"] == job}, 20, "it runs and is watched")
+    return job, watcher
+
+
+with test.check("a watch goes on across a restart of the daemon"):
+    job, watcher = watched("--resolution", 2048)
     daemon.kill()
-    time.sleep(0.3)
+    os.remove(HOLD)
+    time.sleep(0.3)  # the watcher finds nobody for a while
     daemon = start()
     text, talk = watcher.communicate(timeout=60)
     assert watcher.returncode == 0, talk
     assert json.loads(text)["state"] == "done"
 
 with test.check("a cancelled job ends its watcher with 75"):
-    job = answer("submit", scene, *slow, "--closed", "off")["job"]
-    watcher = subprocess.Popen([ut.program("umbrage"), "watch", job], stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE,
-                               env={**os.environ, "UMBRAGE_ADDRESS": "unix:" + SOCKET})
-    time.sleep(0.2)
+    job, watcher = watched("--resolution", 2048, "--closed", "off")
     assert answer("cancel", job)["failure"] == "cancelled"
     watcher.communicate(timeout=20)
     assert watcher.returncode == 75

@@ -169,13 +169,16 @@ def lights(folder, scene):
 
 
 def killed_and_resumed(folder, scene, asset):
-    """kill -9 at random moments, then on with the same command."""
+    """kill -9 at random moments, each with more tiles in the cache, then on with the same command."""
     cache, out = os.path.join(folder, "cache3"), os.path.join(folder, "resumed.umb")
     draw = random.Random(11)
-    for _ in range(6):
+    for kept in range(0, 18, 3):
         process = subprocess.Popen([BAKE, scene, "-o", out, "--cache", cache, *SETTINGS],
                                    stdout=subprocess.DEVNULL)
-        time.sleep(0.08 + 0.25 * draw.random())
+        while process.poll() is None and kept > 0 and (
+                not os.path.isdir(cache) or len(os.listdir(cache)) < kept):
+            time.sleep(0.001)
+        time.sleep(0.1 * draw.random())
         process.kill()
         process.wait()
     check("a killed bake leaves no asset, or a whole one", not os.path.exists(out) or subprocess.run(
@@ -191,8 +194,8 @@ def interrupted(folder, scene):
         place = os.path.join(folder, f"signal{number}")
         os.mkdir(place)
         cache = os.path.join(folder, f"signalled{number}")
-        process = subprocess.Popen([BAKE, scene, "-o", os.path.join(place, "a.umb"), "--cache",
-                                    cache, *SETTINGS], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen([BAKE, scene, "-o", os.path.join(place, "a.umb"), "--cache", cache,
+                                    *SETTINGS, "--verify", "1000000000"], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         while process.poll() is None and not (os.path.isdir(cache) and os.listdir(cache)):
             time.sleep(0.0005)
         process.send_signal(number)
