@@ -396,26 +396,39 @@ with test.check("a cancelled stream and one past its deadline free what they hel
     ut.wait_until(lambda: daemon.metric("umbrage_buffered_bytes") == 0, 20, "nothing is buffered")
 
 with test.check("a polite client is answered between the batches of greedy ones"):
-    BATCHES = 60
-    greedy_done = []
+    greedy_asked, greedy_done = [], []
+    served = threading.Event()  # the polite one
 
     def be_greedy(client):
         heavy = M.QueryRequest(asset="city", points=f32, taps=17)
-        greedy_done.extend(1 for _ in client.stream(iter([heavy] * BATCHES), timeout=240))
+
+        def ask_on():
+            while not served.is_set() and len(greedy_asked) < 5000:
+                greedy_asked.append(1)
+                yield heavy
+        greedy_done.extend(1 for _ in client.stream(ask_on(), timeout=240))
 
     greedy = [threading.Thread(target=be_greedy, args=(client,)) for client in clients[2:]]
     for thread in greedy:
         thread.start()
-    ut.wait_until(lambda: greedy_done, 60, "the greedy ones are served")
-    polite = test.client(daemon.grpc_tcp)
-    small = polite.ask("city", f32[:64 * 12], taps=9).visibility
-    for _ in range(40):
-        assert polite.ask("city", f32[:64 * 12], taps=9).visibility == small
-    assert len(greedy_done) < len(greedy) * BATCHES, "the greedy ones were done first"
-    polite.close()
-    for thread in greedy:
-        thread.join()
-    assert len(greedy_done) == len(greedy) * BATCHES
+    try:
+        ut.wait_until(lambda: greedy_done, 60, "the greedy ones are served")
+        polite = test.client(daemon.grpc_tcp)
+        small = polite.ask("city", f32[:64 * 12], taps=9).visibility
+        passed = []  # batches of the greedy ones that were done before each small call
+        for _ in range(41):
+            before = len(greedy_done)
+            assert polite.ask("city", f32[:64 * 12], taps=9).visibility == small
+            passed.append(len(greedy_done) - before)
+        assert len(greedy_asked) < 5000, "the greedy ones were done first"
+        polite.close()
+    finally:
+        served.set()
+        for thread in greedy:
+            thread.join()
+    # Of most calls, whatever held up this thread in some.
+    assert sorted(passed)[20] <= 3, passed
+    assert len(greedy_done) == len(greedy_asked)
 
 R = test.messages.reflection
 with test.check("reflection lists the services and gives the file of a symbol, v1 and v1alpha"):

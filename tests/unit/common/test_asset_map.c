@@ -36,12 +36,15 @@ static int scattered(const void *user, uint32_t frustum, uint32_t x, uint32_t y,
     return (h ^ h >> 13) % 7 < 3;
 }
 
+/* With an old time, so that a later one differs: where files' times tick, for milliseconds the
+ * same. */
 static void put_file(struct fixture *f)
 {
     FILE *file = fopen(folder_file(&f->folder, "a.umbm"), "wb");
     assert_non_null(file);
     assert_int_equal(fwrite(f->mapped.data, 1, f->mapped.size, file), f->mapped.size);
     assert_int_equal(fclose(file), 0);
+    folder_age(&f->folder, "a.umbm", 100);
 }
 
 /* Queries the points into values. */

@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include <pthread.h>
+#include <sched.h>
 #include <stdatomic.h>
 
 #include <sys/resource.h>
@@ -476,27 +477,27 @@ static void store_retired_version_waits_for_the_reaper(void **state)
 struct reader {
     struct umbs_store *store;
     atomic_int *stop;
-    size_t answered;
+    atomic_uint answered;
+    atomic_int failed;
 };
 
 /* An answer must be of exactly one of the two versions, and that of the id it names. */
 static void *read_on(void *argument)
 {
     struct reader *reader = argument;
-    while (!atomic_load(reader->stop)) {
+    while (!reader->failed && !atomic_load(reader->stop)) {
         struct umbs_entry *entry;
         if (umbs_store_acquire(reader->store, "city", &entry, NULL) != UMB_OK) {
-            return NULL;
+            reader->failed = 1;
+            break;
         }
         struct umb_asset_info info;
         umb_asset_get_info(umbs_entry_asset(entry), &info);
-        if (memcmp(info.id, umbs_entry_item(entry)->id, UMB_ID_BYTES) != 0) {
-            return NULL;
-        }
+        reader->failed = memcmp(info.id, umbs_entry_item(entry)->id, UMB_ID_BYTES) != 0;
         umbs_entry_release(entry);
         reader->answered++;
     }
-    return reader;
+    return NULL;
 }
 
 static void store_swaps_under_readers_never_fail_a_look_up(void **state)
@@ -514,15 +515,19 @@ static void store_swaps_under_readers_never_fail_a_look_up(void **state)
     }
     for (uint32_t round = 0; round < 10; round++) {
         folder_asset(&f->folder, "city.umb", 20 + round % 2 * 20, id);
+        for (size_t i = 0; i < 2; i++) { /* between two swaps, and on through this one */
+            for (unsigned seen = readers[i].answered;
+                 readers[i].answered == seen && !readers[i].failed;) {
+                (void)sched_yield();
+            }
+        }
         rescan(f);
         assert_int_equal(f->report.loaded, 1);
     }
     atomic_store(&stop, 1);
     for (size_t i = 0; i < 2; i++) {
-        void *result = NULL;
-        pthread_join(threads[i], &result);
-        assert_non_null(result);
-        assert_true(readers[i].answered > 0);
+        pthread_join(threads[i], NULL);
+        assert_false(readers[i].failed);
     }
 }
 

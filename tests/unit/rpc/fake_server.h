@@ -171,8 +171,8 @@ static void fake_session(struct fake_connection *connection)
             fake_pause(10);
             continue;
         }
-        if (poll(&entry, 1, 20) <= 0) {
-            continue;
+        if (poll(&entry, 1, 20) <= 0 || (connection->number == 0 && atomic_load(&server->frozen))) {
+            continue; /* what came when it was frozen is not read */
         }
         ssize_t count = recv(connection->socket, block, 65536, 0);
         /* Who said goodbye only reads on until the other side hangs up. */

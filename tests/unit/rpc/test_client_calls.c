@@ -273,7 +273,7 @@ static void silence_ends_at_the_deadline_and_resets_the_stream(void **state)
 static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
 {
     struct fake_server server = {.http1 = false};
-    const struct umb_client_options options = {.connect_timeout_ms = 150,
+    const struct umb_client_options options = {.connect_timeout_ms = 1000,
                                                .max_retries = UMB_CLIENT_NEVER};
     char address[128];
     struct umb_error error;
@@ -282,7 +282,6 @@ static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
     struct umb_client *client = open_client(address, &options);
     assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
     atomic_store(&server.frozen, true);
-    fake_pause(50); /* the server looks every 20 ms */
     assert_int_equal(ask(client, "ok", 100, &error), UMB_E_DEADLINE);
     /* Calls under way when the connection is given up end then, not at their own deadline. */
     double start = now_s();
@@ -298,15 +297,15 @@ static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
 static void a_slow_peer_that_answers_pings_keeps_its_connection(void **state)
 {
     struct fake_server server = {.http1 = false};
-    const struct umb_client_options options = {.connect_timeout_ms = 100};
+    const struct umb_client_options options = {.connect_timeout_ms = 700};
     char address[128];
     struct umb_error error;
     (void)state;
     fake_start(&server, 0, address);
     struct umb_client *client = open_client(address, &options);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 2; i++) {
         assert_int_equal(ask(client, "silent", 50, &error), UMB_E_DEADLINE);
-        fake_pause(200);
+        fake_pause(900); /* longer than a peer has that answers no ping */
     }
     assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
     umb_client_close(client);
@@ -368,7 +367,9 @@ static void queued_calls_expire_behind_a_full_server(void **state)
     struct umb_client_query_request request = make_request("silent");
     request.timeout_ms = 5000;
     assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, &error), UMB_OK);
-    fake_pause(50);
+    while (atomic_load(&server.requests) < 2) { /* it has the only stream */
+        fake_pause(1);
+    }
     for (int i = 0; i < 5; i++) {
         assert_int_equal(ask(client, "ok", 30, &error), UMB_E_DEADLINE);
     }
@@ -499,7 +500,7 @@ static void peers_that_are_no_http2_servers_are_named(void **state)
     (void)state;
     struct fake_server web = {.http1 = true};
     fake_start(&web, 0, address);
-    struct umb_client *client = open_client(address, &options);
+    struct umb_client *client = open_client(address, NULL);
     assert_int_equal(ask(client, "ok", 3000, &error), UMB_E_PROTOCOL);
     assert_non_null(strstr(error.message, "HTTP/1"));
     umb_client_close(client);

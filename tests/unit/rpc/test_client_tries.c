@@ -232,7 +232,7 @@ static void a_silent_server_that_owes_an_answer_is_found_out_before_the_deadline
 {
     struct fake_server server = {.http1 = false};
     const struct umb_client_options options = {
-        .keepalive_ms = 50, .connect_timeout_ms = 100, .max_retries = UMB_CLIENT_NEVER};
+        .keepalive_ms = 50, .connect_timeout_ms = 1000, .max_retries = UMB_CLIENT_NEVER};
     char address[128];
     struct umb_error error;
     (void)state;
@@ -243,7 +243,6 @@ static void a_silent_server_that_owes_an_answer_is_found_out_before_the_deadline
     assert_int_equal(ask(client, "ok", &error), UMB_OK);
     assert_int_equal(atomic_load(&server.connections), 1);
     atomic_store(&server.frozen, true);
-    fake_pause(50);
     assert_int_equal(ask(client, "ok", &error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(error.message, "sign of life"));
     umb_client_close(client);
