@@ -180,7 +180,7 @@ with test.check("a greedy connection that fills the queue does not shut the othe
     modest = connect(daemon)
     reply = modest.reply(upload(modest, query(4096)), 60)
     assert reply.status == OK, reply
-    greedy.pump(0.5)
+    greedy.wait(lambda: any(r.status == EXHAUSTED for r in greedy.replies.values()), 20)
     shed = [r for r in greedy.replies.values() if r.status == EXHAUSTED]
     assert shed and "--queue" in shed[0].header("grpc-message"), shed
     assert shed[0].header("grpc-retry-pushback-ms")
