@@ -287,8 +287,10 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
         entry->retry = !is_the_files_fault(entry->item.status);
-        umbs_log_event(store->log, UMB_LOG_ERROR, "asset_damaged", "asset=%s status=%s reason=%s",
-                       name->text, umb_status_name(entry->item.status),
+        umbs_log_event(store->log, UMB_LOG_ERROR,
+                       entry->item.status == UMB_E_VERSION ? "asset_unreadable" : "asset_damaged",
+                       "asset=%s status=%s reason=%s", name->text,
+                       umb_status_name(entry->item.status),
                        umbs_log_quote(entry->error.message, quoted));
     } else {
         describe(entry);

@@ -103,11 +103,12 @@ struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
     return has_id(table, first, id) ? table->by_id[first] : NULL;
 }
 
-/* Failures that are the file's are told as damage; others (no memory) as what they are. */
+/* Failures that are the file's have the status of damage; others (no memory) their own. */
 static enum umb_status told_status(enum umb_status status)
 {
     switch (status) {
     case UMB_E_FORMAT:
+    case UMB_E_VERSION:
     case UMB_E_TRUNCATED:
         return UMB_E_CORRUPT;
     default:
@@ -154,8 +155,10 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
         return umbs_store_not_found(name_or_id, error);
     }
     if (entry->asset == NULL || atomic_load(&entry->faulted)) {
-        return umb_fail(error, told_status(entry->error.status), "asset: '%.64s' is damaged: %s",
-                        entry->item.name, entry->error.message);
+        const enum umb_status cause = entry->error.status;
+        return umb_fail(error, told_status(cause), "asset: '%.64s' %s: %s", entry->item.name,
+                        cause == UMB_E_VERSION ? "cannot be read" : "is damaged",
+                        entry->error.message);
     }
     umbs_entry_retain(entry);
     *out = entry;

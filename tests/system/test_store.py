@@ -131,7 +131,7 @@ with test.check("replacing a file under load gives each call one version, whole"
 with test.check("damaged files are DATA_LOSS for their own calls, the others answer on"):
     with open(test.path("c.umb"), "rb") as file:
         good = file.read()
-    damages = {"cut": good[:len(good) // 2], "flip": bytearray(good), "empty": b"",
+    damages = {"cut": good[:len(good) // 2], "flip": bytearray(good), "empty": b"", "old": good[:8] + b"\1" + good[9:],
                "text": b"this is not an asset\n" * 100, "tail": good + b"x"}
     damages["flip"][len(good) - 100] ^= 1
     for name, data in damages.items():
@@ -142,6 +142,8 @@ with test.check("damaged files are DATA_LOSS for their own calls, the others ans
         becomes(name, Code.DATA_LOSS)
         client.refused(lambda: ask(name), Code.DATA_LOSS, name)
     assert state("one") == ids["b"] and state("three") == ids["c"]
+    client.refused(lambda: ask("old"), Code.DATA_LOSS, "made by an earlier version: bake the scene again")
+    assert "event=asset_unreadable asset=old" in daemon.log()
     assert daemon.metric("umbrage_asset_damaged") >= len(damages)
     names = [x.name for x in client.list(M.ListRequest(), timeout=60).assets]
     assert names == ["one", "slow", "three"], names

@@ -62,7 +62,9 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
                         major, umb__load16(bytes + UMB__HEAD_MINOR), version_of(head->encoding),
                         head->encoding == UMB_ENCODING_MAPPED
                             ? " of mapped files; they are made from packed ones at any time"
-                            : " of packed files; bake the scene again");
+                        : major < UMB__VERSION_PACKED
+                            ? " of packed files; made by an earlier version: bake the scene again"
+                            : " of packed files; made by a later version");
     }
     return UMB_OK;
 }

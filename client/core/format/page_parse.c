@@ -174,7 +174,9 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
     if (head[0] != UMB__PAGE_ENCODING) {
         return umb_fail(error, UMB_E_VERSION, "page: encoding %u, this reader knows %u%s", head[0],
                         UMB__PAGE_ENCODING,
-                        head[0] < UMB__PAGE_ENCODING ? "; bake the scene again" : "");
+                        head[0] < UMB__PAGE_ENCODING
+                            ? "; made by an earlier version: bake the scene again"
+                            : "; made by a later version");
     }
     page->level_high = head[1];
     page->level_low = head[2];

@@ -18,6 +18,7 @@
 #endif
 #endif
 
+#include "format/layout.h"
 #include "store_fixture.h"
 
 struct fixture {
@@ -185,6 +186,20 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     umbs_store_count(f->store, &counts);
     assert_int_equal(counts.healthy, 1);
     assert_int_equal(counts.damaged, 1);
+}
+
+static void store_file_of_another_version_is_not_called_damaged(void **state)
+{
+    struct fixture *f = *state;
+    struct umbs_entry *entry;
+    struct umb_error error;
+    uint8_t id[UMB_ID_BYTES];
+    folder_asset(&f->folder, "later.umb", 20, id);
+    folder_flip(&f->folder, "later.umb", UMB__HEAD_VERSION);
+    rescan(f);
+    assert_int_equal(umbs_store_acquire(f->store, "later", &entry, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "'later' cannot be read: version: 3.0"));
+    assert_null(strstr(error.message, "damaged"));
 }
 
 struct look {
@@ -552,6 +567,7 @@ int main(void)
         WITH_STORE(store_swap_leaves_the_held_version_alone),
         WITH_STORE(store_removed_file_is_not_found_but_a_holder_goes_on),
         WITH_STORE(store_damaged_file_fails_alone_and_says_why),
+        WITH_STORE(store_file_of_another_version_is_not_called_damaged),
         WITH_STORE(store_young_damaged_replacement_keeps_the_old_version_until_settled),
         WITH_STORE(store_short_of_memory_keeps_the_old_version),
         WITH_STORE(store_refuses_a_file_whose_id_is_not_its_content),

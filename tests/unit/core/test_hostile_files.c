@@ -126,6 +126,10 @@ static void a_directory_that_does_not_fit_its_file_is_refused(void **state)
     packed.data[UMB__HEAD_VERSION] = 1;
     assert_int_equal(open_status(&packed, &error), UMB_E_VERSION);
     assert_non_null(strstr(error.message, "version: 1.0, this reader knows version 2"));
+    assert_non_null(strstr(error.message, "an earlier version: bake the scene again"));
+    packed.data[UMB__HEAD_VERSION] = 3;
+    assert_int_equal(open_status(&packed, &error), UMB_E_VERSION);
+    assert_non_null(strstr(error.message, "a later version"));
     bytes_finish(&packed);
 }
 

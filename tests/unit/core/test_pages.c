@@ -177,8 +177,9 @@ static void expect(size_t at, uint8_t value, enum umb_status wanted, const char 
 static void what_a_page_must_not_say_is_refused_by_name(void **state)
 {
     (void)state;
-    expect(0, 1, UMB_E_VERSION, "encoding 1, this reader knows 2; bake the scene again");
-    expect(0, 3, UMB_E_VERSION, "encoding 3, this reader knows 2");
+    expect(0, 1, UMB_E_VERSION,
+           "encoding 1, this reader knows 2; made by an earlier version: bake the scene again");
+    expect(0, 3, UMB_E_VERSION, "encoding 3, this reader knows 2; made by a later version");
     expect(1, 21, UMB_E_CORRUPT, "levels out of range");
     expect(1, 2, UMB_E_CORRUPT, "levels out of range");
     expect(2, 2, UMB_E_CORRUPT, "levels out of range");
