@@ -13,6 +13,8 @@
 #include "base/utf8.h"
 #include "cli_session.h"
 
+#define NAME_BYTES ((size_t)200) /* of a path, in messages of the libraries */
+
 static void print_option(const struct umbc_option *option)
 {
     char left[48];
@@ -62,14 +64,30 @@ int umbc_complain(const struct umb_error *error)
     return umb_status_exit(error->status);
 }
 
+/* What stands after the name in messages of the form `NAME: reason`; NULL in others. */
+static const char *after_name(const char *message, const char *name)
+{
+    const size_t length = strlen(name);
+    return strncmp(message, name, length) == 0 && message[length] == ':' ? message + length : NULL;
+}
+
 int umbc_complain_file(const char *path, const struct umb_error *error)
 {
+    const char *message = said(error);
+    const size_t length = strlen(path);
+    char name[NAME_BYTES + 1], quoted[sizeof name + 2]; /* as messages have it */
+    (void)umb__utf8_printable((const uint8_t *)path, length < NAME_BYTES ? length : NAME_BYTES,
+                              name, sizeof name);
+    (void)snprintf(quoted, sizeof quoted, "'%s'", name);
+    const char *reason = after_name(message, name);
     (void)fputs("umbrage: ", stderr);
-    if (strstr(error->message, path) == NULL) {
-        umbc_print_text(stderr, path, strlen(path));
-        (void)fputs(": ", stderr);
+    if (reason == NULL && strstr(message, quoted) != NULL) {
+        (void)fprintf(stderr, "%s\n", message);
+    } else {
+        umbc_print_text(stderr, path, length);
+        (void)fprintf(stderr, "%s%s\n", reason != NULL ? "" : ": ",
+                      reason != NULL ? reason : message);
     }
-    (void)fprintf(stderr, "%s\n", said(error));
     int code = umb_status_exit(error->status);
     return code == UMBC_EXIT_USAGE ? UMBC_EXIT_DATA : code;
 }

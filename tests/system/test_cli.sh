@@ -195,13 +195,18 @@ long=$(printf '%0120d/%0120d/%0120d' 1 2 3)
 mkdir -p "$long"
 try 66 umbrage info "$long/missing.umb"
 one_sentence "3/missing.umb: "
-check "  and why, to its end" grep -qi 'no such file or directory$' err
+same "  that says where and why once" "umbrage: $long/missing.umb: No such file or directory" "$(cat err)"
+try 66 umbrage info "$(printf 'two\001words.umb')"
+same "  and control characters are blanks" "umbrage: two words.umb: No such file or directory" "$(cat err)"
 size=$(wc -c <city.umb)
 head -c $((size / 2)) city.umb >half.umb
 cp city.umb flipped.umb
 printf '\125' | dd of=flipped.umb bs=1 seek=$((size - 200)) conv=notrunc 2>/dev/null
 printf 'not an asset, but long enough to be looked at as one, is it not?' >text.umb
 : >empty.umb
+cp text.umb e
+try 65 umbrage verify e
+one_sentence "umbrage: e: magic: "
 for file in half.umb text.umb empty.umb; do
     for command in info verify; do
         try 65 umbrage $command $file
