@@ -412,12 +412,14 @@ class Test:
         """
         A --bake-program whose bakes take minutes, however fast the machine, for as long as the file
         is there that is returned beside it: what is to happen in the middle of a bake is waited for,
-        the file is removed, and the next try of the same job takes its usual time.
+        the file is removed, and the next try of the same job takes its usual time. One that nobody
+        ends, since what is tested is broken, ends by its CPU time.
         """
         program_path, gate = self.path("held-bake"), self.path("held")
         with open(os.open(program_path, os.O_WRONLY | os.O_CREAT, 0o755), "w",
                   encoding="ascii") as file:
-            file.write(f"#!/bin/sh\n[ ! -e '{gate}' ] || set -- \"$@\" --verify={ENDLESS}\n"
+            file.write("#!/bin/sh\n"
+                       f"if [ -e '{gate}' ]; then ulimit -t 120; set -- \"$@\" --verify={ENDLESS}; fi\n"
                        f"exec '{program('umbrage-bake')}' \"$@\"\n")
         return program_path, gate
 

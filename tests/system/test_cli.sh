@@ -135,7 +135,7 @@ for number in INT TERM; do
         "$(find . -name '*big.umb*' -o -name '*.tmp*' -o -name '*.part*')"
 done
 
-(ulimit -S -t 1 && exec "$BUILD/umbrage-bake" big.ply -o big.umb --resolution 262144 \
+(ulimit -S -t 1 && ulimit -H -t 30 && exec "$BUILD/umbrage-bake" big.ply -o big.umb --resolution 262144 \
     --verify 1000000000 --threads 1) >out 2>err
 same "a bake over its CPU time ends with 75" 75 $?
 same "and leaves nothing" "" "$(find . -name '*big.umb*' -o -name '*.tmp*')"

@@ -199,7 +199,10 @@ def interrupted(folder, scene):
         while process.poll() is None and not (os.path.isdir(cache) and os.listdir(cache)):
             time.sleep(0.0005)
         process.send_signal(number)
-        code = process.wait(20)
+        try:
+            code = process.wait(20)
+        finally:
+            process.kill()
         check(f"signal {number} ends a bake with 75 and leaves nothing",
               (code, os.listdir(place)) == (75, []), (code, os.listdir(place)))
         strays = [name for name in os.listdir(cache) if not name.endswith(".umbt")]
