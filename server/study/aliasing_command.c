@@ -13,6 +13,7 @@
 #include <string.h>
 #include "common/json_text.h"
 #include "study/gbuffer.h"
+#include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/picture.h"
 #include "study/shading.h"
@@ -34,7 +35,8 @@ static const char help[] =
     "to spend texels are compared: one map of the scene (uniform); and cascades around each slice\n"
     "(slice), around what slice and scene share (scene), and the same warped (lispsm).\n"
     "\n"
-    "  -o, --output FILE   a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16\n"
+    "  -o, --output FILE   a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16;\n"
+    "                      - is stdout\n"
     "  --way WAY           of the heat map: uniform, slice, scene, lispsm (default uniform)\n"
     "  --resolution N      texels a side of each map, 16 to 16384 (default 1024)\n"
     "  --cascades N        slices, 1 to 8 (default 4)\n"
@@ -121,7 +123,7 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
                             "--way: '%.60s' is none of uniform, slice, scene, lispsm", a->way);
         }
     }
-    return UMB_OK;
+    return umbt_output_check_json(a->output, a->json, error);
 }
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])
@@ -301,38 +303,40 @@ static enum umb_status heat_write(const struct aliasing *a, struct umb_error *er
     return status;
 }
 
-static void line_text(const char *name, const struct summary *s, uint64_t resolution)
+static void line_text(FILE *to, const char *name, const struct summary *s, uint64_t resolution)
 {
-    printf("%-11s %8zu %7.2f%% %8.3f %8.3f %8.3f %8.3f %8.3f %9.0f\n", name, s->count,
-           100.0 * s->under, s->median, s->p95, s->p99, s->perspective, s->projection,
-           ceil((double)resolution * s->p99));
+    fprintf(to, "%-11s %8zu %7.2f%% %8.3f %8.3f %8.3f %8.3f %8.3f %9.0f\n", name, s->count,
+            100.0 * s->under, s->median, s->p95, s->p99, s->perspective, s->projection,
+            ceil((double)resolution * s->p99));
 }
 
-static void report_text(const struct aliasing *a)
+static void report_text(FILE *to, const struct aliasing *a)
 {
-    printf("%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n", a->scene_path,
-           a->options.width, a->options.height, a->buffer.receiver_count, a->resolution);
-    printf("%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median", "95%",
-           "99%", "persp.", "proj.", "texels*");
+    fprintf(to, "%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n",
+            a->scene_path, a->options.width, a->options.height, a->buffer.receiver_count,
+            a->resolution);
+    fprintf(to, "%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median",
+            "95%", "99%", "persp.", "proj.", "texels*");
     for (int way = 0; way < WAYS; way++) {
-        line_text(way_names[way], &a->summaries[way], a->resolution);
+        line_text(to, way_names[way], &a->summaries[way], a->resolution);
         for (uint32_t i = 0; i < a->plans[way].count && a->plans[way].count > 1; i++) {
             char name[32];
             (void)snprintf(name, sizeof name, "  to %.4gm", a->plans[way].splits[i + 1]);
-            line_text(name, &a->slices[way][i], a->resolution);
+            line_text(to, name, &a->slices[way][i], a->resolution);
         }
     }
-    printf("* a side, at which 99 of 100 points are no longer undersampled\n\npixels a texel:");
+    fprintf(to,
+            "* a side, at which 99 of 100 points are no longer undersampled\n\npixels a texel:");
     for (int bin = 0; bin < BINS; bin++) {
-        printf(" %s2^%d", bin == 0 ? "<" : "", BIN_LOW + bin + (bin == 0));
+        fprintf(to, " %s2^%d", bin == 0 ? "<" : "", BIN_LOW + bin + (bin == 0));
     }
-    printf("\n");
+    fprintf(to, "\n");
     for (int way = 0; way < WAYS; way++) {
-        printf("%-15s", way_names[way]);
+        fprintf(to, "%-15s", way_names[way]);
         for (int bin = 0; bin < BINS; bin++) {
-            printf(" %zu", a->summaries[way].bins[bin]);
+            fprintf(to, " %zu", a->summaries[way].bins[bin]);
         }
-        printf("\n");
+        fprintf(to, "\n");
     }
 }
 
@@ -403,7 +407,7 @@ int umbt_aliasing_command(int argc, char **argv)
     } else if (status == UMB_OK && a->json) {
         report_json(a);
     } else if (status == UMB_OK && !a->quiet) {
-        report_text(a);
+        report_text(umbt_output_talk(a->output), a);
     } else if (status != UMB_OK) {
         fprintf(stderr, "umbrage aliasing: %s\n", error.message);
     }

@@ -14,6 +14,7 @@
 #include "common/json_text.h"
 #include "study/light_hits.h"
 #include "study/moment_rows.h"
+#include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/study_vec.h"
@@ -36,7 +37,7 @@ static const char help[] =
     "\n"
     "  -o, --output FILE   one view by each, side by side, PNG: the products over the window of a\n"
     "                      deep map, the deep map, the products over that of the others, then\n"
-    "                      these in the order of the table, five a row\n"
+    "                      these in the order of the table, five a row; - is stdout\n"
     "  --alpha A           of BLEND surfaces, 0 to 1 (default 0.5)\n"
     "  --resolution N      texels a side, 16 to 2048 (default 512)\n"
     "  --taps N            width of the filter, odd, 1 to 17 (default 7)\n"
@@ -107,7 +108,10 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
     if (d->taps % 2 == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", d->taps);
     }
-    status = share_parse("--alpha", d->alpha_text, &d->alpha, error);
+    status = umbt_output_check_json(d->output, d->json, error);
+    if (status == UMB_OK) {
+        status = share_parse("--alpha", d->alpha_text, &d->alpha, error);
+    }
     return status == UMB_OK ? share_parse("--epsilon", d->epsilon_text, &d->epsilon, error)
                             : status;
 }
@@ -387,35 +391,36 @@ static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_e
 }
 
 /* What a way costs beside searching every list. */
-static void way_print(const char *name, const struct result *way, const struct result *searched,
-                      int same)
+static void way_print(FILE *to, const char *name, const struct result *way,
+                      const struct result *searched, int same)
 {
-    printf("%-18s %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n", name,
-           way->info.bytes, way->query_ns, searched->query_ns / way->query_ns,
-           same ? "the same" : "OTHER");
+    fprintf(to, "%-18s %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n", name,
+            way->info.bytes, way->query_ns, searched->query_ns / way->query_ns,
+            same ? "the same" : "OTHER");
 }
 
-static void print_text(const struct deep *d, const struct findings *f)
+static void print_text(FILE *to, const struct deep *d, const struct findings *f)
 {
-    printf("%s: %" PRIu64 " texels a side, %" PRIu64 " fragments in %zu lists, %zu points, %" PRIu64
-           " x %" PRIu64 " texels\n",
-           d->scene_path, d->resolution, d->hits.first[d->resolution * d->resolution],
-           d->hits.occupied, d->buffer.receiver_count, d->taps, d->taps);
-    printf("nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
-           f->exact.info.fragments, f->exact.info.bytes, f->exact_error);
-    printf("epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
-           f->searched.info.fragments, f->error);
-    printf("searched:          %" PRIu64 " bytes, %.0f ns a point\n", f->searched.info.bytes,
-           f->searched.query_ns);
-    way_print("linked:", &f->linked, &f->searched, f->linked_same);
-    way_print("streamed:", &f->streamed, &f->searched, f->streamed_same);
-    printf("%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
-           "most", "slack", "bytes", "build s", "ns/point");
+    fprintf(to,
+            "%s: %" PRIu64 " texels a side, %" PRIu64
+            " fragments in %zu lists, %zu points, %" PRIu64 " x %" PRIu64 " texels\n",
+            d->scene_path, d->resolution, d->hits.first[d->resolution * d->resolution],
+            d->hits.occupied, d->buffer.receiver_count, d->taps, d->taps);
+    fprintf(to, "nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
+            f->exact.info.fragments, f->exact.info.bytes, f->exact_error);
+    fprintf(to, "epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
+            f->searched.info.fragments, f->error);
+    fprintf(to, "searched:          %" PRIu64 " bytes, %.0f ns a point\n", f->searched.info.bytes,
+            f->searched.query_ns);
+    way_print(to, "linked:", &f->linked, &f->searched, f->linked_same);
+    way_print(to, "streamed:", &f->streamed, &f->searched, f->streamed_same);
+    fprintf(to, "%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
+            "most", "slack", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < umbt_moment_row_count; i++) {
         const struct umbt_moment_result *r = &f->moments[i];
-        printf("%-18s %9.5f %9.5f %9.5f %9.5f %9.2g %11" PRIu64 " %8.3f %9.0f\n",
-               umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most, r->info.slack,
-               r->info.bytes, r->build_s, r->query_ns);
+        fprintf(to, "%-18s %9.5f %9.5f %9.5f %9.5f %9.2g %11" PRIu64 " %8.3f %9.0f\n",
+                umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most, r->info.slack,
+                r->info.bytes, r->build_s, r->query_ns);
     }
 }
 
@@ -471,7 +476,7 @@ int umbt_deep_command(int argc, char **argv)
     if (status == UMB_OK && d.json) {
         print_json(&d, &findings);
     } else if (status == UMB_OK && !d.quiet) {
-        print_text(&d, &findings);
+        print_text(umbt_output_talk(d.output), &d, &findings);
     }
     umbt_light_hits_finish(&d.hits);
     free(d.values);

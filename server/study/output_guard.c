@@ -57,8 +57,35 @@ static void install(void)
     }
 }
 
+int umbt_output_is_stdout(const char *path)
+{
+    return path != NULL && strcmp(path, "-") == 0;
+}
+
+FILE *umbt_output_talk(const char *path)
+{
+    return umbt_output_is_stdout(path) ? stderr : stdout;
+}
+
+enum umb_status umbt_output_check_json(const char *path, int json, struct umb_error *error)
+{
+    return json && umbt_output_is_stdout(path)
+               ? umb_fail(error, UMB_E_ARGUMENT, "-o - and --json both want stdout")
+               : UMB_OK;
+}
+
+enum umb_status umbt_output_check(const char *path, struct umb_error *error)
+{
+    return umbt_output_is_stdout(path) ? UMB_OK : umbs_file_check(path, error);
+}
+
 enum umb_status umbt_output_begin(const char *path, struct umbs_file *file, struct umb_error *error)
 {
+    static char name[] = "stdout"; /* for messages; it is never opened by name */
+    if (umbt_output_is_stdout(path)) {
+        *file = (struct umbs_file){.fd = STDOUT_FILENO, .path = name};
+        return UMB_OK;
+    }
     hold(SIG_BLOCK);
     install();
     const enum umb_status status = umbs_file_begin(path, file, error);
@@ -72,6 +99,9 @@ enum umb_status umbt_output_begin(const char *path, struct umbs_file *file, stru
 
 enum umb_status umbt_output_commit(struct umbs_file *file, struct umb_error *error)
 {
+    if (file->temporary == NULL) {
+        return UMB_OK; /* stdout: a write that failed was told */
+    }
     /* Once renamed, there is no file of the temporary's name to remove. */
     const enum umb_status status = umbs_file_commit(file, error);
     atomic_store(&armed, 0);
@@ -80,6 +110,9 @@ enum umb_status umbt_output_commit(struct umbs_file *file, struct umb_error *err
 
 void umbt_output_abandon(struct umbs_file *file)
 {
+    if (file->temporary == NULL) {
+        return; /* stdout */
+    }
     umbs_file_abandon(file);
     atomic_store(&armed, 0);
 }

@@ -5,8 +5,23 @@
  * Replacing a file as umbs_file does; SIGINT, SIGTERM, SIGHUP or SIGXCPU meanwhile end the process
  * as usual but take the temporary with them. One output at a time, by one thread.
  * A signal that was ignored when the program started (nohup) stays so.
+ *
+ * The path "-" is stdout, which is written to as it comes.
  */
 #include "common/file.h"
+
+/* NULL, no output, is not. */
+int umbt_output_is_stdout(const char *path);
+
+/* Where a command with that output says what it did: stderr if the output is stdout. */
+FILE *umbt_output_talk(const char *path);
+
+/* Refuses --json together with -o -. Fails: E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbt_output_check_json(const char *path, int json,
+                                                   struct umb_error *error);
+
+/* As umbs_file_check. */
+UMB_CHECKED enum umb_status umbt_output_check(const char *path, struct umb_error *error);
 
 /* As umbs_file_begin. */
 UMB_CHECKED enum umb_status umbt_output_begin(const char *path, struct umbs_file *file,

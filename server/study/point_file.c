@@ -4,7 +4,6 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 #include "base/bytes.h"
 #include "study/output_guard.h"
 
@@ -54,13 +53,18 @@ static size_t point_put(const struct umbt_point_file *file, const double positio
     return bytes;
 }
 
-static enum umb_status points_put(const struct umbt_point_file *file,
-                                  const struct umbt_point_set *set, struct umbs_file *out,
-                                  uint64_t *bytes, struct umb_error *error)
+enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
+                                      const struct umbt_point_set *set, uint64_t *bytes,
+                                      struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
+    struct umbs_file out;
     uint8_t buffer[BUFFER_BYTES];
     size_t used = 0;
+    *bytes = 0;
+    enum umb_status status = umbt_output_begin(file->path, &out, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     for (size_t i = 0; i < set->count && status == UMB_OK; i++) {
         double position[3];
         for (int k = 0; k < 3; k++) {
@@ -68,34 +72,11 @@ static enum umb_status points_put(const struct umbt_point_file *file,
         }
         used += point_put(file, position, set->normals[i], buffer + used);
         if (used > sizeof buffer - POINT_BYTES_MAX || i + 1 == set->count) {
-            status = umbs_file_write(out, buffer, used, error);
+            status = umbs_file_write(&out, buffer, used, error);
             *bytes += used;
             used = 0;
         }
     }
-    return status;
-}
-
-int umbt_point_file_is_stdout(const struct umbt_point_file *file)
-{
-    return strcmp(file->path, "-") == 0;
-}
-
-enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
-                                      const struct umbt_point_set *set, uint64_t *bytes,
-                                      struct umb_error *error)
-{
-    static char name[] = "stdout";
-    struct umbs_file out = {.fd = STDOUT_FILENO, .path = name};
-    *bytes = 0;
-    if (umbt_point_file_is_stdout(file)) {
-        return points_put(file, set, &out, bytes, error);
-    }
-    enum umb_status status = umbt_output_begin(file->path, &out, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = points_put(file, set, &out, bytes, error);
     if (status == UMB_OK) {
         return umbt_output_commit(&out, error);
     }

@@ -20,8 +20,6 @@ struct umbt_point_file {
     double origin[3]; /* subtracted from every position */
 };
 
-int umbt_point_file_is_stdout(const struct umbt_point_file *file);
-
 /*
  * Writes a set; the file is replaced as a whole or stays as it was.
  *

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "common/file.h"
+#include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
@@ -207,10 +207,8 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
     if (run->file.path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
     }
-    if (run->json && umbt_point_file_is_stdout(&run->file)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o - and --json both want stdout");
-    }
-    return raw_convert(&raw, run, error);
+    status = umbt_output_check_json(run->file.path, run->json, error);
+    return status == UMB_OK ? raw_convert(&raw, run, error) : status;
 }
 
 static enum umb_status view_sample(struct points_run *run, struct umb_error *error)
@@ -301,7 +299,7 @@ static void report(const struct points_run *run)
                run->file.origin[0], run->file.origin[1], run->file.origin[2], run->bytes,
                run->scene.count, run->load_s, run->sample_s);
     } else if (!run->quiet) {
-        fprintf(umbt_point_file_is_stdout(&run->file) ? stderr : stdout,
+        fprintf(umbt_output_talk(run->file.path),
                 "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
                 "points %.2f s\n",
                 run->file.path, run->set.count, kind_names[run->kind], run->set.candidates,
@@ -313,8 +311,7 @@ static void report(const struct points_run *run)
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
     const double start = umbt_now_s();
-    enum umb_status status =
-        umbt_point_file_is_stdout(&run->file) ? UMB_OK : umbs_file_check(run->file.path, error);
+    enum umb_status status = umbt_output_check(run->file.path, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&run->scene, run->scene_path, error);
     }

@@ -9,8 +9,8 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
-#include "common/file.h"
 #include "common/json_text.h"
+#include "study/output_guard.h"
 #include "study/render_options.h"
 #include "study/study_frame.h"
 #include "study/study_vec.h"
@@ -40,7 +40,7 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
     const char *const paths[] = {options->output, options->reference, options->difference};
     enum umb_status status = UMB_OK;
     for (size_t i = 0; i < sizeof paths / sizeof paths[0] && status == UMB_OK; i++) {
-        status = paths[i] != NULL ? umbs_file_check(paths[i], error) : UMB_OK;
+        status = paths[i] != NULL ? umbt_output_check(paths[i], error) : UMB_OK;
     }
     return status;
 }
@@ -192,27 +192,30 @@ static int undefined_is_known(const struct render *render)
     return render->source.asset != NULL;
 }
 
-static void compare_text(const struct render *render)
+static void compare_text(FILE *to, const struct render *render)
 {
     const struct umbt_frame_result *result = &render->result;
-    printf("asset against rays (%s) on %" PRIu64 " samples that face the light:\n"
-           "  mean absolute difference %.5f (asset lighter %.5f, darker %.5f)\n"
-           "  differing by more than 0.5: %.4f %%\n",
-           truth_name(render->options.truth), result->facing, result->mean_difference,
-           result->mean_lighter, result->mean_darker, 100.0 * result->over_half);
+    fprintf(to,
+            "asset against rays (%s) on %" PRIu64 " samples that face the light:\n"
+            "  mean absolute difference %.5f (asset lighter %.5f, darker %.5f)\n"
+            "  differing by more than 0.5: %.4f %%\n",
+            truth_name(render->options.truth), result->facing, result->mean_difference,
+            result->mean_lighter, result->mean_darker, 100.0 * result->over_half);
     if (render->source.translucent) {
-        printf("  translucent casters: not traced, %s\n",
-               render->source.asset != NULL ? "nor asked for" : "but in the daemon's answers");
+        fprintf(to, "  translucent casters: not traced, %s\n",
+                render->source.asset != NULL ? "nor asked for" : "but in the daemon's answers");
     }
     if (undefined_is_known(render)) {
-        printf("  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
-               result->undefined, result->mean_defined, 100.0 * result->over_half_defined);
+        fprintf(to, "  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
+                result->undefined, result->mean_defined, 100.0 * result->over_half_defined);
     }
-    printf("  facing it by more than %g, %" PRIu64 " samples: false shadow %.4f %%, false light "
-           "%.4f %%\n",
-           UMBT_JUDGED_FACING, result->judged, 100.0 * result->false_shadow,
-           100.0 * result->false_light);
-    printf("  pictures: mean absolute difference %.5f of full scale\n", result->picture_difference);
+    fprintf(to,
+            "  facing it by more than %g, %" PRIu64 " samples: false shadow %.4f %%, false light "
+            "%.4f %%\n",
+            UMBT_JUDGED_FACING, result->judged, 100.0 * result->false_shadow,
+            100.0 * result->false_light);
+    fprintf(to, "  pictures: mean absolute difference %.5f of full scale\n",
+            result->picture_difference);
 }
 
 static void compare_json(const struct render *render)
@@ -230,29 +233,29 @@ static void compare_json(const struct render *render)
     }
 }
 
-static void report_text(const struct render *render)
+static void report_text(FILE *to, const struct render *render)
 {
     const struct umbt_render_options *options = &render->options;
     const struct umbt_frame_result *result = &render->result;
     const struct umbt_camera *camera = &render->camera;
-    printf("%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
-           render->scene.count, options->width, options->height, result->samples,
-           result->receivers);
-    printf("camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g,fov=%.6g\n", camera->eye[0],
-           camera->eye[1], camera->eye[2], camera->eye[0] + camera->forward[0],
-           camera->eye[1] + camera->forward[1], camera->eye[2] + camera->forward[2],
-           umbt_camera_fov_deg(camera));
-    printf("load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
+    fprintf(to, "%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
+            render->scene.count, options->width, options->height, result->samples,
+            result->receivers);
+    fprintf(to, "camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g,fov=%.6g\n", camera->eye[0],
+            camera->eye[1], camera->eye[2], camera->eye[0] + camera->forward[0],
+            camera->eye[1] + camera->forward[1], camera->eye[2] + camera->forward[2],
+            umbt_camera_fov_deg(camera));
+    fprintf(to, "load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
     if (!options->traced) {
-        printf(", asset %.2f s (%.2f Mpoints/s)", result->query_s,
-               result->query_s > 0.0 ? 1e-6 * (double)result->receivers / result->query_s : 0.0);
+        fprintf(to, ", asset %.2f s (%.2f Mpoints/s)", result->query_s,
+                result->query_s > 0.0 ? 1e-6 * (double)result->receivers / result->query_s : 0.0);
     }
     if (options->traced || options->compare) {
-        printf(", rays %.2f s", result->trace_s);
+        fprintf(to, ", rays %.2f s", result->trace_s);
     }
-    printf("\n");
+    fprintf(to, "\n");
     if (options->compare) {
-        compare_text(render);
+        compare_text(to, render);
     }
 }
 
@@ -305,7 +308,7 @@ static enum umb_status render_run(struct render *render, struct umb_error *error
     if (render->options.json) {
         report_json(render);
     } else if (!render->options.quiet || render->options.compare) {
-        report_text(render);
+        report_text(render->options.to_stdout ? stderr : stdout, render);
     }
     return UMB_OK;
 }

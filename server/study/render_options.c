@@ -4,6 +4,7 @@
 
 #include <stdbool.h>
 #include <string.h>
+#include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/shadow_source.h"
 #include "study/study_args.h"
@@ -21,7 +22,7 @@ const char umbt_render_help[] =
     "                       (else UMBRAGE_ADDRESS, else tcp:127.0.0.1:7420)\n"
     "  --tls-ca, --tls-cert, --tls-key, --tls-name, --token-file\n"
     "                       as `umbrage query` takes them (token: else UMBRAGE_TOKEN)\n"
-    "  -o, --output FILE    the picture, PNG\n"
+    "  -o, --output FILE    the picture, PNG; - is stdout\n"
     "  --camera WHERE       eye=X,Y,Z[,target=X,Y,Z][,fov=DEG], or [az=DEG][,el=DEG][,fov=DEG]:\n"
     "                       fitted to the scene from a compass direction. Default: fitted, from\n"
     "                       80 degrees beside the sun, 35 above the horizon, fov 35\n"
@@ -183,6 +184,19 @@ static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_opt
     return status;
 }
 
+/* Only one thing goes to stdout. */
+static enum umb_status stdout_check(struct umbt_render_options *options, struct umb_error *error)
+{
+    const int pictures = umbt_output_is_stdout(options->output) +
+                         umbt_output_is_stdout(options->reference) +
+                         umbt_output_is_stdout(options->difference);
+    options->to_stdout = pictures > 0;
+    return pictures > 0 && pictures + options->json > 1
+               ? umb_fail(error, UMB_E_ARGUMENT,
+                          "-o, --reference, --difference, --json: only one of them can have stdout")
+               : UMB_OK;
+}
+
 /* What the options say together. */
 static enum umb_status options_check(const struct umbt_render_options *options,
                                      struct umb_error *error)
@@ -263,6 +277,9 @@ enum umb_status umbt_render_options_parse(int argc, char **argv,
     if (status != UMB_OK || options->help) {
         return status;
     }
-    status = raw_convert(&raw, options, error);
+    status = stdout_check(options, error);
+    if (status == UMB_OK) {
+        status = raw_convert(&raw, options, error);
+    }
     return status == UMB_OK ? options_check(options, error) : status;
 }

@@ -22,6 +22,7 @@ struct umbt_render_options {
     double fog; /* extinction, 1/m; 0: clear air */
     int up_given, z_up;
     int force, json, quiet, help;
+    int to_stdout; /* one of the pictures goes there */
 };
 
 /* Parses and checks. With help set nothing else is. Fails: E_ARGUMENT. */

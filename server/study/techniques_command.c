@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "common/json_text.h"
+#include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/technique_dag.h"
@@ -26,7 +27,7 @@ static const char help[] =
     "Runs every shadow map technique on what a camera sees, and compares with traced rays.\n"
     "\n"
     "  -o, --output FILE   all views side by side, PNG: the three truths first, then the table's\n"
-    "                      rows from left to right, five a row\n"
+    "                      rows from left to right, five a row; - is stdout\n"
     "  --asset FILE        two rows more: an asset baked for the same sun\n"
     "  --resolution N      texels a side, a power of two, 64 to 4096 (default 1024)\n"
     "  --taps N            width of the filter in texels, odd, 1 to 17 (default 9)\n"
@@ -116,7 +117,8 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     if (status != UMB_OK || study->help) {
         return status;
     }
-    return options_check(study, error);
+    const enum umb_status checked = umbt_output_check_json(study->output, study->json, error);
+    return checked == UMB_OK ? options_check(study, error) : checked;
 }
 
 static enum umb_status view_open(struct study *study, struct umb_error *error)
@@ -202,19 +204,19 @@ static const char *row_truth(size_t i)
                                               : umbt_dag_truths[i - umbt_technique_row_count]];
 }
 
-static void report_text(const struct study *study)
+static void report_text(FILE *to, const struct study *study)
 {
     const struct umbt_technique_view *view = &study->view;
-    printf("%s: %zu triangles, %u texels a side, filter %u, %zu points\n", study->scene_path,
-           study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
-    printf("%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean", "lighter",
-           "darker", "over 0.5", "bytes", "build s", "ns/point");
+    fprintf(to, "%s: %zu triangles, %u texels a side, filter %u, %zu points\n", study->scene_path,
+            study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+    fprintf(to, "%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean",
+            "lighter", "darker", "over 0.5", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < study->row_count; i++) {
         const struct umbt_technique_result *r = &study->results[i];
         char name[16];
-        printf("%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
-               row_name(study, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
-               100.0 * r->over_half, r->info.bytes, r->build_s, r->query.ns);
+        fprintf(to, "%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
+                row_name(study, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
+                100.0 * r->over_half, r->info.bytes, r->build_s, r->query.ns);
     }
 }
 
@@ -262,7 +264,7 @@ int umbt_techniques_command(int argc, char **argv)
     if (status == UMB_OK && study.json) {
         report_json(&study);
     } else if (status == UMB_OK && !study.quiet) {
-        report_text(&study);
+        report_text(umbt_output_talk(study.output), &study);
     }
     free(study.values);
     free(study.results);

@@ -165,6 +165,30 @@ try 2 umbrage points city.glb -o - --count 10 --json
 one_sentence "-o - and --json"
 "$BUILD/umbrage" points city.glb -o - --count 10 -q >/dev/full 2>err
 same "points to a full stdout end with 74" 74 $?
+
+# --- pictures to stdout ---
+rm ./-
+set -- render city.glb --asset city.umb --size 16x9 --aa 1
+try 0 umbrage "$@" -o city.png --compare --reference traced.png -q
+try 0 umbrage "$@" -o - -q
+check "a picture to stdout is that of the file" cmp out city.png
+check "  --quiet says nothing" test ! -s err -a ! -e -
+try 0 umbrage "$@" -o - --compare
+check "  --compare, too" cmp out city.png
+check "  and what is said of it is talk" grep -q "^asset against rays" err
+try 0 umbrage "$@" --output=plain.png --compare --reference=- -q
+check "--reference - is stdout" cmp out traced.png
+try 0 umbrage "$@" -o ./- --compare -q
+check "./- is a file" cmp -- ./- city.png
+check "  and what is said of it is on stdout" grep -q "^asset against rays" out
+rm ./-
+for words in "-o - --json" "-o - --compare --reference -" "--compare --difference - --json"; do
+    # shellcheck disable=SC2086
+    try 2 umbrage "$@" $words
+    one_sentence "have stdout"
+done
+"$BUILD/umbrage" "$@" -o - -q >/dev/full 2>err
+same "a picture to a full stdout ends with 74" 74 $?
 try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
 try 73 umbrage-bake bad.ply -o .
 

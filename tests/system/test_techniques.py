@@ -143,4 +143,19 @@ with test.check("deep maps are told as JSON, and --quiet says nothing"):
                           "-q"], capture_output=True, timeout=120, text=True)
     assert run.returncode == 0 and not run.stdout and not run.stderr, run
 
+with test.check("pictures go to stdout for -o -, and what is said of them is talk"):
+    for words in (["aliasing", scene, "--size", "16x9"],
+                  ["techniques", scene, "--resolution", "64", "--size", "16x9"],
+                  ["deep", scene, "--resolution", "64", "--size", "16x9"]):
+        ut.run("umbrage-study", *words, "-o", picture, "--quiet")
+        done = ut.run("umbrage-study", *words, "-o", "-")
+        with open(picture, "rb") as png:
+            assert done.stdout == png.read(), words
+        assert scene.encode() in done.stderr, done.stderr
+        done = ut.run("umbrage-study", *words, "-o", "-", "--json", code=2)
+        assert b"-o - and --json" in done.stderr and not done.stdout, done
+        with open("/dev/full", "wb") as full:
+            done = subprocess.run([ut.program("umbrage-study"), *words, "-o", "-", "--quiet"], stdout=full, check=False)
+        assert done.returncode == 74, done
+
 test.finish()
