@@ -40,7 +40,8 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_TAPS] = {"taps", "N", "width of the filter, odd (default 1)", 0},
     [OPTION_FORMAT] = {"format", "FORMAT", "of answers: bit, u8 or f32 (default bit)", 0},
     [OPTION_PLAIN] = {"plain", NULL, "answers unpacked and whole, for comparison", 0},
-    [OPTION_OUTPUT] = {"output", "FILE", "the answers of all frames, one behind the other", 'o'},
+    [OPTION_OUTPUT] = {"output", "FILE",
+                       "the answers of all frames, one behind the other; - is stdout", 'o'},
     [OPTION_JSON] = {"json", NULL, "print one JSON object, with every frame", 0},
     [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
 };
@@ -108,6 +109,9 @@ static int read_options(struct frames *f)
     f->request.settings.format = UMB_ANSWER_BIT;
     if (!v[OPTION_PATH] || !v[OPTION_DEPTH]) {
         return umbc_usage_error("frames: --path and --depth are needed");
+    }
+    if (v[OPTION_JSON] && v[OPTION_OUTPUT] && strcmp(v[OPTION_OUTPUT], "-") == 0) {
+        return umbc_usage_error("frames: -o - and --json both want stdout");
     }
     if (v[OPTION_SIZE] && !umbc_parse_size(v[OPTION_SIZE], f->size)) {
         return umbc_usage_error("--size: '%s' is not WIDTHxHEIGHT", v[OPTION_SIZE]);
@@ -184,9 +188,10 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
         umbc_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
         umbc_json_end(&f->json, '}');
     } else if (!f->parsed->values[OPTION_QUIET]) {
-        (void)printf("frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
-                     bytes, reply->changes_only ? " of changes" : "           ", took * 1e3,
-                     (double)reply->nanoseconds * 1e-6);
+        (void)fprintf(f->output.file == stdout ? stderr : stdout,
+                      "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
+                      bytes, reply->changes_only ? " of changes" : "           ", took * 1e3,
+                      (double)reply->nanoseconds * 1e-6);
     }
 }
 

@@ -19,7 +19,8 @@ enum pack_option {
 };
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_OUTPUT] = {"output", "FILE", "where to write; replaced atomically; needed", 'o'},
+    [OPTION_OUTPUT] = {"output", "FILE", "where to write; replaced atomically; - is stdout; needed",
+                       'o'},
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
 };

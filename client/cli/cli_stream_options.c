@@ -57,7 +57,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_MEMORY] = {"memory", "BYTES", "what the client may use in all (default 1G)", 0},
     [OPTION_ID] = {"id", "ID", "insist on this asset, 64 hexadecimal digits", 0},
     [OPTION_RESUME] = {"resume", "PART", "go on from a file that -o wrote", 0},
-    [OPTION_OUTPUT] = {"output", "PART", "keep what is here as a partial file", 'o'},
+    [OPTION_OUTPUT] = {"output", "PART", "keep what is here as a partial file; - is stdout", 'o'},
     [OPTION_FRAMES] = {"frames", "DIR", "a picture (PPM) of the points at each step", 0},
     [OPTION_JSON] = {"json", NULL, "print one JSON object, with every step", 0},
     [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
@@ -258,6 +258,9 @@ static int read_words(const struct umbc_parsed *parsed, struct umbc_stream_optio
     o->only_points = parsed->values[OPTION_ONLY_POINTS] != NULL;
     o->json = parsed->values[OPTION_JSON] != NULL;
     o->quiet = parsed->values[OPTION_QUIET] != NULL;
+    if (o->json && o->output && strcmp(o->output, "-") == 0) {
+        return umbc_usage_error("stream: -o - and --json both want stdout");
+    }
     return -1;
 }
 

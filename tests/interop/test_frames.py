@@ -11,6 +11,7 @@ import math
 import os
 import random
 import struct
+import subprocess
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -200,5 +201,16 @@ with test.check("umbrage frames gets the same, in fewer bytes"):
         done = ut.run("umbrage", "frames", "city", "--address", daemon.tcp, "--path", test.path(path),
                       "--depth", test.path(depths), "--size", f"{WIDTH}x{HEIGHT}", code=code)
         assert words in done.stderr.decode(), done.stderr
+
+with test.check("-o - gives the answers on stdout, and what is said of them is talk"):
+    words = ["frames", "city", "--address", daemon.tcp, "--path", test.path("walk.txt"), "--depth",
+             test.path("depths"), "--size", f"{WIDTH}x{HEIGHT}", "--taps", "3", "--format", "u8", "-o", "-"]
+    done = ut.run("umbrage", *words)
+    assert done.stdout == answers and done.stderr.count(b"\nframe ") == 3, done.stderr
+    assert not ut.run("umbrage", *words, "--quiet").stderr
+    assert b"--json" in ut.run("umbrage", *words, "--json", code=2).stderr
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run([ut.program("umbrage"), *words, "-q"], stdout=full, check=False)
+    assert done.returncode == 74, done
 
 test.finish()

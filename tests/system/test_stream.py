@@ -67,6 +67,13 @@ with test.check("a web server gives the same part as the file"):
     assert from_file["steps"][-1]["bytes"] == from_url["steps"][-1]["bytes"]
     with open(part_a, "rb") as one, open(part_b, "rb") as other:
         assert one.read() == other.read()
+    with open(part_a, "rb") as file:
+        assert ut.run("umbrage", "stream", asset, "--camera", CAMERA, "-o", "-").stdout == file.read()
+    assert "--json" in stream(asset, "--camera", CAMERA, "-o", "-", code=2)
+    with open("/dev/full", "wb") as full:
+        full_stdout = subprocess.run([ut.program("umbrage"), "stream", asset, "--camera", CAMERA, "-q", "-o", "-"],
+                                     stdout=full, check=False)
+    assert full_stdout.returncode == 74, full_stdout
     assert "partial" in ut.run("umbrage", "info", part_a, code=69).stderr.decode()
 
 with test.check("over a path of 20 reconnects no byte comes twice"):
