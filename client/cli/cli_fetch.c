@@ -206,6 +206,11 @@ int umbc_fetch(int argc, char **argv)
                                 parsed.words[0]);
     }
     const char *wanted = parsed.values[OPTION_OUTPUT];
+    if (wanted != NULL && strcmp(wanted, "-") == 0) {
+        return umbc_usage_error(
+            "fetch: -o: '-' is not a file name (a file is proven before it gets its name: it "
+            "cannot go to stdout; name a file, ./- for one of that name)");
+    }
     int length = wanted != NULL ? snprintf(output, sizeof output, "%s", wanted)
                                 : snprintf(output, sizeof output, "%s.umb", parsed.words[0]);
     if (length <= 0 || (size_t)length >= sizeof output) {

@@ -125,8 +125,8 @@ static enum umb_status set_output(struct umbb_options *o, const char *option, co
 {
     if (value[0] == '\0' || strcmp(value, "-") == 0) {
         return umbb_option_refuse(error, option, value,
-                                  "a file name (an asset is replaced as a whole: it "
-                                  "cannot go to standard output)");
+                                  "a file name (a bake cannot write to stdout; name a file or "
+                                  "folder, ./- for one of that name)");
     }
     o->output = value;
     return UMB_OK;

@@ -166,7 +166,7 @@ one_sentence "-o - and --json"
 "$BUILD/umbrage" points city.glb -o - --count 10 -q >/dev/full 2>err
 same "points to a full stdout end with 74" 74 $?
 
-# --- pictures to stdout ---
+# --- pictures to stdout; a bake wants a name ---
 rm ./-
 set -- render city.glb --asset city.umb --size 16x9 --aa 1
 try 0 umbrage "$@" -o city.png --compare --reference traced.png -q
@@ -189,6 +189,16 @@ for words in "-o - --json" "-o - --compare --reference -" "--compare --differenc
 done
 "$BUILD/umbrage" "$@" -o - -q >/dev/full 2>err
 same "a picture to a full stdout ends with 74" 74 $?
+for words in "bake city.glb -o -" "bake city.glb --output=-" "bake tile city.glb -o -" \
+    "bake import city.glb -o -" "study city.glb -o -" "fetch $(printf '%064d' 0) -o -"; do
+    # shellcheck disable=SC2086
+    try 2 umbrage $words
+    one_sentence "./-"
+    check "  nothing of that name" test ! -e - -a ! -e -.part
+done
+try 0 umbrage bake city.glb -o ./- --resolution 256 -q
+try 0 umbrage verify ./-
+rm ./-
 try 73 umbrage render bad.ply --asset city.umb -o missing/bad.png
 try 73 umbrage-bake bad.ply -o .
 

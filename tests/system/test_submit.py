@@ -71,6 +71,8 @@ with test.check("fetch gives a file that verifies, and goes on from what an earl
         assert read(out) == whole and not os.path.exists(out + ".part")
         os.remove(out)
     cli("fetch", 64 * "0", "-o", out, code=66)
+    refused = cli("fetch", plain, "-o", "-", code=2)
+    assert b"./-" in refused.stderr and not refused.stdout, refused
     assert not os.path.exists(out) and not os.path.exists(out + ".part")
 
 with test.check("files of a glTF and an OBJ are gathered, and no others"):
