@@ -24,7 +24,8 @@ static const char usage[] =
     "  forest   N x N closed trees of 92 triangles (GLB: one, and instances)\n"
     "  box      a closed cube of N m\n"
     "  sphere   a closed ball of radius 5 m, 8 N^2 triangles\n"
-    "Without --format the file's ending tells it. GLB is y up, OBJ and PLY are z up.\n"
+    "FILE - is stdout. Without --format the file's ending tells it.\n"
+    "GLB is y up, OBJ and PLY are z up.\n"
     "--light adds a sun from south-east, 45 degrees high; only GLB holds it.\n";
 
 static void make_box(struct gen_mesh *mesh, int32_t size, uint64_t seed)
@@ -184,18 +185,21 @@ int main(int argc, char **argv)
     struct gen_mesh mesh = {0};
     request.kind->make(&mesh, (int32_t)request.size, request.seed);
     int code = EXIT_SUCCESS;
+    const int to_stdout = strcmp(request.path, "-") == 0;
     FILE *file = NULL;
     if (mesh.failed) {
         (void)fprintf(stderr, "scenegen: no memory for size %lld\n", request.size);
         code = EXIT_NO_MEMORY;
-    } else if ((file = fopen(request.path, "wb")) == NULL) {
+    } else if ((file = to_stdout ? stdout : fopen(request.path, "wb")) == NULL) {
         (void)fprintf(stderr, "scenegen: cannot create %s: %s\n", request.path, strerror(errno));
         code = EXIT_CANNOT_CREATE;
     } else {
         int good = gen_write(file, &mesh, (enum gen_format)request.format, request.light);
         if (fclose(file) != 0 || !good) {
             (void)fprintf(stderr, "scenegen: cannot write %s\n", request.path);
-            (void)remove(request.path);
+            if (!to_stdout) {
+                (void)remove(request.path);
+            }
             code = EXIT_IO;
         } else {
             const size_t places = mesh.place_count > 0 ? mesh.place_count : 1;

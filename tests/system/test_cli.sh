@@ -7,6 +7,8 @@ cd "$folder" || exit 1
 for kind in city arch; do
     "$BUILD/scenegen" $kind --size 3 -o $kind.glb 2>/dev/null || exit 1
 done
+try 0 scenegen arch --size 3 --format glb -o -
+check "scenegen -o - writes to stdout" cmp out arch.glb
 
 # --- help and version of every program ---
 version=$("$BUILD/umbrage" --version | cut -d' ' -f2)
