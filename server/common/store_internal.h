@@ -110,6 +110,12 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed);
 
+/* 1 if the file is to blame that it could not be loaded: trying again does not help. */
+int umbs__is_the_files_fault(enum umb_status status);
+
+/* 1 if it is so since the file is damaged; others are too large, of another version, or partial. */
+int umbs__is_damage(enum umb_status status);
+
 /* Path of an asset's packed file, malloc; NULL: out of memory. */
 char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name);
 

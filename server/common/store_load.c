@@ -234,10 +234,15 @@ static void describe(struct umbs_entry *entry)
     entry->item.light_count = info.light_count;
 }
 
-static int is_the_files_fault(enum umb_status status)
+int umbs__is_damage(enum umb_status status)
 {
-    return status == UMB_E_FORMAT || status == UMB_E_VERSION || status == UMB_E_TRUNCATED ||
-           status == UMB_E_CORRUPT || status == UMB_E_UNSUPPORTED || status == UMB_E_TOO_LARGE;
+    return status == UMB_E_FORMAT || status == UMB_E_TRUNCATED || status == UMB_E_CORRUPT;
+}
+
+int umbs__is_the_files_fault(enum umb_status status)
+{
+    return umbs__is_damage(status) || status == UMB_E_VERSION || status == UMB_E_UNSUPPORTED ||
+           status == UMB_E_TOO_LARGE;
 }
 
 char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name)
@@ -286,9 +291,9 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
     free(path);
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        entry->retry = !is_the_files_fault(entry->item.status);
+        entry->retry = !umbs__is_the_files_fault(entry->item.status);
         umbs_log_event(store->log, UMB_LOG_ERROR,
-                       entry->item.status == UMB_E_VERSION ? "asset_unreadable" : "asset_damaged",
+                       umbs__is_damage(entry->item.status) ? "asset_damaged" : "asset_unreadable",
                        "asset=%s status=%s reason=%s", name->text,
                        umb_status_name(entry->item.status),
                        umbs_log_quote(entry->error.message, quoted));

@@ -103,19 +103,6 @@ struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
     return has_id(table, first, id) ? table->by_id[first] : NULL;
 }
 
-/* Failures that are the file's have the status of damage; others (no memory) their own. */
-static enum umb_status told_status(enum umb_status status)
-{
-    switch (status) {
-    case UMB_E_FORMAT:
-    case UMB_E_VERSION:
-    case UMB_E_TRUNCATED:
-        return UMB_E_CORRUPT;
-    default:
-        return status;
-    }
-}
-
 /* A damaged file whose head says it is that asset, so that who asks by id hears the same as who
  * asks by name. Usually there is none to look at. */
 static struct umbs_entry *find_damaged(const struct umbs_table *table,
@@ -156,8 +143,10 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
     }
     if (entry->asset == NULL || atomic_load(&entry->faulted)) {
         const enum umb_status cause = entry->error.status;
-        return umb_fail(error, told_status(cause), "asset: '%.64s' %s: %s", entry->item.name,
-                        cause == UMB_E_VERSION ? "cannot be read" : "is damaged",
+        /* What is the file's fault has the status of damage; what is not (no memory), its own. */
+        return umb_fail(error, umbs__is_the_files_fault(cause) ? UMB_E_CORRUPT : cause,
+                        "asset: '%.64s' %s: %s", entry->item.name,
+                        umbs__is_damage(cause) ? "is damaged" : "cannot be read",
                         entry->error.message);
     }
     umbs_entry_retain(entry);

@@ -202,6 +202,22 @@ static void store_file_of_another_version_is_not_called_damaged(void **state)
     assert_null(strstr(error.message, "damaged"));
 }
 
+static void store_partial_file_has_the_status_of_damage_and_its_own_reason(void **state)
+{
+    struct fixture *f = *state;
+    struct umbs_entry *entry;
+    struct umb_error error;
+    uint8_t id[UMB_ID_BYTES];
+    folder_asset(&f->folder, "part.umb", 20, id);
+    FILE *file = fopen(folder_file(&f->folder, "part.umb"), "r+b");
+    assert_non_null(file);
+    assert_int_equal(fwrite(UMB__MAGIC_PARTIAL, 1, 8, file), 8);
+    assert_int_equal(fclose(file), 0);
+    rescan(f);
+    assert_int_equal(umbs_store_acquire(f->store, "part", &entry, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "'part' cannot be read: magic: a partial file"));
+}
+
 struct look {
     const struct umb_asset *asset;
     int lit;
@@ -568,6 +584,7 @@ int main(void)
         WITH_STORE(store_removed_file_is_not_found_but_a_holder_goes_on),
         WITH_STORE(store_damaged_file_fails_alone_and_says_why),
         WITH_STORE(store_file_of_another_version_is_not_called_damaged),
+        WITH_STORE(store_partial_file_has_the_status_of_damage_and_its_own_reason),
         WITH_STORE(store_young_damaged_replacement_keeps_the_old_version_until_settled),
         WITH_STORE(store_short_of_memory_keeps_the_old_version),
         WITH_STORE(store_refuses_a_file_whose_id_is_not_its_content),
