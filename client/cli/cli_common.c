@@ -53,6 +53,13 @@ int umbc_usage_error(const char *format, ...)
     return UMBC_EXIT_USAGE;
 }
 
+int umbc_check_stdout(const char *command, const char *output, bool json)
+{
+    return json && output != NULL && strcmp(output, "-") == 0
+               ? umbc_usage_error("%s: -o - and --json both want stdout", command)
+               : -1;
+}
+
 static const char *said(const struct umb_error *error)
 {
     return error->message[0] != '\0' ? error->message : umb_status_text(error->status);

@@ -75,6 +75,10 @@ int umbc_complain_as(enum umb_status status, const char *format, ...) UMB_PRINTF
 /* Prints a usage error and returns 2. */
 int umbc_usage_error(const char *format, ...) UMB_PRINTF(1, 2);
 
+/* Refuses an output of `-` beside --json, since both want stdout: prints a usage error and returns
+ * 2, else -1. output: may be NULL. */
+int umbc_check_stdout(const char *command, const char *output, bool json);
+
 /* Index of a word in a list, or -1. */
 int umbc_find_word(const char *text, const char *const *words, size_t count);
 

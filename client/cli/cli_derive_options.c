@@ -324,8 +324,5 @@ int umbc_derive_options_parse(struct umbc_derive_options *options, int argc, cha
     if (options->output == NULL) {
         name_output(options);
     }
-    if (options->json && strcmp(options->output, "-") == 0) {
-        return umbc_usage_error("derive: --json and -o - both want stdout");
-    }
-    return -1;
+    return umbc_check_stdout("derive", options->output, options->json);
 }

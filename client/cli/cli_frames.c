@@ -110,8 +110,9 @@ static int read_options(struct frames *f)
     if (!v[OPTION_PATH] || !v[OPTION_DEPTH]) {
         return umbc_usage_error("frames: --path and --depth are needed");
     }
-    if (v[OPTION_JSON] && v[OPTION_OUTPUT] && strcmp(v[OPTION_OUTPUT], "-") == 0) {
-        return umbc_usage_error("frames: -o - and --json both want stdout");
+    const int code = umbc_check_stdout("frames", v[OPTION_OUTPUT], v[OPTION_JSON] != NULL);
+    if (code >= 0) {
+        return code;
     }
     if (v[OPTION_SIZE] && !umbc_parse_size(v[OPTION_SIZE], f->size)) {
         return umbc_usage_error("--size: '%s' is not WIDTHxHEIGHT", v[OPTION_SIZE]);

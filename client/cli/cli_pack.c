@@ -6,7 +6,6 @@
 #include "cli_common.h"
 
 #include <stdio.h>
-#include <string.h>
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_repack.h"
@@ -100,8 +99,9 @@ static int convert(const struct umbc_command *command, bool packed, int argc, ch
     if (path == NULL) {
         return umbc_usage_error("%s: -o FILE is needed", argv[0]);
     }
-    if (strcmp(path, "-") == 0 && parsed.values[OPTION_JSON] != NULL) {
-        return umbc_usage_error("%s: -o - and --json both want stdout", argv[0]);
+    code = umbc_check_stdout(argv[0], path, parsed.values[OPTION_JSON] != NULL);
+    if (code >= 0) {
+        return code;
     }
     if (umb_asset_open_file(parsed.words[0], NULL, &asset, &error) != UMB_OK) {
         return umbc_complain_file(parsed.words[0], &error);

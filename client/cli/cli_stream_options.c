@@ -258,10 +258,7 @@ static int read_words(const struct umbc_parsed *parsed, struct umbc_stream_optio
     o->only_points = parsed->values[OPTION_ONLY_POINTS] != NULL;
     o->json = parsed->values[OPTION_JSON] != NULL;
     o->quiet = parsed->values[OPTION_QUIET] != NULL;
-    if (o->json && o->output && strcmp(o->output, "-") == 0) {
-        return umbc_usage_error("stream: -o - and --json both want stdout");
-    }
-    return -1;
+    return umbc_check_stdout("stream", o->output, o->json);
 }
 
 int umbc_stream_options_parse(struct umbc_stream_options *o, int argc, char **argv)

@@ -379,15 +379,27 @@ wait_file() {
     done
 }
 
+# Starts a daemon of the store at the socket NAME.sock; the commands after it ask that one.
+start_daemon() { # NAME OPTION...
+    socket=$folder/$1.sock addresses=$1.addresses
+    shift
+    "$BUILD/umbraged" --store store --listen "unix:$socket" --address-file "$addresses" --drain-delay 0 "$@" \
+        >daemon.log 2>&1 &
+    daemon=$!
+    children="$children $daemon"
+    wait_file "$addresses"
+    UMBRAGE_ADDRESS=unix:$socket
+    export UMBRAGE_ADDRESS
+}
+
+stop_daemon() { # its exit code
+    kill -TERM $daemon
+    wait $daemon
+}
+
 mkdir store
 cp city.umb arch.umb store/
-"$BUILD/umbraged" --store store --listen "unix:$folder/d.sock" --address-file addresses \
-    --drain-delay 0 >daemon.log 2>&1 &
-daemon=$!
-children="$children $daemon"
-wait_file addresses
-UMBRAGE_ADDRESS=unix:$folder/d.sock
-export UMBRAGE_ADDRESS
+start_daemon d
 try 0 umbrage list
 same "list names both" "arch city " "$(grep -oE '\b(arch|city)\b' out | sort -u | tr '\n' ' ')"
 try 0 umbrage list --json
@@ -439,17 +451,11 @@ same "render prints the camera's field of view" fov=62.5 "$(echo "$view" | grep 
 try 0 umbrage render city.glb --asset city.umb -o again.png --size 64x48 --camera "$view"
 same "  and takes what it printed" "$view" "$(sed -n 's/^camera //p' out)"
 check "render by daemon and by file are one picture" cmp daemon.png file.png
-kill -TERM $daemon
-wait $daemon
+stop_daemon
 same "the daemon exits with 0" 0 $?
 
 # --- a daemon that takes little at once ---
-"$BUILD/umbraged" --store store --listen "unix:$folder/l.sock" --address-file little_addresses \
-    --max-points 30 --drain-delay 0 >daemon.log 2>&1 &
-daemon=$!
-children="$children $daemon"
-wait_file little_addresses
-UMBRAGE_ADDRESS=unix:$folder/l.sock
+start_daemon l --max-points 30
 try 0 umbrage points city.glb --normals --count 200 -o some.f32
 for words in "" "--batch 7" "--encoding bit" "--encoding u8 --batch 8"; do
     for target in city.umb city; do
@@ -466,35 +472,23 @@ try 69 umbrage query city --segments pairs --json
 one_sentence "takes no segments: max_segments is 0"
 try 0 umbrage render city.glb --asset city -o little.png --size 64x48 --quiet
 check "render in calls of 30 points is the same picture" cmp little.png file.png
-kill -TERM $daemon
-wait $daemon
+stop_daemon
 
 # --- calls whose bits are no whole bytes ---
-"$BUILD/umbraged" --store store --listen "unix:$folder/b.sock" --address-file few_addresses \
-    --max-points 3 --drain-delay 0 >daemon.log 2>&1 &
-daemon=$!
-children="$children $daemon"
-wait_file few_addresses
-UMBRAGE_ADDRESS=unix:$folder/b.sock
+start_daemon b --max-points 3
 set -- --points some.f32 --format f32 --normals --taps 3 --encoding bit --quiet
 try 0 umbrage query city.umb "$@" --output city.umb.answers
 try 0 umbrage query city.umb "$@" --output by_13.answers --batch 13
 check "bits in batches of 13 points are the same" cmp by_13.answers city.umb.answers
 try 0 umbrage query city "$@" --output city.answers
 check "  and in calls of 3" cmp city.answers city.umb.answers
-kill -TERM $daemon
-wait $daemon
+stop_daemon
 
 # --- a daemon that asks for a token ---
 token=0123456789abcdef0123456789
 (umask 077 && echo "studio query $token" >tokens)
 echo $token >token
-"$BUILD/umbraged" --store store --listen "unix:$folder/t.sock" --address-file token_addresses \
-    --token-file tokens --drain-delay 0 >daemon.log 2>&1 &
-daemon=$!
-children="$children $daemon"
-wait_file token_addresses
-UMBRAGE_ADDRESS=unix:$folder/t.sock
+start_daemon t --token-file tokens
 set -- umbrage render city.glb --asset city -o token.png --size 64x48 --quiet
 try 77 "$@"
 one_sentence TOKEN
@@ -507,8 +501,7 @@ one_sentence tls:
 export UMBRAGE_TOKEN=$token
 try 0 "$@"
 unset UMBRAGE_TOKEN
-kill -TERM $daemon
-wait $daemon
+stop_daemon
 try 0 umbrage version --json
 same "  the version as an object" "{\"program\":\"umbrage\",\"version\":\"$version\"}" "$(cat out)"
 try 2 umbrage version 2

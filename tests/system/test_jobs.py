@@ -221,7 +221,6 @@ with test.check("a setting that the bake refuses is a failed job that says so"):
     assert status.failure == B.FAILURE_REJECTED and "resolution" in status.cause, status
 
 
-
 def submit_held(**settings):
     """A job that ends if somebody ends it, or is tried again without HOLD; returns it and its workers."""
     open(HOLD, "w", encoding="ascii").close()

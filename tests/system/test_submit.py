@@ -145,7 +145,6 @@ with test.check("a scene that cannot be used ends with 65 and the reason"):
     cli("watch", 32 * "0", code=66)
 
 
-
 def watched(*options):
     """A job that runs for as long as HOLD is there, and `umbrage watch` of it, which has begun."""
     open(HOLD, "w", encoding="ascii").close()
