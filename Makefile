@@ -5,6 +5,7 @@
 #   werror=1                         warnings are errors (CI)
 #   BUILD=DIR                        another build folder
 #   IPSEC_MB=                        without libipsec-mb, also where it is installed
+#   harden=                          a release build without the hardening flags, to measure what they cost
 -include Makefile.config
 
 config ?= release
@@ -35,11 +36,24 @@ ifeq ($(opt_$(config)),)
 $(error config=$(config) is not one of release debug asan tsan ubsan)
 endif
 
+# Hardening of release builds: docs/testing.md says what each flag is for, tests/system/test_hardening.py
+# reads it back from the built programs. Debug builds have no optimiser for FORTIFY, and sanitizers see
+# more than it does.
+harden ?= yes
+ifeq ($(config)$(harden),releaseyes)
+takes = $(shell $(CC) -Werror $(1) -fsyntax-only -x c /dev/null 2>/dev/null && echo $(1))
+FORTIFY := $(if $(shell printf '\043if !__has_builtin(__builtin_dynamic_object_size)\n\043error\n\043endif\n' | \
+	$(CC) -E -x c - >/dev/null 2>&1 && echo yes),3,2)
+HARDEN_CFLAGS := -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=$(FORTIFY) -fstack-protector-strong \
+	$(call takes,-fstack-clash-protection) $(call takes,-fcf-protection=full) $(call takes,-ftrivial-auto-var-init=zero)
+HARDEN_LDFLAGS := -Wl,-z,relro,-z,now,-z,noexecstack
+endif
+
 WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla
-CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(WARN) $(if $(werror),-Werror) \
+CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
 	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -DUMB_VERSION='"$(VERSION)"' -MMD -MP $(CFLAGS)
-LDFLAGS_ALL := -pthread $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
+LDFLAGS_ALL := -pthread $(HARDEN_LDFLAGS) $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 
 # The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.
 ifneq ($(filter x86_64%,$(shell $(CC) -dumpmachine)),)

@@ -7,7 +7,7 @@ FAULT_NEEDS := $(BUILD)/inject.so $(addprefix $(BUILD)/,umbrage umbraged umbrage
 
 # The functions are defined under both names, so neither may be renamed to the other; and calls of
 # malloc may not be folded by what the compiler knows of it.
-$(FAULT_OBJ): INC_tests += -U_FILE_OFFSET_BITS -fno-builtin
+$(FAULT_OBJ): INC_tests += -U_FILE_OFFSET_BITS -U_FORTIFY_SOURCE -fno-builtin
 
 $(BUILD)/inject.so: $(FAULT_OBJ)
 	$(call say,LD,$@)
@@ -17,6 +17,6 @@ fault: $(FAULT_NEEDS) ## make every n-th call fail: disk, memory, kill (debug or
 	@for t in $(FAULT_TESTS); do echo "== $$t"; BUILD=$(BUILD) /usr/bin/python3 $$t || exit 1; done
 
 fault-short: $(FAULT_NEEDS) ## the same with fewer points
-	@BUILD=$(BUILD) FAULT=short sh tests/harness/run.sh $(FAULT_TESTS)
+	@BUILD=$(BUILD) FAULT=short $(RUN) $(FAULT_TESTS)
 
 .PHONY: fault fault-short

@@ -172,6 +172,32 @@ EXPORT int openat64(int at, const char *path, int flags, ...)
     return open_counted(OPENAT, at, path, flags, mode);
 }
 
+/* What FORTIFY makes of an open whose flags the compiler does not know: they hold no O_CREAT. */
+int __open_2(const char *path, int flags);
+int __open64_2(const char *path, int flags);
+int __openat_2(int at, const char *path, int flags);
+int __openat64_2(int at, const char *path, int flags);
+
+EXPORT int __open_2(const char *path, int flags)
+{
+    return open_counted(OPEN, AT_FDCWD, path, flags, 0);
+}
+
+EXPORT int __open64_2(const char *path, int flags)
+{
+    return open_counted(OPEN, AT_FDCWD, path, flags, 0);
+}
+
+EXPORT int __openat_2(int at, const char *path, int flags)
+{
+    return open_counted(OPENAT, at, path, flags, 0);
+}
+
+EXPORT int __openat64_2(int at, const char *path, int flags)
+{
+    return open_counted(OPENAT, at, path, flags, 0);
+}
+
 static void *mmap_counted(void *where, size_t size, int how, int flags, int fd, off64_t offset)
 {
     struct call call;

@@ -30,7 +30,7 @@ static void json_strings_are_always_utf8(void **state)
         assert_non_null(file);
         umbs_json_text(file, cases[i].text);
         rewind(file);
-        (void)fread(have, 1, sizeof have - 1, file);
+        have[fread(have, 1, sizeof have - 1, file)] = 0;
         (void)fclose(file);
         assert_string_equal(have, cases[i].want);
     }
