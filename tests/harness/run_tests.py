@@ -1,0 +1,206 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+run_tests.py TEST...: runs each test in a process group of its own under a timeout, as many side by
+side as there are processors, and prints one line a test, the output of those that fail, and at the
+end one line "N passed, N failed, N skipped".
+
+A test is skipped by exit code 77. A part that a passing test leaves out counts as skipped too: the
+test prints a line "SKIPPED: name: reason" (cmocka's "[  SKIPPED ] name" counts as well), and that
+line is shown below the test.
+
+A test whose source holds a line "# run: alone (reason)" (in C "/* run: alone (reason) */") measures
+time or fills the machine: it runs by itself, after the others.
+
+  TEST_JOBS=N       tests side by side (default: processors)
+  TEST_TIMEOUT=S    seconds that a test may take (default 600)
+  TEST_ATTEMPTS=2   a failed test runs once more, by itself, at the end, unless a sanitizer spoke.
+                    A pass then is UNSTEADY: a bug in the test or in what it tests.
+  TEST_UNSTEADY=fail, or CI=true   an UNSTEADY test counts as failed
+"""
+import concurrent.futures
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+ALONE = re.compile(r"^(# |/\* )run: alone \(.+\)", re.MULTILINE)
+SKIPPED = re.compile(r"^(?:SKIPPED: (.*)|\[  SKIPPED \] (?!\d+ test)(.*))$", re.MULTILINE)
+SANITIZER = re.compile(r"Sanitizer|runtime error:")
+JOBS = int(os.environ.get("TEST_JOBS") or os.cpu_count() or 1)
+TIMEOUT_S = float(os.environ.get("TEST_TIMEOUT") or 600)
+ATTEMPTS = int(os.environ.get("TEST_ATTEMPTS") or 1)
+STRICT = os.environ.get("TEST_UNSTEADY") == "fail" or os.environ.get("CI") == "true"
+SHOWN_LINES = 60
+SKIP = 77
+TIMED_OUT = 124
+
+groups = set()  # process groups of running tests
+lock = threading.Lock()  # of groups and of stdout
+ended = threading.Event()  # set by an interrupt: no further test begins
+
+
+class Run:
+    """One run of one test: exit code, output, seconds."""
+
+    def __init__(self, test):
+        begin = time.monotonic()
+        with tempfile.TemporaryFile() as log:
+            self.code = run_in_group(test, log)
+            log.seek(0)
+            self.output = log.read().decode(errors="replace")
+        self.seconds = time.monotonic() - begin
+        self.inner = [one or other for one, other in SKIPPED.findall(self.output)]
+
+    def failed(self):
+        return self.code not in (0, SKIP)
+
+    def last_line(self):
+        lines = self.output.strip().splitlines()
+        return lines[-1] if lines else "no reason given"
+
+    def tail(self, prefix):
+        return "".join(f"{prefix}{line}\n" for line in self.output.splitlines()[-SHOWN_LINES:])
+
+
+def kill_group(group, how):
+    try:
+        os.killpg(group, how)
+    except ProcessLookupError:
+        pass
+
+
+def run_in_group(test, log):
+    """Exit code of the test, or TIMED_OUT; what is left of its process group is killed."""
+    try:
+        process = subprocess.Popen([test], stdin=subprocess.DEVNULL, stdout=log,
+                                   stderr=subprocess.STDOUT, start_new_session=True)
+    except OSError as error:
+        log.write(f"{error}\n".encode())
+        return 126
+    with lock:
+        groups.add(process.pid)
+    try:
+        code = process.wait(TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        log.write(f"\nrun_tests.py: ended after {TIMEOUT_S:g} s\n".encode())
+        kill_group(process.pid, signal.SIGTERM)  # the test may still stop its daemons
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            pass
+        code = TIMED_OUT
+    with lock:
+        groups.discard(process.pid)
+    kill_group(process.pid, signal.SIGKILL)
+    process.wait()
+    return code if code >= 0 else 128 - code
+
+
+def source_of(test):
+    """The text that may hold the mark: a script itself, or the C source of a built test."""
+    if test.endswith((".py", ".sh")):
+        return test
+    build = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
+    return os.path.join(ROOT, os.path.relpath(os.path.abspath(test), build) + ".c")
+
+
+def is_alone(test):
+    try:
+        with open(source_of(test), encoding="utf-8") as file:
+            return ALONE.search(file.read()) is not None
+    except OSError:
+        return False
+
+
+class Tally:
+    """Verdicts of all tests; prints each as it comes."""
+
+    def __init__(self):
+        self.passed, self.failed, self.skipped, self.unsteady = 0, 0, 0, 0
+
+    def note(self, test, run, first=None):
+        if run.failed():
+            verdict, self.failed = f"FAILED (exit {run.code})", self.failed + 1
+        elif run.code == SKIP:
+            verdict, self.skipped = run.last_line(), self.skipped + 1
+            verdict = "skipped: " + re.sub(r"^(skipped|SKIPPED): ", "", verdict)
+        else:
+            verdict = self.note_passed(first)
+            self.skipped += len(run.inner)
+        print(f"{test:<60} {verdict} ({run.seconds:.0f} s)")
+        if run.code == 0:
+            print("".join(f"    skipped in it: {line}\n" for line in run.inner), end="")
+        if first is not None:
+            print(first.tail("    first: "), end="")
+        if run.failed():
+            print(run.tail("    "), end="")
+        sys.stdout.flush()
+
+    def note_passed(self, first):
+        if first is None:
+            self.passed += 1
+            return "ok"
+        self.unsteady += 1
+        if STRICT:
+            self.failed += 1
+            return f"FAILED, UNSTEADY: first exit {first.code}, then ok"
+        self.passed += 1
+        return f"ok, UNSTEADY: first exit {first.code}"
+
+    def finish(self):
+        if self.unsteady:
+            print(f"{self.unsteady} of the {'failed' if STRICT else 'passed'} were UNSTEADY")
+        print(f"{self.passed} passed, {self.failed} failed, {self.skipped} skipped")
+        return 0 if self.failed == 0 else 1
+
+
+def run_all(tests, tally):
+    again = []
+
+    def one(test):
+        if ended.is_set():
+            return
+        run = Run(test)
+        with lock:
+            if run.failed() and ATTEMPTS > 1 and not SANITIZER.search(run.output):
+                again.append((test, run))
+            else:
+                tally.note(test, run)
+
+    alone = [test for test in tests if is_alone(test)]
+    with concurrent.futures.ThreadPoolExecutor(max(JOBS, 1)) as pool:
+        for done in [pool.submit(one, test) for test in tests if test not in alone]:
+            done.result()
+    for test in alone:
+        one(test)
+    for test, first in again:
+        tally.note(test, Run(test), first)
+
+
+def stop(number, _frame):
+    """An interrupt of the runner ends the tests as well: they have sessions of their own."""
+    ended.set()
+    for group in list(groups):
+        kill_group(group, signal.SIGTERM)
+    os.write(1, f"ended by {signal.Signals(number).name}\n".encode())
+    os._exit(128 + number)
+
+
+def main():
+    supp = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tsan.supp")
+    os.environ["TSAN_OPTIONS"] = f"suppressions={supp} {os.environ.get('TSAN_OPTIONS', '')}"
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    tally = Tally()
+    run_all(sys.argv[1:], tally)
+    return tally.finish()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
