@@ -77,6 +77,8 @@ static const struct option table[] = {
      "points a second that one address may ask; default 0; then any number"},
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
      "who may ask: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
+    {"--without-tokens", KIND_FLAG, AT(without_tokens), 0, 0, NULL,
+     "let other machines connect although there is no --token-file and no --tls-client-ca"},
     {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
      "take scenes over the network and bake them; all about them is in DIR, which is no --store"},
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
@@ -381,6 +383,14 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
         options->listen[options->listen_count++] = "tcp:127.0.0.1:7420";
     }
     return UMB_OK;
+}
+
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
+                              const struct sockaddr_storage *address)
+{
+    return transport != UMBD_UNIX && !umbd_address_is_loopback(address) &&
+           options->token_file == NULL && !options->without_tokens &&
+           !(transport == UMBD_TLS && options->tls_client_ca != NULL);
 }
 
 /* A text of the config file, kept as long as the options. */

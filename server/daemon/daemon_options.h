@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include "common/log.h"
 #include "common/store.h"
+#include "daemon/net_address.h"
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
@@ -27,6 +28,7 @@ struct umbd_options {
     const char *address_file; /* or NULL */
     int copy, warm_up;        /* how assets are held: store.h */
     const char *token_file;   /* or NULL */
+    int without_tokens;       /* permission to listen beyond this machine without tokens */
     uint64_t address_rate;    /* points a second of one address, 0 = any */
     uint32_t max_address_connections;
     const char *tls_cert, *tls_key, *tls_client_ca; /* files, or NULL */
@@ -77,6 +79,13 @@ UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umb
 
 /* Frees what the options own. */
 void umbd_options_finish(struct umbd_options *options);
+
+/*
+ * 1 if a listener on that address would serve other machines without asking who calls: no token
+ * file, no client certificates, and no --without-tokens that says it is meant.
+ */
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
+                              const struct sockaddr_storage *address);
 
 /* Prints every setting as a config file has it, in the order of the usage. */
 void umbd_options_print(const struct umbd_options *options, FILE *out);

@@ -139,6 +139,21 @@ static void log_listening(const struct umbd_listener *listener, const char *from
                    "address=\"%s\" from=%s", listener->text, from);
 }
 
+/* Fails: E_ARGUMENT (other machines could connect, and none would be asked who it is). */
+static enum umb_status check_reach(const struct umbd_loop *loop, enum umbd_transport transport,
+                                   const struct sockaddr_storage *address, struct umb_error *error)
+{
+    char text[UMBD_ADDRESS_TEXT_SIZE];
+    if (!umbd_options_serve_anyone(&loop->daemon->options, transport, address)) {
+        return UMB_OK;
+    }
+    umbd_address_text(address, text, sizeof text);
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "--listen: other machines can reach '%s', and any of them could ask: give "
+                    "--token-file, listen on 127.0.0.1, or allow it by --without-tokens",
+                    text);
+}
+
 static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct umb_error *error)
 {
     struct umbd_address address;
@@ -146,6 +161,9 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     enum umb_status status = umbd_address_parse("--listen", text, &address, error);
     if (status == UMB_OK && address.transport != UMBD_UNIX) {
         status = umbd_address_resolve(&address, &resolved, error);
+        if (status == UMB_OK) {
+            status = check_reach(loop, address.transport, &resolved, error);
+        }
     }
     if (status != UMB_OK) {
         return status;
@@ -170,10 +188,10 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     return UMB_OK;
 }
 
-/* What a socket of the service manager speaks. Fails: E_ARGUMENT (not a listening stream socket).
- */
-static enum umb_status handed_transport(int fd, int is_tls, enum umbd_transport *transport,
-                                        struct umb_error *error)
+/* What a socket of the service manager speaks. Fails: E_ARGUMENT (not a listening stream socket;
+ * check_reach's). */
+static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, int is_tls,
+                                        enum umbd_transport *transport, struct umb_error *error)
 {
     struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
@@ -191,14 +209,14 @@ static enum umb_status handed_transport(int fd, int is_tls, enum umbd_transport 
         return umb_fail(error, UMB_E_ARGUMENT,
                         "LISTEN_FDS: descriptor %d is neither TCP nor a plain Unix socket", fd);
     }
-    return UMB_OK;
+    return check_reach(loop, *transport, &address, error);
 }
 
 static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
                                    struct umb_error *error)
 {
     enum umbd_transport transport = UMBD_TCP;
-    enum umb_status status = handed_transport(fd, is_tls, &transport, error);
+    enum umb_status status = handed_transport(loop, fd, is_tls, &transport, error);
     if (status == UMB_OK && transport == UMBD_TLS && loop->daemon->tls == NULL) {
         status = umb_fail(error, UMB_E_ARGUMENT,
                           "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");

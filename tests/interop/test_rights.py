@@ -176,6 +176,10 @@ with test.check("a token file that others may read is refused at start"):
     os.chmod(tokens, 0o644)
     done = ut.run("umbraged", "--store", store, "--token-file", tokens, code=77)
     assert b"--token-file" in done.stderr
+with test.check("other machines are not listened to without tokens, unless that is asked for"):
+    for address in ("tcp:0.0.0.0:0", "tcp:[::]:0"):
+        done = ut.run("umbraged", "--store", store, "--listen", address, code=2, timeout=20)
+        assert b"--without-tokens" in done.stderr and b"listening" not in done.stderr, done.stderr
 client.close()
 
 limited = test.daemon("--address-rate", 20, "--max-address-connections", 3)

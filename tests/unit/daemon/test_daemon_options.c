@@ -102,6 +102,52 @@ static void options_name_each_bad_argument(void **state)
     }
 }
 
+static struct sockaddr_storage resolve(const char *text, struct umbd_address *address)
+{
+    struct sockaddr_storage found = {0};
+    assert_int_equal(umbd_address_parse("x", text, address, NULL), UMB_OK);
+    if (address->transport != UMBD_UNIX) {
+        assert_int_equal(umbd_address_resolve(address, &found, NULL), UMB_OK);
+    }
+    return found;
+}
+
+/* Whether a daemon with these words would serve anyone at the address. */
+#define SERVES_ANYONE(text, ...) serves_anyone(text, (char *[]){"umbraged", __VA_ARGS__, NULL})
+
+static int serves_anyone(const char *text, char **argv)
+{
+    struct umbd_options options;
+    struct umb_error error;
+    struct umbd_address address;
+    if (parse(argv, &options, &error) != UMB_OK) {
+        fail_msg("%s", error.message);
+    }
+    const struct sockaddr_storage at = resolve(text, &address);
+    const int serves = umbd_options_serve_anyone(&options, address.transport, &at);
+    umbd_options_finish(&options);
+    return serves;
+}
+
+static void other_machines_are_served_only_with_tokens_or_where_it_is_said(void **state)
+{
+    static const char *const here[] = {"tcp:127.0.0.1:1", "tcp:127.1.2.3:1", "tcp:[::1]:1",
+                                       "tls:127.0.0.1:1", "unix:/x"};
+    static const char *const anywhere[] = {"tcp:0.0.0.0:1", "tcp:[::]:1", "tls:0.0.0.0:1",
+                                           "tcp:10.0.0.1:1", "tcp:[fe80::1]:1"};
+    (void)state;
+    for (size_t i = 0; i < sizeof here / sizeof here[0]; i++) {
+        assert_false(SERVES_ANYONE(here[i], "--store=x"));
+        assert_true(SERVES_ANYONE(anywhere[i], "--store=x"));
+        assert_false(SERVES_ANYONE(anywhere[i], "--store=x", "--token-file=y"));
+        assert_false(SERVES_ANYONE(anywhere[i], "--store=x", "--without-tokens"));
+    }
+#define WITH_CLIENT_CA                                                                             \
+    "--store=x", "--listen=tls:127.0.0.1:1", "--tls-cert=c", "--tls-key=k", "--tls-client-ca=a"
+    assert_false(SERVES_ANYONE("tls:0.0.0.0:1", WITH_CLIENT_CA));
+    assert_true(SERVES_ANYONE("tcp:0.0.0.0:1", WITH_CLIENT_CA));
+}
+
 static void options_require_a_store_and_values(void **state)
 {
     struct umbd_options options;
@@ -153,6 +199,7 @@ int main(void)
         cmocka_unit_test(options_have_the_stated_defaults),
         cmocka_unit_test(options_take_values_with_units_and_equals_signs),
         cmocka_unit_test(options_name_each_bad_argument),
+        cmocka_unit_test(other_machines_are_served_only_with_tokens_or_where_it_is_said),
         cmocka_unit_test(options_require_a_store_and_values),
         cmocka_unit_test(address_keeps_brackets_out_of_the_host),
         cmocka_unit_test(address_limits_the_unix_path),
