@@ -11,6 +11,9 @@ demo: deps ## build, bake a city, serve it, query it, draw it: two minutes
 	@$(MAKE) --no-print-directory -j$(CORES) all $(BUILD)/scenegen
 	@BUILD=$(BUILD) sh deploy/demo.sh
 
+container: ## the container image (BASE_DIGEST=sha256:..., IMAGE=umbrage; podman, or BUILDER=docker)
+	@sh deploy/container.sh "$(BASE_DIGEST)" "$(or $(IMAGE),umbrage)"
+
 bindir ?= $(PREFIX)/bin
 libdir ?= $(PREFIX)/lib
 includedir ?= $(PREFIX)/include
@@ -40,7 +43,7 @@ $(UNIT): deploy/systemd/umbraged.service.in FORCE
 
 # The pages lie to one another as they do here, with what they link to, so that every link leads
 # somewhere.
-DOC_FILES = README.md LICENSE $(wildcard docs/*.md docs/decisions/* docs/pictures/* docs/examples/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
+DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/decisions/* docs/pictures/* docs/examples/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
 install-docs:
 	for file in $(DOC_FILES); do install -D -m 0644 $$file $(DESTDIR)$(docdir)/$$file || exit 1; done
 
@@ -64,4 +67,4 @@ install: all man $(UNIT) install-docs ## install everything under DESTDIR and PR
 
 FORCE:
 
-.PHONY: deps deps-full demo man install install-docs FORCE
+.PHONY: container deps deps-full demo man install install-docs FORCE

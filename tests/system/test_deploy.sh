@@ -65,8 +65,15 @@ if command -v man >/dev/null; then
     done >"$folder/missing"
     same "umbraged.conf.5 has every setting" "" "$(cat "$folder/missing")"
 else
-    echo "skipped: man is not installed"
+    left_out "man pages" "man is not installed"
 fi
+
+# Whatever goes wrong in the service ends the service: bounds of its own, and others do not die first.
+unit=$installed/lib/systemd/system/umbraged.service
+for bound in MemoryHigh MemoryMax TasksMax; do
+    check "the unit has $bound" grep -qE "^$bound=[0-9]+%?$" "$unit"
+done
+same "others do not die before it" "" "$(grep -E '^OOMScoreAdjust=-' "$unit")"
 
 if command -v systemd-analyze >/dev/null; then
     exposure=$(systemd-analyze security --offline=true "$installed/lib/systemd/system/umbraged.service" 2>/dev/null |
@@ -83,20 +90,20 @@ if command -v systemd-analyze >/dev/null; then
     same "with jobs it is 2.0 at most too" yes "$(awk "BEGIN { print (\"$with_jobs\" != \"\" && $with_jobs <= 2.0 && $with_jobs > $exposure) ? \"yes\" : \"no\" }")"
     same "the unit's exposure is 2.0 at most" yes "$(awk "BEGIN { print (\"$exposure\" != \"\" && $exposure <= 2.0) ? \"yes\" : \"no\" }")"
 else
-    echo "skipped: systemd-analyze is not installed"
+    left_out "exposure of the unit" "systemd-analyze is not installed"
 fi
 if command -v promtool >/dev/null; then
     promtool check config deploy/prometheus/umbrage.yml >"$folder/out" 2>&1
     same "promtool takes the rules" 0 $?
 else
-    echo "skipped: promtool is not installed"
+    left_out "Prometheus rules" "promtool is not installed"
 fi
 if command -v haproxy >/dev/null; then
     UMBRAGE_FRONTEND=127.0.0.1:1 UMBRAGE_R1=127.0.0.1:2 UMBRAGE_R2=127.0.0.1:3 UMBRAGE_R3=127.0.0.1:4 \
         haproxy -c -f deploy/haproxy/haproxy.cfg >"$folder/out" 2>&1
     same "haproxy takes its configuration" 0 $?
 else
-    echo "skipped: haproxy is not installed"
+    left_out "HAProxy configuration" "haproxy is not installed"
 fi
 
 # Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
