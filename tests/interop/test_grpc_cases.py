@@ -181,7 +181,7 @@ if official:
             subprocess.run([official, "--server_host=127.0.0.1", f"--server_port={daemon.port}", "--use_tls=false",
                             f"--test_case={case}"], check=True, timeout=60)
 else:
-    print("    the official client is not run: UMBRAGE_GRPC_INTEROP names none")
+    ut.left_out("the gRPC project's own client", "UMBRAGE_GRPC_INTEROP names none")
 
 h2spec = os.environ.get("UMBRAGE_H2SPEC")
 if h2spec:
@@ -192,7 +192,7 @@ if h2spec:
         print("   ", text.strip().splitlines()[-1])
         assert int(re.search(r"(\d+) passed", text).group(1)) >= 145, text[-3000:]
 else:
-    print("    h2spec is not run: UMBRAGE_H2SPEC names none")
+    ut.left_out("h2spec", "UMBRAGE_H2SPEC names none")
 with test.check("the shipped daemon knows nothing of the service"):
     ut.BUILD = shipped_build
     shipped = Client(test.daemon().grpc_tcp)

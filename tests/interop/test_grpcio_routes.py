@@ -13,7 +13,7 @@ ut.need_grpc()
 failed = 0
 for route in ("unix", "tls", "haproxy"):
     if route == "haproxy" and shutil.which("haproxy") is None:
-        print("skipped: haproxy is not installed")
+        ut.left_out("grpcio over HAProxy", "haproxy is not installed")
         continue
     done = subprocess.run([sys.executable, os.path.join(os.path.dirname(os.path.abspath(__file__)), "test_grpcio.py")],
                           env={**os.environ, "UMBRAGE_INTEROP": route}, stdout=subprocess.PIPE,

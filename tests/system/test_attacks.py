@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
+# run: alone (it measures a victim beside attackers, who take all processors)
 """
 Nineteen attacks, each beside a victim that asks all the time: the victim sees no error, the attackers are
 cut, memory stays within its bound, and the counter that operators watch rises.

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
+# run: alone (it measures processor time beside the clock)
 """
 A daemon with few descriptors: none left to accept with, fewer than --max-connections, and more
 assets than the soft limit lets it map. It waits without spinning, and loses nobody.

@@ -44,5 +44,5 @@ if modules and shutil.which("node"):
                       env={"NODE_PATH": os.path.join(modules, "node_modules")})
         assert all(abs(a - b) < 1e-7 for a, b in zip(got, expected)) and len(got) == len(expected)
 else:
-    print("    the Node example is not run: UMBRAGE_GRPC_JS names no folder with @grpc/grpc-js")
+    ut.left_out("the Node example", "UMBRAGE_GRPC_JS names no folder with @grpc/grpc-js")
 test.finish()

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
+# run: alone (it measures how long a client beside a hostile one waits)
 """
 Peers that obey the letter of HTTP/2 and try to take more than their share: memory that no budget
 counts, replies that are never or hardly taken, the whole queue, all the connections, the loop's

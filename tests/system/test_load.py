@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
+# run: alone (it measures rates and latencies)
 """
 `umbrage load` against a daemon on a Unix socket: what it counts is what the daemon counts, latencies
 of an open loop count from when calls were due, failures have their names, the page stands alone.

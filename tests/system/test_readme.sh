@@ -45,7 +45,7 @@ done
 
 section python | smaller >tour.py
 if ! command -v protoc >/dev/null || ! /usr/bin/python3 -c 'import grpc' 2>/dev/null; then
-    echo "skipped: the tour in Python: protoc or python3-grpcio is not installed"
+    left_out "the tour in Python" "protoc or python3-grpcio is not installed"
 else
     protoc -I../proto --python_out=. umbrage/v1/shadows.proto
     PYTHONPATH=. timeout 30 /usr/bin/python3 tour.py >"$folder/python" 2>"$folder/err"

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
+# run: alone (a watchdog and deadlines of seconds)
 """
 The daemon under a service manager: states and signs of life over its socket, settings from a file, read
 again on SIGHUP, and JSON logs.

@@ -270,7 +270,7 @@ if shutil.which("nginx") or os.path.exists("/usr/sbin/nginx"):
             nginx.terminate()
             nginx.wait()
 else:
-    print("skipped: nginx is not installed")
+    ut.left_out("nginx", "it is not installed")
 
 with test.check("frames show the shadows sharpening"):
     frames = os.path.join(folder, "frames")
