@@ -37,8 +37,9 @@ grep -oE '^  --[a-z-]+' "$folder/help" | tr -d ' ' | sort -u >"$folder/options"
 printf '%s\n' --help >>"$folder/options"
 sort -u -o "$folder/options" "$folder/options"
 
-# A line of usage names no option of another program; those of umbrage-bake and umbrage are told by their program.
-sed -E 's/umbrage(-bake)? [^`]*//g' "$operations" "$protocol" >"$folder/docs"
+# A line of usage names no option of another program; those of umbrage-bake, umbrage, podman and skopeo are
+# told by their program, podman's on several lines.
+sed -E -e ':a' -e '/^podman.*\\$/{N;s/\\\n//;ba' -e '}' -e 's/(umbrage(-bake)?|podman|skopeo) [^`]*//g' "$operations" "$protocol" >"$folder/docs"
 names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
 all_in "every option of --help is in docs/operations.md or docs/protocol.md" "$folder/options" "$folder/told"
 "$BUILD/umbrage-bake" --help | grep -oE -- '--[a-z][a-z-]+' | sort -u - "$folder/options" >"$folder/known"
