@@ -52,7 +52,8 @@ struct umb_partial {
     struct umb_octree graph; /* without bricks; children may be UMB__ABSENT | page, as may roots */
     uint32_t *order;         /* [order_count] pages in the graph, ascending */
     uint32_t order_count;
-    float *seen[UMB__LEVELS];      /* greatest benefit a node was visited with; NULL until wanted */
+    float *seen[UMB__LEVELS];      /* greatest benefit of a whole cube of a node; see mark() */
+    uint64_t want_steps;           /* cubes and nodes that the last want looked at */
     struct umb_asset lower, upper; /* canonical and id are borrowed from here */
 };
 
@@ -78,6 +79,9 @@ uint32_t umb__partial_worst(const struct umb_partial *p);
 
 /* The page a node of the graph stands in. */
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index);
+
+/* Nodes and bricks of the graph. */
+uint64_t umb__partial_nodes(const struct umb_partial *p);
 
 /* Calls visit for each reference of a page into another: the referring level, page, position. */
 typedef enum umb_status (*umb__link_fn)(void *user, uint32_t level, uint32_t page,

@@ -4,7 +4,14 @@
  * child is absent, its page gets the cube's benefit, and so does the page of every node on the
  * way, so that what is above is never worth less than what is below it. A node of which a whole
  * cube was seen is not walked again for one that is worth no more: everything below it was found.
+ *
+ * A graph stands for a tree that may be larger than it by any factor, so cubes are counted. Assets
+ * of scenes take up to 11 cubes for each node here. Beyond STEPS_A_NODE the walk looks at no
+ * further cube. It marks the nodes that it would have gone on with, and one pass over the graph,
+ * from the top down and each node once, wants everything below them. That errs on the side of too
+ * many pages.
  */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -22,7 +29,17 @@ struct walk {
     struct umb_partial *p;
     const struct umb__sight *sight;
     const struct umb__space *space;
+    uint64_t steps; /* cubes that may still be looked at */
 };
+
+/* Cubes that a walk may look at: a multiple of the nodes here, and some for small assets. */
+enum {
+    STEPS_A_NODE = 32,
+    STEPS_MIN = 1 << 16,
+};
+
+/* Square of the edge over the distance of a root that the walk does not come to: any will do. */
+#define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
 {
@@ -39,10 +56,57 @@ static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
                          cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
 }
 
-/* Depth ends at bricks: levels strictly descend. */
-static void walk_cube(const struct walk *w, const struct cube *cube)
+/* Marks a node below which everything is wanted, unless that was found for no less: its benefit
+ * stands in `seen`, negated. */
+static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double benefit)
+{
+    float *seen = &p->seen[level][node];
+    if (!(benefit <= fabs((double)*seen))) {
+        *seen = -(float)fmax(fmin(benefit, FLT_MAX), FLT_MIN);
+    }
+}
+
+/* Wants a child and all below it without looking at it. */
+static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
+{
+    if ((child & UMB__ABSENT) || level == UMB_LEVEL_BRICK) {
+        add_benefit(p, level, child, benefit);
+    } else {
+        mark(p, level, child, benefit);
+    }
+}
+
+/* Wants everything below the marked nodes: each node once, from the top down. Half the edge is a
+ * quarter of the benefit. */
+static void want_marked(struct umb_partial *p)
+{
+    for (uint32_t l = UMB_LEVEL_MAX; l > UMB_LEVEL_BRICK; l--) {
+        const struct umb_octree_level *level = &p->graph.level[l];
+        for (uint32_t node = 0; node < level->count; node++) {
+            float *seen = &p->seen[l][node];
+            if (!(*seen < 0)) {
+                continue;
+            }
+            *seen = -*seen;
+            p->want_steps++;
+            add_benefit(p, l, node, (double)*seen);
+            for (uint32_t at = level->first[node]; at < level->first[node + 1]; at++) {
+                want_all(p, l - 1, level->children[at], (double)*seen / 4);
+            }
+        }
+    }
+}
+
+/* Depth ends at bricks: levels strictly descend. above: benefit of the cube that this is a part of.
+ */
+static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {
     struct umb_partial *p = w->p;
+    if (w->steps == 0) {
+        want_all(p, cube->level, cube->child, above / 4);
+        return;
+    }
+    w->steps--;
     const struct umb_partial_view *view = w->sight->view;
     const struct umb__seen_cube seen =
         umb__sight_cube(w->sight, w->space, cube->level, cube->x, cube->y, cube->z);
@@ -69,8 +133,40 @@ static void walk_cube(const struct walk *w, const struct cube *cube)
     for (unsigned c = 0; c < 8; c++) {
         if (umb_mask_state(level->masks[cube->child], c) == UMB_NODE_MIXED) {
             const struct cube part = part_of(cube, c, *child++);
-            walk_cube(w, &part);
+            walk_cube(w, &part, seen.benefit);
         }
+    }
+}
+
+uint64_t umb__partial_nodes(const struct umb_partial *p)
+{
+    uint64_t nodes = p->graph.brick_count;
+    for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
+        nodes += p->graph.level[level].count;
+    }
+    return nodes;
+}
+
+/* Every root of the view's lights. */
+static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
+{
+    const struct umb_content *content = &p->canonical.content;
+    const uint32_t light = sight->view->light;
+    struct umb__space space;
+    const uint64_t limit = STEPS_MIN + STEPS_A_NODE * umb__partial_nodes(p);
+    struct walk w = {.p = p, .sight = sight, .space = &space, .steps = limit};
+    for (uint32_t i = 0; i < p->graph.root_count; i++) {
+        const struct umb_octree_root *root = &p->graph.roots[i];
+        if (root->state == UMB_NODE_MIXED &&
+            (light == UINT32_MAX || content->frusta[i].light == light)) {
+            const struct cube cube = {root->level, 0, 0, 0, root->index};
+            umb__space_init(&space, content, i, sight->view);
+            walk_cube(&w, &cube, ROOT_BENEFIT);
+        }
+    }
+    p->want_steps = limit - w.steps;
+    if (w.steps == 0) {
+        want_marked(p);
     }
 }
 
@@ -106,18 +202,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
         memset(p->seen[level], 0, p->graph.level[level].count * sizeof(float));
     }
-    for (uint32_t i = 0; i < p->graph.root_count; i++) {
-        const struct umb_octree_root *root = &p->graph.roots[i];
-        if (root->state != UMB_NODE_MIXED ||
-            (view->light != UINT32_MAX && content->frusta[i].light != view->light)) {
-            continue;
-        }
-        struct umb__space space;
-        umb__space_init(&space, content, i, view);
-        const struct walk w = {p, &sight, &space};
-        const struct cube cube = {root->level, 0, 0, 0, root->index};
-        walk_cube(&w, &cube);
-    }
+    walk_roots(p, &sight);
     return UMB_OK;
 }
 

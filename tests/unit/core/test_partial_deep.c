@@ -1,0 +1,148 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Assets of few nodes that stand for huge trees: what a view asks for is found in few steps. */
+#include "partial_fixture.h"
+
+#include "deep_asset.h"
+#include "partial/partial_parts.h"
+
+#define SIDE_M 1000.0
+
+static const struct umb_partial_view views[] = {
+    {.light = UINT32_MAX},
+    {.light = UINT32_MAX, .has_box = 1, .box = {{10, 10, 10}, {900, 900, 900}}},
+    {.light = 0, .has_box = 1, .box = {{0, 400, 0}, {1000, 400.5, 1000}}, .taps = 1},
+    {.light = 0,
+     .has_camera = 1,
+     .eye = {1, 1.7, 1},
+     .forward = {99, 0.5, 8},
+     .up = {0, 1, 0},
+     .fov_y = 1,
+     .aspect = 1.8},
+    {.light = 0,
+     .has_camera = 1,
+     .eye = {500, 500, 500},
+     .forward = {1, 1, 1},
+     .up = {0, 1, 0},
+     .fov_y = 1,
+     .aspect = 1.8,
+     .far_m = 300,
+     .max_error_rad = 1e-5},
+};
+
+/* Wants a view, and adds what is missing, until nothing is. Returns true if a walk met its bound.
+ */
+static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_partial_view *view)
+{
+    struct umb_error error = {0};
+    bool met = false;
+    for (;;) { /* ends: each round adds a page */
+        uint32_t list[256];
+        partial_build(f);
+        if (umb_partial_want(f->partial, view, 0, &error) != UMB_OK) {
+            fail_msg("want: %s", error.message);
+        }
+        const uint64_t nodes = umb__partial_nodes(f->partial), most = 65536 + 33 * nodes;
+        if (f->partial->want_steps > most) {
+            fail_msg("%llu steps of %llu nodes, at most %llu",
+                     (unsigned long long)f->partial->want_steps, (unsigned long long)nodes,
+                     (unsigned long long)most);
+        }
+        met = met || f->partial->want_steps > 65536 + 32 * nodes;
+        const size_t count = umb_partial_missing(f->partial, list, 256, 0);
+        for (size_t i = 0; i < count; i++) {
+            partial_add(f, list[i]);
+        }
+        if (count == 0) {
+            return met;
+        }
+    }
+}
+
+/* Points of the view's box are answered exactly: a bound leaves no page of theirs out. */
+static void expect_exact(struct partial_fixture *f, const struct umb_box *box)
+{
+    enum {
+        POINTS = 500
+    };
+    double positions[POINTS][3];
+    float values[POINTS];
+    uint64_t seed = 12;
+    for (size_t i = 0; i < POINTS * (size_t)3; i++) {
+        positions[i / 3][i % 3] =
+            box->min[i % 3] + random_unit(&seed) * (box->max[i % 3] - box->min[i % 3]);
+    }
+    const struct umb_points points = {
+        .positions = positions, .format = UMB_POINT_F64, .count = POINTS};
+    const struct umb_query_settings one = {.taps = 1};
+    struct umb_partial_answers answers = {.values = values};
+    assert_int_equal(umb_partial_query(f->partial, &one, &points, 0, &answers, NULL), UMB_OK);
+    assert_int_equal(answers.exact, POINTS);
+}
+
+static bool try_deep(const struct deep *deep, bool with_pages)
+{
+    struct partial_fixture f = {.file = deep_asset(deep, SIDE_M)};
+    bool met = false;
+    for (size_t i = 0; i < sizeof views / sizeof views[0]; i++) {
+        f.partial = partial_open(&f.file, 0);
+        for (uint32_t page = 0; with_pages && page < f.partial->head.page_count; page += 2) {
+            partial_add(&f, page);
+        }
+        met = fetch_in_bounded_steps(&f, &views[i]) || met;
+        if (views[i].has_box) {
+            expect_exact(&f, &views[i].box);
+        }
+        umb_partial_close(f.partial);
+    }
+    bytes_finish(&f.file);
+    return met;
+}
+
+/* One node a level, all of whose children are the same: each level more takes eight times as long
+ * to walk cube by cube. */
+static void a_chain_of_eight_equal_children_is_walked_in_bounded_steps(void **state)
+{
+    (void)state;
+    for (uint32_t log2_size = 13; log2_size <= UMB_LEVEL_MAX; log2_size++) {
+        assert_true(try_deep(&(struct deep){log2_size, 1, 8, 7}, false));
+    }
+}
+
+/* Paths part and meet again at each level, over many pages, whichever of them are here. */
+static void diamonds_are_walked_in_bounded_steps_and_miss_nothing(void **state)
+{
+    (void)state;
+    static const struct deep shapes[] = {
+        {20, 2, 8, 1}, {20, 8, 5, 2}, {19, 64, 8, 3}, {20, 1000, 8, 4}, {20, 1500, 2, 5},
+    };
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++) {
+        const bool met = try_deep(&shapes[i], false);
+        assert_true(met || shapes[i].mixed < 8);
+        (void)try_deep(&shapes[i], true);
+    }
+}
+
+/* What a scene's assets take stays far below the bound, so that views of them are cut sharply. */
+static void a_view_of_a_tree_that_is_one_meets_no_bound(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb_partial_view view = {.light = UINT32_MAX, .has_box = 1};
+    partial_fixture_open(&f, 0);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        view.box.min[axis] = fixture_origin[axis] + 10;
+        view.box.max[axis] = fixture_origin[axis] + 40;
+    }
+    assert_false(fetch_in_bounded_steps(&f, &view));
+    partial_fixture_close(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_chain_of_eight_equal_children_is_walked_in_bounded_steps),
+        cmocka_unit_test(diamonds_are_walked_in_bounded_steps_and_miss_nothing),
+        cmocka_unit_test(a_view_of_a_tree_that_is_one_meets_no_bound),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
