@@ -118,6 +118,105 @@ static void a_head_that_counts_more_nodes_than_have_numbers_is_refused(void **st
     partial_fixture_close(&f);
 }
 
+/* Puts other bytes in a page's place; whatever follows moves. All checks are made right, with_hash:
+ * the page's hash too, and with it those of the block and the asset's id. */
+static void replace_page(struct bytes *file, uint32_t number, const uint8_t *raw, size_t raw_length,
+                         bool with_hash)
+{
+    struct umb__head head;
+    assert_int_equal(umb__head_parse(file->data, file->size, &head, NULL), UMB_OK);
+    const struct umb__page_entry entry = umb__directory_load(&head, number);
+    const size_t room = ZSTD_compressBound(raw_length);
+    uint8_t *stored = malloc(room);
+    const size_t length = ZSTD_compress(stored, room, raw, raw_length, 1);
+    const size_t tail = (size_t)entry.offset + entry.stored_length;
+    struct bytes made = {.data = malloc(file->size + room)};
+    memcpy(made.data, file->data, (size_t)entry.offset);
+    memcpy(made.data + entry.offset, stored, length);
+    memcpy(made.data + entry.offset + length, file->data + tail, file->size - tail);
+    made.size = made.capacity = file->size - entry.stored_length + length;
+    if (number < UMB__BLOCK_PAGES && head.blocks_offset > 0) {
+        head.blocks_offset += length - entry.stored_length;
+        umb__store64(made.data + UMB__HEAD_BLOCKS, head.blocks_offset);
+    }
+    uint8_t *entry_at = made.data + entry_offset(&head, number);
+    umb__store32(entry_at + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
+    umb__store32(entry_at + UMB__PAGE_RAW_LENGTH, (uint32_t)raw_length);
+    umb__store64(entry_at + UMB__PAGE_CHECK, XXH3_64bits(stored, length));
+    if (with_hash) {
+        const void *part = raw;
+        test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
+    }
+    for (uint32_t later = number + 1; later < head.page_count; later++) {
+        uint8_t *at_later = made.data + entry_offset(&head, later);
+        umb__store64(at_later, umb__load64(at_later) - entry.stored_length + length);
+    }
+    umb__store64(made.data + UMB__HEAD_FILE_LENGTH, made.size);
+    free(stored);
+    bytes_finish(file);
+    *file = made;
+    seal_asset(file, with_hash);
+}
+
+/* Turns lit and shadowed around for one uniform child in the page; false if it has none. */
+static bool turn_child(const struct umb__page *page)
+{
+    for (uint32_t level = UMB_LEVEL_MAX; level > UMB_LEVEL_BRICK; level--) {
+        for (uint32_t node = 0; node < page->node_count[level]; node++) {
+            uint8_t *at = (uint8_t *)(uintptr_t)page->masks[level] + 2 * (size_t)node;
+            for (unsigned c = 0; c < 8; c++) {
+                const uint16_t mask = umb__load16(at);
+                if (umb_mask_state(mask, c) < UMB_NODE_MIXED) {
+                    umb__store16(at, (uint16_t)(mask ^ 1U << (2 * c)));
+                    return true;
+                }
+            }
+        }
+    }
+    return false;
+}
+
+/* The directory's XXH3 is the server's word. What binds a page to the id is its SHA-256 alone. */
+static void a_page_with_right_checks_and_a_wrong_hash_is_refused(void **state)
+{
+    (void)state;
+    struct partial_fixture f;
+    struct umb__head head;
+    unsigned forged = 0;
+    partial_fixture_open(&f, 0);
+    ZSTD_DCtx *zstd = ZSTD_createDCtx();
+    for (uint32_t number = 0; number < f.page_count; number++) {
+        struct bytes lie = {0};
+        struct umb_sink sink = bytes_sink(&lie);
+        assert_int_equal(sink.write(sink.user, f.file.data, f.file.size), UMB_OK);
+        assert_int_equal(umb__head_parse(lie.data, lie.size, &head, NULL), UMB_OK);
+        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        uint8_t *raw = malloc(entry.raw_length);
+        struct umb__page page;
+        assert_int_equal(umb__page_expand(zstd, lie.data + entry.offset, &entry, raw, NULL),
+                         UMB_OK);
+        assert_int_equal(umb__page_open(raw, &entry, &page, NULL), UMB_OK);
+        if (turn_child(&page)) {
+            uint8_t id[UMB_ID_BYTES];
+            memcpy(id, head.id, sizeof id);
+            replace_page(&lie, number, raw, entry.raw_length, false);
+            struct partial_fixture g = {.file = lie, .partial = partial_open(&lie, 0)};
+            assert_memory_equal(umb_partial_head(g.partial) + UMB__HEAD_ID, id, sizeof id);
+            uint32_t length;
+            const uint8_t *stored = partial_page(&g, number, &length);
+            expect_refused(g.partial, number, stored, length, UMB_E_CORRUPT,
+                           "not what its hash says");
+            umb_partial_close(g.partial);
+            forged++;
+        }
+        free(raw);
+        bytes_finish(&lie);
+    }
+    assert_true(forged > f.page_count / 2);
+    ZSTD_freeDCtx(zstd);
+    partial_fixture_close(&f);
+}
+
 /* Rewrites the page that has links to others so that one of them is wrong, with all checks right.
  * Returns its number. */
 static uint32_t spoil_link(struct bytes *file, uint32_t *target)
@@ -160,37 +259,9 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
         const size_t raw_length = (size_t)(end - lie) + entry.raw_length - (size_t)(rest - raw);
         free(raw);
         raw = lie;
-        const size_t room = ZSTD_compressBound(raw_length);
-        uint8_t *stored = malloc(room);
-        const size_t length = ZSTD_compress(stored, room, raw, raw_length, 1);
-        /* The page grows or shrinks: everything behind it moves. */
-        const size_t tail = (size_t)entry.offset + entry.stored_length;
-        struct bytes made = {.data = malloc(file->size + room)};
-        memcpy(made.data, file->data, (size_t)entry.offset);
-        memcpy(made.data + entry.offset, stored, length);
-        memcpy(made.data + entry.offset + length, file->data + tail, file->size - tail);
-        made.size = made.capacity = file->size - entry.stored_length + length;
-        if (number < UMB__BLOCK_PAGES && head.blocks_offset > 0) {
-            head.blocks_offset += length - entry.stored_length;
-            umb__store64(made.data + UMB__HEAD_BLOCKS, head.blocks_offset);
-        }
-        uint8_t *entry_at = made.data + entry_offset(&head, number);
-        umb__store32(entry_at + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
-        umb__store32(entry_at + UMB__PAGE_RAW_LENGTH, (uint32_t)raw_length);
-        umb__store64(entry_at + UMB__PAGE_CHECK, XXH3_64bits(stored, length));
-        const void *part = raw;
-        test_digest.digest(test_digest.user, &part, &raw_length, 1, entry_at + UMB__PAGE_HASH);
-        for (uint32_t later = number + 1; later < head.page_count; later++) {
-            uint8_t *at_later = made.data + entry_offset(&head, later);
-            umb__store64(at_later, umb__load64(at_later) - entry.stored_length + length);
-        }
-        umb__store64(made.data + UMB__HEAD_FILE_LENGTH, made.size);
+        replace_page(file, number, raw, raw_length, true);
         free(raw);
-        free(stored);
         ZSTD_freeDCtx(zstd);
-        bytes_finish(file);
-        *file = made;
-        seal_asset(file, true);
         return number;
     }
     fail_msg("no page refers to another");
@@ -279,6 +350,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spoilt_swapped_repeated_and_unknown_pages_are_refused_by_number),
+        cmocka_unit_test(a_page_with_right_checks_and_a_wrong_hash_is_refused),
         cmocka_unit_test(a_head_that_is_not_its_id_is_refused),
         cmocka_unit_test(a_head_that_counts_more_nodes_than_have_numbers_is_refused),
         cmocka_unit_test(links_to_nodes_that_are_not_there_are_refused_by_whoever_comes_second),
