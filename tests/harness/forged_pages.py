@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A packed asset in which a page lies and every XXH3 is right, as a hostile server makes it:
+
+    lie = forged_pages.forge(whole, 3)   # page 3 has a cube lit that is shadowed, or the other way round
+
+The id and all SHA-256s are those of the true asset: what gives the lie away is the page's own.
+"""
+import ctypes
+import struct
+
+PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 64, 40, 128
+
+xxhash, zstd = ctypes.CDLL("libxxhash.so.0"), ctypes.CDLL("libzstd.so.1")
+xxhash.XXH3_64bits.restype = ctypes.c_uint64
+xxhash.XXH3_64bits.argtypes = [ctypes.c_char_p, ctypes.c_size_t]
+for name in ("ZSTD_decompress", "ZSTD_compress"):
+    getattr(zstd, name).restype = ctypes.c_size_t
+
+
+def check(data):
+    return xxhash.XXH3_64bits(bytes(data), len(data))
+
+
+def expand(stored, size):
+    room = ctypes.create_string_buffer(size)
+    got = zstd.ZSTD_decompress(room, ctypes.c_size_t(size), bytes(stored), ctypes.c_size_t(len(stored)))
+    assert got == size, got
+    return bytearray(room.raw)
+
+
+def compress(raw):
+    room = ctypes.create_string_buffer(2 * len(raw) + 1000)
+    size = zstd.ZSTD_compress(room, ctypes.c_size_t(len(room)), bytes(raw), ctypes.c_size_t(len(raw)), 3)
+    return room.raw[:size]
+
+
+class Reader:
+    """The numbers of a page, seven bits a byte."""
+
+    def __init__(self, raw, at):
+        self.raw, self.at = raw, at
+
+    def number(self):
+        value = shift = 0
+        while True:
+            byte = self.raw[self.at]
+            self.at += 1
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+
+def turn_child(raw):
+    """Turns lit and shadowed around for a uniform child of a node of the page's highest level."""
+    high, low = raw[1], raw[2]
+    assert high > 3, "a page of bricks"
+    reader = Reader(raw, 3)
+    nodes = [reader.number() for _ in range(high - low + 1)][0]
+    for _ in range(2 * reader.number()):
+        reader.number()
+    for i in range(8 * nodes):
+        at = reader.at + 2 * (i // 8)
+        mask = struct.unpack_from("<H", raw, at)[0]
+        if mask >> 2 * (i % 8) & 3 < 2:
+            struct.pack_into("<H", raw, at, mask ^ 1 << 2 * (i % 8))
+            return True
+    return False
+
+
+def entry_at(data, page):
+    head, blocks = struct.unpack_from("<Q", data, 24)[0], struct.unpack_from("<Q", data, 88)[0]
+    return head + PAGE_ENTRY * page if page < BLOCK_PAGES else blocks + PAGE_ENTRY * (page - BLOCK_PAGES)
+
+
+def page_count(data):
+    return struct.unpack_from("<I", data, 80)[0]
+
+
+def seal(data):
+    """The XXH3 of each block, then the head's."""
+    pages, table = page_count(data), HEAD + struct.unpack_from("<Q", data, 32)[0]
+    for first in range(0, pages, BLOCK_PAGES):
+        at = entry_at(data, first)
+        block = data[at:at + PAGE_ENTRY * min(BLOCK_PAGES, pages - first)]
+        struct.pack_into("<Q", data, table + BLOCK_ENTRY * (first // BLOCK_PAGES), check(block))
+    head = struct.unpack_from("<Q", data, 24)[0]
+    both = struct.pack("<QQ", check(data[:120]), check(data[HEAD:head]))
+    struct.pack_into("<Q", data, 120, check(both))
+
+
+def forge(whole, page):
+    """The file with a lie in `page`, or None if the page has no uniform child to turn."""
+    data = bytearray(whole)
+    at = entry_at(data, page)
+    offset, stored, size = struct.unpack_from("<QII", data, at)
+    raw = expand(data[offset:offset + stored], size)
+    if not turn_child(raw):
+        return None
+    lie = compress(raw)
+    struct.pack_into("<IIQ", data, at + 8, len(lie), size, check(lie))
+    grown = len(lie) - stored
+    for later in range(page + 1, page_count(data)):
+        then = entry_at(data, later)
+        struct.pack_into("<Q", data, then, struct.unpack_from("<Q", data, then)[0] + grown)
+    struct.pack_into("<Q", data, 16, len(data) + grown)
+    blocks = struct.unpack_from("<Q", data, 88)[0]
+    if page < BLOCK_PAGES and blocks > 0:
+        struct.pack_into("<Q", data, 88, blocks + grown)
+    data[offset:offset + stored] = lie
+    seal(data)
+    return bytes(data)

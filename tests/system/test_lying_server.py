@@ -1,0 +1,82 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+A thin client and servers that lie within an asset whose id is known: every checksum is right, and a
+page is not the asset's. A web server and a daemon's Regions serve such files.
+"""
+import concurrent.futures
+import os
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import forged_pages  # noqa: E402
+import link  # noqa: E402
+import umbrage_test as ut  # noqa: E402
+
+grpc, _ = ut.need_grpc()
+test = ut.Test()
+city = test.path("city.umb")
+baked = test.bake(test.scene("city", 8), city, "--resolution", 2048, "--verify", 0)
+with open(city, "rb") as file:
+    whole = file.read()
+pages = forged_pages.page_count(whole)
+os.mkdir(test.path("lies"))
+M = test.messages.regions
+served = {"data": whole}
+
+
+def serve_region(request, context):
+    """What a daemon does, but for the truth."""
+    data = b"".join(served["data"][at:at + size] for at, size in zip(request.offsets, request.lengths))
+    yield M.RegionReply(asset_id=bytes.fromhex(baked["asset"]), file_bytes=len(served["data"]), data=data)
+
+
+class Regions(grpc.GenericRpcHandler):
+    def service(self, details):
+        if details.method != "/umbrage.v1.Regions/Stream":
+            return None
+        return grpc.unary_stream_rpc_method_handler(
+            serve_region, request_deserializer=M.RegionRequest.FromString,
+            response_serializer=M.RegionReply.SerializeToString)
+
+
+def forged():
+    """Files with a lie in one page: the first, which comes with the first read, and later ones."""
+    for page in sorted({0, 1, pages // 2, pages - 2, pages - 1}):
+        lie = forged_pages.forge(whole, page)
+        if lie is not None:
+            yield page, lie
+
+
+LIES = list(forged())
+assert len(LIES) >= 3 and LIES[0][0] == 0, [page for page, _ in LIES]
+web = link.RangeServer(test.path("lies"))
+liar = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
+liar.add_generic_rpc_handlers((Regions(),))
+port = liar.add_insecure_port("127.0.0.1:0")
+liar.start()
+SOURCES = {"web server": ["--from-url", f"http://127.0.0.1:{web.port}/city.umb"],
+           "daemon": ["city", "--address", f"tcp:127.0.0.1:{port}"]}
+
+
+def publish(data):
+    served["data"] = data
+    with open(test.path("lies", "city.umb"), "wb") as out:
+        out.write(data)
+
+
+for name, source in SOURCES.items():
+    with test.check(f"{name}: the true file comes whole, so that the lies below are all that is wrong"):
+        publish(whole)
+        ut.run("umbrage", "stream", *source, "--id", baked["asset"], "--quiet", "-o", test.path("true.part"))
+
+    with test.check(f"{name}: a page with right checks and a wrong SHA-256 is refused by number"):
+        for page, lie in LIES:
+            publish(lie)
+            for words in (["--id", baked["asset"]], []):
+                said = ut.run("umbrage", "stream", *source, *words, "--quiet", code=65).stderr.decode()
+                assert f"page {page} of the file: not what its hash says" in said, said
+
+liar.stop(None)
+web.close()
+test.finish()
