@@ -5,6 +5,7 @@
 
 #include <ctype.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,12 +14,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define PATH_SIZE  4096
-#define TEXT_BYTES ((size_t)1 << 30) /* of a file that is looked through */
+#define PATH_SIZE     4096
+#define SCENE_BYTES   ((size_t)1 << 30)  /* of a scene that is looked through */
+#define LIBRARY_BYTES ((size_t)64 << 20) /* of a library of materials that is */
+#define NAMES_MAX     262144             /* names looked up for one scene, whatever they lead to */
 
 struct gathering {
     struct umbc_bundle *bundle;
     char folder[PATH_SIZE]; /* the scene's, absolute, without the last slash */
+    size_t names;           /* looked up so far */
     int quiet;
     struct umb_error *error;
 };
@@ -32,27 +36,58 @@ void umbc_bundle_finish(struct umbc_bundle *bundle)
     *bundle = (struct umbc_bundle){NULL, 0};
 }
 
-/* Reads a text of at most TEXT_BYTES, ended by a NUL; free() it. Binary files too. */
-static enum umb_status read_text(const char *path, char **text, size_t *size,
+/* Opens a regular file. Out: size: its bytes, `most` at most. */
+static enum umb_status open_text(const char *path, size_t most, int *fd, size_t *size,
                                  struct umb_error *error)
 {
-    FILE *file = fopen(path, "rbe");
     struct stat info;
-    *text = NULL;
-    *size = 0;
-    if (file == NULL) {
+    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (*fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
     }
-    if (fstat(fileno(file), &info) == 0 && (uint64_t)info.st_size <= TEXT_BYTES) {
-        *text = malloc((size_t)info.st_size + 1);
+    enum umb_status status = UMB_OK;
+    if (fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        status = umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
+    } else if ((uint64_t)info.st_size > most) {
+        status = umb_fail(error, UMB_E_LIMIT,
+                          "'%.200s': %lld bytes, files of at most %zu are looked through", path,
+                          (long long)info.st_size, most);
     }
-    if (*text != NULL) {
-        *size = fread(*text, 1, (size_t)info.st_size, file);
-        (*text)[*size] = '\0';
+    if (status != UMB_OK) {
+        (void)close(*fd);
+        return status;
     }
-    (void)fclose(file);
-    return *text != NULL ? UMB_OK
-                         : umb_fail(error, UMB_E_LIMIT, "no memory to look through '%.200s'", path);
+    *size = (size_t)info.st_size;
+    return UMB_OK;
+}
+
+/* Reads a text of at most so many bytes, ended by a NUL; free() it. Binary files too. */
+static enum umb_status read_text(const char *path, size_t most, char **text, size_t *size,
+                                 struct umb_error *error)
+{
+    int fd;
+    size_t wanted = 0;
+    *text = NULL;
+    *size = 0;
+    enum umb_status status = open_text(path, most, &fd, &wanted, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    *text = malloc(wanted + 1);
+    if (*text == NULL) {
+        (void)close(fd);
+        return umb_fail(error, UMB_E_NO_MEMORY, "no memory to look through '%.200s'", path);
+    }
+    ssize_t got = 1;
+    while (*size < wanted && (got > 0 || (got < 0 && errno == EINTR))) {
+        got = read(fd, *text + *size, wanted - *size);
+        *size += got > 0 ? (size_t)got : 0;
+    }
+    (*text)[*size] = '\0';
+    const int code = errno;
+    (void)close(fd);
+    return got >= 0 ? UMB_OK : umb_fail_errno(error, UMB_E_IO, code, "cannot read '%.200s'", path);
 }
 
 /* Takes "." and ".." out of an absolute path, in place; false if it leaves the root. */
@@ -82,10 +117,11 @@ static bool normalise(char *path)
     return true;
 }
 
-/* Adds a file by its absolute path, once. */
-static enum umb_status add_path(struct gathering *g, const char *path)
+/* Adds a file by its absolute path, once. Out: added: false if it was there already. */
+static enum umb_status add_path(struct gathering *g, const char *path, bool *added)
 {
     struct umbc_bundle *bundle = g->bundle;
+    *added = false;
     for (size_t i = 0; i < bundle->count; i++) {
         if (strcmp(bundle->files[i].source, path) == 0) {
             return UMB_OK;
@@ -107,7 +143,18 @@ static enum umb_status add_path(struct gathering *g, const char *path)
         return umb_fail(g->error, UMB_E_NO_MEMORY, "out of memory for the scene's files");
     }
     bundle->count++;
+    *added = true;
     return UMB_OK;
+}
+
+/* Counts a name that is looked up: a scene of a gigabyte has room for many. */
+static enum umb_status count_name(struct gathering *g)
+{
+    g->names++;
+    return g->names <= NAMES_MAX
+               ? UMB_OK
+               : umb_fail(g->error, UMB_E_LIMIT, "the scene names files more than %d times",
+                          NAMES_MAX);
 }
 
 /* 1 if a file lies in the scene's folder, wherever links lead. Others are not sent: a scene from a
@@ -124,15 +171,19 @@ static bool is_beneath(const struct gathering *g, const char *path)
     return beneath;
 }
 
-/* Adds what a scene names, if it is a file in its folder. */
-static enum umb_status add_named(struct gathering *g, const char *name)
+/* Adds what a scene names, if it is a file in its folder. Out: path: of one that is new, else "". */
+static enum umb_status add_named(struct gathering *g, const char *name, char path[2 * PATH_SIZE])
 {
-    char path[2 * PATH_SIZE];
     struct stat info;
+    path[0] = '\0';
     if (name[0] == '\0' || strlen(name) >= PATH_SIZE) {
         return UMB_OK;
     }
-    (void)snprintf(path, sizeof path, "%s/%s", g->folder, name);
+    const enum umb_status counted = count_name(g);
+    if (counted != UMB_OK) {
+        return counted;
+    }
+    (void)snprintf(path, 2 * (size_t)PATH_SIZE, "%s/%s", g->folder, name);
     for (char *at = path; *at != '\0'; at++) {
         *at = *at == '\\' ? '/' : *at; /* as exporters on Windows write */
     }
@@ -141,6 +192,7 @@ static enum umb_status add_named(struct gathering *g, const char *name)
             (void)fprintf(stderr, "umbrage: notice: the scene names '%.200s', which is not here\n",
                           name);
         }
+        path[0] = '\0';
         return UMB_OK;
     }
     if (!is_beneath(g, path)) {
@@ -150,9 +202,15 @@ static enum umb_status add_named(struct gathering *g, const char *name)
                           "outside of the scene's folder\n",
                           name);
         }
+        path[0] = '\0';
         return UMB_OK;
     }
-    return add_path(g, path);
+    bool added;
+    const enum umb_status status = add_path(g, path, &added);
+    if (!added) {
+        path[0] = '\0';
+    }
+    return status;
 }
 
 static int hex_digit(char c)
@@ -218,7 +276,7 @@ static enum umb_status look_for_uris(struct gathering *g, const char *text, size
             at++;
             continue;
         }
-        char name[PATH_SIZE];
+        char name[PATH_SIZE], path[2 * PATH_SIZE];
         at += sizeof key - 1;
         while (at < end && (isspace((unsigned char)*at) || *at == ':')) {
             at++;
@@ -226,7 +284,7 @@ static enum umb_status look_for_uris(struct gathering *g, const char *text, size
         if (at < end && *at == '"' && take_json_string(at + 1, end, name) != NULL &&
             strncmp(name, "data:", 5) != 0) {
             decode_uri(name);
-            status = add_named(g, name);
+            status = add_named(g, name, path);
         }
     }
     return status;
@@ -258,12 +316,12 @@ static bool take_line(const char *line, size_t length, const char *word, char ou
 }
 
 /* Calls take for each line. */
-static enum umb_status each_line(struct gathering *g, const char *path,
+static enum umb_status each_line(struct gathering *g, const char *path, size_t most,
                                  enum umb_status (*take)(struct gathering *, const char *, size_t))
 {
     char *text;
     size_t size;
-    enum umb_status status = read_text(path, &text, &size, g->error);
+    enum umb_status status = read_text(path, most, &text, &size, g->error);
     const char *end = text + size;
     for (const char *at = text; status == UMB_OK && at < end;) {
         const char *newline = memchr(at, '\n', (size_t)(end - at));
@@ -280,17 +338,17 @@ static enum umb_status each_line(struct gathering *g, const char *path,
 
 /* The name behind a map's options: the longest rest of the line that is a file here, as a name may
  * hold blanks, else the last word. */
-static const char *behind_options(const struct gathering *g, const char *line)
+static const char *behind_options(struct gathering *g, const char *line)
 {
     const char *last = line;
     char path[2 * PATH_SIZE];
     for (const char *at = line; (at = strpbrk(at, " \t")) != NULL;) {
         at += strspn(at, " \t");
         (void)snprintf(path, sizeof path, "%s/%s", g->folder, at);
-        if (access(path, R_OK) == 0) {
-            return at;
-        }
         last = at;
+        if (count_name(g) != UMB_OK || access(path, R_OK) == 0) {
+            break; /* beyond the limit the name itself is refused */
+        }
     }
     return last;
 }
@@ -299,10 +357,10 @@ static const char *behind_options(const struct gathering *g, const char *line)
 static enum umb_status take_mtl_line(struct gathering *g, const char *line, size_t length)
 {
     static const char *const words[] = {"map_Kd", "map_Ka", "map_Ks", "map_d", "map_bump", "bump"};
-    char name[PATH_SIZE];
+    char name[PATH_SIZE], path[2 * PATH_SIZE];
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
         if (take_line(line, length, words[i], name)) {
-            return add_named(g, name[0] == '-' ? behind_options(g, name) : name);
+            return add_named(g, name[0] == '-' ? behind_options(g, name) : name, path);
         }
     }
     return UMB_OK;
@@ -314,12 +372,10 @@ static enum umb_status take_obj_line(struct gathering *g, const char *line, size
     if (!take_line(line, length, "mtllib", name)) {
         return UMB_OK;
     }
-    enum umb_status status = add_named(g, name);
-    (void)snprintf(path, sizeof path, "%s/%s", g->folder, name);
-    if (status == UMB_OK && access(path, R_OK) == 0) {
-        status = each_line(g, path, take_mtl_line);
-    }
-    return status;
+    enum umb_status status = add_named(g, name, path);
+    /* Only one that is sent, and once: a scene may name a library in every line. */
+    return status == UMB_OK && path[0] != '\0' ? each_line(g, path, LIBRARY_BYTES, take_mtl_line)
+                                               : status;
 }
 
 static bool ends_in(const char *text, const char *ending)
@@ -331,14 +387,14 @@ static bool ends_in(const char *text, const char *ending)
 static enum umb_status look_through(struct gathering *g, const char *scene)
 {
     if (ends_in(scene, ".obj")) {
-        return each_line(g, scene, take_obj_line);
+        return each_line(g, scene, SCENE_BYTES, take_obj_line);
     }
     if (!ends_in(scene, ".gltf") && !ends_in(scene, ".glb")) {
         return UMB_OK;
     }
     char *text;
     size_t size;
-    enum umb_status status = read_text(scene, &text, &size, g->error);
+    enum umb_status status = read_text(scene, SCENE_BYTES, &text, &size, g->error);
     if (status == UMB_OK) {
         size_t json =
             size; /* of a GLB only its first chunk: 12 bytes of header, 8 of the chunk's */
@@ -407,7 +463,8 @@ enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bun
                         scene);
     }
     (void)snprintf(g.folder, sizeof g.folder, "%.*s", (int)(strrchr(path, '/') - path), path);
-    enum umb_status status = add_path(&g, path);
+    bool added;
+    enum umb_status status = add_path(&g, path, &added);
     if (status == UMB_OK) {
         status = look_through(&g, path);
     }

@@ -270,6 +270,27 @@ bool umbc_parse_count(const char *text, unsigned long long max, unsigned long lo
     return errno == 0 && *end == '\0' && *value <= max;
 }
 
+bool umbc_parse_bytes(const char *text, uint64_t *bytes)
+{
+    char digits[24];
+    unsigned long long value;
+    const size_t length = strlen(text);
+    if (length == 0 || length >= sizeof digits) {
+        return false;
+    }
+    const char *units = "KMG", *unit = strchr(units, text[length - 1]);
+    memcpy(digits, text, length + 1);
+    if (unit) {
+        digits[length - 1] = '\0';
+    }
+    const unsigned shift = unit ? 10 * (unsigned)(unit - units + 1) : 0;
+    if (!umbc_parse_count(digits, UINT64_MAX >> 34, &value) || value == 0) {
+        return false;
+    }
+    *bytes = (uint64_t)value << shift;
+    return true;
+}
+
 bool umbc_parse_number(const char *text, double *value)
 {
     char *end;

@@ -95,6 +95,9 @@ UMB_CHECKED enum umb_status umbc_open_input(const char *path, FILE **file, struc
 /* Parses a whole decimal number. Returns false if text is anything else or above max. */
 bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value);
 
+/* Parses "64K", "2M", "1G" or plain bytes, 1 or more. */
+bool umbc_parse_bytes(const char *text, uint64_t *bytes);
+
 /* Parses a finite number that ends where text ends. */
 bool umbc_parse_number(const char *text, double *value);
 

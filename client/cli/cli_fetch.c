@@ -11,21 +11,29 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
+#include "base/bytes.h"
 #include "cli_json.h"
+#include "cli_output.h"
 #include "cli_progress.h"
 #include "cli_session.h"
 #include "format/content.h"
 #include "format/file_map.h"
 #include "format/head.h"
+#include "format/layout.h"
 #include "../rpc/rpc_sha256.h"
 #include "umbrage/jobs.h"
 
 #define TRIES 5 /* without one byte more between two */
 
+#define MAX_BYTES_DEFAULT ((uint64_t)64 << 30)
+
 enum fetch_option {
     OPTION_OUTPUT,
+    OPTION_MAX_BYTES,
+    OPTION_STALL,
     OPTION_JSON,
     OPTION_QUIET,
     OPTION_COUNT,
@@ -33,6 +41,8 @@ enum fetch_option {
 
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_OUTPUT] = {"output", "FILE", "where to (ASSET.umb)", 'o'},
+    [OPTION_MAX_BYTES] = {"max-bytes", "BYTES", "refuse a larger file (64G)", 0},
+    [OPTION_STALL] = UMBC_STALL_OPTION,
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "no progress", 'q'},
 };
@@ -52,9 +62,57 @@ struct fetch {
     int fd;
     uint64_t at;
     const char *part;
+    const uint8_t *asset;
+    uint64_t max_bytes; /* --max-bytes */
+    uint64_t size;      /* of the whole file, as the server said first; 0: not yet */
+    bool head_checked;
     struct umbc_progress progress;
     struct umb_error error;
 };
+
+/* The size is the server's word, and what comes is proven at the end only: until then a liar gets
+ * no more of the disk than --max-bytes, and none that is not there. */
+static enum umb_status check_size(struct fetch *fetch, uint64_t size)
+{
+    struct statvfs disk;
+    fetch->size = size;
+    if (size > fetch->max_bytes) {
+        return umb_fail(&fetch->error, UMB_E_TOO_LARGE,
+                        "asset: the server says %llu bytes, the limit is %llu (--max-bytes)",
+                        (unsigned long long)size, (unsigned long long)fetch->max_bytes);
+    }
+    if (size > fetch->at && fstatvfs(fetch->fd, &disk) == 0 && disk.f_blocks > 0 &&
+        (size - fetch->at) / disk.f_frsize >= disk.f_bavail) {
+        return umb_fail_errno(&fetch->error, UMB_E_IO, ENOSPC,
+                              "'%.200s': %llu bytes are missing, the disk has room for %llu",
+                              fetch->part, (unsigned long long)(size - fetch->at),
+                              (unsigned long long)disk.f_bavail * disk.f_frsize);
+    }
+    return UMB_OK;
+}
+
+/* As soon as the file's first bytes are here: they name the asset and the file's length. */
+static enum umb_status check_head(struct fetch *fetch)
+{
+    uint8_t head[UMB__HEAD_SIZE];
+    if (fetch->head_checked || fetch->at < sizeof head) {
+        return UMB_OK;
+    }
+    if (pread(fetch->fd, head, sizeof head, 0) != (ssize_t)sizeof head) {
+        return umb_fail_errno(&fetch->error, UMB_E_IO, errno, "cannot read '%.200s'", fetch->part);
+    }
+    fetch->head_checked = true;
+    if (memcmp(head, UMB__MAGIC_PACKED, 8) != 0 ||
+        memcmp(head + UMB__HEAD_ID, fetch->asset, UMB_ID_BYTES) != 0) {
+        return umb_fail(&fetch->error, UMB_E_CORRUPT, "'%.200s' is of another asset", fetch->part);
+    }
+    const uint64_t length = umb__load64(head + UMB__HEAD_FILE_LENGTH);
+    return length == fetch->size
+               ? UMB_OK
+               : umb_fail(&fetch->error, UMB_E_CORRUPT,
+                          "'%.200s': %llu bytes by its head, the server says %llu", fetch->part,
+                          (unsigned long long)length, (unsigned long long)fetch->size);
+}
 
 static enum umb_status take(void *user, uint64_t offset, const void *bytes, size_t count,
                             uint64_t size)
@@ -62,6 +120,12 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
     struct fetch *fetch = user;
     const char *from = bytes;
     (void)offset; /* the library gives them in order */
+    if (size != fetch->size) {
+        enum umb_status status = check_size(fetch, size);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
     while (count > 0) {
         ssize_t written = write(fetch->fd, from, count);
         if (written < 0 && errno == EINTR) {
@@ -76,18 +140,20 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
         fetch->at += (uint64_t)written;
     }
     umbc_progress_show_bytes(&fetch->progress, fetch->at, size);
-    return UMB_OK;
+    return check_head(fetch);
 }
 
 /* Fetches what is missing; a lost connection is made anew as long as that helps. */
-static enum umb_status fetch_rest(struct umb_client *client, const uint8_t *asset,
-                                  struct fetch *fetch, struct umb_error *error)
+static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch,
+                                  struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
     int tries = 0;
+    fetch->error = (struct umb_error){.status = UMB_OK};
+    fetch->head_checked = false;
     do {
         const uint64_t before = fetch->at;
-        status = umb_client_fetch(client, asset, fetch->at, take, fetch, error);
+        status = umb_client_fetch(client, fetch->asset, fetch->at, take, fetch, error);
         tries = fetch->at > before ? 0 : tries + 1;
         if (status == UMB_E_UNAVAILABLE) {
             (void)nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
@@ -104,12 +170,15 @@ static enum umb_status fetch_rest(struct umb_client *client, const uint8_t *asse
 static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
 {
     struct stat info;
-    fetch->fd = open(fetch->part, O_RDWR | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666);
+    fetch->fd = open(fetch->part, O_RDWR | O_CREAT | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC,
+                     0666);
     if (fetch->fd < 0 || fstat(fetch->fd, &info) != 0) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
                               fetch->part);
     }
     if (!S_ISREG(info.st_mode)) {
+        (void)close(fetch->fd);
+        fetch->fd = -1;
         return umb_fail(error, UMB_E_CANNOT_CREATE, "'%.200s' is not a regular file", fetch->part);
     }
     fetch->at = (uint64_t)info.st_size;
@@ -142,22 +211,19 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     if (fsync(fetch->fd) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", fetch->part);
     }
-    if (rename(fetch->part, output) != 0) {
-        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'", output);
-    }
-    return UMB_OK;
+    return umbc_output_rename(fetch->part, output, error);
 }
 
 /* All of it: fetched, proven, named. A part that is of something else is thrown away once. */
-static enum umb_status fetch_file(struct umb_client *client, const uint8_t *asset,
-                                  struct fetch *fetch, const char *output, struct umb_error *error)
+static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch,
+                                  const char *output, struct umb_error *error)
 {
     enum umb_status status = open_part(fetch, error);
     for (int round = 0; status == UMB_OK; round++) {
         const uint64_t found = round == 0 ? fetch->at : 0;
-        status = fetch_rest(client, asset, fetch, error);
+        status = fetch_rest(client, fetch, error);
         if (status == UMB_OK) {
-            status = prove_file(fetch->part, asset, error);
+            status = prove_file(fetch->part, fetch->asset, error);
         }
         const bool stale = found > 0 && (status == UMB_E_ARGUMENT || status == UMB_E_CORRUPT ||
                                          status == UMB_E_FORMAT || status == UMB_E_TRUNCATED);
@@ -217,13 +283,20 @@ int umbc_fetch(int argc, char **argv)
         return umbc_usage_error("fetch: --output: must have 1 to %zu bytes", sizeof output - 1);
     }
     (void)snprintf(part, sizeof part, "%s.part", output);
-    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
-        return umbc_complain(&error);
+    struct fetch fetch = {
+        .fd = -1, .part = part, .asset = asset, .max_bytes = MAX_BYTES_DEFAULT};
+    const char *most = parsed.values[OPTION_MAX_BYTES];
+    if (most != NULL && !umbc_parse_bytes(most, &fetch.max_bytes)) {
+        return umbc_usage_error("fetch: --max-bytes: '%s' is no number of bytes (64K, 2M, 1G)",
+                                most);
     }
-    struct fetch fetch = {.fd = -1, .part = part};
+    code = umbc_connect_patiently(parsed.session, "fetch", parsed.values[OPTION_STALL], &client);
+    if (code >= 0) {
+        return code;
+    }
     umbc_progress_begin(&fetch.progress,
                         parsed.values[OPTION_QUIET] != NULL || parsed.values[OPTION_JSON] != NULL);
-    enum umb_status status = fetch_file(client, asset, &fetch, output, &error);
+    enum umb_status status = fetch_file(client, &fetch, output, &error);
     umbc_progress_end(&fetch.progress);
     if (fetch.fd >= 0) {
         (void)close(fetch.fd);

@@ -6,6 +6,9 @@
  */
 #include "cli_http.h"
 
+#include "cli_common.h"
+#include "cli_progress.h"
+
 #include <curl/curl.h>
 #include <inttypes.h>
 #include <limits.h>
@@ -34,6 +37,7 @@ struct fetch {
 struct http {
     CURLM *multi;
     char *url;
+    double stop_s; /* of umbc_clock_s; 0: never */
     struct fetch fetches[AT_ONCE];
 };
 
@@ -75,7 +79,14 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
     fetch->whole_file = false;
     (void)snprintf(text, sizeof text, "%" PRIu64 "-%" PRIu64, range->offset,
                    range->offset + range->length - 1);
-    const uint64_t timeout_s = STALL_S + range->length / SLOWEST_BYTES_S;
+    uint64_t timeout_s = STALL_S + range->length / SLOWEST_BYTES_S;
+    if (http->stop_s > 0) {
+        const double left_s = http->stop_s - umbc_clock_s();
+        if (left_s <= 0) {
+            return umb_fail(error, UMB_E_DEADLINE, "'%.200s': the time is over", http->url);
+        }
+        timeout_s = left_s < (double)timeout_s ? (uint64_t)left_s + 1 : timeout_s;
+    }
     if (curl_easy_setopt(fetch->easy, CURLOPT_RANGE, text) != CURLE_OK ||
         curl_easy_setopt(fetch->easy, CURLOPT_TIMEOUT,
                          timeout_s < LONG_MAX ? (long)timeout_s : LONG_MAX) != CURLE_OK ||
@@ -211,6 +222,12 @@ enum umb_status umbc_http_open(const char *url, struct umb_region_source *source
         return umb_fail(error, UMB_E_NO_MEMORY, "http: out of memory");
     }
     return UMB_OK;
+}
+
+void umbc_http_stop_at(struct umb_region_source *source, double clock_s)
+{
+    struct http *http = source->user;
+    http->stop_s = clock_s;
 }
 
 void umbc_http_close(struct umb_region_source *source)

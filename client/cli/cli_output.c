@@ -147,6 +147,19 @@ static enum umb_status open_folder(const char *path, int *fd, struct umb_error *
                : umb_fail_errno(error, UMB_E_IO, code, "cannot sync the folder of '%.180s'", path);
 }
 
+/* Renames a file in its folder. Out: folder: open, to be synced. */
+static enum umb_status rename_file(const char *from, const char *to, int *folder,
+                                   struct umb_error *error)
+{
+    enum umb_status status = open_folder(to, folder, error);
+    if (status == UMB_OK && rename(from, to) != 0) {
+        const int code = errno;
+        (void)close(*folder);
+        status = umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'", to);
+    }
+    return status;
+}
+
 /* The rename itself is durable only once the folder is. */
 static enum umb_status sync_folder(const char *path, int fd, struct umb_error *error)
 {
@@ -197,20 +210,20 @@ enum umb_status umbc_output_commit(struct umbc_output *output, struct umb_error 
         return UMB_OK;
     }
     int folder = -1;
-    enum umb_status status = open_folder(output->path, &folder, error);
+    enum umb_status status = rename_file(output->temporary, output->path, &folder, error);
     if (status != UMB_OK) {
         umbc_output_abandon(output);
         return status;
     }
-    if (rename(output->temporary, output->path) != 0) {
-        code = errno;
-        (void)close(folder);
-        umbc_output_abandon(output);
-        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "cannot create '%.200s'",
-                              output->path);
-    }
     forget_temporary(output);
     return sync_folder(output->path, folder, error);
+}
+
+enum umb_status umbc_output_rename(const char *from, const char *to, struct umb_error *error)
+{
+    int folder = -1;
+    enum umb_status status = rename_file(from, to, &folder, error);
+    return status == UMB_OK ? sync_folder(to, folder, error) : status;
 }
 
 void umbc_output_abandon(struct umbc_output *output)

@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define STALL_MAX_S 86400
+
 const struct umbc_option UMBC_SESSION_OPTIONS[UMBC_SESSION_COUNT] = {
     [UMBC_SESSION_ADDRESS] = {"address", "ADDRESS",
                               "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH, or several with commas: "
@@ -48,4 +50,21 @@ enum umb_status umbc_connect(const char *const values[UMBC_SESSION_COUNT],
     struct umbc_session session;
     umbc_session_read(values, &session);
     return umb_client_open(session.address, &session.options, client, error);
+}
+
+int umbc_connect_patiently(const char *const values[UMBC_SESSION_COUNT], const char *command,
+                           const char *stall, struct umb_client **client)
+{
+    struct umbc_session session;
+    struct umb_error error = {.status = UMB_OK};
+    unsigned long long seconds = 0;
+    umbc_session_read(values, &session);
+    if (stall != NULL && (!umbc_parse_count(stall, STALL_MAX_S, &seconds) || seconds == 0)) {
+        return umbc_usage_error("%s: --stall-timeout: '%s' is not a whole number of 1 to %d seconds",
+                                command, stall, STALL_MAX_S);
+    }
+    session.options.stall_timeout_ms = (uint32_t)seconds * 1000;
+    return umb_client_open(session.address, &session.options, client, &error) == UMB_OK
+               ? -1
+               : umbc_complain(&error);
 }

@@ -29,4 +29,15 @@ void umbc_session_read(const char *const values[UMBC_SESSION_COUNT], struct umbc
 UMB_CHECKED enum umb_status umbc_connect(const char *const values[UMBC_SESSION_COUNT],
                                          struct umb_client **client, struct umb_error *error);
 
+/* The option --stall-timeout of commands that send or fetch files. */
+#define UMBC_STALL_OPTION                                                                          \
+    {                                                                                              \
+        "stall-timeout", "SECONDS", "give up on a server that sends or takes nothing (120)", 0     \
+    }
+
+/* Opens a client with that option. In: command: its name; stall: the option's text, or NULL.
+ * Returns -1 to go on, else the exit code: it has complained. */
+int umbc_connect_patiently(const char *const values[UMBC_SESSION_COUNT], const char *command,
+                           const char *stall, struct umb_client **client);
+
 #endif

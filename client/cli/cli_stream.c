@@ -19,6 +19,9 @@
 #include "cli_progress.h"
 #include "cli_stream_options.h"
 #include "format/content.h"
+#include "format/file_map.h"
+
+#define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
 
 /* One line of the figures. */
 struct step {
@@ -47,10 +50,18 @@ static int open_source(struct stream *s)
     enum umb_status status;
     if (s->o.url) {
         status = umbc_http_open(s->o.url, &s->source, &error);
+        if (status == UMB_OK && s->o.timeout_s > 0) {
+            umbc_http_stop_at(&s->source, umbc_clock_s() + s->o.timeout_s);
+        }
     } else if (s->o.file) {
         status = umb_region_file_open(s->o.file, &s->source, &error);
     } else {
-        status = umbc_connect(s->o.session, &s->client, &error);
+        struct umbc_session session;
+        umbc_session_read(s->o.session, &session);
+        if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
+            session.options.call_timeout_ms = s->o.timeout_s * 1000;
+        }
+        status = umb_client_open(session.address, &session.options, &s->client, &error);
         if (status == UMB_OK) {
             status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
         }
@@ -115,6 +126,10 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
     if (status == UMB_OK && s->o.frames) {
         status = draw_step(s, &s->error);
     }
+    if (status == UMB_OK && s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s) {
+        status = umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over",
+                          s->o.timeout_s);
+    }
     s->aside_s += umbc_clock_s() - now;
     return status;
 }
@@ -125,23 +140,13 @@ static enum umb_status open_region(struct stream *s, struct umb_error *error)
     if (!resume) {
         return umb_region_open(&s->source, &s->o.region, &s->region, error);
     }
-    FILE *file = fopen(resume, "rb");
-    struct stat stat;
-    if (!file || fstat(fileno(file), &stat) != 0) {
-        const int reason = errno;
-        if (file) {
-            (void)fclose(file);
-        }
-        return umb_fail_errno(error, UMB_E_NO_INPUT, reason, "cannot open '%.200s'", resume);
+    void *bytes;
+    size_t size;
+    enum umb_status status = umb__file_map(resume, &bytes, &size, error);
+    if (status == UMB_OK) {
+        status = umb_region_resume(bytes, size, &s->source, &s->o.region, &s->region, error);
+        umb__file_unmap(bytes, size);
     }
-    const size_t size = stat.st_size > 0 ? (size_t)stat.st_size : 0;
-    void *bytes = malloc(size + 1);
-    const size_t got = bytes ? fread(bytes, 1, size, file) : 0;
-    (void)fclose(file);
-    enum umb_status status =
-        bytes ? umb_region_resume(bytes, got, &s->source, &s->o.region, &s->region, error)
-              : umb_fail(error, UMB_E_NO_MEMORY, "'%.200s': out of memory", resume);
-    free(bytes);
     return status;
 }
 

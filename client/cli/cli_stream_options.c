@@ -25,6 +25,7 @@ enum stream_option {
     OPTION_MAX_ERROR,
     OPTION_MAX_PIXELS,
     OPTION_LIMIT,
+    OPTION_TIMEOUT,
     OPTION_ROUND,
     OPTION_MEMORY,
     OPTION_ID,
@@ -53,6 +54,7 @@ static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_MAX_ERROR] = {"max-error", "M", "cells of this many metres are fine enough", 0},
     [OPTION_MAX_PIXELS] = {"max-pixels", "N", "so are cells of this many pixels", 0},
     [OPTION_LIMIT] = {"limit", "BYTES", "stop after receiving so many (64K, 2M)", 0},
+    [OPTION_TIMEOUT] = {"timeout", "SECONDS", "stop after so many, with what came (no limit)", 0},
     [OPTION_ROUND] = {"round", "BYTES", "ask for so many at once (default: chosen)", 0},
     [OPTION_MEMORY] = {"memory", "BYTES", "what the client may use in all (default 1G)", 0},
     [OPTION_ID] = {"id", "ID", "insist on this asset, 64 hexadecimal digits", 0},
@@ -75,28 +77,6 @@ static const struct umbc_command STREAM = {
     .connects = true,
 };
 
-/* "64K", "2M", "1G" or plain bytes. */
-static bool parse_bytes(const char *text, uint64_t *bytes)
-{
-    char digits[24];
-    unsigned long long value;
-    const size_t length = strlen(text);
-    if (length == 0 || length >= sizeof digits) {
-        return false;
-    }
-    const char *units = "KMG", *unit = strchr(units, text[length - 1]);
-    memcpy(digits, text, length + 1);
-    if (unit) {
-        digits[length - 1] = '\0';
-    }
-    const unsigned shift = unit ? 10 * (unsigned)(unit - units + 1) : 0;
-    if (!umbc_parse_count(digits, UINT64_MAX >> 34, &value) || value == 0) {
-        return false;
-    }
-    *bytes = (uint64_t)value << shift;
-    return true;
-}
-
 bool umbc_parse_size(const char *text, size_t size[2])
 {
     unsigned width, height;
@@ -114,7 +94,7 @@ bool umbc_parse_size(const char *text, size_t size[2])
 static int read_numbers(const struct umbc_parsed *parsed, struct umbc_stream_options *o)
 {
     const char *const *v = parsed->values;
-    unsigned long long light = 0, taps = 9;
+    unsigned long long light = 0, taps = 9, seconds = 0;
     double metres = 0, pixels = 0;
     o->size[0] = 1280;
     o->size[1] = 720;
@@ -143,13 +123,19 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_stream_opt
         !(umbc_parse_number(v[OPTION_MAX_PIXELS], &pixels) && pixels >= 0)) {
         return umbc_usage_error("stream: --max-pixels '%s', no number", v[OPTION_MAX_PIXELS]);
     }
-    if (v[OPTION_LIMIT] && !parse_bytes(v[OPTION_LIMIT], &o->limit)) {
+    if (v[OPTION_LIMIT] && !umbc_parse_bytes(v[OPTION_LIMIT], &o->limit)) {
         return umbc_usage_error("stream: --limit '%s', no number of bytes", v[OPTION_LIMIT]);
     }
-    if (v[OPTION_ROUND] && !parse_bytes(v[OPTION_ROUND], &o->round)) {
+    if (v[OPTION_TIMEOUT] &&
+        (!umbc_parse_count(v[OPTION_TIMEOUT], UINT32_MAX / 1000, &seconds) || seconds == 0)) {
+        return umbc_usage_error("stream: --timeout '%s', no whole number of seconds",
+                                v[OPTION_TIMEOUT]);
+    }
+    o->timeout_s = (uint32_t)seconds;
+    if (v[OPTION_ROUND] && !umbc_parse_bytes(v[OPTION_ROUND], &o->round)) {
         return umbc_usage_error("stream: --round '%s', no number of bytes", v[OPTION_ROUND]);
     }
-    if (v[OPTION_MEMORY] && !parse_bytes(v[OPTION_MEMORY], &o->region.max_memory_bytes)) {
+    if (v[OPTION_MEMORY] && !umbc_parse_bytes(v[OPTION_MEMORY], &o->region.max_memory_bytes)) {
         return umbc_usage_error("stream: --memory '%s', no number of bytes", v[OPTION_MEMORY]);
     }
     if (v[OPTION_ID]) {

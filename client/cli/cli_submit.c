@@ -14,6 +14,7 @@
 enum submit_option {
     OPTION_WAIT,
     OPTION_PRIORITY,
+    OPTION_STALL,
     OPTION_JSON,
     OPTION_QUIET,
     OPTION_COUNT,
@@ -22,6 +23,7 @@ enum submit_option {
 static const struct umbc_option OPTIONS[OPTION_COUNT] = {
     [OPTION_WAIT] = {"wait", NULL, "watch the job to its end, as `umbrage watch` does", 0},
     [OPTION_PRIORITY] = {"priority", "N", "-10 to 10: among your own jobs, higher first (0)", 0},
+    [OPTION_STALL] = UMBC_STALL_OPTION,
     [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
     [OPTION_QUIET] = {"quiet", NULL, "the job's id only (with --wait the asset's), no notices",
                       'q'},
@@ -169,9 +171,11 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
     if (umbc_bundle_gather(parsed->words[0], quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    if (umbc_connect(parsed->session, &client, &error) != UMB_OK) {
+    int code = umbc_connect_patiently(parsed->session, "submit", parsed->values[OPTION_STALL],
+                                      &client);
+    if (code >= 0) {
         umbc_bundle_finish(&bundle);
-        return umbc_complain(&error);
+        return code;
     }
     const struct umb_job_submission submission = {.scene = bundle.files[0].path,
                                                   .files = bundle.files,
@@ -185,7 +189,6 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
     enum umb_status status = submit(client, &submission, &submitted, &error);
     umbc_progress_end(&progress);
     umbc_bundle_finish(&bundle);
-    int code;
     if (status != UMB_OK) {
         code = umbc_complain(&error);
     } else if (parsed->values[OPTION_WAIT] != NULL) {

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "umbrage/region.h"
@@ -58,12 +59,19 @@ enum umb_status umb_region_file_open(const char *path, struct umb_region_source 
     if (!file) {
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
-    *file = open(path, O_RDONLY | O_CLOEXEC);
+    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*file < 0) {
         const int reason = errno;
         free(file);
         return umb_fail_errno(error, reason == EACCES ? UMB_E_PERMISSION : UMB_E_NO_INPUT, reason,
                               "cannot open '%.200s'", path);
+    }
+    struct stat info;
+    if (fstat(*file, &info) != 0 || !S_ISREG(info.st_mode)) {
+        (void)close(*file);
+        free(file);
+        return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
     }
     *source = (struct umb_region_source){.read = read_ranges, .user = file};
     return UMB_OK;

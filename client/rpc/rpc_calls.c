@@ -7,6 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum {
+    SLOWEST_BYTES_S = 1024, /* of a call that flows, once the stall time-out is over */
+};
+
 static void list_remove(struct umb__call *call)
 {
     struct umb__call_list *list = call->list;
@@ -98,6 +102,10 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     call->timeout_ms = plan->timeout_ms != 0 ? plan->timeout_ms : client->options.call_timeout_ms;
     call->started_ns = uv_hrtime();
     call->deadline_ns = call->started_ns + (uint64_t)call->timeout_ms * 1000000U;
+    call->flows = plan->flows;
+    if (call->flows) {
+        umb__call_moved(client, call, 0);
+    }
     call->key = umb__asset_key(asset);
     memcpy(call->asset, asset, asset_size);
     call->safe = plan->safe;
@@ -114,6 +122,19 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
         call_free(call);
     }
     return status;
+}
+
+void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes)
+{
+    if (!call->flows || call->cancelled) {
+        return;
+    }
+    call->moved_bytes += bytes;
+    const uint64_t stall_ns = (uint64_t)client->options.stall_timeout_ms * 1000000U;
+    const uint64_t seconds = call->moved_bytes / SLOWEST_BYTES_S;
+    const uint64_t pace_ns = call->started_ns + stall_ns + seconds * 1000000000U;
+    const uint64_t next_ns = uv_hrtime() + stall_ns;
+    call->deadline_ns = next_ns < pace_ns ? next_ns : pace_ns;
 }
 
 /* Takes a call out of everything that knows it. */
@@ -165,6 +186,12 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
     enum umb_status status =
         call->cancelled
             ? umb_fail(&error, UMB_E_CANCELLED, "%.180s: cancelled", where(client, call))
+        : call->flows && was_sent
+            ? umb_fail(&error, UMB_E_DEADLINE,
+                       "%.180s: stalled after %llu bytes: no message for %lu ms, or fewer than "
+                       "%d bytes a second",
+                       where(client, call), (unsigned long long)call->moved_bytes,
+                       (unsigned long)client->options.stall_timeout_ms, SLOWEST_BYTES_S)
             : umb_fail(&error, UMB_E_DEADLINE, "%.180s: %s within %lu ms", where(client, call),
                        was_sent ? "no answer" : "no connection", (unsigned long)call->timeout_ms);
     umb__call_complete(client, call, status, &error);

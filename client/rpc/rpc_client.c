@@ -20,6 +20,7 @@
 
 #define CONNECT_TIMEOUT_MS 5000
 #define CALL_TIMEOUT_MS    60000
+#define STALL_TIMEOUT_MS   120000
 #define MAX_CALLS          1024
 #define MAX_REPLY_BYTES    ((uint64_t)64 << 20)
 #define MAX_REQUEST_BYTES  ((uint64_t)256 << 20)
@@ -275,6 +276,7 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     out->connect_timeout_ms =
         out->connect_timeout_ms == 0 ? CONNECT_TIMEOUT_MS : out->connect_timeout_ms;
     out->call_timeout_ms = out->call_timeout_ms == 0 ? CALL_TIMEOUT_MS : out->call_timeout_ms;
+    out->stall_timeout_ms = out->stall_timeout_ms == 0 ? STALL_TIMEOUT_MS : out->stall_timeout_ms;
     out->max_calls = out->max_calls == 0 ? MAX_CALLS : out->max_calls;
     out->max_retries = out->max_retries == 0                  ? UMB__RETRIES_MAX
                        : out->max_retries == UMB_CLIENT_NEVER ? 0

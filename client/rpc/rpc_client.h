@@ -64,6 +64,7 @@ struct umb__call_plan {
     umb__feed_fn feed;                                             /* after the first request */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
+    bool flows; /* its messages come at once: it ends where they stop, see umb__call_moved */
 };
 
 struct umb__call {
@@ -77,7 +78,9 @@ struct umb__call {
     bool was_fed;
     uint64_t deadline_ns; /* uv_hrtime's clock */
     uint32_t timeout_ms;
-    uint64_t key;        /* of its asset */
+    bool flows;
+    uint64_t moved_bytes; /* of the messages of a call that flows, both ways */
+    uint64_t key;         /* of its asset */
     uint64_t started_ns; /* uv_hrtime's clock */
     uint64_t ready_ns;   /* while it rests */
     uint64_t tried;      /* bits of the replicas that were no good */
@@ -96,6 +99,10 @@ struct umb__call {
     struct umb__reply reply;
     char asset[]; /* "" if it is about none */
 };
+
+/* Puts the deadline of a call that flows off, since a message of so many bytes was sent or came: to
+ * stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Others keep theirs. */
+void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes);
 
 /* A replica: where it is, and the one connection to it that takes new calls. */
 struct umb__endpoint {

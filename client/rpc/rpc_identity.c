@@ -3,31 +3,58 @@
 #include "rpc_identity.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <openssl/crypto.h>
-#include <stdio.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "rpc_tls.h"
 
-#define TOKEN_MAX 4096 /* characters */
+#define TOKEN_MAX    4096  /* characters */
+#define PIPE_WAIT_MS 10000 /* for a program that writes the token */
 
-/* Reads a file that holds a token and nothing else. */
+/* Reads up to `most` bytes. A pipe has PIPE_WAIT_MS for each piece. Returns how many, or -1. */
+static ssize_t read_patiently(int fd, char *bytes, size_t most)
+{
+    size_t count = 0;
+    while (count < most) {
+        const ssize_t got = read(fd, bytes + count, most - count);
+        if (got > 0) {
+            count += (size_t)got;
+        } else if (got == 0) {
+            break;
+        } else if (errno == EAGAIN) {
+            struct pollfd ready = {.fd = fd, .events = POLLIN};
+            if (poll(&ready, 1, PIPE_WAIT_MS) == 0) {
+                errno = ETIMEDOUT;
+                return -1;
+            }
+        } else if (errno != EINTR) {
+            return -1;
+        }
+    }
+    return (ssize_t)count;
+}
+
+/* Reads a file, or a pipe from a program, that holds a token and nothing else. A pipe without a
+ * writer has none. */
 static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
                                   struct umb_error *error)
 {
-    FILE *file = fopen(path, "rb");
-    if (file == NULL) {
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (fd < 0) {
         return umb_fail_errno(error, errno == EACCES ? UMB_E_PERMISSION : UMB_E_NO_INPUT, errno,
                               "cannot open the token file '%.150s'", path);
     }
-    (void)setvbuf(file, NULL, _IONBF, 0); /* no copy of it stays in a freed buffer */
-    size_t count = fread(token, 1, TOKEN_MAX + 1, file);
-    const bool failed = ferror(file) != 0;
-    (void)fclose(file);
-    if (failed) {
-        return umb_fail(error, UMB_E_IO, "cannot read the token file '%.150s'", path);
+    const ssize_t got = read_patiently(fd, token, TOKEN_MAX + 1);
+    const int code = errno;
+    (void)close(fd);
+    if (got < 0) {
+        return umb_fail_errno(error, UMB_E_IO, code, "cannot read the token file '%.150s'", path);
     }
+    size_t count = (size_t)got;
     while (count > 0 && (token[count - 1] == '\n' || token[count - 1] == '\r')) {
         count--;
     }

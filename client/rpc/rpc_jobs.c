@@ -198,7 +198,8 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
     struct umbw_fetch_reply reply;
     fetch->status = umbw_decode_fetch_reply(message, size, &reply, fetch->error);
     if (fetch->status == UMB_OK && (reply.offset != fetch->at || reply.offset > reply.size ||
-                                    reply.data_size > reply.size - reply.offset)) {
+                                    reply.data_size > reply.size - reply.offset ||
+                                    (reply.data_size == 0 && reply.offset < reply.size))) {
         fetch->status =
             umb_fail(fetch->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu, after %llu",
                      reply.data_size, (unsigned long long)reply.offset,
@@ -234,7 +235,8 @@ enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_FETCH,
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_piece,
-                                        .flow_user = &fetch};
+                                        .flow_user = &fetch,
+                                        .flows = true};
     status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
     if (fetch.status != UMB_OK) {
         return umb_fail(error, fetch.status, "%.300s", detail.message);

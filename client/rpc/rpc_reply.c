@@ -100,6 +100,7 @@ static enum umb_status keep_message(void *user, const uint8_t *message, size_t s
 {
     struct umb__reply *reply = user;
     if (reply->take != NULL && !compressed) {
+        reply->taken_bytes += size;
         return reply->take(reply->take_user, message, size) ? UMB_OK : UMB_E_PROTOCOL;
     }
     reply->message_count++;

@@ -75,9 +75,12 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
         return 0;
     }
     struct umb_error error;
+    const uint64_t taken = call->reply.taken_bytes;
     enum umb_status status = umb__reply_data(&call->reply, data, size, &error);
     if (status != UMB_OK) {
         end_call(connection, call, false, status, &error);
+    } else if (call->reply.taken_bytes > taken) {
+        umb__call_moved(connection->client, call, (size_t)(call->reply.taken_bytes - taken));
     }
     return 0;
 }
@@ -195,7 +198,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
                          size_t length, uint32_t *flags, nghttp2_data_source *source, void *user)
 {
     (void)source; /* may be gone; the stream knows */
-    (void)user;
+    struct umb__connection *connection = user;
     struct umb__call *call = stream_call(session, stream_id);
     if (call == NULL) {
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
@@ -210,6 +213,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
         if (call->feed(call->feed_user, &call->body) != UMB_OK) {
             return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
         }
+        umb__call_moved(connection->client, call, call->body.size);
     }
     size_t left = call->body.size - call->body_sent;
     size_t count = left < length ? left : length;
@@ -292,7 +296,10 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
 {
     struct umb_client *client = connection->client;
     uint64_t now = uv_hrtime();
-    uint64_t left = call->deadline_ns > now ? call->deadline_ns - now : 0;
+    /* A call that flows has no end that the server should know. */
+    uint64_t left = call->flows                ? (uint64_t)call->timeout_ms * 1000000U
+                    : call->deadline_ns > now ? call->deadline_ns - now
+                                              : 0;
     char timeout[16];
     nghttp2_nv headers[HEADERS_MAX] = {
         header(":method", "POST"),

@@ -39,10 +39,12 @@ static enum umb_status read_piece(int fd, const char *path, uint8_t *piece, size
     return got >= 0 ? UMB_OK : umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
 }
 
-static enum umb_status open_file(const char *path, int *fd, struct umb_error *error)
+/* Opens a regular file. Out: size: its bytes; may be NULL. */
+static enum umb_status open_file(const char *path, int *fd, uint64_t *size, struct umb_error *error)
 {
     struct stat info;
-    *fd = open(path, O_RDONLY | O_CLOEXEC);
+    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
     }
@@ -50,6 +52,9 @@ static enum umb_status open_file(const char *path, int *fd, struct umb_error *er
         close(*fd);
         *fd = -1;
         return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
+    }
+    if (size != NULL) {
+        *size = (uint64_t)info.st_size;
     }
     return UMB_OK;
 }
@@ -60,8 +65,9 @@ static enum umb_status hash_file(struct upload *upload, size_t index, struct umb
     struct umbw_bundle_file *file = &upload->manifest.files[index];
     SHA256_CTX hash;
     size_t count = 1;
+    uint64_t most = 0;
     int fd;
-    enum umb_status status = open_file(source, &fd, error);
+    enum umb_status status = open_file(source, &fd, &most, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -70,6 +76,9 @@ static enum umb_status hash_file(struct upload *upload, size_t index, struct umb
         status = read_piece(fd, source, upload->piece, PIECE_BYTES, &count, error);
         (void)SHA256_Update(&hash, upload->piece, count);
         file->size += count;
+        if (status == UMB_OK && file->size > most) { /* a file that grows may have no end */
+            status = umb_fail(error, UMB_E_IO, "'%.200s' grew while it was read", source);
+        }
     }
     (void)SHA256_Final(file->sha256, &hash);
     close(fd);
@@ -116,7 +125,7 @@ static enum umb_status next_file(struct upload *upload)
         upload->left = upload->manifest.files[index].size;
         if (upload->left > 0) {
             status =
-                open_file(upload->submission->files[index].source, &upload->fd, &upload->error);
+                open_file(upload->submission->files[index].source, &upload->fd, NULL, &upload->error);
         }
     }
     return status;
@@ -176,7 +185,8 @@ enum umb_status umb_client_submit(struct umb_client *client,
         const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_SUBMIT,
                                             .timeout_ms = UINT32_MAX,
                                             .feed = feed,
-                                            .flow_user = &upload};
+                                            .flow_user = &upload,
+                                            .flows = true};
         status = umb__call_wait(client, &plan, &body, decode, submitted, error);
         if (status != UMB_OK && upload.error.status != UMB_OK) {
             status = umb_fail(error, upload.error.status, "%.300s", upload.error.message);

@@ -13,6 +13,7 @@
 #include <openssl/x509v3.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "wire/wire_buffer.h"
 
@@ -53,11 +54,24 @@ static int no_password(char *password, int size, int writing, void *unused)
     return -1;
 }
 
+/* OpenSSL would wait for the writer of a pipe. */
+static bool is_special(const char *path)
+{
+    struct stat info;
+    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
+}
+
 static enum umb_status load_files(SSL_CTX *context, const struct umb_client_options *options,
                                   struct umb_error *error)
 {
     const char *certificate = options->certificate_file;
     const char *key = options->key_file != NULL ? options->key_file : certificate;
+    const char *const files[] = {options->ca_file, certificate, key};
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        if (files[i] != NULL && is_special(files[i])) {
+            return umb_fail(error, UMB_E_NO_INPUT, "'%.150s' is not a regular file", files[i]);
+        }
+    }
     if (options->ca_file != NULL) {
         if (SSL_CTX_load_verify_file(context, options->ca_file) != 1) {
             return refuse_file("ca_file", options->ca_file, error);
