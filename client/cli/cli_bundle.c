@@ -151,10 +151,9 @@ static enum umb_status add_path(struct gathering *g, const char *path, bool *add
 static enum umb_status count_name(struct gathering *g)
 {
     g->names++;
-    return g->names <= NAMES_MAX
-               ? UMB_OK
-               : umb_fail(g->error, UMB_E_LIMIT, "the scene names files more than %d times",
-                          NAMES_MAX);
+    return g->names <= NAMES_MAX ? UMB_OK
+                                 : umb_fail(g->error, UMB_E_LIMIT,
+                                            "the scene names files more than %d times", NAMES_MAX);
 }
 
 /* 1 if a file lies in the scene's folder, wherever links lead. Others are not sent: a scene from a
@@ -171,7 +170,8 @@ static bool is_beneath(const struct gathering *g, const char *path)
     return beneath;
 }
 
-/* Adds what a scene names, if it is a file in its folder. Out: path: of one that is new, else "". */
+/* Adds what a scene names, if it is a file in its folder. Out: path: of one that is new, else "".
+ */
 static enum umb_status add_named(struct gathering *g, const char *name, char path[2 * PATH_SIZE])
 {
     struct stat info;

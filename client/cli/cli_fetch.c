@@ -170,8 +170,9 @@ static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch
 static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
 {
     struct stat info;
-    fetch->fd = open(fetch->part, O_RDWR | O_CREAT | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC,
-                     0666);
+    fetch->fd =
+        open(fetch->part,
+             O_RDWR | O_CREAT | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0666);
     if (fetch->fd < 0 || fstat(fetch->fd, &info) != 0) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
                               fetch->part);
@@ -283,8 +284,7 @@ int umbc_fetch(int argc, char **argv)
         return umbc_usage_error("fetch: --output: must have 1 to %zu bytes", sizeof output - 1);
     }
     (void)snprintf(part, sizeof part, "%s.part", output);
-    struct fetch fetch = {
-        .fd = -1, .part = part, .asset = asset, .max_bytes = MAX_BYTES_DEFAULT};
+    struct fetch fetch = {.fd = -1, .part = part, .asset = asset, .max_bytes = MAX_BYTES_DEFAULT};
     const char *most = parsed.values[OPTION_MAX_BYTES];
     if (most != NULL && !umbc_parse_bytes(most, &fetch.max_bytes)) {
         return umbc_usage_error("fetch: --max-bytes: '%s' is no number of bytes (64K, 2M, 1G)",

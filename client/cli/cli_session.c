@@ -60,8 +60,9 @@ int umbc_connect_patiently(const char *const values[UMBC_SESSION_COUNT], const c
     unsigned long long seconds = 0;
     umbc_session_read(values, &session);
     if (stall != NULL && (!umbc_parse_count(stall, STALL_MAX_S, &seconds) || seconds == 0)) {
-        return umbc_usage_error("%s: --stall-timeout: '%s' is not a whole number of 1 to %d seconds",
-                                command, stall, STALL_MAX_S);
+        return umbc_usage_error(
+            "%s: --stall-timeout: '%s' is not a whole number of 1 to %d seconds", command, stall,
+            STALL_MAX_S);
     }
     session.options.stall_timeout_ms = (uint32_t)seconds * 1000;
     return umb_client_open(session.address, &session.options, client, &error) == UMB_OK

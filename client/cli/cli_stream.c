@@ -127,8 +127,8 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
         status = draw_step(s, &s->error);
     }
     if (status == UMB_OK && s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s) {
-        status = umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over",
-                          s->o.timeout_s);
+        status =
+            umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", s->o.timeout_s);
     }
     s->aside_s += umbc_clock_s() - now;
     return status;

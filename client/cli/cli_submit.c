@@ -171,8 +171,8 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
     if (umbc_bundle_gather(parsed->words[0], quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    int code = umbc_connect_patiently(parsed->session, "submit", parsed->values[OPTION_STALL],
-                                      &client);
+    int code =
+        umbc_connect_patiently(parsed->session, "submit", parsed->values[OPTION_STALL], &client);
     if (code >= 0) {
         umbc_bundle_finish(&bundle);
         return code;

@@ -81,9 +81,9 @@ struct umb__call {
     bool flows;
     uint64_t moved_bytes; /* of the messages of a call that flows, both ways */
     uint64_t key;         /* of its asset */
-    uint64_t started_ns; /* uv_hrtime's clock */
-    uint64_t ready_ns;   /* while it rests */
-    uint64_t tried;      /* bits of the replicas that were no good */
+    uint64_t started_ns;  /* uv_hrtime's clock */
+    uint64_t ready_ns;    /* while it rests */
+    uint64_t tried;       /* bits of the replicas that were no good */
     bool safe;
     const void *tag;                /* see rpc_cancel.h */
     bool cancelled;                 /* and its deadline is over */

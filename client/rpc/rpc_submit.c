@@ -124,8 +124,8 @@ static enum umb_status next_file(struct upload *upload)
         const size_t index = upload->next++;
         upload->left = upload->manifest.files[index].size;
         if (upload->left > 0) {
-            status =
-                open_file(upload->submission->files[index].source, &upload->fd, NULL, &upload->error);
+            status = open_file(upload->submission->files[index].source, &upload->fd, NULL,
+                               &upload->error);
         }
     }
     return status;

@@ -40,7 +40,7 @@ class Server:
     def file(self, data, size=None, piece=65536):
         """A fetch of these bytes, said to be `size`."""
         def fetch(request, _context):
-            for at in range(request.offset, len(data), piece):
+            for at in range(request.offset, max(len(data), request.offset + 1), piece):
                 yield self.M.FetchReply(offset=at, size=len(data) if size is None else size,
                                         data=data[at:at + piece])
         return fetch
