@@ -6,6 +6,7 @@
  * of the nodes of a level has children drawn from all nodes of the level below, so that 2^60 voxels
  * take a kilobyte.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,7 +20,7 @@ enum {
 
 /* What a deep asset is made of. */
 struct deep {
-    uint32_t log2_size; /* 5 to UMB_LEVEL_MAX */
+    uint32_t log2_size; /* 6 to UMB_LEVEL_MAX */
     uint32_t width;     /* nodes of a level below the root, 1 to DEEP_WIDTH_MAX */
     uint32_t mixed;     /* about how many of a node's children are nodes: 1 to 8 */
     uint64_t seed;      /* not 0 */
@@ -100,7 +101,9 @@ static inline struct bytes deep_asset(const struct deep *deep, double side_m)
     uint8_t id[UMB_ID_BYTES];
     deep_octree(deep, &octree);
     make_content(&voxels, side_m / (double)(1U << deep->log2_size), origin, &content);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL) != UMB_OK) {
+    struct umb_error error = {0};
+    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
+        (void)fprintf(stderr, "deep asset: %s\n", error.message);
         abort();
     }
     umb_octree_finish(&octree);

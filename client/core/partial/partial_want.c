@@ -34,8 +34,8 @@ struct walk {
 
 /* Cubes that a walk may look at: a multiple of the nodes here, and some for small assets. */
 enum {
-    STEPS_A_NODE = 32,
-    STEPS_MIN = 1 << 16,
+    STEPS_A_NODE = 64,
+    STEPS_MIN = 1024,
 };
 
 /* Square of the edge over the distance of a root that the walk does not come to: any will do. */
