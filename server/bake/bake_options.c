@@ -21,7 +21,13 @@ const char umbb_options_help[] =
     "it\n"
     "umbrage-bake doctor [--json | --quiet]      check this machine and the importer's sandbox\n"
     "\n"
-    "SCENE is a glTF, GLB, OBJ, PLY or STL file, or what import made of one.\n"
+    "SCENE is a glTF, GLB, OBJ, PLY or STL file. --scene-buffer FILE stands for it in every "
+    "command "
+    "but\n"
+    "import: a file that import made. It and its folder must belong to you (or root) and be "
+    "writable "
+    "by\n"
+    "no one else.\n"
     "\n"
     "  -o, --output FILE      the asset to write, replaced atomically\n"
     "  --resolution N         voxels a side, a power of two, 64 to 262144 (16384)\n"
@@ -74,6 +80,12 @@ const char umbb_options_help[] =
     "                         without vector instructions)\n"
     "  --verify N             compare N points with traced rays before publishing; 0 = off "
     "(1000000)\n"
+    "  --sandbox available|required|off\n"
+    "                         shut the bake in before it looks at a byte of the scene: with the "
+    "layers\n"
+    "                         this kernel has (available), with all of them or not at all, exit "
+    "code 69\n"
+    "                         (required), or not (off; the importer always is)\n"
     "  --plan                 print the plan and its reasons only\n"
     "  --json                 print one JSON object\n"
     "  --progress-fd N        tell phases, plan and progress on descriptor N, line by line\n"
@@ -89,7 +101,7 @@ const char umbb_options_help[] =
     "and merging them makes the same asset as one bake. A tile that is there already is left\n"
     "alone; a merge that misses a tile, or finds one damaged, ends with 75 and names it.\n"
     "\n"
-    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer,\n"
+    "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer or sandbox,\n"
     "70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary: "
     "over\n"
     "--memory, out of memory, a tile missing, or interrupted.\n";
@@ -338,6 +350,38 @@ static enum umb_status set_verify(struct umbb_options *o, const char *option, co
     return UMB_OK;
 }
 
+static enum umb_status set_sandbox(struct umbb_options *o, const char *option, const char *value,
+                                   struct umb_error *error)
+{
+    static const char *const names[] = {"available", "required", "off"};
+    const int choice = read_choice(value, names, 3);
+    if (choice < 0) {
+        return umbb_option_refuse(error, option, value, "available, required or off");
+    }
+    o->sandbox = (enum umbb_sandbox_mode)choice;
+    return UMB_OK;
+}
+
+static enum umb_status take_scene(struct umbb_options *o, const char *word, struct umb_error *error)
+{
+    if (o->scene != NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "SCENE: '%.64s' is a second one after '%.64s'", word,
+                        o->scene);
+    }
+    o->scene = word;
+    return UMB_OK;
+}
+
+static enum umb_status set_scene_buffer(struct umbb_options *o, const char *option,
+                                        const char *value, struct umb_error *error)
+{
+    if (value[0] == '\0') {
+        return umbb_option_refuse(error, option, value, "a file of umbrage-bake import");
+    }
+    o->scene_buffer = 1;
+    return take_scene(o, value, error);
+}
+
 static enum umb_status set_progress_fd(struct umbb_options *o, const char *option,
                                        const char *value, struct umb_error *error)
 {
@@ -380,6 +424,8 @@ static const struct {
     {"--depth", set_depth},
     {"--verify", set_verify},
     {"--progress-fd", set_progress_fd},
+    {"--sandbox", set_sandbox},
+    {"--scene-buffer", set_scene_buffer},
 };
 
 /* Options without one. */
@@ -459,6 +505,10 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
                         "--depth: 'embree' cannot tell which triangles reach a tile, so that its "
                         "tiles cannot be kept (auto, raster, plain)");
     }
+    if (o->task == UMBB_TASK_IMPORT && o->scene_buffer) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--scene-buffer: '%.64s' is imported already",
+                        o->scene);
+    }
     if (o->task == UMBB_TASK_IMPORT && o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "--plan: umbrage-bake import only reads the scene");
     }
@@ -531,11 +581,11 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
             }
         } else if (word[0] == '\0') {
             return umb_fail(error, UMB_E_ARGUMENT, "SCENE: an empty name");
-        } else if (options->scene != NULL) {
-            return umb_fail(error, UMB_E_ARGUMENT, "SCENE: '%.64s' is a second one after '%.64s'",
-                            word, options->scene);
         } else {
-            options->scene = word;
+            const enum umb_status status = take_scene(options, word, error);
+            if (status != UMB_OK) {
+                return status;
+            }
         }
     }
     return options->help || options->version ? UMB_OK : check_together(options, error);

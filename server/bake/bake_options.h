@@ -11,6 +11,7 @@
 #include <stdint.h>
 #include "bake/effect_options.h"
 #include "bake/light_options.h"
+#include "bake/sandbox/bake_sandbox.h"
 
 enum umbb_closed_mode {
     UMBB_CLOSED_AUTO = 0, /* parts that are closed */
@@ -36,7 +37,7 @@ enum umbb_task {
     UMBB_TASK_BAKE = 0,
     UMBB_TASK_TILE = 1,   /* `tile`: results of tiles into a folder */
     UMBB_TASK_MERGE = 2,  /* `merge`: an asset from a folder of such results */
-    UMBB_TASK_IMPORT = 3, /* `import`: the scene as a file that needs no importer any more */
+    UMBB_TASK_IMPORT = 3, /* `import`: the scene as a file for --scene-buffer */
 };
 
 #define UMBB_RESOLUTION_LOG2_MIN 6U
@@ -49,6 +50,7 @@ enum umbb_task {
 struct umbb_options {
     enum umbb_task task;
     const char *scene;    /* borrowed from argv */
+    int scene_buffer;     /* 1: it is a file of task import (--scene-buffer) */
     const char *output;   /* a folder with task tile; NULL with plan */
     const char *cache;    /* folder of tile results to use and fill, or NULL */
     const char *from;     /* task merge: folder of the tile results */
@@ -75,6 +77,7 @@ struct umbb_options {
     enum umbb_depth_path depth;
     uint64_t verify_points; /* 0 = off */
     int progress_fd;        /* see progress.h; -1 = nobody is told */
+    enum umbb_sandbox_mode sandbox;
     int plan, json, quiet, help, version;
 };
 

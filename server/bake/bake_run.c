@@ -22,6 +22,7 @@
 #include "bake/memory_plan.h"
 #include "bake/progress.h"
 #include "bake/resolution_choice.h"
+#include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "common/file.h"
@@ -36,6 +37,7 @@ struct run {
     const struct umbb_options *options; /* chosen, or the caller's */
     struct umbb_options chosen;         /* with the resolution of --max-error */
     struct umbs_scene *scene;
+    struct umbb_bake_sandbox sandbox;
     struct umbb_analysis analysis;
     char *plan, *settings;
     struct umb_octree octree;
@@ -77,10 +79,19 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
 static enum umb_status import(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
-    const struct umbs_import_options limits = {.max_memory_bytes = o->memory_bytes};
+    const struct umbs_import_options limits = {
+        .max_memory_bytes = o->memory_bytes, .shut_in = umbb_shut_in_calls, .user = &run->sandbox};
     const double start = umbb_clock_s();
     umbb_progress_phase("import");
-    const enum umb_status status = umbs_scene_open(o->scene, &limits, &run->scene, error);
+    enum umb_status status = umbb_shut_in_paths(o, &run->sandbox, error);
+    if (status == UMB_OK) {
+        status = o->scene_buffer
+                     ? umbs_scene_load("--scene-buffer", o->scene, &limits, &run->scene, error)
+                     : umbs_scene_import(o->scene, &limits, &run->scene, error);
+    }
+    if (!o->quiet && status == UMB_OK) {
+        umbb_shut_in_notice(&run->sandbox);
+    }
     run->report.seconds_import = umbb_clock_s() - start;
     if (status == UMB_OK && !o->quiet) {
         print_notices(run->scene->view.warnings);

@@ -86,6 +86,12 @@ enum umb_status umbs_file_check(const char *path, struct umb_error *error)
 
 enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct umb_error *error)
 {
+    return umbs_file_begin_mode(path, 0666, file, error);
+}
+
+enum umb_status umbs_file_begin_mode(const char *path, mode_t mode, struct umbs_file *file,
+                                     struct umb_error *error)
+{
     memset(file, 0, sizeof *file);
     file->fd = -1;
     enum umb_status status = check_target(path, error);
@@ -103,7 +109,7 @@ enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct
             break;
         }
         file->fd =
-            open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+            open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, mode);
         if (file->fd >= 0) {
             return UMB_OK;
         }

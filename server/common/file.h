@@ -6,6 +6,7 @@
  * the folder. A crash at any step leaves the old file or the new one, and at most a stray `.tmp.`
  * file that the store sweeps. A failed fsync is never tried again: the temporary goes.
  */
+#include <sys/types.h>
 #include <stdio.h>
 #include "format/content.h"
 
@@ -25,6 +26,10 @@ UMB_CHECKED enum umb_status umbs_file_check(const char *path, struct umb_error *
 /* Starts a replacement of path. Fails: E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbs_file_begin(const char *path, struct umbs_file *file,
                                             struct umb_error *error);
+
+/* The same for a file with these permissions, less the process's umask. */
+UMB_CHECKED enum umb_status umbs_file_begin_mode(const char *path, mode_t mode,
+                                                 struct umbs_file *file, struct umb_error *error);
 
 /* Appends bytes. Fails: E_IO (disk full and the like); the replacement is still to be abandoned. */
 UMB_CHECKED enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_t count,

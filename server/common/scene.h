@@ -116,12 +116,26 @@ struct umbs_scene {
     size_t map_bytes;
 };
 
+/* What the caller still needs of the importer once that runs. */
+struct umbs_importer {
+    int process; /* its number, which is its group's as well */
+    int files;   /* the caller's end of scene_broker.h */
+};
+
+#define UMBS_TRIANGLES_MAX 200000000ULL /* of a scene, instances multiplied */
+
 struct umbs_import_options {
     uint64_t max_input_bytes;  /* 0 = 4 GiB */
     uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
     uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
     uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
     const char *importer_path; /* NULL = umbrage-bake beside the running program */
+    /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
+     * of the scene or of the importer's answers is read: the caller takes away its own rights here.
+     * importer: NULL where none runs (umbs_scene_load). A failure ends the import with it. */
+    enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
+                               struct umb_error *error);
+    void *user; /* of shut_in */
 };
 
 /*

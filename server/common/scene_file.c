@@ -15,18 +15,18 @@
 
 #include "base/bytes.h"
 #include "common/file.h"
+#include "common/trusted_file.h"
 
-#define MAGIC      "UMBSCF1\n"
 #define HEAD_BYTES ((size_t)16)
 
 enum umb_status umbs_scene_save(const struct umbs_scene *scene, const char *path,
                                 struct umb_error *error)
 {
     uint8_t head[HEAD_BYTES];
-    memcpy(head, MAGIC, 8);
+    memcpy(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES);
     umb__store64(head + 8, XXH3_64bits(scene->map, scene->map_bytes));
     struct umbs_file file;
-    enum umb_status status = umbs_file_begin(path, &file, error);
+    enum umb_status status = umbs_file_begin_mode(path, S_IRUSR | S_IWUSR, &file, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -82,31 +82,49 @@ static enum umb_status load(int fd, const char *path, uint64_t checksum,
         return umb_fail(error, UMB_E_BAD_SCENE, "scene file '%.200s' is damaged", path);
     }
     const enum umb_status status = umbs_scene_view(map, (size_t)size, &scene->view, error);
-    if (status == UMB_OK && options->max_triangles > 0 &&
-        scene->view.world_triangle_count > options->max_triangles) {
+    const uint64_t most = options->max_triangles > 0 ? options->max_triangles : UMBS_TRIANGLES_MAX;
+    if (status == UMB_OK && scene->view.world_triangle_count > most) {
         return umb_fail(error, UMB_E_LIMIT, "%.200s: %llu triangles, limit %llu", path,
                         (unsigned long long)scene->view.world_triangle_count,
-                        (unsigned long long)options->max_triangles);
+                        (unsigned long long)most);
     }
     return status;
 }
 
-enum umb_status umbs_scene_open(const char *path, const struct umbs_import_options *options,
-                                struct umbs_scene **out, struct umb_error *error)
+/* Reads the head, and only then the rest. */
+static enum umb_status read_scene(int fd, const char *what, const char *path,
+                                  const struct umbs_import_options *options,
+                                  struct umbs_scene *scene, struct umb_error *error)
 {
     uint8_t head[HEAD_BYTES];
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-    if (fd < 0 || !read_all(fd, head, sizeof head) || memcmp(head, MAGIC, 8) != 0) {
-        if (fd >= 0) {
-            (void)close(fd);
-        }
-        return umbs_scene_import(path, options, out, error); /* which says what is wrong */
+    if (!read_all(fd, head, sizeof head) ||
+        memcmp(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES) != 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "%s: '%.200s' is not a file that umbrage-bake import made", what, path);
     }
+    return load(fd, path, umb__load64(head + 8), options, scene, error);
+}
+
+enum umb_status umbs_scene_load(const char *what, const char *path,
+                                const struct umbs_import_options *options, struct umbs_scene **out,
+                                struct umb_error *error)
+{
+    int fd;
     *out = NULL;
+    enum umb_status status = umbs_trusted_open(what, path, &fd, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     struct umbs_scene *scene = calloc(1, sizeof *scene);
-    enum umb_status status = scene == NULL
-                                 ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene")
-                                 : load(fd, path, umb__load64(head + 8), options, scene, error);
+    if (scene == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene");
+    }
+    if (status == UMB_OK && options->shut_in != NULL) {
+        status = options->shut_in(options->user, NULL, error);
+    }
+    if (status == UMB_OK) {
+        status = read_scene(fd, what, path, options, scene, error);
+    }
     (void)close(fd);
     if (status != UMB_OK) {
         umbs_scene_destroy(scene);

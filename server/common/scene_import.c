@@ -27,7 +27,6 @@
 #define GIB                      (1ULL << 30)
 #define DEFAULT_MAX_INPUT_BYTES  (4 * GIB)
 #define DEFAULT_MAX_MEMORY_BYTES (8 * GIB)
-#define DEFAULT_MAX_TRIANGLES    200000000ULL
 #define DEFAULT_TIMEOUT_S        600U
 #define IMPORTER_NAME            "umbrage-bake"
 #define PATH_BYTES               4096
@@ -192,6 +191,8 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
         .output = import->output,
         .timeout_s = import->options.timeout_s,
         .max_output_bytes = import->options.max_memory_bytes,
+        .shut_in = import->options.shut_in,
+        .user = import->options.user,
     };
     struct umbs_process_end end;
     enum umb_status status = umbs_process_run(&process, &end, error);
@@ -239,7 +240,7 @@ static void fill_defaults(struct umbs_import_options *options)
         options->max_memory_bytes = DEFAULT_MAX_MEMORY_BYTES;
     }
     if (options->max_triangles == 0) {
-        options->max_triangles = DEFAULT_MAX_TRIANGLES;
+        options->max_triangles = UMBS_TRIANGLES_MAX;
     }
     if (options->timeout_s == 0) {
         options->timeout_s = DEFAULT_TIMEOUT_S;

@@ -158,6 +158,14 @@ static enum umb_status run(const struct umbs_process *process, struct lines *lin
     }
     umbs_hang_up(&lines->talk[1]);
     umbs_hang_up(&lines->files[1]);
+    const struct umbs_importer importer = {.process = child, .files = lines->files[0]};
+    const enum umb_status status =
+        process->shut_in != NULL ? process->shut_in(process->user, &importer, error) : UMB_OK;
+    if (status != UMB_OK) {
+        (void)kill(child, SIGKILL); /* it may have no group yet */
+        (void)umbs_child_reap(child, &end->exit_code, &end->signal);
+        return status;
+    }
     if (!watch(child, lines, process, end)) {
         return umb_fail(error, UMB_E_INTERNAL,
                         "the importer's exit status is lost (SIGCHLD is ignored here?)");

@@ -12,7 +12,7 @@
  * is a sanitizer build, which cannot live under one.
  */
 #include <stdint.h>
-#include "umbrage/status.h"
+#include "common/scene.h"
 
 #define UMBS_PROCESS_TALK_BYTES 1024
 
@@ -23,6 +23,10 @@ struct umbs_process {
     int folder;                /* of the files that it may ask for (scene_broker.h) */
     uint32_t timeout_s;        /* CPU seconds, and wall seconds */
     uint64_t max_output_bytes; /* written to one file */
+    /* As in struct umbs_import_options; may be NULL. */
+    enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
+                               struct umb_error *error);
+    void *user;
 };
 
 /* How it ended. */
@@ -38,8 +42,8 @@ struct umbs_process_end {
 /*
  * Runs the program and waits for its end.
  *
- * Fails: E_UNAVAILABLE (program missing or not executable), E_IO (no process, no pipe). Whatever
- *        else happens to the process is in `end`.
+ * Fails: E_UNAVAILABLE (program missing or not executable), E_IO (no process, no pipe), what
+ *        shut_in fails with. Whatever else happens to the process is in `end`.
  * Cost:  blocks up to the time limit. No process is left behind.
  */
 UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,

@@ -9,6 +9,7 @@
 #include <strings.h>
 
 #include "bake/import/text_number.h"
+#include "common/scene_file.h"
 
 #define TEXT_PROBE_BYTES 4096
 #define STL_HEADER_BYTES 84
@@ -108,6 +109,11 @@ enum umb_status umbb_import_detect(const char *name, const struct umbb_file *fil
         {".stl", UMBB_KIND_STL, stl_fault},
     };
     const char *extension = strrchr(name, '.');
+    if (starts_with(file, UMBS_SCENE_FILE_MAGIC)) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the file begins as a scene buffer of umbrage-bake import (UMBSCF1), which "
+                        "is no scene format; give one of your own with --scene-buffer");
+    }
     for (size_t i = 0; extension != NULL && i < sizeof(known) / sizeof(known[0]); i++) {
         if (strcasecmp(extension, known[i].extension) != 0) {
             continue;

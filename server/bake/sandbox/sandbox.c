@@ -36,7 +36,7 @@ enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *e
         return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "sandbox: prctl");
     }
     out->namespaces = umbb_namespaces_enter();
-    out->landlock_abi = umbb_landlock_enter();
+    out->landlock_abi = umbb_landlock_enter(NULL, 0);
     out->seccomp = umbb_filter_enter();
     if (!out->seccomp && errno == ENOMEM) {
         return umb_fail(error, UMB_E_NO_MEMORY, "sandbox: out of memory for its filter");

@@ -1,13 +1,31 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_SANDBOX_PARTS_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_SANDBOX_PARTS_H
-/* The layers behind sandbox.h. */
+/* The layers behind sandbox.h and bake_sandbox.h. */
+#include <stddef.h>
+
+/* What a rule allows of a file, or of everything beneath a folder. */
+enum umbb_path_use {
+    UMBB_PATH_READ = 0,
+    UMBB_PATH_RUN = 1,   /* read and run as a program */
+    UMBB_PATH_WRITE = 2, /* read, and make, write, rename and remove files; no folders */
+};
+
+struct umbb_path_rule {
+    const char *path;
+    enum umbb_path_use use;
+};
 
 /* Each returns 1 if the calling process is now inside, else 0 and errno. */
 int umbb_namespaces_enter(void);
-int umbb_filter_enter(void);
+int umbb_filter_enter(void); /* the importer's */
 
-/* Returns the ABI of the kernel's Landlock that now denies every path, or 0 and errno. */
-int umbb_landlock_enter(void);
+/* The bake's filter. In: importer: the number of its process, 0: none runs; files: the socket to
+ * it. */
+int umbb_bake_filter_enter(int importer, int files);
+
+/* Denies every path but those of the rules to the calling thread. Returns the ABI of the kernel's
+ * Landlock, or 0 and errno: nothing is denied. */
+int umbb_landlock_enter(const struct umbb_path_rule *rules, size_t count);
 
 #endif
