@@ -36,6 +36,7 @@ static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *
     const struct umbj_service_options service = {
         .folder = options->jobs,
         .program = options->bake_program,
+        .sandbox = options->job_sandbox,
         .slurm = strcmp(options->executor, "slurm") == 0,
         .interval_ms = options->executor_interval_ms,
         .slurm_words = options->slurm_options,

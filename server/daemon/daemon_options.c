@@ -83,6 +83,9 @@ static const struct option table[] = {
      "take scenes over the network and bake them; all about them is in DIR, which is no --store"},
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
+    {"--job-sandbox", KIND_TEXT, AT(job_sandbox), 0, 0, "MODE",
+     "how bakes of jobs shut themselves in: required (the default: with every layer, or the job "
+     "fails), available (with those the kernel has) or off"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
     {"--executor", KIND_TEXT, AT(executor), 0, 0, "NAME",
      "who bakes: local (this machine, the default) or slurm (tiles as array jobs)"},
@@ -309,6 +312,7 @@ static void set_defaults(struct umbd_options *options)
         .scrub_interval_ms = HOUR_MS,
         .bake_workers = 1,
         .executor = "local",
+        .job_sandbox = "required",
         .executor_interval_ms = 2000,
         .bake_tile = 2048,
         .bake_threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
@@ -346,6 +350,13 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     if (strcmp(options->executor, "local") != 0 && strcmp(options->executor, "slurm") != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--executor: '%.40s' is not local or slurm",
                         options->executor);
+    }
+    if (strcmp(options->job_sandbox, "required") != 0 &&
+        strcmp(options->job_sandbox, "available") != 0 &&
+        strcmp(options->job_sandbox, "off") != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--job-sandbox: '%.40s' is not required, available or off",
+                        options->job_sandbox);
     }
     if ((options->bake_tile & (options->bake_tile - 1)) != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--bake-tile: '%u' is no power of two",

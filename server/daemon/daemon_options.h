@@ -48,6 +48,7 @@ struct umbd_options {
     const char *bake_program;           /* umbrage-bake, NULL = beside this program */
     uint32_t bake_workers;              /* bakes at once */
     uint32_t bake_threads;              /* of one */
+    const char *job_sandbox;            /* required, available, off: of umbrage-bake */
     const char *executor;               /* local, slurm */
     uint64_t executor_interval_ms;      /* between questions to slurm */
     const char *slurm_options;          /* of sbatch; may be NULL */

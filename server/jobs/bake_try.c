@@ -173,6 +173,7 @@ enum umbj_failure umbj_bake_here(struct umbj_try *try)
     umbj_words_add(&words, "--memory=%llu", (unsigned long long)options->memory_bytes);
     umbj_words_add(&words, "--threads=%u", options->threads);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    umbj_words_add_sandbox(&words, options->sandbox);
     /* Embree does not tell which triangles reach a tile, so that its tiles cannot be kept. */
     if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree") &&
         !umbj_settings_have(work->settings, "--static") &&

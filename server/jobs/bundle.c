@@ -8,7 +8,10 @@
 #include <string.h>
 #include <strings.h>
 
+#include "common/scene_file.h"
 #include "common/sha256.h"
+
+_Static_assert(UMBJ_HEAD_BYTES == UMBS_SCENE_FILE_MAGIC_BYTES, "the head is the magic");
 
 /* The options of umbrage-bake that decide what the asset holds. What belongs to the machine
  * (--threads, --memory, --tile) is the server's, what names files is nobody's. */
@@ -205,6 +208,18 @@ enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest, uint64
                           manifest->priority, UMBJ_PRIORITY_MAX, UMBJ_PRIORITY_MAX);
     }
     return status;
+}
+
+enum umb_status umbj_bundle_check_head(size_t index, const char *path, const uint8_t *head,
+                                       struct umb_error *error)
+{
+    return memcmp(head, UMBS_SCENE_FILE_MAGIC, UMBJ_HEAD_BYTES) != 0
+               ? UMB_OK
+               : umb_fail(
+                     error, UMB_E_ARGUMENT,
+                     "files[%zu]: '%.80s' begins with 'UMBSCF1': scene buffers of umbrage-bake "
+                     "import are not taken; submit the scene that it was made of",
+                     index, path);
 }
 
 enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,

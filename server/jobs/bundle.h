@@ -45,6 +45,14 @@ UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *mani
                                                 uint64_t max_bytes, uint64_t *bytes,
                                                 struct umb_error *error);
 
+#define UMBJ_HEAD_BYTES 8
+
+/* Refuses a file of the bundle by its first bytes: those of a scene buffer (common/scene_file.h),
+ * which only this program's own stages may hand on. In: head: UMBJ_HEAD_BYTES. Fails: E_ARGUMENT.
+ */
+UMB_CHECKED enum umb_status umbj_bundle_check_head(size_t index, const char *path,
+                                                   const uint8_t *head, struct umb_error *error);
+
 /* The key of a checked manifest; files in any order give the same. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
                                               uint8_t key[UMBJ_HASH_BYTES],

@@ -40,6 +40,11 @@ void umbj_words_add(struct umbj_words *words, const char *format, ...)
     take_word(words, word);
 }
 
+void umbj_words_add_sandbox(struct umbj_words *words, const char *mode)
+{
+    umbj_words_add(words, "--sandbox=%s", mode != NULL ? mode : "required");
+}
+
 /* What the last --resolution says; what is no number is refused by umbrage-bake itself. */
 static unsigned long resolution_of(const char *settings)
 {

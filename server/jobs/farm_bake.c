@@ -373,8 +373,9 @@ static void add_common(const struct umbj_try *try, struct umbj_words *words)
     umbj_words_add(words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
     umbj_words_add(words, "--threads=%u", try->options->threads);
     umbj_words_add(words, "--quiet");
+    umbj_words_add_sandbox(words, try->options->sandbox);
     umbj_words_add_settings(words, try->work->settings, try->options->tile);
-    umbj_words_add(words, "%s/scene", try->work->folder);
+    umbj_words_add(words, "--scene-buffer=%s/scene", try->work->folder);
 }
 
 /* Reads the scene, once for all. */
@@ -387,6 +388,7 @@ static enum umbj_failure import(struct umbj_try *try)
     umbj_words_add(&words, "--output=%s/scene", try->work->folder);
     umbj_words_add(&words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
+    umbj_words_add_sandbox(&words, try->options->sandbox);
     return umbj_try_run(try, &words, try->work->bundle);
 }
 

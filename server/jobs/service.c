@@ -305,6 +305,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
         .work = service->work_path,
         .farm = farm,
         .interval_ms = options->interval_ms,
+        .sandbox = options->sandbox,
         .workers = options->workers,
         .threads = options->threads,
         .tile = options->tile,

@@ -33,6 +33,7 @@ struct umbj_service; /* opaque */
 struct umbj_service_options {
     const char *folder;      /* of the jobs; made if it is not there */
     const char *program;     /* umbrage-bake; NULL = beside the running program */
+    const char *sandbox;     /* of umbrage-bake --sandbox; NULL = required */
     int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
     uint64_t interval_ms;    /* between questions to Slurm */
     const char *slurm_words; /* more options of sbatch, with blanks between; NULL = none */

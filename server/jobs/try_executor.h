@@ -17,6 +17,7 @@ struct umbj_try_options {
     const char *assets;        /* folder for what was baked */
     const char *work;          /* folder of the tries' folders */
     struct umbj_farm *farm;    /* NULL = this machine; the executor's, also if create fails */
+    const char *sandbox;       /* of umbrage-bake --sandbox; NULL = required */
     unsigned workers;          /* tries at once, 1..UMBJ_WORKERS_MAX */
     unsigned threads;          /* of one bake, or of one task of it */
     uint32_t tile;             /* texels along its side; 0 = as umbrage-bake has it */

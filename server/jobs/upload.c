@@ -32,6 +32,7 @@ struct umbj_upload {
     size_t file_count, current;
     int fd; /* of the current file, -1 = not open */
     uint64_t written;
+    uint8_t head[UMBJ_HEAD_BYTES]; /* of the current file */
     SHA256_CTX hash;
     int accepted;
 };
@@ -208,6 +209,21 @@ static enum umb_status write_all(int fd, const char *bytes, size_t count, const 
     return UMB_OK;
 }
 
+/* Looks at a file's first bytes once they are there. */
+static enum umb_status look_at_head(struct umbj_upload *upload, const char *bytes, size_t count,
+                                    struct umb_error *error)
+{
+    if (upload->written >= UMBJ_HEAD_BYTES) {
+        return UMB_OK;
+    }
+    const size_t left = UMBJ_HEAD_BYTES - (size_t)upload->written;
+    memcpy(upload->head + upload->written, bytes, count < left ? count : left);
+    return count < left
+               ? UMB_OK
+               : umbj_bundle_check_head(upload->current, upload->files[upload->current].path,
+                                        upload->head, error);
+}
+
 enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes, size_t count,
                                   struct umb_error *error)
 {
@@ -221,7 +237,10 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
         const struct upload_file *file = &upload->files[upload->current];
         const uint64_t left = file->size - upload->written;
         const size_t part = count < left ? count : (size_t)left;
-        status = write_all(upload->fd, from, part, file->path, error);
+        status = look_at_head(upload, from, part, error);
+        if (status == UMB_OK) {
+            status = write_all(upload->fd, from, part, file->path, error);
+        }
         (void)SHA256_Update(&upload->hash, from, part);
         upload->written += part;
         from += part;

@@ -16,9 +16,8 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
     double moved[3][3];
     for (int axis = 0; axis < 2; axis++) {
         /* A corner as anchor keeps the functions free of cancellation far from texel 0. */
-        const double anchor = corners[0][axis] / corners[0][2];
-        plane->anchor[axis] =
-            corners[0][2] > 0.0 && fabs(anchor) <= UMBB_COORDINATE_MAX ? anchor : 0.0;
+        const double anchor = corners[0][2] > 0.0 ? corners[0][axis] / corners[0][2] : 0.0;
+        plane->anchor[axis] = fabs(anchor) <= UMBB_COORDINATE_MAX ? anchor : 0.0;
     }
     for (int k = 0; k < 3; k++) {
         moved[k][0] = corners[k][0] - plane->anchor[0] * corners[k][2];

@@ -88,6 +88,7 @@ static void options_name_each_bad_argument(void **state)
         {"--bake-tile", "1000"},
         {"--bake-tile", "32"},
         {"--executor", "condor"},
+        {"--job-sandbox", "maybe"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
