@@ -57,7 +57,12 @@ PROGRAMS := $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/um
 check: $(UNIT_TESTS) $(PROGRAMS) layers ## unit tests and include rules: under a minute once built
 	@BUILD=$(BUILD) $(RUN) $(UNIT_TESTS)
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
+# A bake that was taken over by its scene.
+$(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
+
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.

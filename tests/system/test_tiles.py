@@ -6,6 +6,7 @@ shared; an edit bakes only the tiles that it reaches; damage and a full disk are
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -139,10 +140,22 @@ def imported(folder, scene, asset):
     report = bake("import", scene, "-o", once, "--quiet", "--json")
     check("import tells what it read", report["triangles"] == 902 * 12, report)
     check("a scene file bakes to the same id",
-          bake(once, "-o", out, "--verify", "0", *SETTINGS)["asset"] == asset)
+          bake("--scene-buffer", once, "-o", out, "--verify", "0", *SETTINGS)["asset"] == asset)
     check("its tiles are those of the scene",
-          bake("tile", once, "-o", tiles, *SETTINGS)["tiles_found"] == 64)
-    check("and merge", bake("merge", once, "--from", tiles, "-o", out, *SETTINGS)["asset"] == asset)
+          bake("tile", "--scene-buffer", once, "-o", tiles, *SETTINGS)["tiles_found"] == 64)
+    check("and merge", bake("merge", "--scene-buffer", once, "--from", tiles, "-o", out,
+                            *SETTINGS)["asset"] == asset)
+    for name in ("once.scene", "evil.glb", "evil.gltf", "evil.obj", "evil.ply", "evil.stl"):
+        evil = os.path.join(folder, name)
+        if evil != once:
+            shutil.copy(once, evil)
+        problem = bake(evil, "--plan", "--quiet", expect=65)
+        check(f"{name} is no scene without the word", "--scene-buffer" in problem, problem)
+    os.chmod(once, 0o620)
+    problem = bake("--scene-buffer", once, "--plan", "--quiet", expect=77)
+    check("a scene file that others can write is refused", once in problem and "0620" in problem and
+          "chmod go-w" in problem, problem)
+    os.chmod(once, 0o600)
     with open(once, "rb") as file:
         whole = file.read()
     for number in range(24):
@@ -151,7 +164,7 @@ def imported(folder, scene, asset):
         for damaged in (whole[:cut], bytes(flip)):
             with open(once, "wb") as file:
                 file.write(damaged)
-            bake(once, "--plan", "--quiet", expect=65)
+            bake("--scene-buffer", once, "--plan", "--quiet", expect=65)
 
 
 def lights(folder, scene):

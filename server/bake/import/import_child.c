@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): limit, map, shut in, detect, read, write.
+ * The importer's process (import_child.h): limit, shut in, map, detect, read, write.
  *
  * The limit of the address space and the sandbox stand before a byte of the scene is looked at.
  * Sanitizers reserve terabytes of address space, so their builds go without both.
@@ -116,9 +116,9 @@ static enum umb_status import(const char *name, uint64_t max_input, uint64_t max
     const struct umb_sink sink = {write_output, &output};
     enum umbb_kind kind;
     struct umbb_sandbox sandbox;
-    enum umb_status status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
+    enum umb_status status = umbb_sandbox_enter(&sandbox, error);
     if (status == UMB_OK) {
-        status = umbb_sandbox_enter(&sandbox, error);
+        status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
     }
     if (status == UMB_OK) {
         status = umbb_import_detect(name, &job.file, &kind, error);

@@ -5,101 +5,50 @@
 
 #include <errno.h>
 #include <sched.h>
-#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/utsname.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include "bake/sandbox/doctor_acts.h"
-#include "bake/sandbox/sandbox.h"
+#include "common/json_text.h"
 
-#define EXIT_NO_SANDBOX  3 /* of the process that tries an act */
 #define EXIT_UNAVAILABLE 69
+#define FORBID_MAX       16
 
-static const char *const verdicts[] = {"ALLOWED", "refused", "killed"};
+static const char *const verdicts[] = {"ALLOWED", "refused", "killed", "UNCLEAR"};
 
 static const char help[] =
-    "umbrage-bake doctor [--json | --quiet]    check the importer's sandbox and this machine\n"
+    "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...\n"
+    "                                    check the sandboxes of importer and bake, and this "
+    "machine\n"
     "\n"
-    "Tries what a hostile scene file could make the importer do, each in a sandboxed process of\n"
-    "its own, and says which layers this kernel offers. `full`: all of them; `reduced`: without\n"
-    "namespaces or Landlock, the filter still denies every act; `exempt`: a sanitizer build.\n"
-    "With --quiet the exit code says it all.\n"
+    "Tries what a hostile scene file could make the importer and the bake do, each in a sandboxed\n"
+    "process of its own, on a folder made for it, and says which layers this kernel offers. "
+    "`full`:\n"
+    "all of them; `reduced`: of the importer's, without namespaces or Landlock, whose filter "
+    "still\n"
+    "denies every act; `exempt`: a sanitizer build. Acts on paths are tried once more with "
+    "Landlock\n"
+    "alone, so that no other layer stands in for it.\n"
     "\n"
-    "Exit codes: 0 every act is denied (or the build is exempt), 1 an act is allowed, 2 usage,\n"
-    "69 a required layer is missing: scenes are then not read at all.\n";
+    "  --forbid FILE    also try to read this file in the bake's sandbox, up to 16 times: tokens,\n"
+    "                   jobs.db, another owner's bundle\n"
+    "  --json           print one JSON object\n"
+    "  -q, --quiet      the exit code says it all\n"
+    "\n"
+    "Exit codes: 0 every act is denied and a bake can work (or the build is exempt), 1 an act is\n"
+    "allowed or a bake cannot work, 2 usage, 69 a required layer is missing: the importer's "
+    "filter,\n"
+    "without which scenes are not read, or a layer of the bake's, without which jobs are not "
+    "baked\n"
+    "(umbraged --job-sandbox), 73 no folder for the tries.\n";
 
-/* Refused for want of a right, not because the call makes no sense. */
-static int is_refusal(int code)
-{
-    return code == EACCES || code == EPERM || code == ENOSYS;
-}
-
-static void attempt(unsigned index, int sandboxed)
-{
-    struct umbb_sandbox sandbox;
-    if (sandboxed && umbb_sandbox_enter(&sandbox, NULL) != UMB_OK) {
-        _exit(EXIT_NO_SANDBOX);
-    }
-    errno = 0;
-    long result = umbb_acts[index].attempt();
-    _exit(result < 0 && is_refusal(errno) ? UMBB_ACT_REFUSED : UMBB_ACT_ALLOWED);
-}
-
-int umbb_doctor_try(unsigned index, int sandboxed)
-{
-    int status;
-    pid_t ended, child = fork();
-    if (child == 0) {
-        struct rlimit none = {0, 0};
-        (void)setrlimit(RLIMIT_CORE, &none);
-        attempt(index, sandboxed);
-    }
-    if (child < 0) {
-        return -1;
-    }
-    do {
-        ended = waitpid(child, &status, 0);
-    } while (ended < 0 && errno == EINTR);
-    if (ended == child && WIFSIGNALED(status) && WTERMSIG(status) == SIGSYS) {
-        return UMBB_ACT_KILLED;
-    }
-    if (ended == child && WIFEXITED(status) && WEXITSTATUS(status) <= UMBB_ACT_REFUSED) {
-        return WEXITSTATUS(status);
-    }
-    return -1;
-}
-
-/* Enters the sandbox in a process of its own, to learn its layers. Out: 0, or -1. */
-static int probe(struct umbb_sandbox *out)
-{
-    int ends[2];
-    memset(out, 0, sizeof(*out));
-    if (pipe(ends) != 0) {
-        return -1;
-    }
-    pid_t child = fork();
-    if (child == 0) {
-        /* The filter lets nobody write but to descriptor 2. */
-        struct umb_error error;
-        if (dup2(ends[1], STDERR_FILENO) < 0) {
-            _exit(1);
-        }
-        if (umbb_sandbox_enter(out, &error) != UMB_OK) {
-            out->seccomp = 0;
-        }
-        _exit(write(STDERR_FILENO, out, sizeof(*out)) != (ssize_t)sizeof(*out));
-    }
-    (void)close(ends[1]);
-    ssize_t got = child > 0 ? read(ends[0], out, sizeof(*out)) : -1;
-    (void)close(ends[0]);
-    while (child > 0 && waitpid(child, NULL, 0) < 0 && errno == EINTR) {
-    }
-    return got == (ssize_t)sizeof(*out) ? 0 : -1;
-}
+struct request {
+    int json, quiet;
+    const char *forbid[FORBID_MAX];
+    size_t forbid_count;
+};
 
 static int has_avx2(void)
 {
@@ -141,67 +90,190 @@ static void print_machine(int json)
            limit_of(RLIMIT_AS), limit_of(RLIMIT_NOFILE));
 }
 
+static const char *truth(int value)
+{
+    return value ? "true" : "false";
+}
+
 static void print_layers(const struct umbb_sandbox *layers, int json)
 {
     printf(json ? "\"sandbox\":\"%s\",\"seccomp\":%s,\"landlock_abi\":%d,\"namespaces\":%s,"
                 : "sandbox     %s: seccomp %s, Landlock ABI %d, namespaces %s\n",
-           umbb_sandbox_level(layers), layers->seccomp ? "true" : "false", layers->landlock_abi,
-           layers->namespaces ? "true" : "false");
+           umbb_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi,
+           truth(layers->namespaces));
 }
 
+static void print_bake_layers(const struct umbb_bake_sandbox *layers, int json)
+{
+    printf(json ? "\"bake_sandbox\":\"%s\",\"bake_seccomp\":%s,\"bake_landlock_abi\":%d,"
+                : "bake        %s: seccomp %s, Landlock ABI %d\n",
+           umbb_bake_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi);
+}
+
+static void print_line(const char *name, const char *word, int json, int first)
+{
+    if (json) {
+        printf("%s", first ? "" : ",");
+        umbs_json_text(stdout, name);
+        printf(":\"%s\"", word);
+    } else {
+        printf("  %-32s %s\n", name, word);
+    }
+}
+
+/* A table of acts, those of one place, in one cage. */
+struct series {
+    const char *title; /* the name in JSON */
+    const char *words; /* the line above the acts */
+    const struct umbb_act *acts;
+    size_t count;
+    unsigned place;
+    enum umbb_cage cage;
+};
+
 /* Out: acts that are not denied. */
-static unsigned try_all(int json)
+static unsigned try_series(const struct series *series, const struct umbb_ground *ground, int json)
 {
     unsigned allowed = 0;
-    if (json) {
-        printf("\"acts\":{");
-    }
-    for (unsigned i = 0; i < umbb_act_count; i++) {
-        int verdict = umbb_doctor_try(i, 1);
-        const char *word = verdict < 0 ? "UNKNOWN" : verdicts[verdict];
-        allowed += verdict <= UMBB_ACT_ALLOWED;
-        if (json) {
-            printf("%s\"%s\":\"%s\"", i == 0 ? "" : ",", umbb_acts[i].name, word);
-        } else {
-            printf("  %-32s %s\n", umbb_acts[i].name, word);
+    int first = 1;
+    printf(json ? "\"%s\":{" : "%s\n", json ? series->title : series->words);
+    for (size_t i = 0; i < series->count; i++) {
+        const struct umbb_act *act = &series->acts[i];
+        if ((act->places & series->place) == 0) {
+            continue;
         }
+        const int verdict = umbb_doctor_try(act, series->cage, ground);
+        allowed += verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED;
+        print_line(act->name, verdict < 0 ? "UNKNOWN" : verdicts[verdict], json, first);
+        first = 0;
     }
     printf(json ? "}," : "");
     return allowed;
 }
 
-static int examine(int json)
+/* Out: files that can be read. */
+static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground)
 {
-    struct umbb_sandbox layers;
     unsigned allowed = 0;
-    int code = 0;
-    if (probe(&layers) != 0 || (!layers.seccomp && !umbb_sandbox_exempt())) {
-        code = EXIT_UNAVAILABLE;
+    printf(request->json               ? "\"forbidden\":{"
+           : request->forbid_count > 0 ? "bake, files of --forbid\n"
+                                       : "");
+    for (size_t i = 0; i < request->forbid_count; i++) {
+        umbb_bake_acts_forbid(request->forbid[i]);
+        const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
+        allowed += verdict != UMBB_ACT_REFUSED;
+        print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], request->json,
+                   i == 0);
     }
+    printf(request->json ? "}," : "");
+    return allowed;
+}
+
+/* Out: needs that are not met. */
+static unsigned try_needs(const struct umbb_ground *ground, int json)
+{
+    unsigned broken = 0;
+    printf(json ? "\"needs\":{" : "bake, what it needs\n");
+    for (size_t i = 0; i < umbb_bake_need_count; i++) {
+        const int works =
+            umbb_doctor_try(&umbb_bake_needs[i], UMBB_CAGE_BAKE, ground) == UMBB_ACT_ALLOWED;
+        broken += !works;
+        print_line(umbb_bake_needs[i].name, works ? "works" : "BROKEN", json, i == 0);
+    }
+    printf(json ? "}," : "");
+    return broken;
+}
+
+static unsigned try_all(const struct request *request, const struct umbb_ground *ground,
+                        int landlock)
+{
+    const struct series all[] = {
+        {"acts", "importer", umbb_acts, umbb_act_count, UMBB_IN_IMPORTER, UMBB_CAGE_IMPORTER},
+        {"bake_acts", "bake, files of others", umbb_bake_acts, umbb_bake_act_count, UMBB_IN_BAKE,
+         UMBB_CAGE_BAKE},
+        {"bake_calls", "bake, other calls", umbb_acts, umbb_act_count, UMBB_IN_BAKE,
+         UMBB_CAGE_BAKE},
+        {"landlock_acts", "importer, Landlock alone", umbb_acts, umbb_act_count, UMBB_IN_LANDLOCK,
+         UMBB_CAGE_LANDLOCK},
+        {"bake_landlock_acts", "bake, Landlock alone", umbb_bake_acts, umbb_bake_act_count,
+         UMBB_IN_BAKE_PATHS, UMBB_CAGE_BAKE_PATHS},
+    };
+    const size_t count = landlock ? sizeof all / sizeof all[0] : 1;
+    unsigned allowed = 0;
+    for (size_t i = 0; i < count; i++) {
+        allowed += try_series(&all[i], ground, request->json);
+    }
+    return landlock ? allowed + try_forbidden(request, ground) + try_needs(ground, request->json)
+                    : allowed;
+}
+
+static int examine(const struct request *request, const struct umbb_ground *ground)
+{
+    const int json = request->json;
+    struct umbb_sandbox layers;
+    struct umbb_bake_sandbox bake;
+    unsigned allowed = 0;
+    const int importer = umbb_doctor_probe(&layers) == 0 && layers.seccomp;
+    const int baker =
+        umbb_doctor_probe_bake(ground, &bake) == 0 && bake.seccomp && bake.landlock_abi > 0;
+    int code = umbb_sandbox_exempt() || (importer && baker) ? 0 : EXIT_UNAVAILABLE;
     printf(json ? "{" : "");
     print_machine(json);
     print_layers(&layers, json);
-    if (code == 0 && !umbb_sandbox_exempt()) {
-        allowed = try_all(json);
-        code = allowed > 0;
+    print_bake_layers(&bake, json);
+    if (importer && !umbb_sandbox_exempt()) {
+        umbb_bake_acts_on(ground);
+        allowed = try_all(request, ground, baker);
+        code = allowed > 0 ? 1 : code;
     }
     printf(json ? "\"allowed\":%u}\n" : "allowed     %u\n", allowed);
     return fflush(stdout) != 0 ? 74 : code;
 }
 
+/* Out: 0, or the exit code. */
+static int read_request(int argc, char **argv, struct request *request)
+{
+    for (int i = 2; i < argc; i++) {
+        if (strcmp(argv[i], "--json") == 0) {
+            request->json = 1;
+        } else if (strcmp(argv[i], "--quiet") == 0 || strcmp(argv[i], "-q") == 0) {
+            request->quiet = 1;
+        } else if (strcmp(argv[i], "--forbid") == 0 && i + 1 < argc &&
+                   request->forbid_count < FORBID_MAX) {
+            request->forbid[request->forbid_count++] = argv[++i];
+        } else {
+            fprintf(stderr, "umbrage-bake doctor: '%.64s' is not an option; see --help\n", argv[i]);
+            return 2;
+        }
+    }
+    if (request->json && request->quiet) {
+        fprintf(stderr, "umbrage-bake doctor: --quiet: give it or --json\n");
+        return 2;
+    }
+    return 0;
+}
+
 int umbb_doctor(int argc, char **argv)
 {
-    int json = argc == 3 && strcmp(argv[2], "--json") == 0;
+    struct request request = {.json = 0};
+    struct umbb_ground ground;
+    struct umb_error error;
     if (argc == 3 && (strcmp(argv[2], "--help") == 0 || strcmp(argv[2], "-h") == 0)) {
         return fputs(help, stdout) < 0 || fflush(stdout) != 0;
     }
-    const int quiet = argc == 3 && strcmp(argv[2], "--quiet") == 0;
-    if (argc > 2 && !json && !quiet) {
-        fprintf(stderr, "umbrage-bake doctor: '%.64s' is not an option; see --help\n", argv[2]);
-        return 2;
+    int code = read_request(argc, argv, &request);
+    if (code != 0) {
+        return code;
     }
-    if (quiet && freopen("/dev/null", "w", stdout) == NULL) {
+    if (request.quiet && freopen("/dev/null", "w", stdout) == NULL) {
         return 74;
     }
-    return examine(json);
+    const enum umb_status status = umbb_ground_make(&ground, &error);
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage-bake doctor: %s\n", error.message);
+        return umb_status_exit(status);
+    }
+    code = examine(&request, &ground);
+    umbb_ground_remove(&ground);
+    return code;
 }

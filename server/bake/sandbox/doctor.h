@@ -1,25 +1,46 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
-/* `umbrage-bake doctor`: what this machine offers the bake, and whether its sandbox holds. */
+/* `umbrage-bake doctor`: what this machine offers the bake, and whether its sandboxes hold. */
+#include "bake/sandbox/bake_sandbox.h"
+#include "bake/sandbox/doctor_acts.h"
+#include "bake/sandbox/sandbox.h"
 
 enum umbb_verdict {
     UMBB_ACT_ALLOWED = 0,
     UMBB_ACT_REFUSED = 1, /* the call failed for want of a right */
     UMBB_ACT_KILLED = 2,  /* the process was ended by the filter */
+    UMBB_ACT_FAILED = 3,  /* the call failed for another reason */
+};
+
+/* Where an act is tried. */
+enum umbb_cage {
+    UMBB_CAGE_NONE = 0, /* outside, to test the test */
+    UMBB_CAGE_IMPORTER,
+    UMBB_CAGE_LANDLOCK, /* the importer's Landlock alone */
+    UMBB_CAGE_BAKE,
+    UMBB_CAGE_BAKE_PATHS, /* the bake's Landlock alone */
 };
 
 /*
- * Tries act number `index` (doctor_acts.h) in a process of its own, in the sandbox or, to test the
- * test, outside. Out: the verdict, or -1 if no process could be started or entered the sandbox.
+ * Tries an act in a process of its own.
+ *
+ * In:  ground: of the cages of the bake, else unused.
+ * Out: the verdict, or -1 if no process could be started or entered the cage.
  */
-int umbb_doctor_try(unsigned index, int sandboxed);
+int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,
+                    const struct umbb_ground *ground);
+
+/* Enters the sandboxes in processes of their own, to learn their layers. Out: 0, or -1. */
+int umbb_doctor_probe(struct umbb_sandbox *importer);
+int umbb_doctor_probe_bake(const struct umbb_ground *ground, struct umbb_bake_sandbox *bake);
 
 /*
  * The command; argv as the process got it, argv[1] is "doctor".
  *
- * Out:  the exit code: 0 if every act is denied, 1 if one is not, 69 if a required layer is
- *       missing, 2 for wrong arguments, 0 in an exempt (sanitizer) build, which says so.
+ * Out:  the exit code: 0 if every act is denied and a bake can work, 1 if not, 69 if a layer is
+ *       missing that the importer or a job's bake requires, 73 without a folder for the tries, 2
+ *       for wrong arguments, 0 in an exempt (sanitizer) build, which says so.
  */
 int umbb_doctor(int argc, char **argv);
 

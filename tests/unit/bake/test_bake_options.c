@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "bake/bake_options.h"
@@ -211,9 +212,38 @@ static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
         {"import s", "-o", "no output"},
         {"import s --plan", "--plan", "import"},
         {"merge s -o o", "--from", "no folder"},
+        {"s --scene-buffer b -o o", "SCENE", "'b'"},
+        {"--scene-buffer b s -o o", "SCENE", "'s'"},
+        {"--scene-buffer b --scene-buffer c -o o", "SCENE", "'c'"},
+        {"--scene-buffer= -o o", "--scene-buffer", "''"},
+        {"import --scene-buffer b -o o", "--scene-buffer", "'b'"},
+        {"s -o o --sandbox on", "--sandbox", "'on'"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         assert_refused(cases[i].line, cases[i].option, cases[i].value);
+    }
+}
+
+static void a_scene_buffer_is_asked_for_by_name(void **state)
+{
+    static const char *const tasks[] = {"", "--plan ", "tile ", "merge --from d "};
+    static const char *const modes[] = {"available", "required", "off"};
+    struct umbb_options o;
+    struct umb_error e;
+    char line[200];
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        snprintf(line, sizeof line, "%s-o o --scene-buffer=b", tasks[i]);
+        assert_int_equal(parse(line, &o, &e), UMB_OK);
+        assert_int_equal(o.scene_buffer, 1);
+        assert_string_equal(o.scene, "b");
+        assert_int_equal(o.sandbox, UMBB_SANDBOX_AVAILABLE);
+    }
+    for (int i = 0; i < 3; i++) {
+        snprintf(line, sizeof line, "s -o o --sandbox %s", modes[i]);
+        assert_int_equal(parse(line, &o, &e), UMB_OK);
+        assert_int_equal(o.scene_buffer, 0);
+        assert_int_equal(o.sandbox, i);
     }
 }
 
@@ -358,6 +388,7 @@ int main(void)
         cmocka_unit_test(more_lights_than_there_is_room_for_are_refused),
         cmocka_unit_test(help_version_and_plan_need_no_output),
         cmocka_unit_test(options_of_tiles_are_refused_where_they_mean_nothing),
+        cmocka_unit_test(a_scene_buffer_is_asked_for_by_name),
         cmocka_unit_test(effects_are_overruled_by_name),
         cmocka_unit_test(refusals_name_the_option_and_the_value),
     };

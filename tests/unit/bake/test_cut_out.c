@@ -6,6 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <fenv.h>
 #include <math.h>
 
 #include "bake/depth/cut_out.h"
@@ -252,12 +253,38 @@ static void the_name_of_a_tile_depends_on_the_texture(void **state)
     fixture_finish(&f);
 }
 
+/* A corner in the plane of a spot's eye has no image: it is no anchor, and nothing is divided by
+ * its distance of 0. */
+static void a_corner_beside_the_eye_is_no_anchor(void **state)
+{
+    (void)state;
+    for (int far = 0; far < 3; far++) {
+        const double corners[3][3] = {{3.0, 4.0,
+                                       far == 2   ? -1.0
+                                       : far == 1 ? 1e-320
+                                                  : 0.0},
+                                      {5.0, 1.0, 2.0},
+                                      {1.0, 7.0, 4.0}};
+        struct umbb_cut_plane plane;
+        assert_int_equal(feclearexcept(FE_DIVBYZERO), 0);
+        umbb_cut_plane_find(corners, &plane);
+        assert_int_equal(fetestexcept(FE_DIVBYZERO), 0);
+        for (int axis = 0; axis < 2; axis++) {
+            assert_true(plane.anchor[axis] == 0.0);
+        }
+        for (int k = 0; k < 3; k++) {
+            assert_true(isfinite(plane.edge[k][0]) && isfinite(plane.edge[k][2]));
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(all_paths_keep_the_same_texels_under_a_sun),
         cmocka_unit_test(all_paths_keep_the_same_texels_before_an_eye),
         cmocka_unit_test(triangles_seen_edge_on_take_some_texel_of_their_own),
+        cmocka_unit_test(a_corner_beside_the_eye_is_no_anchor),
         cmocka_unit_test(the_name_of_a_tile_depends_on_the_texture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The importer's sandbox: what it denies, and that the tries would succeed outside of it. */
+/* The sandboxes of importer and bake: what they deny, and that the tries would succeed outside of
+ * it. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,16 +19,73 @@
 
 #define WORK_BYTES (4U << 20) /* from mmap, not from the heap there is */
 
-static void every_forbidden_act_is_denied(void **state)
+/* Fails with the name of the first act of a place that its cage lets through. */
+static void demand_denial(const struct umbb_act *acts, size_t count, unsigned place,
+                          enum umbb_cage cage, const struct umbb_ground *ground, unsigned least)
 {
-    (void)state;
+    unsigned tried = 0;
     if (umbb_sandbox_exempt()) {
         skip();
     }
-    for (unsigned i = 0; i < umbb_act_count; i++) {
-        int verdict = umbb_doctor_try(i, 1);
+    for (size_t i = 0; i < count; i++) {
+        if ((acts[i].places & place) == 0) {
+            continue;
+        }
+        const int verdict = umbb_doctor_try(&acts[i], cage, ground);
         if (verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED) {
-            fail_msg("%s: verdict %d", umbb_acts[i].name, verdict);
+            fail_msg("%s: verdict %d", acts[i].name, verdict);
+        }
+        tried++;
+    }
+    assert_true(tried >= least);
+}
+
+static void every_forbidden_act_is_denied(void **state)
+{
+    (void)state;
+    demand_denial(umbb_acts, umbb_act_count, UMBB_IN_IMPORTER, UMBB_CAGE_IMPORTER, NULL, 30);
+}
+
+/* Without the filter, which would refuse first. */
+static void landlock_denies_by_itself(void **state)
+{
+    (void)state;
+    demand_denial(umbb_acts, umbb_act_count, UMBB_IN_LANDLOCK, UMBB_CAGE_LANDLOCK, NULL, 3);
+}
+
+static int make_ground(void **state)
+{
+    static struct umbb_ground ground;
+    struct umb_error error;
+    *state = &ground;
+    umbb_bake_acts_on(&ground);
+    return umbb_ground_make(&ground, &error) == UMB_OK ? 0 : -1;
+}
+
+static int remove_ground(void **state)
+{
+    umbb_ground_remove(*state);
+    return 0;
+}
+
+static void a_bake_cannot_touch_what_is_not_its_own(void **state)
+{
+    demand_denial(umbb_bake_acts, umbb_bake_act_count, UMBB_IN_BAKE, UMBB_CAGE_BAKE, *state, 20);
+    demand_denial(umbb_acts, umbb_act_count, UMBB_IN_BAKE, UMBB_CAGE_BAKE, *state, 20);
+}
+
+static void the_bakes_landlock_denies_by_itself(void **state)
+{
+    demand_denial(umbb_bake_acts, umbb_bake_act_count, UMBB_IN_BAKE_PATHS, UMBB_CAGE_BAKE_PATHS,
+                  *state, 15);
+}
+
+static void a_bake_can_work_inside(void **state)
+{
+    for (size_t i = 0; i < umbb_bake_need_count; i++) {
+        const int verdict = umbb_doctor_try(&umbb_bake_needs[i], UMBB_CAGE_BAKE, *state);
+        if (verdict != UMBB_ACT_ALLOWED) {
+            fail_msg("%s: verdict %d", umbb_bake_needs[i].name, verdict);
         }
     }
 }
@@ -38,11 +96,25 @@ static void the_tries_succeed_outside_the_sandbox(void **state)
     unsigned allowed = 0;
     (void)state;
     for (unsigned i = 0; i < umbb_act_count; i++) {
-        int verdict = umbb_doctor_try(i, 0);
-        assert_in_range(verdict, UMBB_ACT_ALLOWED, UMBB_ACT_REFUSED); /* no filter kills */
-        allowed += verdict == UMBB_ACT_ALLOWED;
+        int verdict = umbb_doctor_try(&umbb_acts[i], UMBB_CAGE_NONE, NULL);
+        assert_in_range(verdict, UMBB_ACT_ALLOWED, UMBB_ACT_FAILED);
+        assert_int_not_equal(verdict, UMBB_ACT_KILLED); /* there is no filter */
+        allowed += verdict != UMBB_ACT_REFUSED;
     }
     assert_true(allowed >= umbb_act_count / 2);
+}
+
+/* Of paths all: they are the doctor's own. Each try spoils the ground, so each gets a new one. */
+static void the_bakes_tries_succeed_outside(void **state)
+{
+    for (size_t i = 0; i < umbb_bake_act_count; i++) {
+        umbb_ground_remove(*state);
+        assert_int_equal(make_ground(state), 0);
+        const int verdict = umbb_doctor_try(&umbb_bake_acts[i], UMBB_CAGE_NONE, *state);
+        if ((umbb_bake_acts[i].places & UMBB_IN_BAKE_PATHS) != 0 && verdict != UMBB_ACT_ALLOWED) {
+            fail_msg("%s: verdict %d", umbb_bake_acts[i].name, verdict);
+        }
+    }
 }
 
 /* What the importer needs still works: memory, its two descriptors, its own end. */
@@ -85,12 +157,23 @@ static void a_missing_filter_is_no_sandbox(void **state)
     }
     assert_string_equal(umbb_sandbox_level(&none), "none");
     assert_string_equal(umbb_sandbox_level(&reduced), "reduced");
+    const struct umbb_bake_sandbox half = {.seccomp = 1}, other = {.landlock_abi = 6};
+    assert_string_equal(umbb_bake_sandbox_level(&half), "reduced");
+    assert_string_equal(umbb_bake_sandbox_level(&other), "reduced");
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_forbidden_act_is_denied),
+        cmocka_unit_test(landlock_denies_by_itself),
+        cmocka_unit_test_setup_teardown(a_bake_cannot_touch_what_is_not_its_own, make_ground,
+                                        remove_ground),
+        cmocka_unit_test_setup_teardown(the_bakes_landlock_denies_by_itself, make_ground,
+                                        remove_ground),
+        cmocka_unit_test_setup_teardown(a_bake_can_work_inside, make_ground, remove_ground),
+        cmocka_unit_test_setup_teardown(the_bakes_tries_succeed_outside, make_ground,
+                                        remove_ground),
         cmocka_unit_test(the_tries_succeed_outside_the_sandbox),
         cmocka_unit_test(an_importer_can_work_inside),
         cmocka_unit_test(a_missing_filter_is_no_sandbox),

@@ -117,6 +117,35 @@ static void a_bundle_is_unpacked_however_its_bytes_are_cut(void **state)
     }
 }
 
+/* However the bytes come, and under every name: the form is for this program's own stages. */
+static void a_scene_buffer_is_refused_under_every_name(void **state)
+{
+    static const char *const names[] = {"a.glb", "a.gltf", "a.obj", "a.ply", "a.stl", "a.png"};
+    static const char buffer[] = "UMBSCF1\nrest";
+    struct fixture *f = *state;
+    for (size_t i = 0; i < 6; i++) {
+        for (size_t cut = 0; cut < 8; cut++) {
+            uint8_t key[UMBJ_HASH_BYTES];
+            f->files[0].path = i < 5 ? names[i] : "a.obj";
+            f->files[1].path = i < 5 ? "b.png" : names[i];
+            f->manifest.scene = f->files[0].path;
+            const size_t before = i < 5 ? 0 : 8;
+            f->files[0].size = i < 5 ? sizeof buffer - 1 : 8;
+            f->files[1].size = i < 5 ? 8 : sizeof buffer - 1;
+            struct umbj_upload *upload = begin(f, key);
+            assert_int_equal(umbj_upload_write(upload, CONTENT, before, &f->error), UMB_OK);
+            assert_int_equal(umbj_upload_write(upload, buffer, cut, &f->error), UMB_OK);
+            assert_int_equal(
+                umbj_upload_write(upload, buffer + cut, sizeof buffer - 1 - cut, &f->error),
+                UMB_E_ARGUMENT);
+            assert_non_null(strstr(f->error.message, "UMBSCF1"));
+            assert_non_null(strstr(f->error.message, names[i]));
+            umbj_upload_destroy(upload);
+            assert_int_equal(names_in(f, "incoming") + names_in(f, "bundles"), 0);
+        }
+    }
+}
+
 static void an_upload_that_ends_early_leaves_nothing(void **state)
 {
     struct fixture *f = *state;
@@ -309,6 +338,7 @@ int main(void)
 #define UPLOAD_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
     const struct CMUnitTest tests[] = {
         UPLOAD_TEST(a_bundle_is_unpacked_however_its_bytes_are_cut),
+        UPLOAD_TEST(a_scene_buffer_is_refused_under_every_name),
         UPLOAD_TEST(an_upload_that_ends_early_leaves_nothing),
         UPLOAD_TEST(bytes_that_are_not_the_manifests_are_refused),
         UPLOAD_TEST(the_key_is_of_content_and_not_of_order),

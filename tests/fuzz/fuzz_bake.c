@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Hostile scene buffers behind the validator: what it accepts must be safe to analyse, cut and
+ * bake.
+ *
+ * An input is two bytes that choose lights and effects, then a scene buffer (scene_buffer.h). The
+ * bake has 64 voxels a side, one thread and one tile, so that an execution stays short.
+ */
+#include <string.h>
+
+#include "bake/analysis/analysis.h"
+#include "bake/analysis/cut_planes.h"
+#include "bake/analysis/plan.h"
+#include "bake/bake_frusta.h"
+#include "bake/bake_transmittance.h"
+#include "bake/memory_plan.h"
+#include "common/scene.h"
+#include "format/near.h"
+#include "fuzz.h"
+
+#define TRIANGLES_MAX 400U
+#define FRUSTA_MAX    24U
+#define FRONT_BYTES   ((size_t)1 << 20)
+#define WORKING_BYTES ((size_t)16 << 20)
+
+static const char *const lights[][4] = {
+    {"--sun", "135,45", NULL},
+    {"--sun", "0,90", NULL},
+    {"--point", "1,2,3", NULL},
+    {"--spot", "0,5,0,0,-1,0,40", NULL},
+    {"--spot", "0,0,0,1,0,0,90", NULL},
+    {"--sun", "10,1", "--point", "0,0,0"},
+    {NULL},
+    {"--sun", "359.9,0.01", NULL},
+};
+
+static const char *const effects[][4] = {
+    {NULL},
+    {"--closed", "on", NULL},
+    {"--closed", "off", NULL},
+    {"--static", NULL},
+    {"--effect", "front=on", NULL},
+    {"--effect", "penumbra=on", NULL},
+    {"--depth", "plain", NULL},
+    {"--depth", "embree", NULL},
+};
+
+/* Out: 1, or 0 where the two do not go together. */
+static int choose_options(const uint8_t *bytes, struct umbb_options *options)
+{
+    char *words[20] = {"umbrage-bake", "scene", "-o",        "out", "--resolution", "64",
+                       "--tile",       "64",    "--threads", "1",   "--memory",     "512MiB"};
+    int count = 12;
+    const char *const *all[2] = {lights[bytes[0] % 8], effects[bytes[1] % 8]};
+    struct umb_error error;
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < 4 && all[k][i] != NULL; i++) {
+            words[count++] = (char *)(uintptr_t)all[k][i];
+        }
+    }
+    return umbb_options_parse(count, words, options, &error) == UMB_OK;
+}
+
+static enum umb_status divide(const struct umbb_analysis *analysis,
+                              const struct umbb_options *options,
+                              const struct umbs_scene_view *view, struct umbb_memory_plan *memory)
+{
+    const struct umbb_memory_input input = {
+        .memory_bytes = options->memory_bytes,
+        .scene_bytes = view->alpha_bytes + umbb_cut_bytes(analysis),
+        .triangles = analysis->count,
+        .log2_size = options->resolution_log2,
+        .tile_log2 = options->tile_log2,
+        .threads = options->threads,
+        .closed_rule = analysis->closed_rule || options->static_rule,
+        .ruled_frusta = options->static_rule ? analysis->frustum_count : 0,
+        .traced = options->depth == UMBB_DEPTH_EMBREE,
+        .projected = 1,
+    };
+    return umbb_memory_divide(&input, memory, NULL);
+}
+
+static void bake(struct umbb_analysis *analysis, const struct umbb_options *options,
+                 const struct umbs_scene_view *view)
+{
+    struct umbb_memory_plan memory;
+    struct umb_octree octree = {0};
+    struct umbb_bake_figures figures = {0};
+    struct umbb_front_words front = {0};
+    struct umb_trans_bytes transmittance = {0};
+    uint32_t level = 0;
+    uint64_t *near_cells = calloc(analysis->frustum_count * UMB__NEAR_WORDS, sizeof *near_cells);
+    if (near_cells != NULL && divide(analysis, options, view, &memory) == UMB_OK) {
+        const struct umbb_frusta_job job = {
+            .analysis = analysis,
+            .view = view,
+            .options = options,
+            .memory = &memory,
+            .front = options->front && analysis->closed_rule ? &front : NULL,
+            .front_max_bytes = FRONT_BYTES,
+            .near_cells = options->static_rule ? near_cells : NULL,
+        };
+        if (umbb_bake_frusta(&job, &octree, &figures, NULL) == UMB_OK &&
+            umbb_transmittance_bake(analysis, options, WORKING_BYTES, &transmittance, &level,
+                                    NULL) == UMB_OK) {
+            (void)!umbb_analysis_to_world(analysis, view, NULL);
+            umbb_analysis_orient(analysis);
+        }
+    }
+    umb_octree_finish(&octree);
+    umb_front_words_free(NULL, front.words);
+    umb_trans_bytes_finish(&transmittance);
+    free(near_cells);
+}
+
+/* What umbrage-bake refuses after the analysis is refused here: --static with lamps or glass. */
+static int is_baked(const struct umbb_analysis *analysis, const struct umbb_options *options)
+{
+    int lamps = 0;
+    for (uint32_t i = 0; i < analysis->choice.count; i++) {
+        lamps |= analysis->choice.lights[i].kind != UMB_LIGHT_DIRECTIONAL;
+    }
+    return analysis->frustum_count <= FRUSTA_MAX &&
+           !(options->static_rule && (lamps || analysis->cuts.translucent.triangles > 0));
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    struct umbs_scene_view view;
+    struct umbb_options options;
+    if (size < 2 || !choose_options(data, &options)) {
+        return 0;
+    }
+    uint8_t *exact = malloc(size - 2 + (size == 2)); /* aligned; the block ends where the data do */
+    if (exact == NULL) {
+        return 0;
+    }
+    memcpy(exact, data + 2, size - 2);
+    if (umbs_scene_view(exact, size - 2, &view, NULL) == UMB_OK &&
+        view.world_triangle_count <= TRIANGLES_MAX) {
+        struct umbb_analysis analysis = {0};
+        char *plan = NULL;
+        if (umbb_analysis_run(&view, &options, &analysis, NULL) == UMB_OK &&
+            umbb_plan_text(&analysis, &view, &options, &plan, NULL) == UMB_OK &&
+            is_baked(&analysis, &options)) {
+            bake(&analysis, &options, &view);
+        }
+        free(plan);
+        umbb_analysis_finish(&analysis);
+    }
+    free(exact);
+    return 0;
+}
