@@ -5,8 +5,8 @@
  *     LD_PRELOAD=intruder.so INTRUDER_FILES=/a:/b umbrage-bake ...
  *
  * When the bake syncs a file for the first time, all of its own work is done and its sandbox has
- * long been entered; each file of the list is then opened, to read and to write, and what came of it
- * is said as a notice: "intruder: PATH read=ERRNO write=ERRNO", 0 for a success.
+ * long been entered; each file of the list is then opened, to read and to write, and what came of
+ * it is said as a notice: "intruder: PATH read=ERRNO write=ERRNO", 0 for a success.
  */
 #define _GNU_SOURCE /* syscall */
 #include <errno.h>
