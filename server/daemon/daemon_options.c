@@ -84,8 +84,8 @@ static const struct option table[] = {
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--job-sandbox", KIND_TEXT, AT(job_sandbox), 0, 0, "MODE",
-     "how bakes of jobs shut themselves in: required (the default: with every layer, or the job "
-     "fails), available (with those the kernel has) or off"},
+     "how bakes of jobs shut themselves in: required (with every layer, or the job fails), "
+     "available (with those the kernel has) or off; default required"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
     {"--executor", KIND_TEXT, AT(executor), 0, 0, "NAME",
      "who bakes: local (this machine, the default) or slurm (tiles as array jobs)"},

@@ -18,6 +18,11 @@
 #include "format/near.h"
 #include "fuzz.h"
 
+#define OPTION_BYTES  2U
+#define COUNTS_AT     40U /* in a scene buffer: number of items, then offset, of each section */
+#define OFFSETS_AT    120U
+#define HEAD_BYTES    200U
+#define SECTIONS      10U
 #define TRIANGLES_MAX 400U
 #define FRUSTA_MAX    24U
 #define FRONT_BYTES   ((size_t)1 << 20)
@@ -122,6 +127,59 @@ static int is_baked(const struct umbb_analysis *analysis, const struct umbb_opti
     }
     return analysis->frustum_count <= FRUSTA_MAX &&
            !(options->static_rule && (lamps || analysis->cuts.translucent.triangles > 0));
+}
+
+size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size) __attribute__((weak));
+size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed);
+
+/* Numbers on which geometry breaks. */
+static const double numbers[] = {0.0,    -0.0,     1.0,        -1.0,     0.5,  1e15, -1e15,
+                                 1e-300, 4.9e-324, 1e9,        1e-9,     1e7,  2.0,  1e-15,
+                                 3e14,   1.5708,   3.14159265, 0x1p53,   1e-7, 5.0,  -0.5,
+                                 40.0,   1e-12,    1e308,      1e15 - 1, 1e-3};
+
+/* A section's bytes: from its offset to the next one's, or the end. 0: none. */
+static size_t pick_section(const uint8_t *scene, size_t size, unsigned number, uint64_t *at)
+{
+    uint64_t count, end = size;
+    memcpy(&count, scene + COUNTS_AT + 8 * (size_t)number, 8);
+    memcpy(at, scene + OFFSETS_AT + 8 * (size_t)number, 8);
+    for (unsigned i = 0; i < SECTIONS; i++) {
+        uint64_t other;
+        memcpy(&other, scene + OFFSETS_AT + 8 * (size_t)i, 8);
+        end = other > *at && other < end ? other : end;
+    }
+    return count > 0 && *at >= HEAD_BYTES && *at < end && end <= size ? (size_t)(end - *at) : 0;
+}
+
+/* Half of the time a number in a section is replaced, so that most results pass the validator: it
+ * is strict about everything else. */
+size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed)
+{
+    uint64_t at = 0;
+    uint8_t *scene = data + OPTION_BYTES;
+    const size_t bytes = size > OPTION_BYTES + HEAD_BYTES
+                             ? pick_section(scene, size - OPTION_BYTES, seed / 8 % SECTIONS, &at)
+                             : 0;
+    const unsigned draw = seed / 128;
+    if (seed % 8 == 0 && size >= OPTION_BYTES) {
+        data[0] = (uint8_t)draw;
+        data[1] = (uint8_t)(draw >> 8);
+    } else if (seed % 8 < 4 && bytes >= 8) {
+        const double number = numbers[draw % (sizeof numbers / sizeof numbers[0])];
+        memcpy(scene + at + draw / 32 % (bytes / 8) * 8, &number, 8);
+    } else if (seed % 8 == 4 && bytes >= 4) {
+        const float number = (float)numbers[draw % 10];
+        memcpy(scene + at + draw / 32 % (bytes / 4) * 4, &number, 4);
+    } else if (seed % 8 == 5 && bytes >= 16) { /* one item's number for another's */
+        memmove(scene + at + draw % (bytes / 8) * 8, scene + at + draw / 64 % (bytes / 8) * 8, 8);
+    } else if (seed % 8 == 6 && bytes >= 4) {
+        const uint32_t small = draw % 5;
+        memcpy(scene + at + draw / 8 % (bytes / 4) * 4, &small, 4);
+    } else if (LLVMFuzzerMutate != NULL) {
+        return LLVMFuzzerMutate(data, size, max_size);
+    }
+    return size;
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
