@@ -87,11 +87,37 @@ void umbj_folder_drop(int parent, const char *name)
     umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
 }
 
+/* Syncs the folder that holds the name: until then a power cut takes the new folder away. */
+static int sync_parent(int parent, const char *name)
+{
+    const char *slash = strrchr(name, '/');
+    char *above = slash == NULL   ? strdup(".")
+                  : slash == name ? strdup("/")
+                                  : strndup(name, (size_t)(slash - name));
+    const int folder =
+        above != NULL ? openat(parent, above, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+    free(above);
+    const int failed = folder < 0 || (fsync(folder) != 0 && errno != EINVAL && errno != ENOTSUP);
+    const int cause = errno;
+    if (folder >= 0) {
+        close(folder);
+    }
+    errno = cause;
+    return failed ? -1 : 0;
+}
+
 enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)
 {
-    if (mkdirat(parent, name, 0700) != 0 && errno != EEXIST) {
+    const int made = mkdirat(parent, name, 0700) == 0;
+    if (!made && errno != EEXIST) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot create the folder '%.100s'", name);
+    }
+    /* Also one that was there: a process that ended between the two left it unsynced. Then the
+     * folder above may be closed to us. */
+    if (sync_parent(parent, name) != 0 && made) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
+                              "cannot sync what holds the folder '%.100s'", name);
     }
     return UMB_OK;
 }

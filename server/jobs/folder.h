@@ -27,7 +27,8 @@ void umbj_folder_drop(int parent, const char *name);
 /* Removes everything in a folder but not itself. */
 void umbj_folder_empty(int folder);
 
-/* Makes a folder, for us alone, if it is not there. Fails: E_CANNOT_CREATE. */
+/* Makes a folder, for us alone, if it is not there; it is there after a power cut, too. Fails:
+ * E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error);
 
 #endif

@@ -3,7 +3,7 @@
 # Included by tests/module.mk. Sanitizers cannot be preloaded over: debug and release builds only.
 FAULT_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/fault/inject*.c))
 FAULT_TESTS := $(sort $(wildcard tests/fault/test_*.py))
-FAULT_NEEDS := $(BUILD)/inject.so $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study scenegen)
+FAULT_NEEDS := $(BUILD)/inject.so $(BUILD)/open_jobs $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study scenegen)
 
 # The functions are defined under both names, so neither may be renamed to the other; and calls of
 # malloc may not be folded by what the compiler knows of it.
@@ -13,10 +13,18 @@ $(BUILD)/inject.so: $(FAULT_OBJ)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -ldl -o $@
 
+# The job service on a folder, for images of power cuts.
+$(BUILD)/open_jobs: $(BUILD)/tests/fault/open_jobs.o $(TEST_LIBS_jobs)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_jobs) -o $@
+
+power-cuts: $(FAULT_NEEDS) ## every state of the disk after a power cut in a recorded run
+	@BUILD=$(BUILD) /usr/bin/python3 tests/fault/test_power_cuts.py
+
 fault: $(FAULT_NEEDS) ## make every n-th call fail: disk, memory, kill (debug or release)
 	@for t in $(FAULT_TESTS); do echo "== $$t"; BUILD=$(BUILD) /usr/bin/python3 $$t || exit 1; done
 
 fault-short: $(FAULT_NEEDS) ## the same with fewer points
 	@BUILD=$(BUILD) FAULT=short $(RUN) $(FAULT_TESTS)
 
-.PHONY: fault fault-short
+.PHONY: power-cuts fault fault-short

@@ -15,6 +15,7 @@
  *     UMBRAGE_FAULT_UNDER   absolute folder without links: only files below it count
  *     UMBRAGE_FAULT_BOARD   file of struct board, shared by the processes of a run. Counts are read
  *                           from it, and `first` and `last` may be changed while the program runs
+ *     UMBRAGE_FAULT_RECORD  log of what is done to files below UMBRAGE_FAULT_UNDER: inject_record.c
  *     UMBRAGE_FAULT_TRACE   file that gets one line a counted file call:
  *                           "PID NUMBER FUNCTION ok|failed PATH"
  *
@@ -75,8 +76,7 @@ static size_t under_length;
 static char trace_path[PATH_MAX];
 static atomic_int running; /* 1 from main on */
 
-/* Ends the process with a sentence: a test must not run without its fault. */
-static void refuse(const char *what)
+_Noreturn void fault_refuse(const char *what)
 {
     static const char name[] = "inject: cannot use ";
     (void)!syscall(SYS_write, 2, name, sizeof name - 1);
@@ -108,7 +108,7 @@ static uint32_t functions_of(const char *list)
             mask |= same_word(list, length, FUNCTIONS[i]) ? 1U << i : 0;
         }
         if (mask == before) {
-            refuse("UMBRAGE_FAULT_CALLS");
+            fault_refuse("UMBRAGE_FAULT_CALLS");
         }
         list += length;
         list += *list == ',';
@@ -130,7 +130,7 @@ static int action_of(const char *name)
         return KILL;
     }
     if (strcmp(name, "tear") != 0) {
-        refuse("UMBRAGE_FAULT_ACTION");
+        fault_refuse("UMBRAGE_FAULT_ACTION");
     }
     return TEAR;
 }
@@ -140,7 +140,7 @@ static void copy_path(char to[PATH_MAX], const char *variable)
     const char *value = getenv(variable);
     size_t length = value != NULL ? strlen(value) : 0;
     if (length >= PATH_MAX || (length > 0 && value[0] != '/')) {
-        refuse(variable);
+        fault_refuse(variable);
     }
     if (length > 0) {
         memcpy(to, value, length);
@@ -152,12 +152,12 @@ static void open_board(const char *path)
 {
     long fd = syscall(SYS_openat, AT_FDCWD, path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (fd < 0 || syscall(SYS_ftruncate, fd, (off_t)BOARD_BYTES) != 0) {
-        refuse("UMBRAGE_FAULT_BOARD");
+        fault_refuse("UMBRAGE_FAULT_BOARD");
     }
     long at = syscall(SYS_mmap, NULL, (size_t)BOARD_BYTES, PROT_READ | PROT_WRITE, MAP_SHARED, fd,
                       (off_t)0);
     if (at == -1) {
-        refuse("UMBRAGE_FAULT_BOARD");
+        fault_refuse("UMBRAGE_FAULT_BOARD");
     }
     board = (struct board *)at; /* NOLINT: the system call's result is an address */
     (void)syscall(SYS_close, fd);
@@ -171,14 +171,14 @@ __attribute__((constructor)) static void read_environment(void)
     const char *at = getenv("UMBRAGE_FAULT_AT");
     const char *keep = getenv("UMBRAGE_FAULT_KEEP");
     const char *path = getenv("UMBRAGE_FAULT_BOARD");
+    copy_path(under, "UMBRAGE_FAULT_UNDER");
+    under_length = strlen(under);
     if (calls == NULL) {
         return;
     }
     if (path != NULL) {
         open_board(path);
     }
-    copy_path(under, "UMBRAGE_FAULT_UNDER");
-    under_length = strlen(under);
     copy_path(trace_path, "UMBRAGE_FAULT_TRACE");
     action = what != NULL ? action_of(what) : EIO;
     if (at != NULL && atomic_load(&board->first) == 0) {
@@ -257,8 +257,7 @@ static void path_of_fd(int fd, char path[PATH_MAX])
     path[length > 0 ? length : 0] = '\0';
 }
 
-/* path as the kernel would find it: absolute, or below the folder of at. */
-static void path_below(int at, const char *path, char out[PATH_MAX])
+void fault_path_below(int at, const char *path, char out[PATH_MAX])
 {
     size_t used = 0;
     out[0] = '\0';
@@ -274,7 +273,7 @@ static void path_below(int at, const char *path, char out[PATH_MAX])
     append(out, used, PATH_MAX, path);
 }
 
-static int is_under(const char *path)
+int fault_is_under(const char *path)
 {
     return strncmp(path, under, under_length) == 0 &&
            (under_length == 0 || path[under_length] == '/' || path[under_length] == '\0');
@@ -284,7 +283,7 @@ static void weigh(struct call *call, enum function function)
 {
     call->function = function;
     call->verdict = GO_ON;
-    call->counted = is_under(call->path);
+    call->counted = fault_is_under(call->path);
     if (call->counted) {
         call->verdict = decide(function, &call->number);
     }
@@ -305,7 +304,7 @@ void fault_weigh_path(struct call *call, enum function function, int at, const c
     call->counted = 0;
     call->verdict = GO_ON;
     if (is_chosen(function)) {
-        path_below(at, path, call->path);
+        fault_path_below(at, path, call->path);
         weigh(call, function);
     }
 }

@@ -4,7 +4,10 @@
 /*
  * What the files of inject.so share: the decision about one call (inject.c), asked by the stand-ins
  * for file functions (inject_files.c), streams and processes (inject_process.c) and memory
- * (inject_memory.c). All of it is async-signal-safe and sets errno only for a call that fails.
+ * (inject_memory.c); and the log of what was done to files (inject_record.c), which the stand-ins
+ * of inject_files.c and inject_more.c write. All of it is async-signal-safe, but for a signal
+ * handler that writes to a regular file while a log is kept, and sets errno only for a call that
+ * fails.
  */
 #include <limits.h>
 #include <stddef.h>
@@ -68,5 +71,50 @@ void fault_begin(void);
 
 /* 1 if anything was asked for at all. */
 int fault_wanted(void);
+
+/* Ends the process with a sentence: a test must not run without its fault. */
+_Noreturn void fault_refuse(const char *what);
+
+/* path as the kernel would find it: absolute, or below the folder of `at`. */
+void fault_path_below(int at, const char *path, char out[PATH_MAX]);
+
+/* 1 if a path lies below UMBRAGE_FAULT_UNDER. */
+int fault_is_under(const char *path);
+
+/* ---- the log of operations (inject_record.c); power_cut.py has these numbers, too ---- */
+
+enum record {
+    RECORD_OPEN = 1, /* that may create; offset 1: it also truncates */
+    RECORD_WRITE,
+    RECORD_TRUNCATE, /* offset: the size */
+    RECORD_SYNC,     /* fsync and fdatasync: of a file, or of a folder */
+    RECORD_SYNC_ALL, /* syncfs */
+    RECORD_RENAME,
+    RECORD_MKDIR,
+    RECORD_UNLINK, /* of a file or an empty folder */
+    RECORD_MAP,    /* writes through a map are not seen */
+    RECORD_SEND,   /* to a socket, noted before it is sent */
+    RECORD_MARK,   /* a word of the test's own */
+};
+
+/* 1 if a log is kept. */
+int record_wanted(void);
+
+/* Around an operation on an open file or folder: the lock of all processes is held from enter to
+ * leave. enter: 0 if nothing is to be recorded. offset -1: the file's position. */
+int record_enter(int fd);
+void record_leave(int entered);
+void record_written(int entered, int fd, const void *bytes, long count, int64_t offset);
+void record_file(int entered, enum record kind, int fd, long result, uint64_t offset);
+void record_mapped(int fd, int protection, int flags, long result);
+void record_sent(int fd, const void *bytes, size_t count);
+
+/* Around an operation on a name; _opened and _name leave. */
+int record_enter_path(int at, const char *path, char full[PATH_MAX]);
+void record_opened(int entered, const char *full, int flags, long fd);
+void record_name(int entered, enum record kind, const char *full, const char *other, long result);
+
+/* From a test in Python, by ctypes. */
+void record_mark(const char *text);
 
 #endif

@@ -32,7 +32,11 @@ EXPORT ssize_t write(int fd, const void *bytes, size_t count)
     if (through == 0 && fault_fails(&call)) {
         return -1;
     }
+    record_sent(fd, bytes, through);
+    const int entered = record_enter(fd);
     long result = syscall(SYS_write, fd, bytes, through);
+    record_written(entered, fd, bytes, result, -1);
+    record_leave(entered);
     if (call.verdict == TEAR) {
         fault_die();
     }
@@ -47,7 +51,10 @@ static ssize_t pwrite_counted(int fd, const void *bytes, size_t count, off64_t o
     if (through == 0 && fault_fails(&call)) {
         return -1;
     }
+    const int entered = record_enter(fd);
     long result = syscall(SYS_pwrite64, fd, bytes, through, offset);
+    record_written(entered, fd, bytes, result, offset);
+    record_leave(entered);
     if (call.verdict == TEAR) {
         fault_die();
     }
@@ -64,18 +71,28 @@ EXPORT ssize_t pwrite64(int fd, const void *bytes, size_t count, off64_t offset)
     return pwrite_counted(fd, bytes, count, offset);
 }
 
-EXPORT int fsync(int fd)
+static int sync_counted(enum function function, long number, int fd)
 {
     struct call call;
-    fault_weigh_fd(&call, FSYNC, fd);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_fsync, fd));
+    fault_weigh_fd(&call, function, fd);
+    if (fault_fails(&call)) {
+        return -1;
+    }
+    const int entered = record_enter(fd);
+    const long result = syscall(number, fd);
+    record_file(entered, RECORD_SYNC, fd, result, 0);
+    record_leave(entered);
+    return (int)fault_done(&call, result);
+}
+
+EXPORT int fsync(int fd)
+{
+    return sync_counted(FSYNC, SYS_fsync, fd);
 }
 
 EXPORT int fdatasync(int fd)
 {
-    struct call call;
-    fault_weigh_fd(&call, FDATASYNC, fd);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_fdatasync, fd));
+    return sync_counted(FDATASYNC, SYS_fdatasync, fd);
 }
 
 /* A close that fails still closes, as Linux does. */
@@ -91,46 +108,61 @@ EXPORT int close(int fd)
     return (int)fault_done(&call, syscall(SYS_close, fd));
 }
 
-EXPORT int rename(const char *from, const char *to)
+static int rename_counted(enum function function, int from_at, const char *from, int to_at,
+                          const char *to)
 {
     struct call call;
-    fault_weigh_path(&call, RENAME, AT_FDCWD, from);
-    return fault_fails(&call)
-               ? -1
-               : (int)fault_done(&call, syscall(SYS_renameat2, AT_FDCWD, from, AT_FDCWD, to, 0));
+    char full[PATH_MAX], other[PATH_MAX];
+    fault_weigh_path(&call, function, from_at, from);
+    if (fault_fails(&call)) {
+        return -1;
+    }
+    const int entered = record_enter_path(from_at, from, full);
+    if (entered) {
+        fault_path_below(to_at, to, other);
+    }
+    const long result = syscall(SYS_renameat2, from_at, from, to_at, to, 0);
+    record_name(entered, RECORD_RENAME, full, other, result);
+    return (int)fault_done(&call, result);
+}
+
+EXPORT int rename(const char *from, const char *to)
+{
+    return rename_counted(RENAME, AT_FDCWD, from, AT_FDCWD, to);
 }
 
 EXPORT int renameat(int from_at, const char *from, int to_at, const char *to)
 {
-    struct call call;
-    fault_weigh_path(&call, RENAMEAT, from_at, from);
-    return fault_fails(&call)
-               ? -1
-               : (int)fault_done(&call, syscall(SYS_renameat2, from_at, from, to_at, to, 0));
+    return rename_counted(RENAMEAT, from_at, from, to_at, to);
 }
 
 EXPORT int mkdir(const char *path, mode_t mode)
 {
     struct call call;
     fault_weigh_path(&call, MKDIR, AT_FDCWD, path);
-    return fault_fails(&call) ? -1
-                              : (int)fault_done(&call, syscall(SYS_mkdirat, AT_FDCWD, path, mode));
+    return fault_fails(&call) ? -1 : (int)fault_done(&call, mkdirat(AT_FDCWD, path, mode));
 }
 
 EXPORT int unlink(const char *path)
 {
     struct call call;
     fault_weigh_path(&call, UNLINK, AT_FDCWD, path);
-    return fault_fails(&call) ? -1
-                              : (int)fault_done(&call, syscall(SYS_unlinkat, AT_FDCWD, path, 0));
+    return fault_fails(&call) ? -1 : (int)fault_done(&call, unlinkat(AT_FDCWD, path, 0));
 }
 
 static int open_counted(enum function function, int at, const char *path, int flags, mode_t mode)
 {
     struct call call;
+    char full[PATH_MAX];
     fault_weigh_path(&call, function, at, path);
-    return fault_fails(&call) ? -1
-                              : (int)fault_done(&call, syscall(SYS_openat, at, path, flags, mode));
+    if (fault_fails(&call)) {
+        return -1;
+    }
+    const int entered =
+        (flags & (O_CREAT | O_TRUNC)) != 0 ? record_enter_path(at, path, full) : 0;
+    const long fd = syscall(SYS_openat, at, path, flags, mode);
+    record_opened(entered, full, flags, fd);
+    return (int)fault_done(&call, fd);
 }
 
 /* The mode of an open that may create; only then is there one. */
@@ -205,7 +237,9 @@ static void *mmap_counted(void *where, size_t size, int how, int flags, int fd, 
     if (fault_fails(&call)) {
         return MAP_FAILED;
     }
-    return (void *)fault_done(&call, syscall(SYS_mmap, where, size, how, flags, fd, offset));
+    const long at = syscall(SYS_mmap, where, size, how, flags, fd, offset);
+    record_mapped(fd, how, flags, at);
+    return (void *)fault_done(&call, at);
 }
 
 EXPORT void *mmap(void *where, size_t size, int how, int flags, int fd, off_t offset)
@@ -222,7 +256,14 @@ static int ftruncate_counted(int fd, off64_t size)
 {
     struct call call;
     fault_weigh_fd(&call, FTRUNCATE, fd);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, syscall(SYS_ftruncate, fd, size));
+    if (fault_fails(&call)) {
+        return -1;
+    }
+    const int entered = record_enter(fd);
+    const long result = syscall(SYS_ftruncate, fd, size);
+    record_file(entered, RECORD_TRUNCATE, fd, result, (uint64_t)size);
+    record_leave(entered);
+    return (int)fault_done(&call, result);
 }
 
 EXPORT int ftruncate(int fd, off_t size)

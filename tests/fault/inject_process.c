@@ -143,7 +143,7 @@ EXPORT FILE *fdopen(int fd, const char *mode)
 {
     struct stat facts;
     struct file_stream *file = NULL;
-    if (fault_wanted() && mode[0] == 'w' && fstat(fd, &facts) == 0 && S_ISREG(facts.st_mode)) {
+    if ((fault_wanted() || record_wanted()) && mode[0] == 'w' && fstat(fd, &facts) == 0 && S_ISREG(facts.st_mode)) {
         file = take_stream(fd);
     }
     if (file == NULL) {
@@ -169,7 +169,17 @@ static int mkstemp_counted(char *name)
 {
     struct call call;
     fault_weigh_path(&call, OPEN, AT_FDCWD, name);
-    return fault_fails(&call) ? -1 : (int)fault_done(&call, real_mkstemp(name));
+    if (fault_fails(&call)) {
+        return -1;
+    }
+    char full[PATH_MAX];
+    const int entered = record_enter_path(AT_FDCWD, name, full);
+    const int fd = real_mkstemp(name); /* it opens inside the C library: not recorded there */
+    if (entered) {
+        fault_path_below(AT_FDCWD, name, full);
+    }
+    record_opened(entered, full, O_CREAT | O_EXCL, fd);
+    return (int)fault_done(&call, fd);
 }
 
 EXPORT int mkstemp(char *name)
