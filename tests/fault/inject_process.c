@@ -143,7 +143,8 @@ EXPORT FILE *fdopen(int fd, const char *mode)
 {
     struct stat facts;
     struct file_stream *file = NULL;
-    if ((fault_wanted() || record_wanted()) && mode[0] == 'w' && fstat(fd, &facts) == 0 && S_ISREG(facts.st_mode)) {
+    const int wanted = fault_wanted() || record_wanted();
+    if (wanted && mode[0] == 'w' && fstat(fd, &facts) == 0 && S_ISREG(facts.st_mode)) {
         file = take_stream(fd);
     }
     if (file == NULL) {

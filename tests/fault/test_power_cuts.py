@@ -327,6 +327,22 @@ with test.check("no power cut loses an accepted job, a bundle or an asset"):
     for wanted in ("queued", "done", "failed"):
         assert wanted in states, f"no image has a job that is {wanted}"
 
+with test.check("an output of umbrage fetch is the old one or the new one"):
+    fetched = test.path("fetched")
+    os.mkdir(fetched)
+    with open(os.path.join(fetched, "f.umb"), "wb") as file:
+        file.write(old)
+    process = service()  # not recorded: what it keeps is the checks' above
+    try:
+        up(process)
+        check_output("f.umb", "umbrage fetch", fetched,
+                     lambda: cli("fetch", jobs[1].asset, "-o", os.path.join(fetched, "f.umb")), old)
+        assert read(fetched, "f.umb") != old
+        ended(process)
+    finally:
+        process.kill()
+        process.wait()
+
 with test.check("a daemon on what a cut left bakes what it owes"):
     daemons = 0
     for image, index in chosen:
