@@ -14,6 +14,12 @@
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
 
+/* Bounds of what a camera may say: squares of lengths stay finite and above 0. */
+#define LENGTH_MIN      1e-30
+#define LENGTH_MAX      1e30
+#define TANGENT_MIN     1e-6
+#define SLICES_AWAY_MAX 1099511627776.0 /* 2^40 slices from the scene: doubles hold 53 bits */
+
 void umb_cascades_split(double near_m, double far_m, uint32_t count, double weight, double *splits)
 {
     splits[0] = near_m;
@@ -102,6 +108,29 @@ static void slice_measure(struct fitting *fit, const struct umb_cascade_camera *
             extent_add(&fit->slice[i], fit->corners[corner][i]);
         }
     }
+}
+
+/*
+ * Checks that the slice has an extent across the light that doubles can tell from its distance: an
+ * eye so far from the scene that the slice's size is lost in its place would leave extents of 0,
+ * which are divided by.
+ */
+static enum umb_status slice_check(const struct fitting *fit,
+                                   const struct umb_cascade_camera *camera, uint32_t index,
+                                   struct umb_error *error)
+{
+    for (int i = 0; i < 2; i++) {
+        const struct extent *e = &fit->slice[i];
+        const double away = fmax(fabs(e->low), fabs(e->high));
+        if (!(e->high - e->low > away / SLICES_AWAY_MAX)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "camera: eye (%g, %g, %g): slice %u is %g m across and %g m from the "
+                            "scene's centre; the limit is 2^40 times its size",
+                            camera->eye[0], camera->eye[1], camera->eye[2], index, e->high - e->low,
+                            away);
+        }
+    }
+    return UMB_OK;
 }
 
 /* Writes row `row` of the matrix: out = scale . (light space) + shift. */
@@ -223,19 +252,23 @@ static enum umb_status camera_check(const struct umb_cascade_camera *camera,
                                     struct umb_error *error)
 {
     const double *axes[3] = {camera->right, camera->up, camera->forward};
-    int ok =
-        camera->tan_x > 0.0 && camera->tan_y > 0.0 && camera->tan_x < 1e3 && camera->tan_y < 1e3;
+    int ok = camera->tan_x >= TANGENT_MIN && camera->tan_y >= TANGENT_MIN && camera->tan_x < 1e3 &&
+             camera->tan_y < 1e3;
     for (int i = 0; i < 3; i++) {
-        ok = ok && isfinite(camera->eye[i]) && fabs(umb__dot(axes[i], axes[i]) - 1.0) < 1e-6 &&
+        ok = ok && fabs(camera->eye[i]) <= LENGTH_MAX &&
+             fabs(umb__dot(axes[i], axes[i]) - 1.0) < 1e-6 &&
              fabs(umb__dot(axes[i], axes[(i + 1) % 3])) < 1e-6;
     }
     if (!ok) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "camera: eye finite, axes orthonormal, tangents above 0 and below 1000");
+        return umb_fail(
+            error, UMB_E_ARGUMENT,
+            "camera: eye within 1e30 m, axes orthonormal, tangents from 1e-6 to below 1000");
     }
-    if (!(camera->near_m > 0.0 && camera->far_m > camera->near_m && isfinite(camera->far_m))) {
-        return umb_fail(error, UMB_E_ARGUMENT, "camera: near %g, far %g; 0 < near < far",
-                        camera->near_m, camera->far_m);
+    if (!(camera->near_m >= LENGTH_MIN && camera->far_m > camera->near_m &&
+          camera->far_m <= LENGTH_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera: near %g, far %g; 1e-30 <= near < far <= 1e30", camera->near_m,
+                        camera->far_m);
     }
     return UMB_OK;
 }
@@ -322,6 +355,10 @@ enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const
             frustum->light[k] = -fit.axes[2][k];
         }
         slice_measure(&fit, camera, plan->splits[i], plan->splits[i + 1]);
+        status = slice_check(&fit, camera, i, error);
+        if (status != UMB_OK) {
+            break;
+        }
         depth_fit(frustum, &fit);
         plan->warped[i] = warp;
         if (warp) {
@@ -332,5 +369,5 @@ enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const
             scene_fit(frustum, &fit);
         }
     }
-    return UMB_OK;
+    return status;
 }

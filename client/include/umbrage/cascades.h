@@ -26,10 +26,10 @@ extern "C" {
 #define UMB_CASCADES_MAX 8
 
 struct umb_cascade_camera {
-    double eye[3];                      /* metres, world space */
+    double eye[3];                      /* metres, world space; within 1e30 */
     double right[3], up[3], forward[3]; /* orthonormal */
-    double tan_x, tan_y;                /* of half the fields of view, > 0 */
-    double near_m, far_m;               /* along forward, 0 < near < far */
+    double tan_x, tan_y;                /* of half the fields of view, 1e-6 .. 1000 */
+    double near_m, far_m;               /* along forward, 1e-30 <= near < far <= 1e30 */
 };
 
 enum umb_cascade_fit {
@@ -70,7 +70,8 @@ UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, dou
  * casters before a slice are in its map.
  *
  * In:    to_light: any length above 0. scene: of all casters, metres, world space.
- * Fails: E_ARGUMENT (camera, light, box or settings), naming the field.
+ * Fails: E_ARGUMENT (camera, light, box or settings), naming the field; also an eye that is more
+ *        than 2^40 times a slice's size from the scene.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],

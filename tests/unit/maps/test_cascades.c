@@ -287,6 +287,50 @@ static void plans_of_strangers_are_refused_by_name(void **state)
                      UMB_E_ARGUMENT);
 }
 
+/* Were these not refused, extents would be 0 or infinite, and are divided by. */
+static void cameras_beyond_what_doubles_can_tell_are_refused(void **state)
+{
+    (void)state;
+    uint64_t seed = 6;
+    const struct umb_cascade_camera good = camera_of(&seed);
+    const double to_light[3] = {0, 0, 1};
+    struct umb_cascade_plan plan;
+    struct umb_error error;
+    for (int fit = UMB_CASCADE_SLICE; fit <= UMB_CASCADE_LISPSM; fit++) {
+        const struct umb_cascade_settings settings = settings_of((enum umb_cascade_fit)fit);
+        const double eyes[] = {1e20, -1e20, 1e29, 1e31, 1e308};
+        for (size_t i = 0; i < sizeof eyes / sizeof eyes[0]; i++) {
+            struct umb_cascade_camera far_away = good;
+            far_away.eye[0] = eyes[i];
+            assert_int_equal(
+                umb_cascades_plan(&far_away, to_light, &scene, &settings, &plan, &error),
+                UMB_E_ARGUMENT);
+            assert_non_null(strstr(error.message, "eye"));
+        }
+        struct umb_cascade_camera odd = good;
+        odd.far_m = 1e300;
+        assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
+                         UMB_E_ARGUMENT);
+        odd = good;
+        odd.near_m = 1e-300;
+        assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
+                         UMB_E_ARGUMENT);
+        odd = good;
+        odd.tan_x = 1e-300;
+        assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
+                         UMB_E_ARGUMENT);
+        odd = good;
+        odd.eye[0] = 1e7; /* far, but within reach */
+        assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
+                         UMB_OK);
+        for (uint32_t slice = 0; slice < plan.count; slice++) {
+            for (int i = 0; i < 16; i++) {
+                assert_true(isfinite(plan.frusta[slice].world_to_map[i / 4][i % 4]));
+            }
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -297,6 +341,7 @@ int main(void)
         cmocka_unit_test(the_seam_of_two_layers_is_fainter_and_a_contrast_matches_it),
         cmocka_unit_test(points_ask_their_slice_and_fade_into_the_next),
         cmocka_unit_test(plans_of_strangers_are_refused_by_name),
+        cmocka_unit_test(cameras_beyond_what_doubles_can_tell_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
