@@ -56,14 +56,15 @@ static int parse_scopes(char *text, unsigned *scopes)
     return 1;
 }
 
-/* Splits at blanks, in place; returns how many words there are, at most `limit`. */
+/* Splits at blanks, in place, up to a word that begins with '#'; returns how many words there are,
+ * at most `limit`. */
 static size_t split(char *line, char **words, size_t limit)
 {
     size_t count = 0;
-    line[strcspn(line, "#\r\n")] = '\0';
+    line[strcspn(line, "\r\n")] = '\0';
     while (count < limit) {
         line += strspn(line, " \t");
-        if (line[0] == '\0') {
+        if (line[0] == '\0' || line[0] == '#') {
             break;
         }
         words[count++] = line;
@@ -82,6 +83,11 @@ static const char *take_line(struct umbd_token_set *set, char *line)
     size_t count = split(line, words, 5);
     if (count == 0) {
         return NULL;
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (strchr(words[i], '#') != NULL) {
+            return "has a '#' inside a word: a comment begins behind a blank, a token has no '#'";
+        }
     }
     if (count < 3 || count > 4) {
         return "is not NAME SCOPES TOKEN [POINTS_PER_SECOND]";

@@ -5,8 +5,8 @@
  * Bearer tokens: who may do what, and how much.
  *
  * The file has a line for each token: NAME SCOPES TOKEN [POINTS_PER_SECOND]. SCOPES is a list of
- * query, submit, admin with commas; `#` begins a comment. Only hashes are kept, and all of them are
- * compared whatever matches, so that time tells nothing.
+ * query, submit, admin with commas; `#` behind a blank begins a comment, and is refused elsewhere.
+ * Only hashes are kept, and all of them are compared whatever matches, so that time tells nothing.
  *
  * Threads: all functions from any thread. A set is immutable and counted: who holds one keeps its
  * tokens across a reload.
