@@ -45,12 +45,19 @@ void umbj_words_add_sandbox(struct umbj_words *words, const char *mode)
     umbj_words_add(words, "--sandbox=%s", mode != NULL ? mode : "required");
 }
 
+/* The line behind this one; the last may lack its end. */
+static const char *next_line(const char *line)
+{
+    const size_t length = strcspn(line, "\n");
+    return line + length + (line[length] == '\n');
+}
+
 /* What the last --resolution says; what is no number is refused by umbrage-bake itself. */
 static unsigned long resolution_of(const char *settings)
 {
     static const char name[] = "--resolution=";
     unsigned long resolution = RESOLUTION;
-    for (const char *line = settings; *line != '\0'; line += strcspn(line, "\n") + 1) {
+    for (const char *line = settings; *line != '\0'; line = next_line(line)) {
         if (strncmp(line, name, sizeof name - 1) == 0) {
             resolution = strtoul(line + sizeof name - 1, NULL, 10);
         }
@@ -69,10 +76,8 @@ void umbj_words_add_settings(struct umbj_words *words, const char *settings, uin
     if (tile > 0) {
         umbj_words_add(words, "--tile=%lu", umbj_tile_edge(settings, tile));
     }
-    for (const char *line = settings; *line != '\0';) { /* every line has its end */
-        const size_t length = strcspn(line, "\n");
-        umbj_words_add(words, "%.*s", (int)length, line);
-        line += length + 1;
+    for (const char *line = settings; *line != '\0'; line = next_line(line)) {
+        umbj_words_add(words, "%.*s", (int)strcspn(line, "\n"), line);
     }
 }
 
@@ -87,7 +92,7 @@ void umbj_words_finish(struct umbj_words *words)
 
 int umbj_settings_have(const char *settings, const char *wanted)
 {
-    for (const char *line = settings; *line != '\0'; line += strcspn(line, "\n") + 1) {
+    for (const char *line = settings; *line != '\0'; line = next_line(line)) {
         const size_t length = strcspn(line, "\n");
         if (length == strlen(wanted) && memcmp(line, wanted, length) == 0) {
             return 1;
