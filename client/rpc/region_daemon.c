@@ -62,7 +62,9 @@ static enum umb_status take_reply(struct gather_call *call, const uint8_t *messa
     }
     memcpy(source->id, reply.asset_id, UMB_ID_BYTES);
     source->has_id = true;
-    memcpy(call->place, reply.data, reply.data_size);
+    if (reply.data_size > 0) { /* data is NULL then */
+        memcpy(call->place, reply.data, reply.data_size);
+    }
     call->got = reply.data_size;
     return UMB_OK;
 }
