@@ -4,8 +4,34 @@
 INC_FUZZ := $(INC_tests) -Itests/fuzz
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(filter-out tests/fuzz/fuzz_replay.c,$(wildcard tests/fuzz/fuzz_*.c)))
 FUZZ_REPLAYS := $(FUZZ_TARGETS:%=$(BUILD)/tests/fuzz/replay_%)
+FUZZ_LIVES := $(FUZZ_TARGETS:%=$(BUILD)/tests/fuzz/live_%)
+
+# What a target links; those that are not named have the first.
 FUZZ_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 FUZZ_SYS = -lembree3 -lassimp -lpng $(WIRE_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_bakes = $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+FUZZ_SYS_fuzz_bakes = -lsqlite3 $(WIRE_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_farm = $(FUZZ_LIBS_fuzz_bakes)
+FUZZ_SYS_fuzz_farm = $(FUZZ_SYS_fuzz_bakes)
+FUZZ_LIBS_fuzz_bundle = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+FUZZ_SYS_fuzz_bundle = -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_config = $(TEST_LIBS_daemon)
+FUZZ_SYS_fuzz_config = $(TEST_SYS_daemon)
+FUZZ_LIBS_fuzz_conn = $(TEST_LIBS_daemon)
+FUZZ_SYS_fuzz_conn = $(TEST_SYS_daemon)
+FUZZ_LIBS_fuzz_derive = $(WIRE_LIB) $(CORE_LIB)
+FUZZ_SYS_fuzz_derive = $(WIRE_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_reply = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+FUZZ_SYS_fuzz_reply = $(RPC_LIBS) $(CORE_LIBS)
+
+# What CI fuzzes with coverage guidance.
+FUZZ_CI := $(addprefix fuzz_,bakes bundle config conn derive farm reply)
+# Words of what a target takes.
+FUZZ_WORDS := $(addprefix fuzz_,bakes conn derive reply wire)
+fuzz_words = $(if $(filter $(1),$(FUZZ_WORDS)),-dict=tests/fuzz/protobuf.dict) \
+	$(if $(filter $(1),fuzz_config),-dict=tests/fuzz/config.dict)
+FUZZ_RUN = -timeout=10 -rss_limit_mb=2048 -print_final_stats=1
+T_CI ?= 120
 T ?= 60
 
 $(BUILD)/tests/fuzz/%.o: tests/fuzz/%.c
@@ -13,28 +39,43 @@ $(BUILD)/tests/fuzz/%.o: tests/fuzz/%.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) $(INC_FUZZ) -c $< -o $@
 
-$(FUZZ_REPLAYS): $(BUILD)/tests/fuzz/replay_%: $(BUILD)/tests/fuzz/%.o $(BUILD)/tests/fuzz/fuzz_replay.o $(HARNESS_OBJ) $(FUZZ_LIBS)
-	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(FUZZ_SYS) -o $@
+define fuzz_target
+$(BUILD)/tests/fuzz/replay_$(1): $(BUILD)/tests/fuzz/$(1).o $(BUILD)/tests/fuzz/fuzz_replay.o $$(HARNESS_OBJ) $(or $(FUZZ_LIBS_$(1)),$(FUZZ_LIBS))
+	$$(call say,LD,$$@)
+	$$(Q)$$(CC) $$(LDFLAGS_ALL) $$^ $(or $(FUZZ_SYS_$(1)),$(FUZZ_SYS)) -o $$@
+$(BUILD)/tests/fuzz/live_$(1): $(BUILD)/tests/fuzz/$(1).o $$(HARNESS_OBJ) $(or $(FUZZ_LIBS_$(1)),$(FUZZ_LIBS))
+	$$(call say,LD,$$@)
+	$$(Q)$$(CC) $$(LDFLAGS_ALL) -fsanitize=fuzzer $$^ $(or $(FUZZ_SYS_$(1)),$(FUZZ_SYS)) -lstdc++ -o $$@
+endef
+$(foreach target,$(FUZZ_TARGETS),$(eval $(call fuzz_target,$(target))))
 
-$(BUILD)/tests/fuzz/live_%: $(BUILD)/tests/fuzz/%.o $(HARNESS_OBJ) $(FUZZ_LIBS)
-	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) -fsanitize=fuzzer $^ $(FUZZ_SYS) -lstdc++ -o $@
-
-fuzz-live: $(FUZZ_TARGETS:%=$(BUILD)/tests/fuzz/live_%)
+# One after the other, T seconds each.
+fuzz-live: $(FUZZ_LIVES)
 	@for t in $(FUZZ_TARGETS); do \
-		mkdir -p $(BUILD)/corpus/$$t tests/fuzz/seeds/$$t tests/fuzz/regress/$$t; \
-		echo "== $$t for $(T) s"; \
-		$(BUILD)/tests/fuzz/live_$$t -max_total_time=$(T) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
-			-artifact_prefix=$(BUILD)/corpus/crash-$$t- $(BUILD)/corpus/$$t tests/fuzz/seeds/$$t tests/fuzz/regress/$$t \
-			2>$(BUILD)/corpus/$$t.log || { tail -n 40 $(BUILD)/corpus/$$t.log; exit 1; }; \
-		grep -E 'stat::(number_of_executed_units|new_units_added|peak_rss_mb)' $(BUILD)/corpus/$$t.log; \
-	done
+		$(MAKE) --no-print-directory T_CI=$(T) fuzz-one-$$t || exit 1; done
 
+# One target for T_CI seconds.
+fuzz-one-%:
+	@mkdir -p $(BUILD)/corpus/$*; \
+	$(BUILD)/tests/fuzz/live_$* -max_total_time=$(T_CI) $(FUZZ_RUN) $(call fuzz_words,$*) \
+		-artifact_prefix=$(BUILD)/corpus/crash-$*- $(BUILD)/corpus/$* $(wildcard tests/fuzz/seeds/$* tests/fuzz/regress/$*) \
+		2>$(BUILD)/corpus/$*.log || { echo "FAILED $*"; tail -n 40 $(BUILD)/corpus/$*.log; exit 1; }; \
+	echo "ok $*: $$(sed -n 's/^stat::number_of_executed_units: *//p' $(BUILD)/corpus/$*.log) executions," \
+		"$$(sed -n 's/^stat::new_units_added: *//p' $(BUILD)/corpus/$*.log) new to it, in $(T_CI) s"
+fuzz-ci-live: $(FUZZ_CI:%=$(BUILD)/tests/fuzz/live_%)
+	@$(MAKE) --no-print-directory $(FUZZ_CI:%=fuzz-one-%)
+
+FUZZ_CLANG = CC=clang config=asan BUILD=build/fuzz CFLAGS=-fsanitize=fuzzer-no-link
 fuzz: ## fuzz every target for T seconds (clang)
-	@$(MAKE) --no-print-directory -j$(CORES) CC=clang config=asan BUILD=build/fuzz CFLAGS=-fsanitize=fuzzer-no-link fuzz-live
+	@$(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-live
+
+fuzz-ci: ## fuzz the targets of FUZZ_CI for T_CI seconds (120) each, as many at once as there are processors
+	@if echo 'int LLVMFuzzerTestOneInput(const char *b, long n) { (void)b; (void)n; return 0; }' | \
+		clang -fsanitize=fuzzer -x c - -o /dev/null 2>/dev/null; then \
+		$(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-ci-live; \
+	else for t in $(FUZZ_CI); do echo "skipped $$t: clang has no libFuzzer here"; done; fi
 
 fuzz-replay: $(FUZZ_REPLAYS)
 	@for t in $(FUZZ_TARGETS); do $(BUILD)/tests/fuzz/replay_$$t $$(for d in seeds regress; do [ -d tests/fuzz/$$d/$$t ] && echo tests/fuzz/$$d/$$t; done) || exit 1; done
 
-.PHONY: fuzz fuzz-live fuzz-replay
+.PHONY: fuzz fuzz-live fuzz-ci fuzz-ci-live fuzz-replay
