@@ -116,11 +116,12 @@ uint32_t umbd_h2_filter_data_left(const struct umbd_h2_filter *filter, uint32_t 
 
 int umbd_h2_filter_was_reset(struct umbd_h2_filter *filter, uint32_t stream_id)
 {
+    int found = 0;
     for (size_t i = 0; filter->next_early > 0 && i < UMBD_EARLY_RESETS; i++) {
         if (filter->early[i] == stream_id) {
-            filter->early[i] = 0;
-            return 1;
+            filter->early[i] = 0; /* a peer may have reset it more than once */
+            found = 1;
         }
     }
-    return 0;
+    return found;
 }

@@ -115,6 +115,20 @@ static void filter_forgets_the_oldest_of_too_many(void **state)
     assert_true(umbd_h2_filter_was_reset(&filter, 2 * UMBD_EARLY_RESETS + 1));
 }
 
+static void filter_says_once_of_a_stream_that_was_reset_twice(void **state)
+{
+    struct umbd_h2_filter filter;
+    struct text in = {.size = 0}, out = {.size = 0};
+    (void)state;
+    add_preface(&in);
+    add_frame(&in, 3, 5, 4);
+    add_frame(&in, 3, 5, 4);
+    umbd_h2_filter_init(&filter);
+    assert_int_equal(umbd_h2_filter_feed(&filter, in.bytes, in.size, keep, &out), 0);
+    assert_true(umbd_h2_filter_was_reset(&filter, 5));
+    assert_false(umbd_h2_filter_was_reset(&filter, 5));
+}
+
 static int refuse(void *user, const uint8_t *bytes, size_t count)
 {
     (void)bytes;
@@ -167,6 +181,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(filter_drops_early_resets_however_the_bytes_are_cut),
         cmocka_unit_test(filter_forgets_the_oldest_of_too_many),
+        cmocka_unit_test(filter_says_once_of_a_stream_that_was_reset_twice),
         cmocka_unit_test(filter_says_what_is_left_of_a_data_frame_and_nothing_else),
         cmocka_unit_test(filter_stops_when_told),
     };
