@@ -46,18 +46,27 @@ static void errand_free(struct umbd_errand *errand)
     }
     umbj_upload_destroy(errand->upload);
     umbw_manifest_finish(&errand->wire);
-    free(errand->files);
+    free(errand->list);
     free(errand->settings);
+    free(errand->prepared);
     free(errand->message);
     free(errand->jobs);
     free(errand->chunk);
     free(errand);
 }
 
+static void run_files(struct umbj_request *request)
+{
+    struct umbd_errand *errand = (struct umbd_errand *)request;
+    errand->files(errand);
+}
+
 static void run_work(struct umbj_request *request, struct umbj_service *service)
 {
     struct umbd_errand *errand = (struct umbd_errand *)request;
-    errand->work(errand, service);
+    if (errand->status == UMB_OK) {
+        errand->work(errand, service);
+    }
 }
 
 /* On the jobs' thread, or on the one that ends the service. */
@@ -80,17 +89,42 @@ static void come_home(struct umbj_request *request)
     uv_async_send(&loop->wake);
 }
 
-void umbd_errand_send(struct umbd_call *call,
-                      void (*work)(struct umbd_errand *, struct umbj_service *),
-                      void (*answer)(struct umbd_errand *, struct umbd_call *))
+static void send_request(struct umbd_call *call, struct umbj_request request,
+                         void (*answer)(struct umbd_errand *, struct umbd_call *))
 {
     struct umbd_errand *errand = call->errand;
     errand->away = 1;
     errand->status = UMB_OK;
-    errand->work = work;
     errand->answer = answer;
-    errand->request = (struct umbj_request){.run = run_work, .done = come_home};
-    umbj_service_post(call->conn->loop->daemon->jobs, &errand->request);
+    errand->service = call->conn->loop->daemon->jobs;
+    errand->request = request;
+    errand->request.done = come_home;
+    errand->request.owner = errand->owner;
+    umbj_service_post(errand->service, &errand->request);
+}
+
+void umbd_errand_send(struct umbd_call *call, void (*files)(struct umbd_errand *),
+                      void (*work)(struct umbd_errand *, struct umbj_service *),
+                      void (*answer)(struct umbd_errand *, struct umbd_call *))
+{
+    call->errand->files = files;
+    call->errand->work = work;
+    send_request(call,
+                 (struct umbj_request){.files = files != NULL ? run_files : NULL,
+                                       .run = work != NULL ? run_work : NULL},
+                 answer);
+}
+
+void umbd_errand_send_reading(struct umbd_call *call, void (*reads)(struct umbd_errand *),
+                              void (*answer)(struct umbd_errand *, struct umbd_call *))
+{
+    call->errand->files = reads;
+    send_request(call, (struct umbj_request){.files = run_files, .reads = 1}, answer);
+}
+
+static void run_discard(struct umbj_request *request)
+{
+    umbj_upload_discard(((struct umbd_errand *)request)->upload);
 }
 
 static void run_drop(struct umbj_request *request, struct umbj_service *service)
@@ -111,7 +145,8 @@ static void give_up(struct umbd_daemon *daemon, struct umbd_errand *errand)
         errand_free(errand);
         return;
     }
-    errand->request = (struct umbj_request){.run = run_drop, .done = free_there};
+    errand->request = (struct umbj_request){
+        .files = run_discard, .run = run_drop, .done = free_there, .owner = errand->owner};
     umbj_service_post(daemon->jobs, &errand->request);
 }
 

@@ -2,12 +2,13 @@
 #ifndef UMBRAGE_SERVER_DAEMON_ERRAND_H
 #define UMBRAGE_SERVER_DAEMON_ERRAND_H
 /*
- * What a call of the Bakes service has to do with the job service, whose thread may block on the
- * disk. One errand a call; it is either at home, with the call, or away, with that thread:
+ * What a call of the Bakes service has to do with the job service, whose threads may block on the
+ * disk. One errand a call; it is either at home, with the call, or away, with those threads:
  *
- *     umbd_errand_create(call, &error)        whose call it is
- *     umbd_errand_send(call, work, answer)    work runs on the jobs' thread, then answer on the
- * loop umbd_errand_drop(call)                  the call ends
+ *     umbd_errand_create(call, &error)              whose call it is
+ *     umbd_errand_send(call, files, work, answer)   files runs on a thread for files, then work on
+ *                                                   the jobs' thread, then answer on the loop
+ *     umbd_errand_drop(call)                        the call ends
  *
  * A call finds its errand again by (connection serial, stream id), never by pointer, since it may
  * be gone; an errand that comes home to nobody is only freed. While it is away neither the call
@@ -25,8 +26,10 @@ struct umbd_errand {
     int32_t stream_id;
     int away;
     size_t charged; /* counted for a call that is gone */
+    void (*files)(struct umbd_errand *errand);
     void (*work)(struct umbd_errand *errand, struct umbj_service *service);
     void (*answer)(struct umbd_errand *errand, struct umbd_call *call);
+    struct umbj_service *service; /* while it is away */
 
     char owner[UMBJ_OWNER_SIZE];
     int is_admin;
@@ -39,7 +42,9 @@ struct umbd_errand {
     size_t data_size;
     struct umbw_manifest wire;
     struct umbj_manifest manifest; /* borrows from wire */
-    struct umbj_bundle_file *files;
+    struct umbj_prepared *prepared;
+    uint64_t max_bundle_bytes;
+    struct umbj_bundle_file *list;
     struct umbj_setting *settings;
     struct umbj_upload *upload;
     /* Submit, Watch, Cancel */
@@ -65,10 +70,15 @@ struct umbd_errand {
 /* Makes the call's errand, or fails the call: UNIMPLEMENTED without --jobs, NO_MEMORY. */
 struct umbd_errand *umbd_errand_create(struct umbd_call *call);
 
-/* Sends it; it is away then. */
-void umbd_errand_send(struct umbd_call *call,
+/* Sends it; it is away then. files or work may be NULL; after a failure of files there is no work.
+ */
+void umbd_errand_send(struct umbd_call *call, void (*files)(struct umbd_errand *),
                       void (*work)(struct umbd_errand *, struct umbj_service *),
                       void (*answer)(struct umbd_errand *, struct umbd_call *));
+
+/* The same for work that only reads the table: it waits for no change of it. */
+void umbd_errand_send_reading(struct umbd_call *call, void (*reads)(struct umbd_errand *),
+                              void (*answer)(struct umbd_errand *, struct umbd_call *));
 
 /* The owner that jobs are looked for with: NULL = anybody's. */
 const char *umbd_errand_owner(const struct umbd_errand *errand);

@@ -59,7 +59,7 @@ void umbd_service_bakes_cancel(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_errand_send(call, cancel, cancelled);
+    umbd_errand_send(call, NULL, cancel, cancelled);
 }
 
 /* --- Watch --- */
@@ -152,14 +152,18 @@ void umbd_service_bakes_watch(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_errand_send(call, show, watch);
+    if (umbj_board_version(umbj_service_board(call->conn->loop->daemon->jobs), errand->job.id)) {
+        watch(errand, call); /* the usual case; the table need not be asked */
+    } else {
+        umbd_errand_send(call, NULL, show, watch);
+    }
 }
 
 /* --- List --- */
 
-static void list(struct umbd_errand *errand, struct umbj_service *service)
+static void list(struct umbd_errand *errand)
 {
-    errand->status = umbj_service_list(service, errand->owner, errand->limit, &errand->jobs,
+    errand->status = umbj_service_list(errand->service, errand->owner, errand->limit, &errand->jobs,
                                        &errand->job_count, &errand->error);
 }
 
@@ -194,7 +198,7 @@ void umbd_service_bakes_list(struct umbd_call *call)
         return;
     }
     errand->limit = errand->limit > 0 ? errand->limit : LIST_DEFAULT;
-    umbd_errand_send(call, list, listed);
+    umbd_errand_send_reading(call, list, listed);
 }
 
 /* --- Delete --- */
@@ -231,5 +235,5 @@ void umbd_service_bakes_delete(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_errand_send(call, delete, deleted);
+    umbd_errand_send(call, NULL, delete, deleted);
 }

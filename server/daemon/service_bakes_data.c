@@ -31,22 +31,23 @@ static void reply_job(struct umbd_call *call, const struct umbj_job *job, int ex
 static enum umb_status translate(struct umbd_errand *errand, struct umb_error *error)
 {
     const struct umbw_manifest *from = &errand->wire;
-    errand->files = calloc(from->file_count + 1, sizeof *errand->files);
+    errand->list = calloc(from->file_count + 1, sizeof *errand->list);
     errand->settings = calloc(from->setting_count + 1, sizeof *errand->settings);
-    if (errand->files == NULL || errand->settings == NULL) {
+    errand->prepared = calloc(1, sizeof *errand->prepared);
+    if (errand->list == NULL || errand->settings == NULL || errand->prepared == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
     }
     for (size_t i = 0; i < from->file_count; i++) {
-        errand->files[i].path = from->files[i].path;
-        errand->files[i].size = from->files[i].size;
-        memcpy(errand->files[i].sha256, from->files[i].sha256, UMBJ_HASH_BYTES);
+        errand->list[i].path = from->files[i].path;
+        errand->list[i].size = from->files[i].size;
+        memcpy(errand->list[i].sha256, from->files[i].sha256, UMBJ_HASH_BYTES);
     }
     for (size_t i = 0; i < from->setting_count; i++) {
         errand->settings[i].name = from->settings[i].name;
         errand->settings[i].value = from->settings[i].value;
     }
     errand->manifest = (struct umbj_manifest){.scene = from->scene,
-                                              .files = errand->files,
+                                              .files = errand->list,
                                               .file_count = from->file_count,
                                               .settings = errand->settings,
                                               .setting_count = from->setting_count,
@@ -54,10 +55,17 @@ static enum umb_status translate(struct umbd_errand *errand, struct umb_error *e
     return UMB_OK;
 }
 
+static void prepare(struct umbd_errand *errand)
+{
+    errand->status = umbj_manifest_prepare(&errand->manifest, errand->max_bundle_bytes,
+                                           errand->prepared, &errand->error);
+}
+
 static void begin_upload(struct umbd_errand *errand, struct umbj_service *service)
 {
-    errand->status = umbj_service_submit(service, errand->owner, &errand->manifest, &errand->job,
-                                         &errand->upload, &errand->error);
+    errand->status =
+        umbj_service_submit(service, errand->owner, &errand->manifest, errand->prepared,
+                            &errand->job, &errand->upload, &errand->error);
 }
 
 static void upload_begun(struct umbd_errand *errand, struct umbd_call *call)
@@ -67,9 +75,8 @@ static void upload_begun(struct umbd_errand *errand, struct umbd_call *call)
     }
 }
 
-static void write_data(struct umbd_errand *errand, struct umbj_service *service)
+static void write_data(struct umbd_errand *errand)
 {
-    (void)service;
     errand->status =
         umbj_upload_write(errand->upload, errand->data, errand->data_size, &errand->error);
 }
@@ -95,7 +102,9 @@ static void take_manifest(struct umbd_call *call, struct umbw_submit_request *re
         return;
     }
     call->batch_bytes = call->message_size;
-    umbd_errand_send(call, begin_upload, upload_begun);
+    errand->max_bundle_bytes =
+        umbj_service_options_of(call->conn->loop->daemon->jobs)->max_bundle_bytes;
+    umbd_errand_send(call, prepare, begin_upload, upload_begun);
 }
 
 void umbd_service_bakes_submit(struct umbd_call *call)
@@ -128,13 +137,19 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     }
     errand->data = errand->message + at;
     errand->data_size = request.data_size;
-    umbd_errand_send(call, write_data, data_written);
+    umbd_errand_send(call, write_data, NULL, data_written);
+}
+
+static void keep_bundle(struct umbd_errand *errand)
+{
+    errand->status = umbj_upload_accept(errand->upload, &errand->error);
 }
 
 static void accept_upload(struct umbd_errand *errand, struct umbj_service *service)
 {
-    errand->status = umbj_service_accept(service, errand->owner, &errand->manifest, errand->upload,
-                                         &errand->job, &errand->error);
+    errand->status =
+        umbj_service_accept(service, errand->owner, &errand->manifest, errand->prepared,
+                            errand->upload, &errand->job, &errand->error);
 }
 
 static void accepted(struct umbd_errand *errand, struct umbd_call *call)
@@ -148,7 +163,7 @@ void umbd_service_bakes_submit_end(struct umbd_call *call)
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT, "manifest: the request ended without one");
     } else {
         call->batch_bytes = 0;
-        umbd_errand_send(call, accept_upload, accepted);
+        umbd_errand_send(call, keep_bundle, accept_upload, accepted);
     }
 }
 
@@ -166,9 +181,8 @@ static void open_file(struct umbd_errand *errand, struct umbj_service *service)
 }
 
 /* Reads the next piece; a file is never changed in place, so that a short read is damage. */
-static void read_piece(struct umbd_errand *errand, struct umbj_service *service)
+static void read_piece(struct umbd_errand *errand)
 {
-    (void)service;
     const uint64_t left = errand->size - errand->offset;
     errand->chunk_size = left < UMBD_CHUNK_BYTES ? (size_t)left : UMBD_CHUNK_BYTES;
     for (size_t have = 0; have < errand->chunk_size;) {
@@ -193,7 +207,7 @@ void umbd_service_bakes_more(struct umbd_call *call)
     struct umbd_errand *errand = call->errand;
     if (errand != NULL && errand->fetching && !errand->away && !call->reply_ended &&
         call->conn->loop->daemon->jobs != NULL && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES) {
-        umbd_errand_send(call, read_piece, piece_read);
+        umbd_errand_send(call, read_piece, NULL, piece_read);
     }
 }
 
@@ -250,5 +264,5 @@ void umbd_service_bakes_fetch(struct umbd_call *call)
         return;
     }
     errand->offset = request.offset;
-    umbd_errand_send(call, open_file, file_opened);
+    umbd_errand_send(call, NULL, open_file, file_opened);
 }

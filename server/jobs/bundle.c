@@ -50,31 +50,28 @@ static int path_depth(const char *path)
     }
 }
 
-static enum umb_status check_path(size_t index, const char *path, struct umb_error *error)
+static enum umb_status check_path(const char *what, const char *path, struct umb_error *error)
 {
     const size_t length = strlen(path);
     if (length == 0 || length > UMBJ_PATH_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "files[%zu].path: has %zu bytes, must have 1 to %d",
-                        index, length, UMBJ_PATH_MAX);
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: has %zu bytes, must have 1 to %d", what, length,
+                        UMBJ_PATH_MAX);
     }
     for (size_t i = 0; i < length; i++) {
         if ((unsigned char)path[i] < 0x20 || path[i] == 0x7f || path[i] == '\\') {
             return umb_fail(error, UMB_E_ARGUMENT,
-                            "files[%zu].path: '%.80s' has a control character or a backslash",
-                            index, path);
+                            "%s: '%.80s' has a control character or a backslash", what, path);
         }
     }
     const int depth = path_depth(path);
     if (depth == 0) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "files[%zu].path: '%.80s' must be relative, without empty components, "
-                        "'.' and '..'",
-                        index, path);
+                        "%s: '%.80s' must be relative, without empty components, '.' and '..'",
+                        what, path);
     }
     if (depth > UMBJ_PATH_DEPTH_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "files[%zu].path: '%.80s' has %d components, the limit is %d", index, path,
-                        depth, UMBJ_PATH_DEPTH_MAX);
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.80s' has %d components, the limit is %d",
+                        what, path, depth, UMBJ_PATH_DEPTH_MAX);
     }
     return UMB_OK;
 }
@@ -101,30 +98,73 @@ static int compare_files(const void *a, const void *b)
     return strcmp((*left)->path, (*right)->path);
 }
 
-/* Pointers to the files in the order of their paths; free() them. */
-static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *manifest)
+/* Letters of ASCII in either case are one: a file system that folds case has one file for both.
+ * Other letters are compared byte by byte; where a file system folds them too, the second file is
+ * found to be there already and refused when it is made (upload.c). Never by locale. */
+static int fold(unsigned char letter)
+{
+    return letter >= 'A' && letter <= 'Z' ? letter - 'A' + 'a' : letter;
+}
+
+static int compare_folded(const char *left, const char *right)
+{
+    while (*left != '\0' && fold((unsigned char)*left) == fold((unsigned char)*right)) {
+        left++;
+        right++;
+    }
+    return fold((unsigned char)*left) - fold((unsigned char)*right);
+}
+
+static int compare_files_folded(const void *a, const void *b)
+{
+    const struct umbj_bundle_file *const *left = a, *const *right = b;
+    const int order = compare_folded((*left)->path, (*right)->path);
+    return order != 0 ? order : strcmp((*left)->path, (*right)->path);
+}
+
+/* Pointers to the files in an order of their paths; free() them. */
+static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *manifest,
+                                                  int (*compare)(const void *, const void *))
 {
     const struct umbj_bundle_file **sorted = calloc(manifest->file_count + 1, sizeof *sorted);
     for (size_t i = 0; sorted != NULL && i < manifest->file_count; i++) {
         sorted[i] = &manifest->files[i];
     }
     if (sorted != NULL) {
-        qsort(sorted, manifest->file_count, sizeof *sorted, compare_files);
+        qsort(sorted, manifest->file_count, sizeof *sorted, compare);
     }
     return sorted;
 }
 
+/* 1 if the components that both paths begin with are equal but for their case. Paths with such
+ * components lie side by side in the folded order. */
+static int differ_by_case(const char *one, const char *other)
+{
+    int differ = 0, differ_here = 0;
+    size_t i = 0;
+    for (; one[i] != '\0' && fold((unsigned char)one[i]) == fold((unsigned char)other[i]); i++) {
+        differ_here |= one[i] != other[i];
+        differ = one[i] == '/' ? differ_here : differ;
+    }
+    return one[i] == '\0' && other[i] == '\0' ? differ_here : differ;
+}
+
 static enum umb_status check_twins(const struct umbj_manifest *manifest, struct umb_error *error)
 {
-    const struct umbj_bundle_file **sorted = sort_files(manifest);
+    const struct umbj_bundle_file **sorted = sort_files(manifest, compare_files_folded);
     enum umb_status status = UMB_OK;
     if (sorted == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
     }
     for (size_t i = 1; status == UMB_OK && i < manifest->file_count; i++) {
-        if (strcmp(sorted[i - 1]->path, sorted[i]->path) == 0) {
-            status =
-                umb_fail(error, UMB_E_ARGUMENT, "files: '%.80s' is there twice", sorted[i]->path);
+        const char *one = sorted[i - 1]->path, *other = sorted[i]->path;
+        if (strcmp(one, other) == 0) {
+            status = umb_fail(error, UMB_E_ARGUMENT, "files: '%.80s' is there twice", one);
+        } else if (differ_by_case(one, other)) {
+            status = umb_fail(error, UMB_E_ARGUMENT,
+                              "files: '%.80s' and '%.80s' have a name that differs only by case, "
+                              "which is one name on some file systems; rename one",
+                              one, other);
         }
     }
     free(sorted);
@@ -142,7 +182,9 @@ static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_
     }
     for (size_t i = 0; i < manifest->file_count; i++) {
         const struct umbj_bundle_file *file = &manifest->files[i];
-        enum umb_status status = check_path(i, file->path, error);
+        char what[40];
+        snprintf(what, sizeof what, "files[%zu].path", i);
+        enum umb_status status = check_path(what, file->path, error);
         if (status != UMB_OK) {
             return status;
         }
@@ -268,7 +310,7 @@ enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
     if (status != UMB_OK) {
         return status;
     }
-    const struct umbj_bundle_file **sorted = sort_files(manifest);
+    const struct umbj_bundle_file **sorted = sort_files(manifest, compare_files);
     char *text = sorted != NULL ? key_text(manifest, sorted, settings) : NULL;
     if (text != NULL) {
         umbs_sha256_bytes(text, strlen(text), key);
@@ -278,4 +320,59 @@ enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
     free(text);
     free(sorted);
     return status;
+}
+
+enum umb_status umbj_manifest_prepare(const struct umbj_manifest *manifest, uint64_t max_bytes,
+                                      struct umbj_prepared *prepared, struct umb_error *error)
+{
+    enum umb_status status = umbj_manifest_check(manifest, max_bytes, &prepared->bytes, error);
+    if (status == UMB_OK) {
+        status = umbj_manifest_key(manifest, prepared->key, error);
+    }
+    return status == UMB_OK ? umbj_settings_text(manifest, prepared->settings, error) : status;
+}
+
+/* Takes a line "--name=value" apart, in place. */
+static enum umb_status check_line(char *line, struct umb_error *error)
+{
+    if (strncmp(line, "--", 2) != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings: '%.40s' is not --name or --name=value",
+                        line);
+    }
+    char *equals = strchr(line, '=');
+    if (equals != NULL) {
+        *equals = '\0';
+    }
+    const struct umbj_setting setting = {line + 2, equals != NULL ? equals + 1 : ""};
+    return check_setting(&setting, error);
+}
+
+enum umb_status umbj_settings_check(const char *text, struct umb_error *error)
+{
+    char copy[UMBJ_SETTINGS_SIZE];
+    const size_t length = strlen(text);
+    enum umb_status status = UMB_OK;
+    if (length >= sizeof copy || (length > 0 && text[length - 1] != '\n')) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "settings: %zu bytes must be below %d and end with a line's end", length,
+                        UMBJ_SETTINGS_SIZE);
+    }
+    memcpy(copy, text, length + 1);
+    for (char *line = copy; status == UMB_OK && *line != '\0';) {
+        const size_t count = strcspn(line, "\n");
+        line[count] = '\0';
+        char *next = line + count + 1;
+        status = check_line(line, error);
+        line = next;
+    }
+    return status;
+}
+
+enum umb_status umbj_scene_check(const char *scene, struct umb_error *error)
+{
+    enum umb_status status = check_path("scene", scene, error);
+    return status == UMB_OK && !is_scene_name(scene)
+               ? umb_fail(error, UMB_E_ARGUMENT,
+                          "scene: '%.80s' is not a .gltf, .glb, .obj, .ply or .stl file", scene)
+               : status;
 }

@@ -58,6 +58,25 @@ UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manife
                                               uint8_t key[UMBJ_HASH_BYTES],
                                               struct umb_error *error);
 
+/* What the service needs of a manifest. */
+struct umbj_prepared {
+    uint8_t key[UMBJ_HASH_BYTES];
+    uint64_t bytes; /* of all files */
+    char settings[UMBJ_SETTINGS_SIZE];
+};
+
+/* Checks a manifest and makes its key and settings: milliseconds for thousands of files. Fails: as
+ * umbj_manifest_check, _key and umbj_settings_text. */
+UMB_CHECKED enum umb_status umbj_manifest_prepare(const struct umbj_manifest *manifest,
+                                                  uint64_t max_bytes,
+                                                  struct umbj_prepared *prepared,
+                                                  struct umb_error *error);
+
+/* Checks what a table holds of a manifest: settings as umbj_settings_text writes them, the name of
+ * a scene. Fails: E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbj_settings_check(const char *text, struct umb_error *error);
+UMB_CHECKED enum umb_status umbj_scene_check(const char *scene, struct umb_error *error);
+
 /* Writes the settings of a checked manifest as lines of --name=value. Fails: E_ARGUMENT (they are
  * longer than UMBJ_SETTINGS_SIZE). */
 UMB_CHECKED enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,

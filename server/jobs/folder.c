@@ -56,28 +56,40 @@ int umbj_names_read(int folder, struct umbj_names *names)
     return failed;
 }
 
-void umbj_folder_empty(int folder)
+/* stop: may be NULL. */
+static void empty_until(int folder, const atomic_int *stop)
 {
     struct umbj_names names;
     if (umbj_names_read(folder, &names) == 0) {
         for (size_t i = 0; i < names.count; i++) {
-            umbj_folder_remove(folder, names.list[i]);
+            umbj_folder_remove_until(folder, names.list[i], stop);
         }
         umbj_names_finish(&names);
     }
 }
 
-void umbj_folder_remove(int parent, const char *name)
+void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop)
 {
-    if (unlinkat(parent, name, 0) == 0 || (errno != EISDIR && errno != EPERM)) {
+    if ((stop != NULL && atomic_load(stop)) || unlinkat(parent, name, 0) == 0 ||
+        (errno != EISDIR && errno != EPERM)) {
         return;
     }
     int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder >= 0) {
-        umbj_folder_empty(folder);
+        empty_until(folder, stop);
         close(folder);
     }
     (void)unlinkat(parent, name, AT_REMOVEDIR); /* what stays is swept at the next start */
+}
+
+void umbj_folder_empty(int folder)
+{
+    empty_until(folder, NULL);
+}
+
+void umbj_folder_remove(int parent, const char *name)
+{
+    umbj_folder_remove_until(parent, name, NULL);
 }
 
 void umbj_folder_drop(int parent, const char *name)

@@ -2,6 +2,7 @@
 #ifndef UMBRAGE_SERVER_JOBS_FOLDER_H
 #define UMBRAGE_SERVER_JOBS_FOLDER_H
 /* Folders below the jobs folder: listed, made, removed. No link is ever followed. */
+#include <stdatomic.h>
 #include <stddef.h>
 #include "umbrage/status.h"
 
@@ -20,8 +21,12 @@ void umbj_names_finish(struct umbj_names *names);
  * have at most UMBJ_PATH_DEPTH_MAX components, so that the recursion is as deep. */
 void umbj_folder_remove(int parent, const char *name);
 
-/* The same for a folder that others may still write into: it is NAME.gone first, in one step, so
- * that they do not find it any more. What cannot be removed stays under that name. */
+/* The same, ended early once *stop is 1. */
+void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop);
+
+/* The same as umbj_folder_remove for a folder that others may still write into: it is NAME.gone
+ * first, in one step, so that they do not find it any more. What cannot be removed stays under that
+ * name. */
 void umbj_folder_drop(int parent, const char *name);
 
 /* Removes everything in a folder but not itself. */

@@ -58,7 +58,8 @@ struct umbj_job {
     int64_t epoch;             /* of the last claim; 0 = never claimed */
     int64_t tries, hard_tries; /* claims that failed; those that took the worker down */
     int64_t submitted_ms, started_ms, ended_ms; /* Unix time; 0 = not yet */
-    int64_t not_before_ms, lease_until_ms;
+    int64_t not_before_ms;
+    int64_t lease_until_ms; /* of the steady clock of the process that claimed it */
     int64_t bundle_bytes;
     int has_asset;
     uint8_t asset[UMBJ_HASH_BYTES]; /* id, when done */

@@ -116,25 +116,25 @@ static enum umb_status choose(struct umbj_table *table, int64_t now, struct umbj
     memset(job, 0, sizeof *job);
     return umbj_sql_run(
         &table->sql, error, umbj__take_job, job,
-        "WITH ready AS (SELECT owner FROM job WHERE state = 0 AND not_before_ms <= ?1 GROUP BY"
+        "WITH ready AS (SELECT owner FROM job WHERE state = 0 AND " UMBJ__MAY_START " GROUP BY"
         " owner), next AS (SELECT ready.owner AS owner FROM ready LEFT JOIN turn ON turn.owner ="
         " ready.owner ORDER BY (SELECT count(*) FROM job AS other WHERE other.state = 1 AND"
         " other.owner = ready.owner), coalesce(turn.number, 0), ready.owner LIMIT 1)"
-        " SELECT " UMBJ__JOB_COLUMNS
-        " FROM job WHERE state = 0 AND not_before_ms <= ?1 AND owner IN (SELECT"
+        " SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE state = 0 AND " UMBJ__MAY_START
+        " AND owner IN (SELECT"
         " owner FROM next) ORDER BY priority DESC, seq LIMIT 1",
-        "i", now);
+        "ii", now, now + UMBJ_PAUSE_MAX_MS);
 }
 
-static enum umb_status start(struct umbj_table *table, int64_t now, struct umbj_job *job,
-                             struct umb_error *error)
+static enum umb_status start(struct umbj_table *table, int64_t now, int64_t steady,
+                             struct umbj_job *job, struct umb_error *error)
 {
     struct umbj_sql *sql = &table->sql;
     enum umb_status status =
         umbj_sql_run(sql, error, NULL, NULL,
                      "UPDATE job SET state = 1, epoch = epoch + 1, started_ms = ?, lease_until_ms"
                      " = ? WHERE id = ?",
-                     "iit", now, now + table->limits.lease_ms, job->id);
+                     "iit", now, steady + table->limits.lease_ms, job->id);
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL,
                               "INSERT INTO turn(owner, number) VALUES(?1, (SELECT"
@@ -150,8 +150,8 @@ static enum umb_status start(struct umbj_table *table, int64_t now, struct umbj_
     return status;
 }
 
-enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, struct umbj_job *job,
-                                 struct umb_error *error)
+enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
+                                 struct umbj_job *job, struct umb_error *error)
 {
     enum umb_status status = umbj_sql_begin(&table->sql, error);
     if (status != UMB_OK) {
@@ -159,7 +159,7 @@ enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, struct u
     }
     status = umbj__found(choose(table, now, job, error), job, "to be run", error);
     if (status == UMB_OK) {
-        status = start(table, now, job, error);
+        status = start(table, now, steady, job, error);
     }
     return umbj_sql_end(&table->sql, status, error);
 }
@@ -175,12 +175,12 @@ static enum umb_status fenced(const struct umbj_table *table, enum umb_status st
 }
 
 enum umb_status umbj_table_renew(struct umbj_table *table, const char *id, int64_t epoch,
-                                 int64_t now, struct umb_error *error)
+                                 int64_t steady, struct umb_error *error)
 {
     enum umb_status status =
         umbj_sql_run(&table->sql, error, NULL, NULL,
                      "UPDATE job SET lease_until_ms = ? WHERE id = ? AND epoch = ? AND state = 1",
-                     "iti", now + table->limits.lease_ms, id, epoch);
+                     "iti", steady + table->limits.lease_ms, id, epoch);
     return fenced(table, status, id, epoch, error);
 }
 
@@ -286,7 +286,7 @@ enum umb_status umbj_table_cancel(struct umbj_table *table, const char *id, cons
     return status == UMB_OK ? umbj_table_get(table, id, owner, job, error) : status;
 }
 
-enum umb_status umbj_table_expired(struct umbj_table *table, int64_t now, struct umbj_job *job,
+enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady, struct umbj_job *job,
                                    struct umb_error *error)
 {
     memset(job, 0, sizeof *job);
@@ -294,7 +294,7 @@ enum umb_status umbj_table_expired(struct umbj_table *table, int64_t now, struct
         umbj_sql_run(&table->sql, error, umbj__take_job, job,
                      "SELECT " UMBJ__JOB_COLUMNS
                      " FROM job WHERE state = 1 AND lease_until_ms < ? ORDER BY seq LIMIT 1",
-                     "i", now);
+                     "i", steady);
     return umbj__found(status, job, "with a lease that is over", error);
 }
 

@@ -264,8 +264,11 @@ enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now, int
                                       struct umb_error *error)
 {
     *when = INT64_MAX;
-    enum umb_status status = umbj_sql_run(&table->sql, error, take_earliest, when,
-                                          "SELECT min(not_before_ms) FROM job WHERE state = 0", "");
+    enum umb_status status =
+        umbj_sql_run(&table->sql, error, take_earliest, when,
+                     "SELECT min(CASE WHEN " UMBJ__MAY_START " THEN ?1 ELSE not_before_ms END)"
+                     " FROM job WHERE state = 0",
+                     "ii", now, now + UMBJ_PAUSE_MAX_MS);
     *when = *when < now ? now : *when;
     return status;
 }

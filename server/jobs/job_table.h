@@ -7,11 +7,14 @@
  *     umbj_table_open("jobs.db", &limits, &table, &error);
  *     umbj_table_recover(table, now, &count, &error);       once: what ran has lost its worker
  *     umbj_table_submit(table, &submission, now, &job, &is_new, &error);
- *     umbj_table_claim(table, now, &job, &error);           the next in fair order
+ *     umbj_table_claim(table, now, steady, &job, &error);   the next in fair order
  *     umbj_table_renew / _finish / _fail (table, id, epoch, ...);
  *
- * What a call acknowledged survives kill -9 and power cuts (job_sql.h). Time is an argument, in
- * Unix milliseconds, so that tests own the clock.
+ * What a call acknowledged survives kill -9 and power cuts (job_sql.h). Time is an argument, so
+ * that tests own the clocks: `now` is in Unix milliseconds, `steady` in those of a clock that no
+ * step of the machine's time moves. Leases are of `steady` and of this process; after a start none
+ * counts: what ran then has lost its worker. A pause is of `now`, and one that seems longer than
+ * any pause is means that the clock was set back: then it is over.
  *
  * Order: owners take turns. The owner with the fewest running jobs comes first, then the one whose
  * last start is longest ago; among one owner's jobs the higher priority, then the older. Nobody
@@ -82,7 +85,7 @@ UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, con
                                                    struct umb_error *error);
 
 /* Takes the next job: it is running then, with a new epoch and a lease. Fails: E_NOT_FOUND. */
-UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now,
+UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
                                              struct umbj_job *job, struct umb_error *error);
 
 /* Reads what a worker needs. Fails: E_NOT_FOUND. */
@@ -93,7 +96,8 @@ UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char
 
 /* Reports for an epoch. Fails: E_STATE if it is not the running one: nothing is changed. */
 UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const char *id,
-                                             int64_t epoch, int64_t now, struct umb_error *error);
+                                             int64_t epoch, int64_t steady,
+                                             struct umb_error *error);
 
 /* The asset is in the store: the job is done, the asset its owner's, and the key remembered.
  * bake_ms: how long the work took. */
@@ -113,7 +117,7 @@ UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const ch
                                               struct umb_error *error);
 
 /* The next running job whose lease is over. Fails: E_NOT_FOUND. */
-UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t now,
+UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady,
                                                struct umbj_job *job, struct umb_error *error);
 
 /* After a start: running jobs are queued again as lost. Out: count: how many. */

@@ -16,6 +16,9 @@ struct umbj_table {
     "started_ms,"                                                                                  \
     " ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause"
 
+/* A queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
+#define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
+
 /* A row call-back: takes the one job of a result; user is a zeroed struct umbj_job, whose empty id
  * tells afterwards that there was none. _found turns that into E_NOT_FOUND, naming `id`. */
 enum umb_status umbj__take_job(void *user, sqlite3_stmt *row);

@@ -17,34 +17,48 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "common/clock.h"
 #include "jobs/folder.h"
 #include "jobs/slurm_farm.h"
 #include "jobs/try_executor.h"
 #include "jobs/staging.h"
 
-#define LOOK_MS  1000    /* longest sleep: leases and pauses are looked at so often */
-#define SERVE_MS 20      /* between looks whether the daemon serves what was published */
-#define PRUNE_MS 3600000 /* between removals of old jobs */
-#define REQUESTS_MS                                                                                \
-    100 /* of requests without a break: uploads must not keep jobs from starting                   \
-         */
+#define LOOK_MS      1000    /* longest sleep: leases and pauses are looked at so often */
+#define SERVE_MS     20      /* between looks whether the daemon serves what was published */
+#define PRUNE_MS     3600000 /* between removals of old jobs */
+#define FILE_THREADS 4       /* for bundles; one owner has at most one less */
+#define REQUESTS_MS  100 /* of requests without a break: they must not keep jobs from starting */
 
-int64_t umbj__unix_ms(void)
+static int64_t system_unix_ms(void *user)
 {
     struct timespec t;
+    (void)user;
     clock_gettime(CLOCK_REALTIME, &t);
     return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
 }
 
-int64_t umbj__steady_ms(void)
+static int64_t system_steady_ms(void *user)
 {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
+    (void)user;
+    return umbs_now_ms();
 }
 
-void umbj_service_post(struct umbj_service *service, struct umbj_request *request)
+int64_t umbj__unix_ms(const struct umbj_service *service)
 {
+    return service->clocks.unix_ms(service->clocks.user);
+}
+
+int64_t umbj__steady_ms(const struct umbj_service *service)
+{
+    return service->clocks.steady_ms(service->clocks.user);
+}
+
+void umbj_service_files_done(struct umbj_service *service, struct umbj_request *request)
+{
+    if (request->run == NULL) {
+        request->done(request);
+        return;
+    }
     request->next = NULL;
     request->skipped = 0;
     pthread_mutex_lock(&service->mutex);
@@ -56,6 +70,15 @@ void umbj_service_post(struct umbj_service *service, struct umbj_request *reques
     service->last = request;
     pthread_cond_signal(&service->wake);
     pthread_mutex_unlock(&service->mutex);
+}
+
+void umbj_service_post(struct umbj_service *service, struct umbj_request *request)
+{
+    if (request->files != NULL) {
+        umbj_file_threads_post(request->reads ? service->reader : service->file_threads, request);
+    } else {
+        umbj_service_files_done(service, request);
+    }
 }
 
 /* A report on its way to the service's thread. */
@@ -99,7 +122,7 @@ static void expire(struct umbj_service *service)
 {
     struct umbj_job job;
     struct umb_error error;
-    while (umbj_table_expired(service->table, umbj__unix_ms(), &job, &error) == UMB_OK) {
+    while (umbj_table_expired(service->table, umbj__steady_ms(service), &job, &error) == UMB_OK) {
         service->executor->cancel(service->executor, job.id, job.epoch);
         if (umbj__fail_try(service, &job, UMBJ_LOST, "it gave no sign of life for the whole lease",
                            &error) != UMB_OK) {
@@ -115,7 +138,8 @@ static void claim(struct umbj_service *service)
     struct umb_error error = {0};
     enum umb_status status = UMB_OK;
     while (status == UMB_OK && service->executor->free_slots(service->executor) > 0) {
-        status = umbj_table_claim(service->table, umbj__unix_ms(), &job, &error);
+        status = umbj_table_claim(service->table, umbj__unix_ms(service), umbj__steady_ms(service),
+                                  &job, &error);
         if (status == UMB_OK) {
             umbj__begin_try(service, &job);
         }
@@ -129,7 +153,7 @@ static void claim(struct umbj_service *service)
 static int64_t sleep_ms(struct umbj_service *service)
 {
     struct umb_error error;
-    const int64_t now = umbj__unix_ms();
+    const int64_t now = umbj__unix_ms(service);
     int64_t when = INT64_MAX;
     if (service->loading_count > 0) {
         return SERVE_MS;
@@ -145,7 +169,7 @@ static int64_t sleep_ms(struct umbj_service *service)
 static void housekeeping(struct umbj_service *service)
 {
     struct umb_error error;
-    const int64_t now = umbj__steady_ms();
+    const int64_t now = umbj__steady_ms(service);
     umbj__look_at_loading(service);
     if (now >= service->look_at_ms) {
         service->look_at_ms = now + LOOK_MS;
@@ -154,7 +178,7 @@ static void housekeeping(struct umbj_service *service)
     claim(service);
     if (now >= service->prune_at_ms) {
         service->prune_at_ms = now + PRUNE_MS;
-        const int64_t before = umbj__unix_ms() - (int64_t)service->options.keep_ms;
+        const int64_t before = umbj__unix_ms(service) - (int64_t)service->options.keep_ms;
         if (umbj_table_prune(service->table, before, &error) != UMB_OK) {
             umbj__log_error(service, "job_prune", &error);
         }
@@ -194,23 +218,28 @@ static int is_closing(struct umbj_service *service)
     return closing;
 }
 
+void umbj__service_turn(struct umbj_service *service, int64_t wait_ms)
+{
+    struct umbj_request *request = next_request(service, wait_ms);
+    const int64_t until_ms = umbs_now_ms() + REQUESTS_MS;
+    while (request != NULL && !is_closing(service)) {
+        request->run(request, service);
+        request->done(request);
+        request = umbs_now_ms() < until_ms ? next_request(service, 0) : NULL;
+    }
+    if (request != NULL) {
+        request->skipped = 1;
+        request->done(request);
+    } else {
+        housekeeping(service);
+    }
+}
+
 static void *run_service(void *user)
 {
     struct umbj_service *service = user;
     while (!is_closing(service)) {
-        struct umbj_request *request = next_request(service, sleep_ms(service));
-        const int64_t until_ms = umbj__steady_ms() + REQUESTS_MS;
-        while (request != NULL && !is_closing(service)) {
-            request->run(request, service);
-            request->done(request);
-            request = umbj__steady_ms() < until_ms ? next_request(service, 0) : NULL;
-        }
-        if (request != NULL) {
-            request->skipped = 1;
-            request->done(request);
-            break;
-        }
-        housekeeping(service);
+        umbj__service_turn(service, sleep_ms(service));
     }
     return NULL;
 }
@@ -271,11 +300,12 @@ static enum umb_status make_absolute(const char **path, char absolute[4096],
     return UMB_OK;
 }
 
-static enum umb_status open_table(struct umbj_service *service, struct umb_error *error)
+static enum umb_status open_table(const struct umbj_service *service, struct umbj_table **out,
+                                  struct umb_error *error)
 {
     char path[4200];
     snprintf(path, sizeof path, "%s/jobs.db", service->options.folder);
-    return umbj_table_open(path, &service->options.limits, &service->table, error);
+    return umbj_table_open(path, &service->options.limits, out, error);
 }
 
 /* NULL: bakes run here. */
@@ -294,6 +324,9 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
 {
     const struct umbj_service_options *options = &service->options;
     struct umbj_farm *farm = NULL;
+    if (service->executor != NULL) {
+        return UMB_OK; /* a test's */
+    }
     enum umb_status status = make_farm(service, &farm, error);
     if (status != UMB_OK) {
         return status;
@@ -329,23 +362,37 @@ static enum umb_status start_thread(struct umbj_service *service, struct umb_err
     return UMB_OK;
 }
 
-enum umb_status umbj_service_create(const struct umbj_service_options *options,
-                                    struct umbj_service **out, struct umb_error *error)
+static void init_service(struct umbj_service *service, const struct umbj_service_options *options)
 {
-    *out = NULL;
-    struct umbj_service *service = calloc(1, sizeof *service);
-    if (service == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs");
-    }
+    static const struct umbj_clocks system_clocks = {system_unix_ms, system_steady_ms, NULL};
     pthread_condattr_t monotonic;
     service->options = *options;
+    service->clocks = options->clocks != NULL ? *options->clocks : system_clocks;
+    service->executor = options->executor;
     service->folder = service->lock = -1;
     pthread_mutex_init(&service->mutex, NULL);
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
     pthread_cond_init(&service->wake, &monotonic);
     pthread_condattr_destroy(&monotonic);
+}
+
+enum umb_status umbj__service_open(const struct umbj_service_options *options,
+                                   struct umbj_service **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umbj_service *service = calloc(1, sizeof *service);
+    if (service == NULL) {
+        if (options->executor != NULL) {
+            options->executor->destroy(options->executor);
+        }
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs");
+    }
+    init_service(service, options);
     enum umb_status status = umbj__find_program(service, error);
+    if (status == UMB_OK) {
+        status = umbj_file_threads_create(FILE_THREADS, service, &service->file_threads, error);
+    }
     if (status == UMB_OK) {
         status = umbj_board_create(&service->board, error);
     }
@@ -360,23 +407,52 @@ enum umb_status umbj_service_create(const struct umbj_service_options *options,
                  service->folder_path);
     }
     if (status == UMB_OK) {
-        status = open_table(service, error);
+        status = open_table(service, &service->table, error);
     }
     if (status == UMB_OK) {
         status = umbj__recover(service, error);
     }
     if (status == UMB_OK) {
-        status = make_executor(service, error);
+        status = open_table(service, &service->read_table, error);
     }
     if (status == UMB_OK) {
-        status = start_thread(service, error);
+        status = umbj_file_threads_create(1, service, &service->reader, error);
+    }
+    if (status == UMB_OK) {
+        status = make_executor(service, error);
     }
     if (status != UMB_OK) {
         umbj_service_destroy(service);
         return status;
     }
+    service->opened = 1;
     *out = service;
     return UMB_OK;
+}
+
+enum umb_status umbj_service_create(const struct umbj_service_options *options,
+                                    struct umbj_service **out, struct umb_error *error)
+{
+    enum umb_status status = umbj__service_open(options, out, error);
+    if (status == UMB_OK) {
+        status = start_thread(*out, error);
+        if (status != UMB_OK) {
+            umbj_service_destroy(*out);
+            *out = NULL;
+        }
+    }
+    return status;
+}
+
+/* Uploads that calls still hold: what they have on the disk is swept at the next start. */
+static void leave_uploads(struct umbj_service *service)
+{
+    while (service->promises != NULL) {
+        struct umbj_promise *promise = service->promises;
+        service->promises = promise->next;
+        umbj_upload_leave(promise->upload);
+        free(promise);
+    }
 }
 
 void umbj_service_destroy(struct umbj_service *service)
@@ -392,6 +468,11 @@ void umbj_service_destroy(struct umbj_service *service)
         pthread_mutex_unlock(&service->mutex);
         pthread_join(service->thread, NULL);
     }
+    if (service->file_threads != NULL) {
+        umbj_file_threads_end(service->file_threads);
+    }
+    umbj_file_threads_destroy(service->reader);
+    umbj_table_close(service->read_table);
     if (service->executor != NULL) {
         service->executor->destroy(service->executor);
     }
@@ -401,17 +482,14 @@ void umbj_service_destroy(struct umbj_service *service)
         request->done(request);
         request = next_request(service, 0);
     }
-    if (service->running && umbj_table_release(service->table, &error) != UMB_OK) {
+    if (service->opened && umbj_table_release(service->table, &error) != UMB_OK) {
         umbj__log_error(service, "job_release", &error); /* then they are lost ones */
     }
     umbj_table_close(service->table);
     umbj_board_destroy(service->board);
     free(service->loading);
-    while (service->promises != NULL) {
-        struct umbj_promise *promise = service->promises;
-        service->promises = promise->next;
-        free(promise);
-    }
+    leave_uploads(service);
+    umbj_file_threads_destroy(service->file_threads);
     if (service->lock >= 0) {
         close(service->lock);
     }

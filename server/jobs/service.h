@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_H
 /*
- * The job service: one thread that owns the table, the bundles and the executor, and the requests
- * that others send it.
+ * The job service: one thread that owns the table and the executor, threads for the files of calls
+ * (file_threads.h), and the requests that others send them.
  *
  *     umbj_service_create(&options, &service, &error);      recovers what an earlier daemon left
- *     umbj_service_post(service, &request);                 request.run is called on its thread
+ *     umbj_service_post(service, &request);                 request.files, then request.run
  *     umbj_service_destroy(service);                        workers are ended; their jobs go on
  *                                                           with the next daemon
  *
@@ -28,7 +28,17 @@
 #include "jobs/job_table.h"
 #include "jobs/upload.h"
 
+struct umbj_executor;
 struct umbj_service; /* opaque */
+
+/* Clocks, in milliseconds. Leases go by `steady`, which no step of the machine's time moves and
+ * which stands still while the machine sleeps, as bakes do. `unix_ms` is what jobs show, and what
+ * outlives the process: times of submission, start and end, pauses between tries. */
+struct umbj_clocks {
+    int64_t (*unix_ms)(void *user);
+    int64_t (*steady_ms)(void *user);
+    void *user;
+};
 
 struct umbj_service_options {
     const char *folder;      /* of the jobs; made if it is not there */
@@ -51,6 +61,9 @@ struct umbj_service_options {
     /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
+    /* For tests; NULL: the system's clocks, and an executor made from what is above. */
+    const struct umbj_clocks *clocks;
+    struct umbj_executor *executor; /* the service's, also if create fails */
 };
 
 /* What the metrics tell; each only grows but for the states. */
@@ -63,12 +76,16 @@ struct umbj_counters {
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */
 };
 
-/* Work for the service's thread. run is called there, then done; the request is the sender's until
- * run, and again from done on. At the end of the service done is called without run: `skipped`. */
+/* Work for the service: `files` is called on a thread for files, then run on the service's own,
+ * then done. Either of the first two may be NULL. The request is the sender's again from done on.
+ * At the end of the service done is called without run, or without both: `skipped`. */
 struct umbj_request {
     struct umbj_request *next;
+    void (*files)(struct umbj_request *request);
     void (*run)(struct umbj_request *request, struct umbj_service *service);
     void (*done)(struct umbj_request *request);
+    const char *owner; /* whose files: owners share the threads fairly. Lives until done */
+    int reads;         /* `files` reads the table instead, on a thread of its own */
     int skipped;
 };
 
@@ -87,6 +104,7 @@ UMB_CHECKED enum umb_status umbj_service_create(const struct umbj_service_option
 void umbj_service_destroy(struct umbj_service *service);
 
 /* Any thread, at once. */
+void umbj_service_files_done(struct umbj_service *service, struct umbj_request *request);
 void umbj_service_post(struct umbj_service *service, struct umbj_request *request);
 
 /* Any thread. */
@@ -99,22 +117,26 @@ const struct umbj_service_options *umbj_service_options_of(const struct umbj_ser
 /*
  * Looks at a submission: a job that stands for it already, or an upload to be filled.
  *
+ * In:    prepared: of the manifest (umbj_manifest_prepare), made on a thread for files.
  * Out:   job: the existing job, or an empty id and *upload, for umbj_service_drop_upload: its bytes
- *        count for the quotas until it is accepted or dropped.
- * Fails: as umbj_manifest_check, umbj_table_check_quota, umbj_upload_begin.
+ *        count for the quotas until it is accepted or dropped, and a bundle of its key stays.
+ * Fails: as umbj_table_check_quota, umbj_upload_begin.
  */
 UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
                                                 const struct umbj_manifest *manifest,
+                                                const struct umbj_prepared *prepared,
                                                 struct umbj_job *job, struct umbj_upload **upload,
                                                 struct umb_error *error);
 
-/* Gives an upload of _submit up, whatever became of it; NULL is allowed. */
+/* Gives an upload of _submit up, whatever became of it; NULL is allowed. What it has on the disk
+ * was removed before, on a thread for files (umbj_upload_discard). */
 void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload);
 
-/* Makes the job of an upload whose bytes are there. Fails: as umbj_upload_accept,
- * umbj_table_submit. */
+/* Makes the job of an upload whose bundle is in its place (umbj_upload_accept, on a thread for
+ * files). Fails: as umbj_table_submit. */
 UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
                                                 const struct umbj_manifest *manifest,
+                                                const struct umbj_prepared *prepared,
                                                 struct umbj_upload *upload, struct umbj_job *job,
                                                 struct umb_error *error);
 
@@ -126,6 +148,7 @@ UMB_CHECKED enum umb_status umbj_service_cancel(struct umbj_service *service, co
                                                 const char *owner, struct umbj_job *job,
                                                 struct umb_error *error);
 
+/* In umbj_request.files of a request that reads. */
 UMB_CHECKED enum umb_status umbj_service_list(struct umbj_service *service, const char *owner,
                                               int64_t most, struct umbj_job **jobs, size_t *count,
                                               struct umb_error *error);

@@ -4,6 +4,8 @@
 /* Between the files of the job service: service.c is the thread, service_tries.c what tries do to
  * jobs, service_requests.c what owners ask for. Everything on the service's thread. */
 #include <pthread.h>
+#include "jobs/executor.h"
+#include "jobs/file_threads.h"
 #include "jobs/service.h"
 
 /* A job that is done and whose asset the daemon does not serve yet. */
@@ -12,11 +14,13 @@ struct umbj_loading {
     int64_t since_ms;
 };
 
-/* An upload that is no job yet: its bytes count for the quotas. */
+/* An upload that is no job yet: its bytes count for the quotas, and a bundle of its key is not
+ * removed, since the upload may have put it there. */
 struct umbj_promise {
     struct umbj_promise *next;
-    const struct umbj_upload *upload;
+    struct umbj_upload *upload;
     char owner[UMBJ_OWNER_SIZE];
+    uint8_t key[UMBJ_HASH_BYTES];
     int64_t bytes;
 };
 
@@ -29,6 +33,10 @@ struct umbj_service {
     struct umbj_table *table;
     struct umbj_board *board;
     struct umbj_executor *executor;
+    struct umbj_file_threads *file_threads;
+    struct umbj_file_threads *reader; /* one thread, which alone uses read_table */
+    struct umbj_table *read_table;    /* its own connection: lists wait for no commit */
+    struct umbj_clocks clocks;
     struct umbj_counters counters;
     struct umbj_loading *loading;
     size_t loading_count, loading_capacity;
@@ -36,15 +44,23 @@ struct umbj_service {
     int64_t look_at_ms, prune_at_ms;
 
     pthread_t thread;
-    int running;
+    int opened, running; /* running: the thread is */
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     struct umbj_request *first, *last; /* under mutex, closing too */
     int closing;
 };
 
-int64_t umbj__unix_ms(void);
-int64_t umbj__steady_ms(void);
+/* All of umbj_service_create but the thread; tests then take its turns themselves. */
+UMB_CHECKED enum umb_status umbj__service_open(const struct umbj_service_options *options,
+                                               struct umbj_service **out, struct umb_error *error);
+
+/* One turn of the thread: waits so long for a request, runs what is there, then looks at reports,
+ * leases and what may start. */
+void umbj__service_turn(struct umbj_service *service, int64_t wait_ms);
+
+int64_t umbj__unix_ms(const struct umbj_service *service);
+int64_t umbj__steady_ms(const struct umbj_service *service);
 
 /* Finds umbrage-bake. Fails: E_UNAVAILABLE. */
 UMB_CHECKED enum umb_status umbj__find_program(struct umbj_service *service,

@@ -39,10 +39,11 @@ static struct umbj_pending pending_of(const struct umbj_service *service, const 
 
 /* Begins an upload, and counts its bytes from now on. */
 static enum umb_status begin_upload(struct umbj_service *service, const char *owner,
-                                    const struct umbj_manifest *manifest, const uint8_t *key,
-                                    int64_t bytes, struct umbj_upload **upload,
-                                    struct umb_error *error)
+                                    const struct umbj_manifest *manifest,
+                                    const struct umbj_prepared *prepared,
+                                    struct umbj_upload **upload, struct umb_error *error)
 {
+    const int64_t bytes = (int64_t)prepared->bytes;
     const struct umbj_pending pending = pending_of(service, owner);
     enum umb_status status = umbj_table_check_quota(service->table, owner, bytes, &pending, error);
     if (status != UMB_OK) {
@@ -52,12 +53,14 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
     if (promise == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an upload");
     }
-    status = umbj_upload_begin(service->options.folder, manifest, key, upload, error);
+    status = umbj_upload_begin(service->options.folder, manifest, prepared->key,
+                               umbj_file_threads_stop(service->file_threads), upload, error);
     if (status != UMB_OK) {
         free(promise);
         return status;
     }
     memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+    memcpy(promise->key, prepared->key, sizeof promise->key);
     promise->upload = *upload;
     promise->bytes = bytes;
     promise->next = service->promises;
@@ -67,6 +70,7 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
 
 static void drop_promise(struct umbj_service *service, const struct umbj_upload *upload)
 {
+    uint8_t key[UMBJ_HASH_BYTES];
     struct umbj_promise **at = &service->promises;
     while (*at != NULL && (*at)->upload != upload) {
         at = &(*at)->next;
@@ -74,7 +78,9 @@ static void drop_promise(struct umbj_service *service, const struct umbj_upload 
     if (*at != NULL) {
         struct umbj_promise *promise = *at;
         *at = promise->next;
+        memcpy(key, promise->key, sizeof key);
         free(promise);
+        umbj__drop_bundle(service, key); /* that it kept, and perhaps put there */
     }
 }
 
@@ -85,22 +91,14 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
 }
 
 enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
-                                    const struct umbj_manifest *manifest, struct umbj_job *job,
+                                    const struct umbj_manifest *manifest,
+                                    const struct umbj_prepared *prepared, struct umbj_job *job,
                                     struct umbj_upload **upload, struct umb_error *error)
 {
-    uint8_t key[UMBJ_HASH_BYTES];
-    uint64_t bytes = 0;
+    const uint8_t *key = prepared->key;
     *upload = NULL;
     memset(job, 0, sizeof *job);
-    enum umb_status status =
-        umbj_manifest_check(manifest, service->options.max_bundle_bytes, &bytes, error);
-    if (status == UMB_OK) {
-        status = umbj_manifest_key(manifest, key, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbj_table_find_same(service->table, owner, key, job, error);
+    enum umb_status status = umbj_table_find_same(service->table, owner, key, job, error);
     if (status == UMB_OK) {
         disown_missing(service, job);
         status = umbj_table_find_same(service->table, owner, key, job, error);
@@ -110,47 +108,30 @@ enum umb_status umbj_service_submit(struct umbj_service *service, const char *ow
     }
     if (status == UMB_E_NOT_FOUND) {
         memset(job, 0, sizeof *job);
-        status = begin_upload(service, owner, manifest, key, (int64_t)bytes, upload, error);
+        status = begin_upload(service, owner, manifest, prepared, upload, error);
     }
     return status;
 }
 
 enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
                                     const struct umbj_manifest *manifest,
+                                    const struct umbj_prepared *prepared,
                                     struct umbj_upload *upload, struct umbj_job *job,
                                     struct umb_error *error)
 {
-    uint8_t key[UMBJ_HASH_BYTES];
-    char settings[UMBJ_SETTINGS_SIZE];
-    uint64_t bytes = 0;
     int is_new = 0;
-    enum umb_status status =
-        umbj_manifest_check(manifest, service->options.max_bundle_bytes, &bytes, error);
-    if (status == UMB_OK) {
-        status = umbj_manifest_key(manifest, key, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj_settings_text(manifest, settings, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj_upload_accept(upload, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
     const struct umbj_submission submission = {
         .owner = owner,
-        .key = key,
+        .key = prepared->key,
         .priority = manifest->priority,
         .scene = manifest->scene,
-        .settings = settings,
-        .bundle_bytes = (int64_t)bytes,
+        .settings = prepared->settings,
+        .bundle_bytes = (int64_t)prepared->bytes,
     };
-    status = umbj_table_submit(service->table, &submission, umbj__unix_ms(), job, &is_new, error);
-    drop_promise(service, upload); /* now it counts as a job */
-    if (status != UMB_OK || !is_new) {
-        umbj__drop_bundle(service, key); /* a twin may be done with it */
-    } else {
+    enum umb_status status =
+        umbj_table_submit(service->table, &submission, umbj__unix_ms(service), job, &is_new, error);
+    drop_promise(service, upload); /* now it counts as a job; or the bundle goes */
+    if (status == UMB_OK && is_new) {
         atomic_fetch_add(&service->counters.submitted, 1);
         umbj__changed(service, job, 0);
     }
@@ -174,7 +155,7 @@ enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id
     struct umbj_job before;
     enum umb_status status = umbj_table_get(service->table, id, owner, &before, error);
     if (status == UMB_OK) {
-        status = umbj_table_cancel(service->table, id, owner, umbj__unix_ms(), job, error);
+        status = umbj_table_cancel(service->table, id, owner, umbj__unix_ms(service), job, error);
     }
     if (status == UMB_OK && !umbj_is_over(before.state)) {
         if (before.state == UMBJ_RUNNING) {
@@ -190,7 +171,7 @@ enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id
 enum umb_status umbj_service_list(struct umbj_service *service, const char *owner, int64_t most,
                                   struct umbj_job **jobs, size_t *count, struct umb_error *error)
 {
-    return umbj_table_list(service->table, owner, most, jobs, count, error);
+    return umbj_table_list(service->read_table, owner, most, jobs, count, error);
 }
 
 /* Fails as if the asset were not there if it is not the owner's. */

@@ -52,14 +52,71 @@ void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int
                    umbs_log_quote(job->cause, cause), asset);
 }
 
+/* A removal that a thread for files makes. */
+struct removal {
+    struct umbj_request request;
+    int folder; /* descriptor of the jobs folder, our own */
+    const atomic_int *stop;
+    char gone[UMBJ_GONE_SIZE];
+};
+
+static void run_removal(struct umbj_request *request)
+{
+    const struct removal *removal = (const struct removal *)request;
+    umbj_folder_remove_until(removal->folder, removal->gone, removal->stop);
+}
+
+static void end_removal(struct umbj_request *request)
+{
+    struct removal *removal = (struct removal *)request;
+    close(removal->folder);
+    free(removal);
+}
+
+/* Removes what was taken away, later; what is not removed for want of memory, or at an end, is
+ * swept at the next start. */
+static void remove_later(struct umbj_service *service, const char *gone)
+{
+    struct removal *removal = calloc(1, sizeof *removal);
+    if (removal == NULL) {
+        return;
+    }
+    removal->stop = umbj_file_threads_stop(service->file_threads);
+    removal->folder = fcntl(service->folder, F_DUPFD_CLOEXEC, 0);
+    if (removal->folder < 0) {
+        free(removal);
+        return;
+    }
+    snprintf(removal->gone, sizeof removal->gone, "%s", gone);
+    removal->request =
+        (struct umbj_request){.files = run_removal, .done = end_removal, .owner = "/"};
+    umbj_service_post(service, &removal->request);
+}
+
+/* 1 if an upload of the key is on its way. */
+static int is_promised(const struct umbj_service *service, const uint8_t *key)
+{
+    const struct umbj_promise *at = service->promises;
+    while (at != NULL && memcmp(at->key, key, sizeof at->key) != 0) {
+        at = at->next;
+    }
+    return at != NULL;
+}
+
 void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
 {
     int64_t users = 1;
+    char gone[UMBJ_GONE_SIZE];
     struct umb_error error;
-    if (umbj_table_bundle_users(service->table, key, &users, &error) == UMB_OK && users == 0 &&
-        umbj_bundle_remove(service->folder, key) != 0) {
+    if (is_promised(service, key) ||
+        umbj_table_bundle_users(service->table, key, &users, &error) != UMB_OK || users != 0) {
+        return;
+    }
+    if (umbj_bundle_take_away(service->folder, key, gone) != 0) {
         (void)umb_fail_errno(&error, UMB_E_IO, errno, "a bundle that nobody needs stays");
         umbj__log_error(service, "bundle_remove", &error);
+    } else if (gone[0] != '\0') {
+        remove_later(service, gone);
     }
 }
 
@@ -100,7 +157,7 @@ enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *jo
                                struct umb_error *error)
 {
     enum umb_status status =
-        umbj_table_fail(service->table, job, failure, cause, umbj__unix_ms(), error);
+        umbj_table_fail(service->table, job, failure, cause, umbj__unix_ms(service), error);
     if (status == UMB_OK) {
         atomic_fetch_add(&service->counters.failures[failure], 1);
         umbj__changed(service, job, 0);
@@ -193,7 +250,7 @@ static void wait_until_served(struct umbj_service *service, const struct umbj_jo
         service->loading_capacity = capacity;
     }
     service->loading[service->loading_count++] =
-        (struct umbj_loading){.job = *job, .since_ms = umbj__steady_ms()};
+        (struct umbj_loading){.job = *job, .since_ms = umbj__steady_ms(service)};
     umbj_board_set(service->board, job, 1);
 }
 
@@ -204,7 +261,7 @@ void umbj__look_at_loading(struct umbj_service *service)
         struct umbj_loading *loading = &service->loading[i];
         int served =
             options->is_served != NULL ? options->is_served(options->user, loading->job.asset) : 1;
-        if (served == 0 && umbj__steady_ms() - loading->since_ms > SERVE_MOST_MS) {
+        if (served == 0 && umbj__steady_ms(service) - loading->since_ms > SERVE_MOST_MS) {
             served = -1;
         }
         if (served != 0) {
@@ -244,7 +301,7 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
     }
     if (status == UMB_OK) {
         status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,
-                                   umbj__unix_ms(), error);
+                                   umbj__unix_ms(service), error);
     }
     return status == UMB_OK ? umbj_table_get(service->table, job->id, NULL, job, error) : status;
 }
@@ -309,7 +366,8 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         take_end(service, &job, report);
     } else if (counts) {
         const int64_t lease = service->options.limits.lease_ms;
-        const struct umbj_tiles more = umbj_board_report(service->board, report, umbj__steady_ms());
+        const int64_t steady = umbj__steady_ms(service);
+        const struct umbj_tiles more = umbj_board_report(service->board, report, steady);
         if (report->kind == UMBJ_REPORT_TILES && more.done > 0) {
             umbs_log_event(service->options.log, UMB_LOG_DEBUG, "job_tiles",
                            "job=%s epoch=%lld done=%llu found=%llu of=%llu", report->job,
@@ -322,8 +380,8 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         }
         atomic_fetch_add(&service->counters.tiles_baked, more.done - more.found);
         atomic_fetch_add(&service->counters.tiles_found, more.found);
-        if (job.lease_until_ms - umbj__unix_ms() < lease - lease / LEASE_PARTS) {
-            status = umbj_table_renew(service->table, job.id, job.epoch, umbj__unix_ms(), &error);
+        if (job.lease_until_ms - steady < lease - lease / LEASE_PARTS) {
+            status = umbj_table_renew(service->table, job.id, job.epoch, steady, &error);
         }
     } else if (report->kind == UMBJ_REPORT_ENDED) {
         umbs_log_event(service->options.log, UMB_LOG_INFO, "job_late", "job=%s epoch=%lld now=%lld",
@@ -425,7 +483,8 @@ static void sweep_staged(struct umbj_service *service)
 enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)
 {
     int64_t lost = 0;
-    enum umb_status status = umbj_table_recover(service->table, umbj__unix_ms(), &lost, error);
+    enum umb_status status =
+        umbj_table_recover(service->table, umbj__unix_ms(service), &lost, error);
     if (status == UMB_OK) {
         status = umbj_table_owned(service->table, take_owned, service->board, error);
     }

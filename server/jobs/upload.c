@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Bundles on their way in, see upload.h. */
+#define _GNU_SOURCE                    /* syncfs */
 #define OPENSSL_API_COMPAT 0x10100000L /* as common/sha256.c, for its reasons */
 #include "jobs/upload.h"
 
@@ -16,7 +17,8 @@
 #include "jobs/folder.h"
 #include "umbrage/asset.h"
 
-#define NAME_SIZE 40
+#define NAME_SIZE     40
+#define SYNC_EACH_MAX 8 /* files and folders that are synced one by one; more: syncfs */
 
 struct upload_file {
     char *path;
@@ -25,6 +27,8 @@ struct upload_file {
 };
 
 struct umbj_upload {
+    const char *path;           /* of the jobs folder */
+    const atomic_int *stop;     /* may be NULL */
     int jobs, incoming, folder; /* descriptors */
     char name[NAME_SIZE];       /* in incoming */
     char key[UMB_ID_TEXT_SIZE];
@@ -34,8 +38,14 @@ struct umbj_upload {
     uint64_t written;
     uint8_t head[UMBJ_HEAD_BYTES]; /* of the current file */
     SHA256_CTX hash;
-    int accepted;
+    size_t folders; /* that were made below the bundle's */
+    int accepted, left;
 };
+
+static int is_stopped(const struct umbj_upload *upload)
+{
+    return upload->left || (upload->stop != NULL && atomic_load(upload->stop));
+}
 
 static enum umb_status fail_io(struct umb_error *error, const char *what, const char *path)
 {
@@ -63,17 +73,23 @@ static enum umb_status copy_manifest(struct umbj_upload *upload,
                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
 }
 
-static enum umb_status open_folders(struct umbj_upload *upload, const char *folder,
-                                    struct umb_error *error)
+/* Makes the bundle's folder, with the first bytes. */
+static enum umb_status open_folders(struct umbj_upload *upload, struct umb_error *error)
 {
     uint64_t number = 0;
+    if (upload->folder >= 0) {
+        return UMB_OK;
+    }
+    if (upload->jobs >= 0) { /* it failed before */
+        return umb_fail(error, UMB_E_IO, "bundle: its folder could not be made");
+    }
     if (getrandom(&number, sizeof number, 0) != (ssize_t)sizeof number) {
         return umb_fail(error, UMB_E_INTERNAL, "no random bytes to be had for a folder's name");
     }
     snprintf(upload->name, sizeof upload->name, "%016llx", (unsigned long long)number);
-    upload->jobs = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    upload->jobs = open(upload->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (upload->jobs < 0) {
-        return fail_io(error, "open", folder);
+        return fail_io(error, "open", upload->path);
     }
     upload->incoming = openat(upload->jobs, "incoming", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (upload->incoming < 0 || mkdirat(upload->incoming, upload->name, 0700) != 0) {
@@ -85,8 +101,8 @@ static enum umb_status open_folders(struct umbj_upload *upload, const char *fold
 }
 
 enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest *manifest,
-                                  const uint8_t key[UMBJ_HASH_BYTES], struct umbj_upload **out,
-                                  struct umb_error *error)
+                                  const uint8_t key[UMBJ_HASH_BYTES], const atomic_int *stop,
+                                  struct umbj_upload **out, struct umb_error *error)
 {
     *out = NULL;
     struct umbj_upload *upload = calloc(1, sizeof *upload);
@@ -94,11 +110,10 @@ enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an upload");
     }
     upload->jobs = upload->incoming = upload->folder = upload->fd = -1;
+    upload->path = folder;
+    upload->stop = stop;
     umb_id_to_text(key, upload->key);
     enum umb_status status = copy_manifest(upload, manifest, error);
-    if (status == UMB_OK) {
-        status = open_folders(upload, folder, error);
-    }
     if (status != UMB_OK) {
         umbj_upload_destroy(upload);
         return status;
@@ -108,7 +123,7 @@ enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest
 }
 
 /* Makes the folders of a path below the bundle's and opens the last one. */
-static int open_parent(const struct umbj_upload *upload, const char *path, const char **name)
+static int open_parent(struct umbj_upload *upload, const char *path, const char **name)
 {
     int folder = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
     char component[UMBJ_PATH_MAX + 1];
@@ -117,6 +132,7 @@ static int open_parent(const struct umbj_upload *upload, const char *path, const
         memcpy(component, path, (size_t)(slash - path));
         component[slash - path] = '\0';
         int made = mkdirat(folder, component, 0700);
+        upload->folders += made == 0;
         int next = made == 0 || errno == EEXIST
                        ? openat(folder, component, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)
                        : -1;
@@ -161,7 +177,7 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
     const struct upload_file *file = &upload->files[upload->current];
     uint8_t hash[UMBJ_HASH_BYTES];
     (void)SHA256_Final(hash, &upload->hash);
-    const int synced = fsync(upload->fd);
+    const int synced = upload->file_count <= SYNC_EACH_MAX ? fsync(upload->fd) : 0;
     const int closed = close(upload->fd);
     upload->fd = -1;
     if (synced != 0 || closed != 0) {
@@ -179,8 +195,11 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
 /* Opens the current file, and closes those that are whole: also those of no bytes. */
 static enum umb_status advance(struct umbj_upload *upload, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
+    enum umb_status status = open_folders(upload, error);
     while (status == UMB_OK && upload->current < upload->file_count) {
+        if (is_stopped(upload)) {
+            return umb_fail(error, UMB_E_UNAVAILABLE, "server: shutting down");
+        }
         if (upload->fd < 0) {
             status = open_current(upload, error);
         } else if (upload->written == upload->files[upload->current].size) {
@@ -254,7 +273,7 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
 
 /* Syncs a folder and those in it: the names in them are part of the bundle. Takes the descriptor.
  */
-static int sync_tree(int folder)
+static int sync_folders(int folder)
 {
     struct umbj_names names;
     int failed = fsync(folder) != 0 && errno != EINVAL;
@@ -265,12 +284,37 @@ static int sync_tree(int folder)
     for (size_t i = 0; i < names.count && !failed; i++) {
         int below = openat(folder, names.list[i], O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
         if (below >= 0) {
-            failed = sync_tree(below) != 0;
+            failed = sync_folders(below) != 0;
         }
     }
     umbj_names_finish(&names);
     close(folder);
     return failed ? -1 : 0;
+}
+
+/* Makes the bundle durable, whatever of it is not yet. */
+static int sync_bundle(const struct umbj_upload *upload)
+{
+    if (upload->file_count > SYNC_EACH_MAX || upload->folders > SYNC_EACH_MAX) {
+        return syncfs(upload->folder); /* tells of failed writes since the folder was opened */
+    }
+    const int copy = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
+    return copy >= 0 ? sync_folders(copy) : -1;
+}
+
+/* Syncs the folder of bundles: also for one that was there already, whose own upload may not have
+ * come so far. */
+static enum umb_status sync_names(const struct umbj_upload *upload, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    const int bundles = openat(upload->jobs, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (bundles < 0 || (fsync(bundles) != 0 && errno != EINVAL)) {
+        status = fail_io(error, "sync", "bundles");
+    }
+    if (bundles >= 0) {
+        close(bundles);
+    }
+    return status;
 }
 
 enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error)
@@ -285,41 +329,76 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
     if (status != UMB_OK) {
         return status;
     }
-    const int copy = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
-    if (copy < 0 || sync_tree(copy) != 0) {
+    if (sync_bundle(upload) != 0) {
         return fail_io(error, "sync", "the bundle");
     }
     snprintf(target, sizeof target, "bundles/%s", upload->key);
     snprintf(source, sizeof source, "incoming/%s", upload->name);
-    if (renameat(upload->jobs, source, upload->jobs, target) != 0) {
-        /* Somebody's earlier bundle of this key holds the same bytes: this one is not needed. */
-        return errno == ENOTEMPTY || errno == EEXIST ? UMB_OK
-                                                     : fail_io(error, "keep", "the bundle");
+    if (renameat(upload->jobs, source, upload->jobs, target) == 0) {
+        upload->accepted = 1;
+    } else if (errno != ENOTEMPTY && errno != EEXIST) {
+        return fail_io(error, "keep", "the bundle");
+    } /* else an earlier bundle of this key holds the same bytes: this one is not needed */
+    return sync_names(upload, error);
+}
+
+int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE])
+{
+    char id[UMB_ID_TEXT_SIZE], source[sizeof "bundles/" + UMB_ID_TEXT_SIZE];
+    umb_id_to_text(key, id);
+    snprintf(source, sizeof source, "bundles/%s", id);
+    snprintf(gone, UMBJ_GONE_SIZE, "incoming/gone.%s", id);
+    int failed = renameat(jobs, source, jobs, gone);
+    for (int i = 0; failed && (errno == ENOTEMPTY || errno == EEXIST) && i < 1000; i++) {
+        snprintf(gone, UMBJ_GONE_SIZE, "incoming/gone.%s.%d", id, i); /* one is being removed */
+        failed = renameat(jobs, source, jobs, gone);
     }
-    upload->accepted = 1;
-    const int bundles = openat(upload->jobs, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (bundles < 0 || (fsync(bundles) != 0 && errno != EINVAL)) {
-        status = fail_io(error, "sync", "bundles");
-    }
-    if (bundles >= 0) {
-        close(bundles);
-    }
-    return status;
+    gone[0] = failed ? '\0' : gone[0];
+    return failed && errno != ENOENT ? -1 : 0;
 }
 
 int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES])
 {
-    char id[UMB_ID_TEXT_SIZE], source[sizeof "bundles/" + UMB_ID_TEXT_SIZE],
-        gone[2 * sizeof source];
+    char gone[UMBJ_GONE_SIZE], id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(key, id);
-    snprintf(source, sizeof source, "bundles/%s", id);
     snprintf(gone, sizeof gone, "incoming/gone.%s", id);
     umbj_folder_remove(jobs, gone); /* what an earlier removal left */
-    if (renameat(jobs, source, jobs, gone) != 0) {
-        return errno == ENOENT ? 0 : -1;
+    if (umbj_bundle_take_away(jobs, key, gone) != 0) {
+        return -1;
     }
-    umbj_folder_remove(jobs, gone);
+    if (gone[0] != '\0') {
+        umbj_folder_remove(jobs, gone);
+    }
     return 0;
+}
+
+static void close_one(int *fd)
+{
+    if (*fd >= 0) {
+        close(*fd);
+        *fd = -1;
+    }
+}
+
+void umbj_upload_discard(struct umbj_upload *upload)
+{
+    if (upload == NULL) {
+        return;
+    }
+    if (!upload->accepted && upload->name[0] != '\0' && upload->incoming >= 0 &&
+        !is_stopped(upload)) {
+        umbj_folder_remove_until(upload->incoming, upload->name, upload->stop);
+    }
+    close_one(&upload->fd);
+    close_one(&upload->folder);
+    close_one(&upload->incoming);
+    close_one(&upload->jobs);
+}
+
+void umbj_upload_leave(struct umbj_upload *upload)
+{
+    upload->stop = NULL;
+    upload->left = 1;
 }
 
 void umbj_upload_destroy(struct umbj_upload *upload)
@@ -327,18 +406,7 @@ void umbj_upload_destroy(struct umbj_upload *upload)
     if (upload == NULL) {
         return;
     }
-    const int descriptors[] = {upload->fd, upload->folder, upload->jobs};
-    if (!upload->accepted && upload->name[0] != '\0' && upload->incoming >= 0) {
-        umbj_folder_remove(upload->incoming, upload->name);
-    }
-    for (size_t i = 0; i < 3; i++) {
-        if (descriptors[i] >= 0) {
-            close(descriptors[i]);
-        }
-    }
-    if (upload->incoming >= 0) {
-        close(upload->incoming);
-    }
+    umbj_upload_discard(upload);
     for (size_t i = 0; i < upload->file_count; i++) {
         free(upload->files[i].path);
     }

@@ -6,32 +6,39 @@
  * an empty folder and hashed; only when every byte agreed with the manifest and is durable does the
  * folder get its name, the key.
  *
- *     umbj_upload_begin(&folders, &manifest, &upload, &error);
+ * Durability: a bundle of a few files is synced file by file, a larger one by one syncfs for all.
+ * Then come the folders, the rename and the folder of bundles; only then may a job stand for it.
+ *
+ *     umbj_upload_begin(folder, &manifest, key, stop, &upload, &error);
  *     umbj_upload_write(upload, bytes, count, &error);          as they come
  *     umbj_upload_accept(upload, &error);
- *     umbj_upload_destroy(upload);                              removes what was not accepted
+ *     umbj_upload_discard(upload);                              removes what was not accepted
+ *     umbj_upload_destroy(upload);
  *
  * Folders of a jobs folder: incoming/RANDOM, bundles/KEY, work/JOB.EPOCH.
- * Threads: one at a time. Blocks on the disk.
+ * Threads: one at a time. All but begin block on the disk.
  */
+#include <stdatomic.h>
+
 #include "jobs/bundle.h"
 
 struct umbj_upload; /* opaque */
 
-/* In: folder: the jobs folder. manifest: checked; copied. Fails: E_IO, E_LIMIT (disk full),
- * E_NO_MEMORY. */
+/* In: folder: the jobs folder, borrowed. manifest: checked; copied. stop: flag that ends writing
+ * soon, NULL = none. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_upload_begin(const char *folder,
                                               const struct umbj_manifest *manifest,
                                               const uint8_t key[UMBJ_HASH_BYTES],
-                                              struct umbj_upload **out, struct umb_error *error);
+                                              const atomic_int *stop, struct umbj_upload **out,
+                                              struct umb_error *error);
 
 /* Takes the next bytes. Fails: E_ARGUMENT (more than the manifest says, a hash that does not fit,
- * a file that is also a folder), E_IO, E_LIMIT. */
+ * a file that is also a folder), E_IO, E_LIMIT (disk full), E_UNAVAILABLE (it was stopped). */
 UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
                                               size_t count, struct umb_error *error);
 
-/* Gives the bundle its name; harmless if it is there already. Fails: E_ARGUMENT (bytes are
- * missing), E_IO, E_LIMIT. */
+/* Syncs the bundle and gives it its name; harmless if it is there already. Fails: E_ARGUMENT (bytes
+ * are missing), E_IO, E_LIMIT, E_UNAVAILABLE. */
 UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error);
 
 /* Takes an accepted bundle out of its place in one step, then removes it: a removal that is cut
@@ -39,7 +46,19 @@ UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struc
  * the jobs folder. Returns 0, also if there is none, or -1 with errno: it stays whole. */
 int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES]);
 
-/* NULL is allowed. */
+/* The first step of it alone. Out: gone: the path in the jobs folder that is then to be removed, ""
+ * if there is none. Returns 0, or -1 with errno. */
+#define UMBJ_GONE_SIZE 128
+int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE]);
+
+/* Removes what was not accepted from the disk, unless it was stopped: the next start sweeps it.
+ * NULL is allowed. */
+void umbj_upload_discard(struct umbj_upload *upload);
+
+/* Forgets the stop flag and leaves what is on the disk to the next start. */
+void umbj_upload_leave(struct umbj_upload *upload);
+
+/* Discards and frees. NULL is allowed. */
 void umbj_upload_destroy(struct umbj_upload *upload);
 
 #endif

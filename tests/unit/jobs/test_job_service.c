@@ -96,15 +96,22 @@ static void run_submission(struct umbj_request *request, struct umbj_service *se
     const struct umbj_manifest manifest = {.scene = "a.obj", .files = &file, .file_count = 1};
     struct umbj_upload *upload = NULL;
     struct umb_error error;
+    struct umbj_prepared prepared;
     umbs_sha256_bytes(CONTENT, sizeof CONTENT - 1, file.sha256);
-    submission->status =
-        umbj_service_submit(service, "ann", &manifest, &submission->job, &upload, &error);
+    submission->status = umbj_manifest_prepare(&manifest, 1000, &prepared, &error);
+    if (submission->status == UMB_OK) {
+        submission->status = umbj_service_submit(service, "ann", &manifest, &prepared,
+                                                 &submission->job, &upload, &error);
+    }
     if (submission->status == UMB_OK) {
         submission->status = umbj_upload_write(upload, CONTENT, sizeof CONTENT - 1, &error);
     }
     if (submission->status == UMB_OK) {
-        submission->status =
-            umbj_service_accept(service, "ann", &manifest, upload, &submission->job, &error);
+        submission->status = umbj_upload_accept(upload, &error);
+    }
+    if (submission->status == UMB_OK) {
+        submission->status = umbj_service_accept(service, "ann", &manifest, &prepared, upload,
+                                                 &submission->job, &error);
     }
     umbj_service_drop_upload(service, upload);
 }
@@ -158,8 +165,10 @@ static enum umb_status begin(struct umbj_service *service, const char *owner, ui
     const struct umbj_bundle_file file = {.path = "a.obj", .size = size};
     const struct umbj_manifest manifest = {.scene = "a.obj", .files = &file, .file_count = 1};
     struct umbj_job job;
+    struct umbj_prepared prepared;
     struct umb_error error;
-    return umbj_service_submit(service, owner, &manifest, &job, upload, &error);
+    assert_int_equal(umbj_manifest_prepare(&manifest, 1000, &prepared, &error), UMB_OK);
+    return umbj_service_submit(service, owner, &manifest, &prepared, &job, upload, &error);
 }
 
 static void run_waiting(struct umbj_request *request, struct umbj_service *service)

@@ -23,7 +23,7 @@ static struct umbj_job submit(struct fixture *f, const char *owner, unsigned con
 static struct umbj_job claim(struct fixture *f, int64_t now)
 {
     struct umbj_job job;
-    assert_int_equal(umbj_table_claim(f->table, now, &job, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_claim(f->table, now, now, &job, &f->error), UMB_OK);
     assert_int_equal(job.state, UMBJ_RUNNING);
     return job;
 }
@@ -141,7 +141,7 @@ static void failures_end_or_repeat_by_their_class(void **state)
                 assert_int_equal(job.state, UMBJ_QUEUED);
                 assert_int_equal(job.not_before_ms, now + pause);
                 struct umbj_job early;
-                assert_int_equal(umbj_table_claim(f->table, now + pause - 1, &early, &f->error),
+                assert_int_equal(umbj_table_claim(f->table, now + pause - 1, now, &early, &f->error),
                                  UMB_E_NOT_FOUND);
                 now += pause;
                 pause *= 2;

@@ -91,7 +91,7 @@ static void model_step(struct fixture *f, struct model *m)
         }
         break;
     case 2:
-        if (umbj_table_claim(f->table, m->now, &job, &f->error) == UMB_OK) {
+        if (umbj_table_claim(f->table, m->now, m->now, &job, &f->error) == UMB_OK) {
             struct umbj_job *expected = model_of(m, job.id);
             assert_int_equal(expected->state, UMBJ_QUEUED);
             assert_true(expected->not_before_ms <= m->now);
@@ -166,7 +166,7 @@ static void work_until_killed(const char *path, int tell)
         uint8_t asset[UMBJ_HASH_BYTES];
         key_of(i, asset);
         if (submit_as(&f, "ann", i, 0, 1000, &job, &is_new) != UMB_OK ||
-            umbj_table_claim(f.table, 1000, &job, &f.error) != UMB_OK ||
+            umbj_table_claim(f.table, 1000, 1000, &job, &f.error) != UMB_OK ||
             umbj_table_finish(f.table, &job, asset, 1, 1001, &f.error) != UMB_OK ||
             write(tell, job.id, sizeof job.id) != sizeof job.id) {
             _exit(1);

@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Threads for file work, see file_threads.h. */
+#include "jobs/file_threads.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* One thread; owner: whose request it works on, NULL = it waits. Under the mutex. */
+struct file_thread {
+    struct umbj_file_threads *home;
+    pthread_t thread;
+    const char *owner;
+};
+
+struct umbj_file_threads {
+    struct umbj_service *service;
+    pthread_mutex_t mutex;
+    pthread_cond_t wake;
+    struct umbj_request *first, *last; /* under mutex */
+    atomic_int stop;
+    unsigned count, running; /* running: threads that were started */
+    struct file_thread list[];
+};
+
+static unsigned at_work_for(const struct umbj_file_threads *threads, const char *owner)
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < threads->running; i++) {
+        const char *at = threads->list[i].owner;
+        count += at != NULL && strcmp(at, owner) == 0;
+    }
+    return count;
+}
+
+/* Takes the first request of the owner with the fewest at work out of the queue; NULL: there is
+ * none, or only such of owners that have their share. */
+static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
+{
+    struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;
+    unsigned fewest = threads->count > 1 ? threads->count - 1 : 1;
+    for (; *at != NULL; before = *at, at = &(*at)->next) {
+        const unsigned busy = at_work_for(threads, (*at)->owner);
+        if (busy < fewest) {
+            fewest = busy;
+            best = at;
+            before_best = before;
+        }
+    }
+    if (best == NULL) {
+        return NULL;
+    }
+    struct umbj_request *request = *best;
+    *best = request->next;
+    threads->last = threads->last == request ? before_best : threads->last;
+    return request;
+}
+
+static void *run_thread(void *user)
+{
+    struct file_thread *thread = user;
+    struct umbj_file_threads *threads = thread->home;
+    pthread_mutex_lock(&threads->mutex);
+    while (!atomic_load(&threads->stop)) {
+        struct umbj_request *request = take_fairest(threads);
+        if (request == NULL) {
+            pthread_cond_wait(&threads->wake, &threads->mutex);
+            continue;
+        }
+        thread->owner = request->owner;
+        pthread_mutex_unlock(&threads->mutex);
+        request->files(request);
+        pthread_mutex_lock(&threads->mutex);
+        thread->owner = NULL;
+        pthread_cond_signal(&threads->wake); /* another of this owner may go on */
+        pthread_mutex_unlock(&threads->mutex);
+        umbj_service_files_done(threads->service, request);
+        pthread_mutex_lock(&threads->mutex);
+    }
+    pthread_mutex_unlock(&threads->mutex);
+    return NULL;
+}
+
+enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *service,
+                                         struct umbj_file_threads **out, struct umb_error *error)
+{
+    *out = NULL;
+    struct umbj_file_threads *threads =
+        calloc(1, sizeof *threads + count * sizeof threads->list[0]);
+    if (threads == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the file threads");
+    }
+    threads->service = service;
+    threads->count = count;
+    pthread_mutex_init(&threads->mutex, NULL);
+    pthread_cond_init(&threads->wake, NULL);
+    for (unsigned i = 0; i < count; i++) {
+        threads->list[i] = (struct file_thread){.home = threads};
+        const int code =
+            pthread_create(&threads->list[i].thread, NULL, run_thread, &threads->list[i]);
+        if (code != 0) {
+            umbj_file_threads_destroy(threads);
+            return umb_fail_errno(error, UMB_E_LIMIT, code, "no thread for the files of jobs");
+        }
+        pthread_mutex_lock(&threads->mutex);
+        threads->running++;
+        pthread_mutex_unlock(&threads->mutex);
+    }
+    *out = threads;
+    return UMB_OK;
+}
+
+static void skip(struct umbj_request *request)
+{
+    request->skipped = 1;
+    request->done(request);
+}
+
+void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request)
+{
+    request->next = NULL;
+    request->skipped = 0;
+    pthread_mutex_lock(&threads->mutex);
+    const int stopped = atomic_load(&threads->stop);
+    if (!stopped && threads->last != NULL) {
+        threads->last->next = request;
+    } else if (!stopped) {
+        threads->first = request;
+    }
+    threads->last = stopped ? threads->last : request;
+    pthread_cond_signal(&threads->wake);
+    pthread_mutex_unlock(&threads->mutex);
+    if (stopped) {
+        skip(request);
+    }
+}
+
+const atomic_int *umbj_file_threads_stop(const struct umbj_file_threads *threads)
+{
+    return &threads->stop;
+}
+
+void umbj_file_threads_end(struct umbj_file_threads *threads)
+{
+    pthread_mutex_lock(&threads->mutex);
+    atomic_store(&threads->stop, 1);
+    struct umbj_request *request = threads->first;
+    threads->first = threads->last = NULL;
+    pthread_cond_broadcast(&threads->wake);
+    pthread_mutex_unlock(&threads->mutex);
+    for (unsigned i = 0; i < threads->running; i++) {
+        pthread_join(threads->list[i].thread, NULL);
+    }
+    threads->running = 0;
+    while (request != NULL) {
+        struct umbj_request *next = request->next;
+        skip(request);
+        request = next;
+    }
+}
+
+void umbj_file_threads_destroy(struct umbj_file_threads *threads)
+{
+    if (threads != NULL) {
+        umbj_file_threads_end(threads);
+        pthread_cond_destroy(&threads->wake);
+        pthread_mutex_destroy(&threads->mutex);
+        free(threads);
+    }
+}

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_JOBS_FILE_THREADS_H
+#define UMBRAGE_SERVER_JOBS_FILE_THREADS_H
+/*
+ * Threads for the file work of calls: bundles are checked, written, synced and removed here, so
+ * that the service's thread waits for nothing but its table.
+ *
+ *     umbj_file_threads_create(count, service, &threads, &error);
+ *     umbj_file_threads_post(threads, &request);     request.files is called on one of them
+ *     umbj_file_threads_end(threads);                what waits is skipped
+ *     umbj_file_threads_destroy(threads);
+ *
+ * Fairness: the next request is that of the owner with the fewest at work, and one owner never has
+ * all threads, so that one owner's large bundles hold up nothing of the others.
+ *
+ * Order: requests of one upload follow each other, because the next is posted when the one before
+ * is done. Requests of different calls have no order.
+ */
+#include "jobs/service.h"
+
+struct umbj_file_threads; /* opaque */
+
+/* Fails: E_NO_MEMORY, E_LIMIT (no thread). */
+UMB_CHECKED enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *service,
+                                                     struct umbj_file_threads **out,
+                                                     struct umb_error *error);
+
+/* Any thread. After the end the request is skipped at once. */
+void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request);
+
+/* Flag that is 1 from the end on: long work looks at it and stops. */
+const atomic_int *umbj_file_threads_stop(const struct umbj_file_threads *threads);
+
+/* Stops the work, skips what waits, joins the threads. Later posts are skipped. */
+void umbj_file_threads_end(struct umbj_file_threads *threads);
+
+/* Ends them if need be. NULL is allowed. */
+void umbj_file_threads_destroy(struct umbj_file_threads *threads);
+
+#endif
