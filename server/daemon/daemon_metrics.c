@@ -271,6 +271,17 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_
         fprintf(out, "umbrage_job_task_failures_total{class=\"%s\"} %llu\n",
                 umbj_failure_name((enum umbj_failure)i), get(&jobs->task_failures[i]));
     }
+    head(out, "umbrage_jobs_refused_total", "counter",
+         "Submissions, and assets at publishing, that a quota refused.");
+    for (int i = 0; i < UMBJ_QUOTA_COUNT; i++) {
+        fprintf(out, "umbrage_jobs_refused_total{quota=\"%s\"} %llu\n",
+                umbj_quota_name((enum umbj_quota)i), get(&jobs->refused[i]));
+    }
+    head(out, "umbrage_job_owned_bytes", "gauge",
+         "Bytes of assets that jobs made, added up over their owners.");
+    fprintf(out, "umbrage_job_owned_bytes %lld\n", (long long)atomic_load(&jobs->owned_bytes));
+    single(out, "umbrage_job_damaged_rows_total", "counter",
+           "Rows of the job table that were not sound.", get(&jobs->damaged_rows));
     single(out, "umbrage_jobs_submitted_total", "counter", "Jobs accepted.", get(&jobs->submitted));
     head(out, "umbrage_job_bake_seconds", "summary", "Time from the start of a bake to its asset.");
     fprintf(out, "umbrage_job_bake_seconds_sum %.3f\numbrage_job_bake_seconds_count %llu\n",

@@ -54,10 +54,12 @@ struct umbd_options {
     const char *slurm_options;          /* of sbatch; may be NULL */
     uint32_t bake_tile;                 /* texels along its side: the unit of work */
     uint32_t owner_jobs;                /* unfinished ones of one owner */
+    uint32_t owner_history;             /* ones of one owner that are over */
     uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */
     uint64_t bake_memory;               /* bytes, of one bake */
     uint64_t max_bundle, max_asset;     /* bytes */
     uint64_t owner_bytes, job_bytes;    /* of unfinished jobs' bundles: one owner's, all */
+    uint64_t owner_assets;              /* bytes of one owner's assets */
     uint64_t job_time_ms, job_lease_ms; /* of one try */
     uint64_t job_keep_ms;               /* of jobs that are over */
     enum umb_log_level log_level;

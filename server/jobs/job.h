@@ -64,6 +64,8 @@ struct umbj_job {
     int has_asset;
     uint8_t asset[UMBJ_HASH_BYTES]; /* id, when done */
     char cause[UMBJ_CAUSE_SIZE];    /* of the last failure, one sentence */
+    int64_t row;                    /* number in the table */
+    const char *damage;             /* column of the table's row that is not sound; NULL = none */
 };
 
 /* "queued"; "rejected". Never NULL. */

@@ -5,11 +5,39 @@
  */
 #include "jobs/job_table_internal.h"
 
-enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
+enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset, int64_t bytes,
                                     struct umb_error *error)
 {
-    return umbj_sql_run(&table->sql, error, NULL, NULL, "INSERT OR IGNORE INTO asset(id) VALUES(?)",
-                        "h", asset);
+    enum umb_status status = umbj_sql_run(&table->sql, error, NULL, NULL,
+                                          "INSERT OR IGNORE INTO asset(id) VALUES(?)", "h", asset);
+    return status == UMB_OK
+               ? umbj_sql_run(&table->sql, error, NULL, NULL,
+                              "UPDATE asset SET bytes = ?1 WHERE id = ?2 AND bytes <> ?1", "ih",
+                              bytes, asset)
+               : status;
+}
+
+struct unsized_reading {
+    umbj_unsized_fn found;
+    void *user;
+};
+
+static enum umb_status take_unsized(void *user, sqlite3_stmt *row)
+{
+    const struct unsized_reading *reading = user;
+    uint8_t asset[UMBJ_HASH_BYTES];
+    if (umbj_sql_hash(row, 0, asset)) {
+        reading->found(reading->user, asset);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn found, void *user,
+                                   struct umb_error *error)
+{
+    struct unsized_reading reading = {found, user};
+    return umbj_sql_run(&table->sql, error, take_unsized, &reading,
+                        "SELECT id FROM asset WHERE bytes = 0", "");
 }
 
 struct bake_found {
@@ -87,8 +115,8 @@ enum umb_status umbj_table_unowned(struct umbj_table *table, uint8_t asset[UMBJ_
 {
     struct bake_found found = {.asset = asset};
     enum umb_status status = umbj_sql_run(&table->sql, error, take_hash, &found,
-                                          "SELECT id FROM asset WHERE id NOT IN"
-                                          " (SELECT asset FROM owned) LIMIT 1",
+                                          "SELECT id FROM asset WHERE owners < 1 AND"
+                                          " length(id) = 32 LIMIT 1",
                                           "");
     if (status == UMB_OK && !found.found) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "every asset has an owner");
@@ -105,12 +133,13 @@ enum umb_status umbj_table_forget(struct umbj_table *table, const uint8_t *asset
         return status;
     }
     status = umbj_sql_run(sql, error, NULL, NULL,
-                          "DELETE FROM asset WHERE id = ? AND id NOT IN (SELECT asset FROM owned)",
+                          "DELETE FROM asset WHERE id = ?1 AND NOT EXISTS"
+                          " (SELECT 1 FROM owned WHERE asset = ?1)",
                           "h", asset);
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL,
-                              "DELETE FROM bake WHERE asset = ?"
-                              " AND asset NOT IN (SELECT asset FROM owned)",
+                              "DELETE FROM bake WHERE asset = ?1 AND NOT EXISTS"
+                              " (SELECT 1 FROM owned WHERE asset = ?1)",
                               "h", asset);
     }
     return umbj_sql_end(sql, status, error);
@@ -126,9 +155,8 @@ static enum umb_status take_owned(void *user, sqlite3_stmt *row)
     const struct owned_reading *reading = user;
     uint8_t asset[UMBJ_HASH_BYTES];
     char owner[UMBJ_OWNER_SIZE];
-    (void)umbj_sql_hash(row, 0, asset);
     umbj_sql_text(row, 1, owner, sizeof owner);
-    return reading->found(reading->user, asset, owner);
+    return umbj_sql_hash(row, 0, asset) ? reading->found(reading->user, asset, owner) : UMB_OK;
 }
 
 enum umb_status umbj_table_owned(struct umbj_table *table, umbj_owned_fn found, void *user,

@@ -8,55 +8,6 @@
 #include <string.h>
 #include <sys/random.h>
 
-enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
-                                       int64_t bundle_bytes, const struct umbj_pending *pending,
-                                       struct umb_error *error)
-{
-    int64_t jobs = 0, bytes = 0, all = 0;
-    struct umbj_sql *sql = &table->sql;
-    enum umb_status status =
-        umbj_sql_run(sql, error, umbj__take_number, &jobs,
-                     "SELECT count(*) FROM job WHERE state IN (0, 1) AND owner = ?", "t", owner);
-    if (status == UMB_OK) {
-        status = umbj_sql_run(
-            sql, error, umbj__take_number, &bytes,
-            "SELECT coalesce(sum(bundle_bytes), 0) FROM job WHERE state IN (0, 1) AND owner = ?",
-            "t", owner);
-    }
-    if (status == UMB_OK) {
-        status = umbj_sql_run(sql, error, umbj__take_number, &all,
-                              "SELECT coalesce(sum(bytes), 0) FROM (SELECT max(bundle_bytes) AS"
-                              " bytes FROM job WHERE state IN (0, 1) GROUP BY key)",
-                              "");
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (pending != NULL) {
-        jobs += pending->own_jobs;
-        bytes += pending->own_bytes;
-        all += pending->all_bytes;
-    }
-    if (jobs >= table->limits.owner_jobs) {
-        return umb_fail(error, UMB_E_BUSY,
-                        "jobs: %lld of yours are unfinished, the limit is %lld (--owner-jobs)",
-                        (long long)jobs, (long long)table->limits.owner_jobs);
-    }
-    if (bundle_bytes > table->limits.owner_bytes - bytes) {
-        return umb_fail(error, UMB_E_BUSY,
-                        "bundle: %lld bytes and %lld of your unfinished jobs are over the limit of "
-                        "%lld (--owner-bytes)",
-                        (long long)bundle_bytes, (long long)bytes,
-                        (long long)table->limits.owner_bytes);
-    }
-    if (bundle_bytes > table->limits.total_bytes - all) {
-        return umb_fail(error, UMB_E_BUSY,
-                        "bundle: the server's space for jobs is full; try again "
-                        "later (--job-bytes)");
-    }
-    return UMB_OK;
-}
-
 static enum umb_status make_id(char id[UMBJ_ID_SIZE], struct umb_error *error)
 {
     static const char digits[] = "0123456789abcdef";
@@ -157,7 +108,10 @@ enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t 
     if (status != UMB_OK) {
         return status;
     }
-    status = umbj__found(choose(table, now, job, error), job, "to be run", error);
+    do {
+        status = choose(table, now, job, error);
+    } while (umbj__retired(table, &status, job, now, error));
+    status = umbj__found(status, job, "to be run", error);
     if (status == UMB_OK) {
         status = start(table, now, steady, job, error);
     }
@@ -199,7 +153,8 @@ enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_jo
                           "hiti", asset, now, job->id, job->epoch);
     status = fenced(table, status, job->id, job->epoch, error);
     if (status == UMB_OK) {
-        status = umbj_table_announce(table, asset, error);
+        status = umbj_sql_run(sql, error, NULL, NULL, "INSERT OR IGNORE INTO asset(id) VALUES(?)",
+                              "h", asset);
     }
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL,
@@ -289,21 +244,24 @@ enum umb_status umbj_table_cancel(struct umbj_table *table, const char *id, cons
 enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady, struct umbj_job *job,
                                    struct umb_error *error)
 {
+    enum umb_status status;
     memset(job, 0, sizeof *job);
-    enum umb_status status =
-        umbj_sql_run(&table->sql, error, umbj__take_job, job,
-                     "SELECT " UMBJ__JOB_COLUMNS
-                     " FROM job WHERE state = 1 AND lease_until_ms < ? ORDER BY seq LIMIT 1",
-                     "i", steady);
+    do {
+        status = umbj_sql_run(&table->sql, error, umbj__take_job, job,
+                              "SELECT " UMBJ__JOB_COLUMNS
+                              " FROM job WHERE state = 1 AND lease_until_ms < ? ORDER BY seq"
+                              " LIMIT 1",
+                              "i", steady);
+    } while (umbj__retired(table, &status, job, 0, error));
     return umbj__found(status, job, "with a lease that is over", error);
 }
 
-enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now, int64_t *count,
-                                   struct umb_error *error)
+/* All that ran is lost. */
+static enum umb_status lose_running(struct umbj_table *table, int64_t now, int64_t *count,
+                                    struct umb_error *error)
 {
     struct umbj_job job;
     enum umb_status status = UMB_OK;
-    *count = 0;
     while (status == UMB_OK) {
         status = umbj_table_expired(table, INT64_MAX, &job, error);
         if (status == UMB_E_NOT_FOUND) {
@@ -316,6 +274,17 @@ enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now, int64_
         }
     }
     return status;
+}
+
+enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now, int64_t *count,
+                                   struct umb_error *error)
+{
+    *count = 0;
+    enum umb_status status = umbj__mend(table, now, error);
+    if (status == UMB_OK) {
+        status = umbj__count_anew(table, error);
+    }
+    return status == UMB_OK ? lose_running(table, now, count, error) : status;
 }
 
 enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error)

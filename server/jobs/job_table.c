@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCHEMA_VERSION 1
+#define SCHEMA_VERSION 2
 
 static const char *const schema[] = {
     "CREATE TABLE job(seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE,"
@@ -26,7 +26,7 @@ static const char *const schema[] = {
     /* When an owner was last served, in claims: their order is that of the clock, and never ties.
      */
     "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
-    "CREATE TABLE asset(id BLOB PRIMARY KEY)",
+    "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* and what version 2 adds */
     ("CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
      " PRIMARY KEY(asset, owner))"),
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
@@ -38,32 +38,10 @@ enum umb_status umbj__take_number(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
-static void read_job(sqlite3_stmt *row, struct umbj_job *job)
-{
-    memset(job, 0, sizeof *job);
-    umbj_sql_text(row, 0, job->id, sizeof job->id);
-    umbj_sql_text(row, 1, job->owner, sizeof job->owner);
-    (void)umbj_sql_hash(row, 2, job->key);
-    job->state = (enum umbj_state)sqlite3_column_int(row, 3);
-    job->failure = (enum umbj_failure)sqlite3_column_int(row, 4);
-    job->priority = sqlite3_column_int(row, 5);
-    job->epoch = sqlite3_column_int64(row, 6);
-    job->tries = sqlite3_column_int64(row, 7);
-    job->hard_tries = sqlite3_column_int64(row, 8);
-    job->submitted_ms = sqlite3_column_int64(row, 9);
-    job->started_ms = sqlite3_column_int64(row, 10);
-    job->ended_ms = sqlite3_column_int64(row, 11);
-    job->not_before_ms = sqlite3_column_int64(row, 12);
-    job->lease_until_ms = sqlite3_column_int64(row, 13);
-    job->bundle_bytes = sqlite3_column_int64(row, 14);
-    job->has_asset = umbj_sql_hash(row, 15, job->asset);
-    umbj_sql_text(row, 16, job->cause, sizeof job->cause);
-}
-
 /* Takes the one job of a result; an empty id tells that there was none. */
 enum umb_status umbj__take_job(void *user, sqlite3_stmt *row)
 {
-    read_job(row, user);
+    umbj__read_job(row, user);
     return UMB_OK;
 }
 
@@ -76,29 +54,83 @@ enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job, 
     return status;
 }
 
-static enum umb_status prepare_schema(struct umbj_sql *sql, struct umb_error *error)
+/* What version 2 has besides: sizes of assets, how many owners they have, and counts. */
+static const char *const sizes[] = {
+    "ALTER TABLE asset ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0",
+    "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",
+};
+
+static enum umb_status run_all(struct umbj_sql *sql, const char *const *texts, size_t count,
+                               struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < count && texts[i] != NULL; i++) {
+        status = umbj_sql_run(sql, error, NULL, NULL, texts[i], "");
+    }
+    return status;
+}
+
+/* Makes the tables, or brings those of version 1 up to date; in a transaction. */
+static enum umb_status make_schema(struct umbj_sql *sql, int64_t from, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    if (from == 0) {
+        status = run_all(sql, schema, sizeof schema / sizeof schema[0], error);
+    }
+    if (status == UMB_OK) {
+        status = run_all(sql, sizes, sizeof sizes / sizeof sizes[0], error);
+    }
+    if (status == UMB_OK) {
+        status = run_all(sql, umbj__count_schema, SIZE_MAX, error);
+    }
+    return status == UMB_OK ? umbj_sql_run(sql, error, NULL, NULL, "PRAGMA user_version = 2", "")
+                            : status;
+}
+
+static enum umb_status prepare_schema(struct umbj_table *table, struct umb_error *error)
 {
     int64_t version = 0;
+    struct umbj_sql *sql = &table->sql;
     enum umb_status status =
         umbj_sql_run(sql, error, umbj__take_number, &version, "PRAGMA user_version", "");
     if (status != UMB_OK || version == SCHEMA_VERSION) {
         return status;
     }
-    if (version != 0) {
+    if (version < 0 || version > SCHEMA_VERSION) {
         return umb_fail(error, UMB_E_VERSION, "job table: version %lld, this program knows %d",
                         (long long)version, SCHEMA_VERSION);
     }
     status = umbj_sql_begin(sql, error);
-    if (status != UMB_OK) {
+    if (status == UMB_OK) {
+        status = umbj_sql_end(sql, make_schema(sql, version, error), error);
+    }
+    return status == UMB_OK ? umbj__count_anew(table, error) : status;
+}
+
+static enum umb_status take_verdict(void *user, sqlite3_stmt *row)
+{
+    umbj_sql_text(row, 0, user, 200);
+    return UMB_OK;
+}
+
+/* Damaged pages are found now, not when a job is at stake. */
+static enum umb_status check_pages(struct umbj_sql *sql, const char *path, struct umb_error *error)
+{
+    char verdict[200] = "ok";
+    struct umb_error why = {0};
+    enum umb_status status =
+        umbj_sql_run(sql, &why, take_verdict, verdict, "PRAGMA quick_check(1)", "");
+    if (status != UMB_OK && status != UMB_E_CORRUPT) {
+        *error = why;
         return status;
     }
-    for (size_t i = 0; status == UMB_OK && i < sizeof schema / sizeof schema[0]; i++) {
-        status = umbj_sql_run(sql, error, NULL, NULL, schema[i], "");
+    if (status == UMB_OK && strcmp(verdict, "ok") == 0) {
+        return UMB_OK;
     }
-    if (status == UMB_OK) {
-        status = umbj_sql_run(sql, error, NULL, NULL, "PRAGMA user_version = 1", "");
-    }
-    return umbj_sql_end(sql, status, error);
+    return umb_fail(error, UMB_E_CORRUPT,
+                    "job table: '%.150s' is damaged (%.150s); restore it from a copy, or save what "
+                    "is left by `sqlite3 FILE .recover`",
+                    path, status == UMB_OK ? verdict : why.message);
 }
 
 enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limits,
@@ -112,7 +144,10 @@ enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limi
     table->limits = *limits;
     enum umb_status status = umbj_sql_open(path, &table->sql, error);
     if (status == UMB_OK) {
-        status = prepare_schema(&table->sql, error);
+        status = check_pages(&table->sql, path, error);
+    }
+    if (status == UMB_OK) {
+        status = prepare_schema(table, error);
     }
     if (status != UMB_OK) {
         umbj_table_close(table);
@@ -120,6 +155,11 @@ enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limi
     }
     *out = table;
     return UMB_OK;
+}
+
+int64_t umbj_table_damaged(const struct umbj_table *table)
+{
+    return table->damaged;
 }
 
 void umbj_table_close(struct umbj_table *table)
@@ -134,39 +174,31 @@ enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner
                                      const uint8_t *key, struct umbj_job *job,
                                      struct umb_error *error)
 {
+    enum umb_status status;
     memset(job, 0, sizeof *job);
-    enum umb_status status = umbj_sql_run(
-        &table->sql, error, umbj__take_job, job,
-        "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE owner = ? AND key = ? AND (state IN (0, 1)"
-        " OR (state = 2 AND EXISTS(SELECT 1 FROM owned WHERE owned.asset = job.asset"
-        " AND owned.owner = job.owner))) ORDER BY seq DESC LIMIT 1",
-        "th", owner, key);
+    do {
+        status = umbj_sql_run(
+            &table->sql, error, umbj__take_job, job,
+            "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE owner = ? AND key = ? AND (state IN (0, 1)"
+            " OR (state = 2 AND EXISTS(SELECT 1 FROM owned WHERE owned.asset = job.asset"
+            " AND owned.owner = job.owner))) ORDER BY seq DESC LIMIT 1",
+            "th", owner, key);
+    } while (umbj__retired(table, &status, job, 0, error));
     return umbj__found(status, job, "like this", error);
-}
-
-struct spec {
-    int found;
-    char *scene, *settings;
-};
-
-static enum umb_status take_spec(void *user, sqlite3_stmt *row)
-{
-    struct spec *spec = user;
-    umbj_sql_text(row, 0, spec->scene, UMBJ_SCENE_SIZE);
-    umbj_sql_text(row, 1, spec->settings, UMBJ_SETTINGS_SIZE);
-    spec->found = 1;
-    return UMB_OK;
 }
 
 enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
                                 char scene[UMBJ_SCENE_SIZE], char settings[UMBJ_SETTINGS_SIZE],
                                 struct umb_error *error)
 {
-    struct spec spec = {0, scene, settings};
-    enum umb_status status = umbj_sql_run(&table->sql, error, take_spec, &spec,
+    struct umbj__spec spec = {0, scene, settings, NULL};
+    enum umb_status status = umbj_sql_run(&table->sql, error, umbj__take_spec, &spec,
                                           "SELECT scene, settings FROM job WHERE id = ?", "t", id);
     if (status == UMB_OK && !spec.found) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
+    } else if (status == UMB_OK && spec.damage != NULL) {
+        status =
+            umb_fail(error, UMB_E_CORRUPT, "its row in the job table is damaged (%s)", spec.damage);
     }
     return status;
 }
@@ -177,14 +209,17 @@ enum umb_status umbj_table_get(struct umbj_table *table, const char *id, const c
     char wanted[UMBJ_ID_SIZE]; /* id may be job->id */
     (void)strncpy(wanted, id, sizeof wanted - 1);
     wanted[sizeof wanted - 1] = '\0';
+    enum umb_status status;
     memset(job, 0, sizeof *job);
-    enum umb_status status =
-        owner != NULL
-            ? umbj_sql_run(&table->sql, error, umbj__take_job, job,
-                           "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ? AND owner = ?", "tt",
-                           wanted, owner)
-            : umbj_sql_run(&table->sql, error, umbj__take_job, job,
-                           "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ?", "t", wanted);
+    do {
+        status =
+            owner != NULL
+                ? umbj_sql_run(&table->sql, error, umbj__take_job, job,
+                               "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ? AND owner = ?",
+                               "tt", wanted, owner)
+                : umbj_sql_run(&table->sql, error, umbj__take_job, job,
+                               "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ?", "t", wanted);
+    } while (umbj__retired(table, &status, job, 0, error));
     return umbj__found(status, job, wanted, error);
 }
 
@@ -205,7 +240,9 @@ static enum umb_status take_listed(void *user, sqlite3_stmt *row)
         list->jobs = jobs;
         list->capacity = capacity;
     }
-    read_job(row, &list->jobs[list->count++]);
+    struct umbj_job *job = &list->jobs[list->count];
+    umbj__read_job(row, job);
+    list->count += job->id[0] != '\0'; /* without an id it can be neither named nor shown */
     return UMB_OK;
 }
 
@@ -232,24 +269,6 @@ enum umb_status umbj_table_list(struct umbj_table *table, const char *owner, int
     *jobs = list.jobs;
     *count = list.count;
     return status;
-}
-
-static enum umb_status take_state_count(void *user, sqlite3_stmt *row)
-{
-    int64_t *counts = user;
-    int state = sqlite3_column_int(row, 0);
-    if (state >= 0 && state < UMBJ_STATE_COUNT) {
-        counts[state] = sqlite3_column_int64(row, 1);
-    }
-    return UMB_OK;
-}
-
-enum umb_status umbj_table_count(struct umbj_table *table, int64_t counts[UMBJ_STATE_COUNT],
-                                 struct umb_error *error)
-{
-    memset(counts, 0, UMBJ_STATE_COUNT * sizeof *counts);
-    return umbj_sql_run(&table->sql, error, take_state_count, counts,
-                        "SELECT state, count(*) FROM job GROUP BY state", "");
 }
 
 static enum umb_status take_earliest(void *user, sqlite3_stmt *row)

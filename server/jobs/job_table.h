@@ -24,6 +24,8 @@
  * again after a pause that doubles, UMBJ_TRIES_MAX times; then temporary and io are failed, lost is
  * poison. Crash, memory and sandbox are tried once more, then they are poison.
  *
+ * Rows are checked when they are read (job_rows.c): one that is not sound is a failed job.
+ *
  * Threads: one at a time.
  */
 #include "jobs/job.h"
@@ -40,7 +42,21 @@ struct umbj_limits {
     int64_t owner_bytes; /* of their bundles */
     int64_t total_bytes; /* of the bundles of all */
     int64_t lease_ms;
+    int64_t owner_assets;  /* bytes of one owner's assets; 0 = no limit */
+    int64_t owner_history; /* jobs of one owner that are over; 0 = no limit */
 };
+
+/* Which quota refused. */
+enum umbj_quota {
+    UMBJ_QUOTA_JOBS = 0, /* owner_jobs */
+    UMBJ_QUOTA_BYTES,    /* owner_bytes */
+    UMBJ_QUOTA_SPACE,    /* total_bytes */
+    UMBJ_QUOTA_ASSETS,   /* owner_assets */
+    UMBJ_QUOTA_COUNT,
+};
+
+/* "jobs". Never NULL. */
+const char *umbj_quota_name(enum umbj_quota quota);
 
 struct umbj_submission {
     const char *owner;
@@ -84,11 +100,31 @@ UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, con
                                                    const struct umbj_pending *pending,
                                                    struct umb_error *error);
 
+/* How often each quota refused since the table was opened. */
+int64_t umbj_table_refused(const struct umbj_table *table, enum umbj_quota quota);
+
+/* What an owner keeps (NULL: all owners together). */
+struct umbj_kept {
+    int64_t jobs;        /* that are over */
+    int64_t asset_bytes; /* an asset of two owners counts for both */
+};
+UMB_CHECKED enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner,
+                                            struct umbj_kept *kept, struct umb_error *error);
+
+/* Checks whether an asset of so many bytes may become the owner's. Fails: E_BUSY (owner_assets). */
+UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *owner,
+                                                   const uint8_t *asset, int64_t bytes,
+                                                   struct umb_error *error);
+
+/* Forgets an owner's oldest jobs that are over, beyond owner_history. */
+UMB_CHECKED enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
+                                            struct umb_error *error);
+
 /* Takes the next job: it is running then, with a new epoch and a lease. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
                                              struct umbj_job *job, struct umb_error *error);
 
-/* Reads what a worker needs. Fails: E_NOT_FOUND. */
+/* Reads what a worker needs. Fails: E_NOT_FOUND; E_CORRUPT (scene or settings are none of ours). */
 UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
                                             char scene[UMBJ_SCENE_SIZE],
                                             char settings[UMBJ_SETTINGS_SIZE],
@@ -120,9 +156,13 @@ UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const ch
 UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady,
                                                struct umbj_job *job, struct umb_error *error);
 
-/* After a start: running jobs are queued again as lost. Out: count: how many. */
+/* After a start: rows that are not sound are retired, running jobs are queued again as lost, and
+ * all is counted anew. Out: count: how many were lost. */
 UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now,
                                                int64_t *count, struct umb_error *error);
+
+/* Rows that were not sound, since the table was opened. */
+int64_t umbj_table_damaged(const struct umbj_table *table);
 
 /* Before a planned end: running jobs are queued again, and it counts for nothing. */
 UMB_CHECKED enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error);
@@ -156,9 +196,15 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 
 /* --- assets that jobs made (job_assets.c) --- */
 
-/* Notes an asset before its file gets its name, so that a crash leaves no file nobody knows. */
+/* Notes an asset and its size before its file gets its name, so that a crash leaves no file nobody
+ * knows. */
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
-                                                struct umb_error *error);
+                                                int64_t bytes, struct umb_error *error);
+
+/* Calls found(user, asset) for the assets whose size is not known: those of an older program. */
+typedef void (*umbj_unsized_fn)(void *user, const uint8_t *asset);
+UMB_CHECKED enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn found,
+                                               void *user, struct umb_error *error);
 
 /* What somebody's earlier bake of the key gave. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,

@@ -1,20 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
-/* Between the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c owns. */
+/* Between the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c owns,
+ * job_rows.c checks what is read, job_counts.c counts. */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
 
 struct umbj_table {
     struct umbj_sql sql;
     struct umbj_limits limits;
+    int64_t damaged; /* rows that were not sound */
+    int64_t refused[UMBJ_QUOTA_COUNT];
 };
 
 /* What umbj__take_job reads, in its order. */
 #define UMBJ__JOB_COLUMNS                                                                          \
     "id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms, "           \
     "started_ms,"                                                                                  \
-    " ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause"
+    " ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"
 
 /* A queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
@@ -27,5 +30,37 @@ UMB_CHECKED enum umb_status umbj__found(enum umb_status status, const struct umb
 
 /* A row call-back: takes a number; user is an int64_t. */
 enum umb_status umbj__take_number(void *user, sqlite3_stmt *row);
+
+/* --- job_rows.c --- */
+
+/* Reads a row of UMBJ__JOB_COLUMNS. One that is not sound has `damage`, and is a failed job with
+ * its cause; its id is empty if it can be shown to no owner. */
+void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
+
+/* Makes a damaged row what umbj__read_job made of it, or removes it. */
+UMB_CHECKED enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job,
+                                         int64_t now, struct umb_error *error);
+
+/* For loops: 1 if *job was damaged and is retired, so that the query is to be made again. */
+int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
+                  int64_t now, struct umb_error *error);
+
+/* A row call-back for scene and settings. */
+struct umbj__spec {
+    int found;
+    char *scene, *settings; /* [UMBJ_SCENE_SIZE], [UMBJ_SETTINGS_SIZE] */
+    const char *damage;     /* column that is not sound, NULL = none */
+};
+enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row);
+
+/* Looks at every row once and retires what is not sound. */
+UMB_CHECKED enum umb_status umbj__mend(struct umbj_table *table, int64_t now,
+                                       struct umb_error *error);
+
+/* --- job_counts.c --- */
+
+extern const char *const umbj__count_schema[]; /* ends with NULL */
+
+UMB_CHECKED enum umb_status umbj__count_anew(struct umbj_table *table, struct umb_error *error);
 
 #endif

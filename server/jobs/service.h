@@ -71,6 +71,9 @@ struct umbj_counters {
     atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
     atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
     atomic_uint_fast64_t task_failures[UMBJ_FAILURE_COUNT]; /* of a farm */
+    atomic_int_fast64_t owned_bytes;                /* of assets; one of two owners counts twice */
+    atomic_uint_fast64_t refused[UMBJ_QUOTA_COUNT]; /* submissions and assets, by quota */
+    atomic_uint_fast64_t damaged_rows;              /* of the table */
     atomic_uint_fast64_t submitted, finished;
     atomic_uint_fast64_t bake_ms;                  /* of all that finished */
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */

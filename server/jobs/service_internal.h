@@ -92,7 +92,10 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
 /* A job's state changed: board, counters, one line in the log. */
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
 
-/* Counts the states anew. */
+/* Takes the table's counts of refusals over. */
+void umbj__note_refusals(struct umbj_service *service);
+
+/* Takes the table's counts over. */
 void umbj__recount(struct umbj_service *service);
 
 void umbj__log_error(const struct umbj_service *service, const char *event,

@@ -47,6 +47,7 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
     const struct umbj_pending pending = pending_of(service, owner);
     enum umb_status status = umbj_table_check_quota(service->table, owner, bytes, &pending, error);
     if (status != UMB_OK) {
+        umbj__note_refusals(service);
         return status;
     }
     struct umbj_promise *promise = calloc(1, sizeof *promise);

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/sha256.h"
@@ -16,7 +17,14 @@
 
 #define PATH_SIZE     4200
 #define SERVE_MOST_MS 600000 /* then a job is told as done all the same, with a warning */
+#define SIZES_MOST    256    /* assets of one look */
 #define LEASE_PARTS   4      /* a lease is renewed when a quarter of it is over */
+
+/* Assets without a size. */
+struct unsized_assets {
+    size_t count;
+    uint8_t assets[SIZES_MOST][UMBJ_HASH_BYTES];
+};
 
 void umbj__log_error(const struct umbj_service *service, const char *event,
                      const struct umb_error *error)
@@ -35,12 +43,39 @@ void umbj__recount(struct umbj_service *service)
             atomic_store(&service->counters.states[i], counts[i]);
         }
     }
+    struct umbj_kept kept;
+    if (umbj_table_kept(service->table, NULL, &kept, &error) == UMB_OK) {
+        atomic_store(&service->counters.owned_bytes, kept.asset_bytes);
+    }
+    umbj__note_refusals(service);
+    atomic_store(&service->counters.damaged_rows,
+                 (uint_fast64_t)umbj_table_damaged(service->table));
+}
+
+void umbj__note_refusals(struct umbj_service *service)
+{
+    for (int i = 0; i < UMBJ_QUOTA_COUNT; i++) {
+        atomic_store(&service->counters.refused[i],
+                     (uint_fast64_t)umbj_table_refused(service->table, (enum umbj_quota)i));
+    }
+}
+
+/* An owner's history has its quota. */
+static void trim(struct umbj_service *service, const char *owner)
+{
+    struct umb_error error;
+    if (umbj_table_trim(service->table, owner, &error) != UMB_OK) {
+        umbj__log_error(service, "job_trim", &error);
+    }
 }
 
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading)
 {
     char owner[UMBS_LOG_QUOTE_SIZE], cause[UMBS_LOG_QUOTE_SIZE], asset[UMB_ID_TEXT_SIZE] = "-";
     umbj_board_set(service->board, job, loading);
+    if (umbj_is_over(job->state)) {
+        trim(service, job->owner);
+    }
     umbj__recount(service);
     if (job->has_asset) {
         umb_id_to_text(job->asset, asset);
@@ -231,9 +266,13 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
     if (status == UMB_OK) {
         status = service->executor->start(service->executor, &work, &error);
     }
-    if (status != UMB_OK &&
-        umbj__fail_try(service, &failed, UMBJ_TEMPORARY, error.message, &error) != UMB_OK) {
-        umbj__log_error(service, "job_start", &error); /* its lease will end */
+    if (status != UMB_OK) {
+        const struct umb_error cause = error;
+        const enum umbj_failure failure =
+            status == UMB_E_CORRUPT ? UMBJ_INTERNAL : UMBJ_TEMPORARY; /* a damaged row stays so */
+        if (umbj__fail_try(service, &failed, failure, cause.message, &error) != UMB_OK) {
+            umbj__log_error(service, "job_start", &error); /* its lease will end */
+        }
     }
 }
 
@@ -289,16 +328,37 @@ static enum umb_status check_there(struct umbj_service *service, const uint8_t *
                : umb_fail(error, UMB_E_IO, "the asset's file could not be published");
 }
 
+/* Size of what would be published. */
+static enum umb_status size_of(struct umbj_service *service, const struct umbj_report *report,
+                               int64_t *bytes, struct umb_error *error)
+{
+    char path[PATH_SIZE];
+    struct stat info;
+    umbj_asset_path(service->assets_path, report->asset, path, sizeof path);
+    const int failed =
+        report->staged.temporary != NULL ? fstat(report->staged.fd, &info) : stat(path, &info);
+    *bytes = failed ? 0 : (int64_t)info.st_size;
+    return failed ? umb_fail_errno(error, UMB_E_IO, errno, "the asset's file is gone") : UMB_OK;
+}
+
 /* The steps of publishing, in the order that service.h argues. */
 static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
                                struct umbj_report *report, struct umb_error *error)
 {
-    enum umb_status status = umbj_table_announce(service->table, report->asset, error);
-    umbj_board_own(service->board, report->asset, job->owner); /* before anybody can ask for it */
+    int64_t bytes = 0;
+    enum umb_status status = size_of(service, report, &bytes, error);
     if (status == UMB_OK) {
-        status = report->staged.temporary != NULL ? umbs_file_commit(&report->staged, error)
-                                                  : check_there(service, report->asset, error);
+        status = umbj_table_check_asset(service->table, job->owner, report->asset, bytes, error);
     }
+    if (status == UMB_OK) {
+        status = umbj_table_announce(service->table, report->asset, bytes, error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    umbj_board_own(service->board, report->asset, job->owner); /* before anybody can ask for it */
+    status = report->staged.temporary != NULL ? umbs_file_commit(&report->staged, error)
+                                              : check_there(service, report->asset, error);
     if (status == UMB_OK) {
         status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,
                                    umbj__unix_ms(service), error);
@@ -332,8 +392,10 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
             }
             umbj__drop_bundle(service, job->key);
         } else if (status != UMB_E_STATE) {
-            struct umb_error cause = error;
-            status = umbj__fail_try(service, job, UMBJ_IO, cause.message, &error);
+            const struct umb_error cause = error;
+            const enum umbj_failure failure =
+                status == UMB_E_BUSY ? UMBJ_REJECTED : UMBJ_IO; /* a quota: no try changes that */
+            status = umbj__fail_try(service, job, failure, cause.message, &error);
         }
         disown_if_not(service, report->asset, job->owner);
         umbj__collect_assets(service); /* what a late or failed publish left */
@@ -480,6 +542,37 @@ static void sweep_staged(struct umbj_service *service)
     close(assets);
 }
 
+/* Sizes of assets that an older program did not note. A file that is gone stays without. */
+static void note_size(void *user, const uint8_t *asset)
+{
+    struct unsized_assets *sizes = user;
+    if (sizes->count < SIZES_MOST) {
+        memcpy(sizes->assets[sizes->count++], asset, UMBJ_HASH_BYTES);
+    }
+}
+
+static void fill_sizes(struct umbj_service *service)
+{
+    struct unsized_assets *sizes = calloc(1, sizeof *sizes);
+    char path[PATH_SIZE];
+    struct umb_error error;
+    struct stat info;
+    size_t filled = 1;
+    while (sizes != NULL && filled > 0) {
+        filled = sizes->count = 0;
+        if (umbj_table_unsized(service->table, note_size, sizes, &error) != UMB_OK) {
+            break;
+        }
+        for (size_t i = 0; i < sizes->count; i++) {
+            umbj_asset_path(service->assets_path, sizes->assets[i], path, sizeof path);
+            filled += stat(path, &info) == 0 && info.st_size > 0 &&
+                      umbj_table_announce(service->table, sizes->assets[i], info.st_size, &error) ==
+                          UMB_OK;
+        }
+    }
+    free(sizes);
+}
+
 enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)
 {
     int64_t lost = 0;
@@ -495,10 +588,13 @@ enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *er
     empty_folder(service, "work");
     sweep_bundles(service);
     sweep_staged(service);
+    fill_sizes(service);
     umbj__collect_assets(service);
     umbj__recount(service);
     atomic_fetch_add(&service->counters.failures[UMBJ_LOST], (uint64_t)lost);
-    umbs_log_event(service->options.log, UMB_LOG_INFO, "jobs_open", "lost=%lld queued=%lld",
-                   (long long)lost, (long long)atomic_load(&service->counters.states[UMBJ_QUEUED]));
+    umbs_log_event(service->options.log, UMB_LOG_INFO, "jobs_open",
+                   "lost=%lld queued=%lld damaged_rows=%lld", (long long)lost,
+                   (long long)atomic_load(&service->counters.states[UMBJ_QUEUED]),
+                   (long long)umbj_table_damaged(service->table));
     return UMB_OK;
 }

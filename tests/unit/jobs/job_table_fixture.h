@@ -66,7 +66,7 @@ static inline enum umb_status submit_as(struct fixture *f, const char *owner, un
                                                .key = key,
                                                .priority = priority,
                                                .scene = "a.glb",
-                                               .settings = "--resolution=64",
+                                               .settings = "--resolution=64\n",
                                                .bundle_bytes = 100};
     return umbj_table_submit(f->table, &submission, now, job, is_new, &f->error);
 }

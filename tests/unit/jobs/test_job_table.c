@@ -141,8 +141,9 @@ static void failures_end_or_repeat_by_their_class(void **state)
                 assert_int_equal(job.state, UMBJ_QUEUED);
                 assert_int_equal(job.not_before_ms, now + pause);
                 struct umbj_job early;
-                assert_int_equal(umbj_table_claim(f->table, now + pause - 1, now, &early, &f->error),
-                                 UMB_E_NOT_FOUND);
+                assert_int_equal(
+                    umbj_table_claim(f->table, now + pause - 1, now, &early, &f->error),
+                    UMB_E_NOT_FOUND);
                 now += pause;
                 pause *= 2;
             } else {

@@ -78,7 +78,8 @@ static struct umbj_upload *begin(struct fixture *f, uint8_t key[UMBJ_HASH_BYTES]
     struct umbj_upload *upload;
     assert_int_equal(check(f), UMB_OK);
     assert_int_equal(umbj_manifest_key(&f->manifest, key, &f->error), UMB_OK);
-    assert_int_equal(umbj_upload_begin(f->folder, &f->manifest, key, NULL, &upload, &f->error), UMB_OK);
+    assert_int_equal(umbj_upload_begin(f->folder, &f->manifest, key, NULL, &upload, &f->error),
+                     UMB_OK);
     return upload;
 }
 

@@ -1,0 +1,221 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What is counted: jobs by state, and what each owner keeps. Triggers keep the counts with each
+ * change, in its transaction, so that no change looks at all rows; a start counts anew.
+ */
+#include "jobs/job_table_internal.h"
+
+#include <string.h>
+
+const char *const umbj__count_schema[] = {
+    "CREATE TABLE state_count(state INTEGER PRIMARY KEY, count INTEGER NOT NULL)",
+    /* jobs: those that are over; bytes: of the assets that are the owner's */
+    "CREATE TABLE tally(owner TEXT PRIMARY KEY, jobs INTEGER NOT NULL DEFAULT 0,"
+    " bytes INTEGER NOT NULL DEFAULT 0)",
+    "CREATE INDEX job_over ON job(owner, seq) WHERE state > 1",
+    "CREATE INDEX asset_unowned ON asset(owners) WHERE owners < 1",
+    "CREATE TRIGGER job_added AFTER INSERT ON job BEGIN"
+    " UPDATE state_count SET count = count + 1 WHERE state = new.state;"
+    " INSERT OR IGNORE INTO tally(owner) VALUES(new.owner); END",
+    "CREATE TRIGGER job_moved AFTER UPDATE OF state ON job WHEN old.state <> new.state BEGIN"
+    " UPDATE state_count SET count = count - 1 WHERE state = old.state;"
+    " UPDATE state_count SET count = count + 1 WHERE state = new.state;"
+    " UPDATE tally SET jobs = jobs + (new.state > 1) - (old.state > 1) WHERE owner = new.owner;"
+    " END",
+    "CREATE TRIGGER job_removed AFTER DELETE ON job BEGIN"
+    " UPDATE state_count SET count = count - 1 WHERE state = old.state;"
+    " UPDATE tally SET jobs = jobs - (old.state > 1) WHERE owner = old.owner; END",
+    "CREATE TRIGGER owned_added AFTER INSERT ON owned BEGIN"
+    " INSERT OR IGNORE INTO tally(owner) VALUES(new.owner);"
+    " UPDATE tally SET bytes = bytes + (SELECT bytes FROM asset WHERE id = new.asset)"
+    " WHERE owner = new.owner;"
+    " UPDATE asset SET owners = owners + 1 WHERE id = new.asset; END",
+    "CREATE TRIGGER owned_removed AFTER DELETE ON owned BEGIN"
+    " UPDATE tally SET bytes = bytes - coalesce((SELECT bytes FROM asset WHERE id = old.asset), 0)"
+    " WHERE owner = old.owner;"
+    " UPDATE asset SET owners = owners - 1 WHERE id = old.asset; END",
+    "CREATE TRIGGER asset_sized AFTER UPDATE OF bytes ON asset WHEN old.bytes <> new.bytes BEGIN"
+    " UPDATE tally SET bytes = bytes + new.bytes - old.bytes WHERE owner IN"
+    " (SELECT owner FROM owned WHERE asset = new.id); END",
+    NULL,
+};
+
+enum umb_status umbj__count_anew(struct umbj_table *table, struct umb_error *error)
+{
+    static const char *const steps[] = {
+        "DELETE FROM state_count",
+        "INSERT INTO state_count VALUES(0, 0), (1, 0), (2, 0), (3, 0), (4, 0)",
+        "UPDATE state_count SET count = (SELECT count(*) FROM job WHERE job.state ="
+        " state_count.state)",
+        "DELETE FROM tally",
+        "INSERT INTO tally(owner, jobs) SELECT owner, sum(state > 1) FROM job GROUP BY owner",
+        "INSERT OR IGNORE INTO tally(owner) SELECT DISTINCT owner FROM owned",
+        "UPDATE tally SET bytes = (SELECT coalesce(sum(asset.bytes), 0) FROM owned JOIN asset ON"
+        " asset.id = owned.asset WHERE owned.owner = tally.owner)",
+        "UPDATE asset SET owners = (SELECT count(*) FROM owned WHERE owned.asset = asset.id)",
+    };
+    enum umb_status status = umbj_sql_begin(&table->sql, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    for (size_t i = 0; status == UMB_OK && i < sizeof steps / sizeof steps[0]; i++) {
+        status = umbj_sql_run(&table->sql, error, NULL, NULL, steps[i], "");
+    }
+    return umbj_sql_end(&table->sql, status, error);
+}
+
+static enum umb_status take_state_count(void *user, sqlite3_stmt *row)
+{
+    int64_t *counts = user;
+    const int64_t state = sqlite3_column_int64(row, 0);
+    if (state >= 0 && state < UMBJ_STATE_COUNT) {
+        counts[state] = sqlite3_column_int64(row, 1);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_count(struct umbj_table *table, int64_t counts[UMBJ_STATE_COUNT],
+                                 struct umb_error *error)
+{
+    memset(counts, 0, UMBJ_STATE_COUNT * sizeof *counts);
+    return umbj_sql_run(&table->sql, error, take_state_count, counts,
+                        "SELECT state, count FROM state_count", "");
+}
+
+static enum umb_status take_kept(void *user, sqlite3_stmt *row)
+{
+    struct umbj_kept *kept = user;
+    kept->jobs = sqlite3_column_int64(row, 0);
+    kept->asset_bytes = sqlite3_column_int64(row, 1);
+    return UMB_OK;
+}
+
+enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner, struct umbj_kept *kept,
+                                struct umb_error *error)
+{
+    *kept = (struct umbj_kept){0, 0};
+    return owner != NULL
+               ? umbj_sql_run(&table->sql, error, take_kept, kept,
+                              "SELECT jobs, bytes FROM tally WHERE owner = ?", "t", owner)
+               : umbj_sql_run(&table->sql, error, take_kept, kept,
+                              "SELECT coalesce(sum(jobs), 0), coalesce(sum(bytes), 0) FROM tally",
+                              "");
+}
+
+enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
+                                struct umb_error *error)
+{
+    struct umbj_kept kept;
+    const int64_t most = table->limits.owner_history;
+    enum umb_status status = umbj_table_kept(table, owner, &kept, error);
+    if (status != UMB_OK || most == 0 || kept.jobs <= most) {
+        return status;
+    }
+    return umbj_sql_run(&table->sql, error, NULL, NULL,
+                        "DELETE FROM job WHERE seq IN (SELECT seq FROM job WHERE owner = ? AND"
+                        " state > 1 ORDER BY seq LIMIT ?)",
+                        "ti", owner, kept.jobs - most);
+}
+
+/* Notes and tells which quota is full. */
+static enum umb_status refuse(struct umbj_table *table, enum umbj_quota quota)
+{
+    table->refused[quota]++;
+    return UMB_E_BUSY;
+}
+
+/* What owners keep: at a submission it must not be full, at publishing the asset must fit. */
+static enum umb_status check_assets(struct umbj_table *table, const char *owner, int64_t bytes,
+                                    struct umb_error *error)
+{
+    struct umbj_kept kept;
+    const int64_t most = table->limits.owner_assets;
+    enum umb_status status = umbj_table_kept(table, owner, &kept, error);
+    if (status != UMB_OK || most == 0 || bytes <= most - kept.asset_bytes) {
+        return status;
+    }
+    (void)umb_fail(error, UMB_E_BUSY,
+                   "assets: you keep %lld bytes, %s%lld more are over the limit of %lld "
+                   "(--owner-assets); delete some of yours (umbrage rm ASSET)",
+                   (long long)kept.asset_bytes, bytes > 1 ? "and " : "so that even ",
+                   (long long)bytes, (long long)most);
+    return refuse(table, UMBJ_QUOTA_ASSETS);
+}
+
+enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *owner,
+                                       const uint8_t *asset, int64_t bytes, struct umb_error *error)
+{
+    int known = 0, owned = 0;
+    enum umb_status status = umbj_table_asset(table, asset, owner, &known, &owned, error);
+    return status != UMB_OK || owned ? status : check_assets(table, owner, bytes, error);
+}
+
+/* What the owner's unfinished jobs, and those of all, take. */
+static enum umb_status count_unfinished(struct umbj_table *table, const char *owner,
+                                        struct umbj_pending *used, struct umb_error *error)
+{
+    struct umbj_sql *sql = &table->sql;
+    enum umb_status status =
+        umbj_sql_run(sql, error, umbj__take_number, &used->own_jobs,
+                     "SELECT count(*) FROM job WHERE state IN (0, 1) AND owner = ?", "t", owner);
+    if (status == UMB_OK) {
+        status = umbj_sql_run(
+            sql, error, umbj__take_number, &used->own_bytes,
+            "SELECT coalesce(sum(bundle_bytes), 0) FROM job WHERE state IN (0, 1) AND owner = ?",
+            "t", owner);
+    }
+    if (status == UMB_OK) { /* unfinished ones only: their number has its quota */
+        status = umbj_sql_run(sql, error, umbj__take_number, &used->all_bytes,
+                              "SELECT coalesce(sum(bytes), 0) FROM (SELECT max(bundle_bytes) AS"
+                              " bytes FROM job WHERE state IN (0, 1) GROUP BY key)",
+                              "");
+    }
+    return status;
+}
+
+enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
+                                       int64_t bundle_bytes, const struct umbj_pending *pending,
+                                       struct umb_error *error)
+{
+    static const struct umbj_pending none = {0, 0, 0};
+    const struct umbj_limits *limits = &table->limits;
+    struct umbj_pending used = {0, 0, 0};
+    enum umb_status status = count_unfinished(table, owner, &used, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    pending = pending != NULL ? pending : &none;
+    const int64_t jobs = used.own_jobs + pending->own_jobs;
+    const int64_t bytes = used.own_bytes + pending->own_bytes;
+    if (jobs >= limits->owner_jobs) {
+        (void)umb_fail(error, UMB_E_BUSY,
+                       "jobs: %lld of yours are unfinished, the limit is %lld (--owner-jobs)",
+                       (long long)jobs, (long long)limits->owner_jobs);
+        return refuse(table, UMBJ_QUOTA_JOBS);
+    }
+    if (bundle_bytes > limits->owner_bytes - bytes) {
+        (void)umb_fail(error, UMB_E_BUSY,
+                       "bundle: %lld bytes and %lld of your unfinished jobs are over the limit of "
+                       "%lld (--owner-bytes)",
+                       (long long)bundle_bytes, (long long)bytes, (long long)limits->owner_bytes);
+        return refuse(table, UMBJ_QUOTA_BYTES);
+    }
+    if (bundle_bytes > limits->total_bytes - used.all_bytes - pending->all_bytes) {
+        (void)umb_fail(error, UMB_E_BUSY,
+                       "bundle: the server's space for jobs is full; try again "
+                       "later (--job-bytes)");
+        return refuse(table, UMBJ_QUOTA_SPACE);
+    }
+    return check_assets(table, owner, 1, error);
+}
+
+int64_t umbj_table_refused(const struct umbj_table *table, enum umbj_quota quota)
+{
+    return table->refused[quota];
+}
+
+const char *umbj_quota_name(enum umbj_quota quota)
+{
+    static const char *const names[UMBJ_QUOTA_COUNT] = {"jobs", "bytes", "space", "assets"};
+    return (unsigned)quota < UMBJ_QUOTA_COUNT ? names[quota] : "unknown";
+}

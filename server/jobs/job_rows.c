@@ -1,0 +1,234 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Rows of the job table on their way in. The table is a file: a damaged page, or a hand with
+ * sqlite3, may put anything into any column, so each is checked as a manifest is before it is used.
+ *
+ * A row that is not sound becomes a job that failed, with the column's name as its cause; one whose
+ * id or owner is not sound can be shown to no owner and is removed. Neither is ever run: nothing of
+ * it gets into a path or a command line.
+ */
+#include "jobs/job_table_internal.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/scene_text.h"
+#include "jobs/bundle.h"
+
+#define NUMBER_MAX ((int64_t)1 << 53) /* of times, epochs, bytes: exact in every language */
+
+/* A row being read: the first column that is not sound stays noted. */
+struct reading {
+    sqlite3_stmt *row;
+    const char *damage;
+};
+
+static void blame(struct reading *reading, int is_sound, const char *column)
+{
+    if (!is_sound && reading->damage == NULL) {
+        reading->damage = column;
+    }
+}
+
+/* Takes a text of less than `size` bytes; "" if it is none. */
+static int take_text(struct reading *reading, int column, char *out, size_t size)
+{
+    out[0] = '\0';
+    if (sqlite3_column_type(reading->row, column) != SQLITE_TEXT) {
+        return 0;
+    }
+    umbj_sql_text(reading->row, column, out, size);
+    return (size_t)sqlite3_column_bytes(reading->row, column) == strlen(out);
+}
+
+static int64_t take_integer(struct reading *reading, int column, const char *name, int64_t least,
+                            int64_t most)
+{
+    const int64_t value = sqlite3_column_int64(reading->row, column);
+    const int is_sound = sqlite3_column_type(reading->row, column) == SQLITE_INTEGER &&
+                         value >= least && value <= most;
+    blame(reading, is_sound, name);
+    return is_sound ? value : least > 0 ? least : 0;
+}
+
+static int is_id(const char *id)
+{
+    return strlen(id) == UMBJ_ID_SIZE - 1 && strspn(id, "0123456789abcdef") == UMBJ_ID_SIZE - 1;
+}
+
+static void take_names(struct reading *reading, struct umbj_job *job)
+{
+    if (!take_text(reading, 0, job->id, sizeof job->id) || !is_id(job->id)) {
+        job->id[0] = '\0';
+        blame(reading, 0, "id");
+    }
+    if (!take_text(reading, 1, job->owner, sizeof job->owner) ||
+        !umbs_text_is_clean(job->owner, strlen(job->owner), 0)) {
+        job->id[0] = '\0'; /* it can be shown to no owner */
+        job->owner[0] = '\0';
+        blame(reading, 0, "owner");
+    }
+    blame(reading, umbj_sql_hash(reading->row, 2, job->key), "key");
+}
+
+static void take_numbers(struct reading *reading, struct umbj_job *job)
+{
+    job->state = (enum umbj_state)take_integer(reading, 3, "state", 0, UMBJ_STATE_COUNT - 1);
+    job->failure =
+        (enum umbj_failure)take_integer(reading, 4, "failure", 0, UMBJ_FAILURE_COUNT - 1);
+    job->priority =
+        (int)take_integer(reading, 5, "priority", -UMBJ_PRIORITY_MAX, UMBJ_PRIORITY_MAX);
+    job->epoch = take_integer(reading, 6, "epoch", 0, NUMBER_MAX);
+    job->tries = take_integer(reading, 7, "tries", 0, UMBJ_TRIES_MAX);
+    job->hard_tries = take_integer(reading, 8, "hard_tries", 0, UMBJ_HARD_TRIES_MAX);
+    job->submitted_ms = take_integer(reading, 9, "submitted_ms", 0, NUMBER_MAX);
+    job->started_ms = take_integer(reading, 10, "started_ms", 0, NUMBER_MAX);
+    job->ended_ms = take_integer(reading, 11, "ended_ms", 0, NUMBER_MAX);
+    job->not_before_ms = take_integer(reading, 12, "not_before_ms", 0, NUMBER_MAX);
+    job->lease_until_ms = take_integer(reading, 13, "lease_until_ms", 0, NUMBER_MAX);
+    job->bundle_bytes = take_integer(reading, 14, "bundle_bytes", 0, NUMBER_MAX);
+}
+
+/* What is wrong between columns. */
+static void check_whole(struct reading *reading, const struct umbj_job *job)
+{
+    const int has_asset = sqlite3_column_type(reading->row, 15) != SQLITE_NULL;
+    blame(reading, has_asset == job->has_asset && (job->has_asset || job->state != UMBJ_DONE),
+          "asset");
+    blame(reading, job->epoch > 0 || job->state != UMBJ_RUNNING, "epoch");
+}
+
+void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job)
+{
+    char cause[UMBJ_CAUSE_SIZE];
+    struct reading reading = {row, NULL};
+    memset(job, 0, sizeof *job);
+    take_names(&reading, job);
+    take_numbers(&reading, job);
+    job->has_asset = umbj_sql_hash(row, 15, job->asset);
+    (void)take_text(&reading, 16, cause, sizeof cause); /* a sentence to be read, not used */
+    umbs_text_clean(job->cause, sizeof job->cause, cause, strlen(cause));
+    job->row = sqlite3_column_int64(row, 17);
+    check_whole(&reading, job);
+    if (reading.damage != NULL) {
+        job->damage = reading.damage;
+        job->state = UMBJ_FAILED;
+        job->failure = UMBJ_INTERNAL;
+        job->has_asset = 0;
+        snprintf(job->cause, sizeof job->cause, "its row in the job table is damaged (%s)",
+                 job->damage);
+    }
+}
+
+enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job, int64_t now,
+                             struct umb_error *error)
+{
+    const int64_t ended = now > 0 ? now : job->ended_ms > 0 ? job->ended_ms : job->submitted_ms;
+    table->damaged++;
+    if (job->id[0] == '\0') {
+        return umbj_sql_run(&table->sql, error, NULL, NULL, "DELETE FROM job WHERE seq = ?", "i",
+                            job->row);
+    }
+    return umbj_sql_run(
+        &table->sql, error, NULL, NULL,
+        "UPDATE job SET key = ?, state = 3, failure = ?, priority = ?, epoch = ?, tries = ?,"
+        " hard_tries = ?, submitted_ms = ?, started_ms = ?, ended_ms = ?, not_before_ms = 0,"
+        " lease_until_ms = 0, bundle_bytes = ?, asset = NULL, cause = ?, scene = '', settings = ''"
+        " WHERE seq = ?",
+        "hiiiiiiiiiti", job->key, (int64_t)UMBJ_INTERNAL, (int64_t)job->priority, job->epoch,
+        job->tries, job->hard_tries, job->submitted_ms, job->started_ms, ended, job->bundle_bytes,
+        job->cause, job->row);
+}
+
+int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
+                  int64_t now, struct umb_error *error)
+{
+    if (*status != UMB_OK || job->damage == NULL) {
+        return 0;
+    }
+    *status = umbj__retire(table, job, now, error);
+    memset(job, 0, sizeof *job);
+    return *status == UMB_OK;
+}
+
+enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row)
+{
+    struct umbj__spec *spec = user;
+    struct reading reading = {row, NULL};
+    struct umb_error error = {0};
+    spec->found = 1;
+    if (!take_text(&reading, 0, spec->scene, UMBJ_SCENE_SIZE) ||
+        umbj_scene_check(spec->scene, &error) != UMB_OK) {
+        spec->damage = "scene";
+    } else if (!take_text(&reading, 1, spec->settings, UMBJ_SETTINGS_SIZE) ||
+               umbj_settings_check(spec->settings, &error) != UMB_OK) {
+        spec->damage = "settings";
+    }
+    return UMB_OK;
+}
+
+/* Damaged rows of one look, so many at most: retiring changes what is being read. */
+#define LOOK_MOST 64
+struct look {
+    struct umbj_job jobs[LOOK_MOST];
+    size_t count;
+    int64_t last; /* seq of the last row that was seen */
+};
+
+static enum umb_status look_at_row(void *user, sqlite3_stmt *row)
+{
+    struct look *look = user;
+    struct umbj_job *job = &look->jobs[look->count < LOOK_MOST ? look->count : LOOK_MOST - 1];
+    if (look->count == LOOK_MOST) {
+        return UMB_OK; /* seen again in the next look */
+    }
+    umbj__read_job(row, job);
+    look->last = job->row;
+    look->count += job->damage != NULL;
+    return UMB_OK;
+}
+
+static enum umb_status mend_jobs(struct umbj_table *table, int64_t now, struct umb_error *error)
+{
+    struct look *look = calloc(1, sizeof *look);
+    if (look == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the job table");
+    }
+    enum umb_status status = UMB_OK;
+    look->last = INT64_MIN;
+    do {
+        look->count = 0;
+        status = umbj_sql_run(&table->sql, error, look_at_row, look,
+                              "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE seq > ? ORDER BY seq",
+                              "i", look->last);
+        for (size_t i = 0; status == UMB_OK && i < look->count; i++) {
+            status = umbj__retire(table, &look->jobs[i], now, error);
+        }
+    } while (status == UMB_OK && look->count == LOOK_MOST);
+    free(look);
+    return status;
+}
+
+enum umb_status umbj__mend(struct umbj_table *table, int64_t now, struct umb_error *error)
+{
+    static const char *const sweeps[] = {
+        "DELETE FROM owned WHERE typeof(asset) <> 'blob' OR length(asset) <> 32"
+        " OR typeof(owner) <> 'text' OR length(CAST(owner AS BLOB)) > 63",
+        "DELETE FROM bake WHERE typeof(key) <> 'blob' OR length(key) <> 32 OR typeof(asset) <>"
+        " 'blob' OR length(asset) <> 32 OR typeof(bake_ms) <> 'integer' OR bake_ms < 0"
+        " OR bake_ms > 2678400000", /* 31 days: the longest --job-time */
+        "DELETE FROM asset WHERE typeof(id) <> 'blob' OR length(id) <> 32",
+        "UPDATE asset SET bytes = 0 WHERE typeof(bytes) <> 'integer' OR bytes < 0"
+        " OR bytes > 1125899906842624",
+        "DELETE FROM owned WHERE asset NOT IN (SELECT id FROM asset)",
+        "DELETE FROM turn WHERE typeof(owner) <> 'text' OR typeof(number) <> 'integer'"
+        " OR number < 0 OR number > 9007199254740992",
+    };
+    enum umb_status status = mend_jobs(table, now, error);
+    for (size_t i = 0; status == UMB_OK && i < sizeof sweeps / sizeof sweeps[0]; i++) {
+        status = umbj_sql_run(&table->sql, error, NULL, NULL, sweeps[i], "");
+        table->damaged += status == UMB_OK ? umbj_sql_changes(&table->sql) : 0;
+    }
+    return status;
+}
