@@ -131,6 +131,17 @@ UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const c
                                                struct umbs_entry **out, struct umb_error *error);
 
 /*
+ * The file of an asset is about to be replaced by an equal one, which shall be loaded as if it were
+ * the first: the mapped form that is kept of it is removed, and the version in use is one that
+ * umbs_entry_is_replaced tells. It goes on answering until the next scan.
+ *
+ * In:    folder: number of the folder whose file it is; nothing happens if the asset is not served
+ *        from there. Cost: blocks on the disk.
+ */
+void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder);
+int umbs_entry_is_replaced(const struct umbs_entry *entry);
+
+/*
  * One thread's own way to the assets, for threads that answer queries: acquire, has and refresh
  * take no lock and never wait, whatever scans, other readers and releases do meanwhile. They see
  * all that a scan published before they were called.

@@ -26,6 +26,7 @@ struct umbs_entry {
     atomic_uint_fast64_t checked_ms; /* of the last full check, umbs__now_ms; 0 = before */
     int has_id;                      /* item.id was read from its head */
     atomic_int faulted;              /* its map was cut or changed, error says so */
+    atomic_int replaced;             /* its file is replaced: umbs_store_replacing */
     int retry; /* under store->scan: the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };

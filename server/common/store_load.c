@@ -170,6 +170,28 @@ static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *e
     return status;
 }
 
+void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder)
+{
+    char text[UMB_ID_TEXT_SIZE];
+    struct umbs_entry *entry = NULL;
+    struct umb_error error;
+    umb_id_to_text(id, text);
+    if (umbs_store_acquire(store, text, &entry, &error) == UMB_OK && entry->folder == folder) {
+        char *path = cache_path(store, entry);
+        atomic_store(&entry->replaced, 1);
+        if (path != NULL) {
+            (void)unlink(path); /* those who have it mapped keep it */
+        }
+        free(path);
+    }
+    umbs_entry_release(entry);
+}
+
+int umbs_entry_is_replaced(const struct umbs_entry *entry)
+{
+    return atomic_load(&entry->replaced);
+}
+
 static enum umb_status prove(struct umbs_entry *entry, const struct packed *packed,
                              struct umb_error *error)
 {

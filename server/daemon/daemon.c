@@ -18,6 +18,12 @@ static void jobs_changed_store(void *user)
     umbd_store_watch_kick(daemon->watch);
 }
 
+static void jobs_replacing(void *user, const uint8_t *asset)
+{
+    struct umbd_daemon *daemon = user;
+    umbs_store_replacing(daemon->store, asset, daemon->store_count);
+}
+
 static int jobs_is_served(void *user, const uint8_t *asset)
 {
     struct umbd_daemon *daemon = user;
@@ -26,6 +32,9 @@ static int jobs_is_served(void *user, const uint8_t *asset)
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(asset, id);
     enum umb_status status = umbs_store_acquire(daemon->store, id, &entry, &error);
+    if (status == UMB_OK && umbs_entry_is_replaced(entry)) {
+        status = UMB_E_NOT_FOUND; /* the one before */
+    }
     umbs_entry_release(entry);
     return status == UMB_OK ? 1 : status == UMB_E_NOT_FOUND ? 0 : -1;
 }
@@ -57,6 +66,7 @@ static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *
                    .owner_history = options->owner_history},
         .log = &daemon->log,
         .store_changed = jobs_changed_store,
+        .replacing = jobs_replacing,
         .is_served = jobs_is_served,
         .user = daemon,
     };

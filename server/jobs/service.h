@@ -14,7 +14,9 @@
  * announced in the table, the file gets its name, and job, asset and owner are noted in one
  * transaction that the epoch fences. A crash between any two steps leaves at most an announced file
  * without an owner, which the next start removes; the job itself is tried again and gives the same
- * bytes. Watchers are told that a job is done when the daemon serves the asset.
+ * bytes. Watchers are told that a job is done when the daemon serves the asset, and only then may
+ * its owner see it. Each step is the same, and takes as long, whether or not other owners have the
+ * asset: the file is copied, synced, read again, renamed and loaded anew.
  *
  * Assets lie in a folder of their own in that of the jobs, and nothing else does: what an operator
  * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
@@ -58,6 +60,9 @@ struct umbj_service_options {
     const struct umbs_log *log;
     /* The store has a new file, or one less: called on the service's thread. */
     void (*store_changed)(void *user);
+    /* The asset's file gets its name now; there may be an equal one of other owners, which must not
+     * show in how long the rest takes. NULL: nothing to do. */
+    void (*replacing)(void *user, const uint8_t *asset);
     /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;

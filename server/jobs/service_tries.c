@@ -276,13 +276,26 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
     }
 }
 
+/* Now the owner may see the asset, if it is still the owner's, and hear of it. */
+static void tell_served(struct umbj_service *service, const struct umbj_job *job)
+{
+    struct umb_error error;
+    int known = 0, owned = 0;
+    if (umbj_table_asset(service->table, job->asset, job->owner, &known, &owned, &error) ==
+            UMB_OK &&
+        owned) {
+        umbj_board_own(service->board, job->asset, job->owner);
+    }
+    umbj__changed(service, job, 0);
+}
+
 static void wait_until_served(struct umbj_service *service, const struct umbj_job *job)
 {
     if (service->loading_count == service->loading_capacity) {
         size_t capacity = service->loading_capacity * 2 + 8;
         struct umbj_loading *loading = realloc(service->loading, capacity * sizeof *loading);
         if (loading == NULL) {
-            umbj__changed(service, job, 0); /* told as done a little early */
+            tell_served(service, job); /* a little early */
             return;
         }
         service->loading = loading;
@@ -308,7 +321,7 @@ void umbj__look_at_loading(struct umbj_service *service)
                 umbs_log_event(options->log, UMB_LOG_WARN, "job_not_served", "job=%s",
                                loading->job.id);
             }
-            umbj__changed(service, &loading->job, 0);
+            tell_served(service, &loading->job);
             *loading = service->loading[--service->loading_count];
         } else {
             i++;
@@ -356,7 +369,9 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
     if (status != UMB_OK) {
         return status;
     }
-    umbj_board_own(service->board, report->asset, job->owner); /* before anybody can ask for it */
+    if (report->staged.temporary != NULL && service->options.replacing != NULL) {
+        service->options.replacing(service->options.user, report->asset);
+    }
     status = report->staged.temporary != NULL ? umbs_file_commit(&report->staged, error)
                                               : check_there(service, report->asset, error);
     if (status == UMB_OK) {
@@ -364,17 +379,6 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
                                    umbj__unix_ms(service), error);
     }
     return status == UMB_OK ? umbj_table_get(service->table, job->id, NULL, job, error) : status;
-}
-
-/* After a publish that failed: the board says what the table says. */
-static void disown_if_not(struct umbj_service *service, const uint8_t *asset, const char *owner)
-{
-    struct umb_error error;
-    int known = 0, owned = 0;
-    if (umbj_table_asset(service->table, asset, owner, &known, &owned, &error) == UMB_OK &&
-        !owned) {
-        umbj_board_disown(service->board, asset, owner);
-    }
 }
 
 static void take_end(struct umbj_service *service, struct umbj_job *job, struct umbj_report *report)
@@ -397,7 +401,6 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
                 status == UMB_E_BUSY ? UMBJ_REJECTED : UMBJ_IO; /* a quota: no try changes that */
             status = umbj__fail_try(service, job, failure, cause.message, &error);
         }
-        disown_if_not(service, report->asset, job->owner);
         umbj__collect_assets(service); /* what a late or failed publish left */
     } else {
         status = umbj__fail_try(service, job, report->failure, report->text, &error);

@@ -85,19 +85,6 @@ void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], c
     (void)snprintf(path, size, "%s/%s.umb", folder, id);
 }
 
-/* 1 if there is a whole file of that id. */
-static int is_there(const char *path, const uint8_t asset[UMBJ_HASH_BYTES])
-{
-    struct block block = {NULL, 0};
-    uint8_t found[UMBJ_HASH_BYTES];
-    struct umb_error ignored;
-    const int whole = access(path, F_OK) == 0 &&
-                      read_proven(path, UINT64_MAX, &block, found, &ignored) == UMB_OK &&
-                      memcmp(found, asset, sizeof found) == 0;
-    free(block.bytes);
-    return whole;
-}
-
 /* Writes, syncs, reads again, compares. */
 static enum umb_status write_checked(const struct block *block, struct umbs_file *file,
                                      struct umb_error *error)
@@ -128,14 +115,12 @@ enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
     enum umb_status status = read_proven(path, most, &block, asset, error);
     if (status == UMB_OK) {
         umbj_asset_path(folder, asset, target, sizeof target);
-        if (!is_there(target, asset)) {
-            status = umbs_file_begin(target, staged, error);
-            if (status == UMB_OK) {
-                status = write_checked(&block, staged, error);
-            }
-            if (status != UMB_OK) {
-                umbs_file_abandon(staged);
-            }
+        status = umbs_file_begin(target, staged, error);
+        if (status == UMB_OK) {
+            status = write_checked(&block, staged, error);
+        }
+        if (status != UMB_OK) {
+            umbs_file_abandon(staged);
         }
     }
     free(block.bytes);
