@@ -1,0 +1,672 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The bake service in a drawn world: table, service, leases and files are the daemon's; clocks,
+ * executor, owners, failing calls and the moments of death are drawn from a seed. One thread, so
+ * that a seed is a run. Each life is a process; what was acknowledged before its death is held
+ * against what the next life finds.
+ */
+#define _GNU_SOURCE /* MAP_ANONYMOUS, syscall */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <cmocka.h>
+
+#include "common/sha256.h"
+#include "job_simulation.h"
+#include "jobs/folder.h"
+#include "jobs/staging.h"
+
+#define OWNERS      3
+#define CONTENTS    8
+#define WORKERS     3
+#define SLOTS       (2 * WORKERS) /* tries that were ended may report late */
+#define LEASE_MS    60000
+#define OWNER_JOBS  6
+#define ASSET_BYTES 100
+#define HOUR_MS     INT64_C(3600000)
+#define LIVES       24
+#define STEPS       60
+#define END_STEPS   3000
+
+static const char *const owner_names[OWNERS] = {"ann", "bob", "eve"};
+
+/* A try that the executor was given. */
+struct sim_try {
+    int taken, ended_by_service, ended_by_owner;
+    int is_doubtful; /* a sign of life may have been lost with a failing call */
+    struct umbj_work work;
+    unsigned content;
+    int64_t sign_ms; /* last sign of life, steady */
+};
+
+struct sim {
+    struct umbj_executor executor; /* first */
+    struct sim_world *world;
+    char folder[96], program[8];
+    struct umbj_service *service;
+    struct sim_try tries[SLOTS];
+    int owner_cancels, is_sound;
+    unsigned faults_before; /* this life */
+};
+
+/* --- the executor --- */
+
+static int live_tries(const struct sim *sim)
+{
+    int count = 0;
+    for (int i = 0; i < SLOTS; i++) {
+        count += sim->tries[i].taken && !sim->tries[i].ended_by_service;
+    }
+    return count;
+}
+
+static unsigned content_of(const struct sim *sim, const char *job)
+{
+    for (unsigned i = 0; i < sim->world->job_count; i++) {
+        if (strcmp(sim->world->jobs[i].id, job) == 0) {
+            return sim->world->jobs[i].content;
+        }
+    }
+    return CONTENTS; /* its submission was never answered: the scene tells */
+}
+
+static enum umb_status sim_start(struct umbj_executor *self, const struct umbj_work *work,
+                                 struct umb_error *error)
+{
+    struct sim *sim = (struct sim *)self;
+    struct stat info;
+    char scene[4300];
+    unsigned number = 0;
+    if (!sim->is_sound && draw(sim->world, 20) == 0) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "worker: no thread to be had");
+    }
+    CHECK(sscanf(work->scene, "%u.obj", &number) == 1);
+    snprintf(scene, sizeof scene, "%s/%s", work->bundle, work->scene);
+    CHECK(stat(scene, &info) == 0 && info.st_size == 8); /* whole, as it was sent */
+    CHECK(strcmp(work->settings, "--resolution=64\n") == 0);
+    int free_slot = -1;
+    for (int i = 0; i < SLOTS; i++) {
+        const struct sim_try *try = &sim->tries[i];
+        CHECK(!try->taken || try->ended_by_service || strcmp(try->work.job, work->job) != 0);
+        free_slot = try->taken ? free_slot : i;
+    }
+    CHECK(free_slot >= 0 && live_tries(sim) < WORKERS);
+    const unsigned content = content_of(sim, work->job);
+    sim->tries[free_slot] = (struct sim_try){.taken = 1,
+                                             .work = *work,
+                                             .content = content < CONTENTS ? content : number,
+                                             .sign_ms = sim->world->steady_ms};
+    return UMB_OK;
+}
+
+/* A lease that is over: no try loses its job that gave a sign of life in time. */
+static void sim_cancel(struct umbj_executor *self, const char *job, int64_t epoch)
+{
+    struct sim *sim = (struct sim *)self;
+    for (int i = 0; i < SLOTS; i++) {
+        struct sim_try *try = &sim->tries[i];
+        if (try->taken && try->work.epoch == epoch && strcmp(try->work.job, job) == 0) {
+            CHECK(sim->owner_cancels || try->is_doubtful ||
+                  sim->world->steady_ms - try->sign_ms > LEASE_MS - LEASE_MS / 4);
+            sim->world->lost += !sim->owner_cancels && !try->ended_by_service;
+            try->ended_by_service = 1;
+        }
+    }
+}
+
+static int sim_free_slots(struct umbj_executor *self)
+{
+    const struct sim *sim = (struct sim *)self;
+    int taken = 0;
+    for (int i = 0; i < SLOTS; i++) {
+        taken += sim->tries[i].taken;
+    }
+    const int live = live_tries(sim);
+    return taken == SLOTS || live >= WORKERS ? 0 : 1;
+}
+
+static void sim_destroy(struct umbj_executor *self)
+{
+    memset(((struct sim *)self)->tries, 0, sizeof((struct sim *)self)->tries);
+}
+
+/* --- a life --- */
+
+static int64_t world_unix_ms(void *user)
+{
+    return ((struct sim_world *)user)->unix_ms;
+}
+
+static int64_t world_steady_ms(void *user)
+{
+    return ((struct sim_world *)user)->steady_ms;
+}
+
+static void open_service(struct sim *sim)
+{
+    const struct umbj_clocks clocks = {world_unix_ms, world_steady_ms, sim->world};
+    const struct umbj_service_options options = {
+        .folder = sim->folder,
+        .program = "/bin/true",
+        .workers = WORKERS,
+        .threads = 1,
+        .max_output_bytes = 1000,
+        .max_bundle_bytes = 1000,
+        .keep_ms = (uint64_t)1 << 50,
+        .limits = {.owner_jobs = OWNER_JOBS,
+                   .owner_bytes = 1000,
+                   .total_bytes = 4000,
+                   .lease_ms = LEASE_MS,
+                   .owner_assets = ASSET_BYTES * (CONTENTS - 1)},
+        .clocks = &clocks,
+        .executor = &sim->executor,
+    };
+    struct umb_error error = {0};
+    sim->executor = (struct umbj_executor){sim_start, sim_cancel, sim_free_slots, sim_destroy};
+    const enum umb_status status = umbj__service_open(&options, &sim->service, &error);
+    if (status != UMB_OK) {
+        CHECK(!sim->is_sound);
+        sim_exit(0); /* a call failed: an operator would start it again */
+    }
+}
+
+static void begin_life(struct sim *sim, struct sim_world *world, const char *folder, int is_sound)
+{
+    memset(sim, 0, sizeof *sim);
+    sim->world = world;
+    sim->is_sound = is_sound;
+    snprintf(sim->folder, sizeof sim->folder, "%s", folder);
+    world->calls_to_death = is_sound || draw(world, 4) == 0 ? -1 : (int64_t)draw(world, 1500);
+    world->calls_to_fault = -1;
+    sim->faults_before = world->faults;
+    gate_world = world;
+    gate_is_watching = 1;
+    open_service(sim);
+}
+
+static struct sim_job *known_job(struct sim_world *world, const char *id)
+{
+    for (unsigned i = 0; i < world->job_count; i++) {
+        if (strcmp(world->jobs[i].id, id) == 0) {
+            return &world->jobs[i];
+        }
+    }
+    return NULL;
+}
+
+static void learn(struct sim_world *world, const char *id, unsigned owner, unsigned content)
+{
+    if (known_job(world, id) == NULL) {
+        CHECK(world->job_count < SIM_JOBS);
+        struct sim_job *job = &world->jobs[world->job_count];
+        *job = (struct sim_job){.owner = owner, .content = content};
+        memcpy(job->id, id, sizeof job->id);
+        world->job_count++; /* last: a death between finds it whole or not at all */
+    }
+}
+
+/* --- what owners do --- */
+
+static void manifest_of(unsigned content, struct umbj_manifest *manifest,
+                        struct umbj_bundle_file *file, char text[16])
+{
+    static const struct umbj_setting setting = {"resolution", "64"};
+    static char path[16];
+    snprintf(path, sizeof path, "%u.obj", content);
+    snprintf(text, 16, "v %u 0 0\n", content);
+    *file = (struct umbj_bundle_file){.path = path, .size = 8};
+    umbs_sha256_bytes(text, 8, file->sha256);
+    *manifest = (struct umbj_manifest){
+        .scene = path, .files = file, .file_count = 1, .settings = &setting, .setting_count = 1};
+}
+
+/* Between the steps of a submission: jobs of the same scene end, and need its bundle no more. */
+static void end_twins(struct sim *sim, unsigned content)
+{
+    struct umbj_job job;
+    struct umb_error error;
+    for (unsigned i = 0; i < sim->world->job_count; i++) {
+        const struct sim_job *twin = &sim->world->jobs[i];
+        if (twin->content == content && !umbj_is_over(twin->state)) {
+            sim->owner_cancels = 1;
+            (void)!umbj_service_cancel(sim->service, twin->id, owner_names[twin->owner], &job,
+                                       &error);
+            sim->owner_cancels = 0;
+        }
+    }
+}
+
+static void submit(struct sim *sim)
+{
+    struct sim_world *world = sim->world;
+    const unsigned owner = draw(world, OWNERS), content = draw(world, CONTENTS);
+    struct umbj_manifest manifest;
+    struct umbj_bundle_file file;
+    struct umbj_prepared prepared;
+    struct umbj_upload *upload = NULL;
+    struct umbj_job job = {0};
+    struct umb_error error;
+    char text[16];
+    manifest_of(content, &manifest, &file, text);
+    CHECK(umbj_manifest_prepare(&manifest, 1000, &prepared, &error) == UMB_OK);
+    enum umb_status status = umbj_service_submit(sim->service, owner_names[owner], &manifest,
+                                                 &prepared, &job, &upload, &error);
+    const int is_interrupted = draw(world, 10) == 0; /* the client is gone */
+    if (status == UMB_OK && upload != NULL && !is_interrupted) {
+        status = umbj_upload_write(upload, text, 8, &error);
+        if (status == UMB_OK) {
+            status = umbj_upload_accept(upload, &error);
+        }
+        if (draw(world, 3) == 0) {
+            end_twins(sim, content);
+            umbj__service_turn(sim->service, 0);
+        }
+        if (status == UMB_OK && draw(world, 10) != 0) { /* else the client is gone now */
+            status = umbj_service_accept(sim->service, owner_names[owner], &manifest, &prepared,
+                                         upload, &job, &error);
+        }
+    }
+    umbj_upload_discard(upload);
+    umbj_service_drop_upload(sim->service, upload);
+    world->refused += status == UMB_E_BUSY;
+    if (status == UMB_OK && job.id[0] != '\0' && draw(world, 8) != 0) { /* else the reply is lost */
+        learn(world, job.id, owner, content);
+    }
+}
+
+static void cancel(struct sim *sim)
+{
+    struct sim_world *world = sim->world;
+    struct umbj_job job;
+    struct umb_error error;
+    if (world->job_count > 0) {
+        const struct sim_job *chosen = &world->jobs[draw(world, world->job_count)];
+        sim->owner_cancels = 1;
+        world->cancelled += umbj_service_cancel(sim->service, chosen->id,
+                                                owner_names[chosen->owner], &job, &error) == UMB_OK;
+        CHECK(umbj_service_cancel(sim->service, chosen->id,
+                                  owner_names[(chosen->owner + 1) % OWNERS], &job,
+                                  &error) != UMB_OK);
+        sim->owner_cancels = 0;
+    }
+}
+
+static void asset_of(unsigned content, uint8_t asset[UMBJ_HASH_BYTES])
+{
+    umbs_sha256_bytes(&content, sizeof content, asset);
+}
+
+static void delete_asset(struct sim *sim)
+{
+    uint8_t asset[UMBJ_HASH_BYTES];
+    struct umb_error error;
+    asset_of(draw(sim->world, CONTENTS), asset);
+    (void)!umbj_service_delete(sim->service, asset, owner_names[draw(sim->world, OWNERS)], &error);
+}
+
+/* --- what tries do --- */
+
+static struct umbj_report report_of(const struct sim_try *try, enum umbj_report_kind kind)
+{
+    struct umbj_report report = {.kind = kind, .epoch = try->work.epoch, .staged = {.fd = -1}};
+    memcpy(report.job, try->work.job, sizeof report.job);
+    snprintf(report.text, sizeof report.text, "bake");
+    return report;
+}
+
+/* Leaves what a bake made beside its place; a call may fail. */
+static enum umb_status stage(struct sim *sim, const struct sim_try *try, struct umbj_report *report)
+{
+    char path[4300], content[ASSET_BYTES];
+    struct umb_error error;
+    asset_of(try->content, report->asset);
+    memset(content, (int)try->content, sizeof content);
+    umbj_asset_path(sim->service->assets_path, report->asset, path, sizeof path);
+    enum umb_status status = umbs_file_begin(path, &report->staged, &error);
+    if (status == UMB_OK) {
+        status = umbs_file_write(&report->staged, content, sizeof content, &error);
+    }
+    if (status != UMB_OK) {
+        umbs_file_abandon(&report->staged);
+        report->staged = (struct umbs_file){.fd = -1};
+    }
+    return status;
+}
+
+static void end_try(struct sim *sim, struct sim_try *try)
+{
+    static const enum umbj_failure failures[] = {UMBJ_REJECTED, UMBJ_TEMPORARY, UMBJ_IO,
+                                                 UMBJ_CRASH,    UMBJ_MEMORY,    UMBJ_TIMEOUT,
+                                                 UMBJ_INTERNAL, UMBJ_SANDBOX};
+    struct umbj_report report = report_of(try, UMBJ_REPORT_ENDED);
+    report.bake_ms = 5;
+    if (try->work.is_known) {
+        memcpy(report.asset, try->work.known_asset, sizeof report.asset);
+    } else if (!sim->is_sound && draw(sim->world, 3) == 0) {
+        report.failure = failures[draw(sim->world, sizeof failures / sizeof failures[0])];
+    } else if (stage(sim, try, &report) != UMB_OK) {
+        report.failure = UMBJ_IO;
+    }
+    sim->world->late += try->ended_by_service != 0;
+    sim->world->done += report.failure == UMBJ_NO_FAILURE;
+    try->taken = 0; /* as the executor: the slot is free before the report */
+    umbj__take_report(sim->service, &report);
+}
+
+static void give_sign(struct sim *sim, struct sim_try *try)
+{
+    struct umbj_report report =
+        report_of(try, draw(sim->world, 2) ? UMBJ_REPORT_PHASE : UMBJ_REPORT_TILES);
+    const unsigned faults = sim->world->faults;
+    report.total = 10;
+    report.done = draw(sim->world, 11);
+    umbj__take_report(sim->service, &report);
+    try->is_doubtful = faults != sim->world->faults;
+    try->sign_ms = sim->world->steady_ms;
+}
+
+static void work_on(struct sim *sim)
+{
+    struct sim_try *try = &sim->tries[draw(sim->world, SLOTS)];
+    if (try->taken && (draw(sim->world, 3) == 0 || (sim->is_sound && draw(sim->world, 2)))) {
+        end_try(sim, try);
+    } else if (try->taken && !try->ended_by_service) {
+        give_sign(sim, try);
+    }
+}
+
+/* Time goes on; all that live say so as often as a bake does, but for one that may be silent. */
+static void pass_time(struct sim *sim)
+{
+    struct sim_world *world = sim->world;
+    const int silent = draw(world, 4) == 0 ? (int)draw(world, SLOTS) : -1;
+    const unsigned hops = draw(world, 8);
+    for (unsigned i = 0; i < hops; i++) {
+        const int64_t passed = draw(world, LEASE_MS / 4);
+        world->steady_ms += passed;
+        world->unix_ms += passed;
+        for (int t = 0; t < SLOTS; t++) {
+            if (t != silent && sim->tries[t].taken && !sim->tries[t].ended_by_service) {
+                give_sign(sim, &sim->tries[t]);
+            }
+        }
+        umbj__service_turn(sim->service, 0);
+    }
+}
+
+static void step_clock(struct sim *sim)
+{
+    static const int64_t steps[] = {HOUR_MS / 3, -HOUR_MS, HOUR_MS * 24, -HOUR_MS / 60};
+    sim->world->unix_ms += steps[draw(sim->world, 4)];
+    sim->world->stepped++;
+}
+
+static void break_something(struct sim *sim)
+{
+    static const int errors[] = {EIO, ENOSPC, EMFILE, EINTR};
+    sim->world->fault = errors[draw(sim->world, 3)];
+    sim->world->calls_to_fault = draw(sim->world, 40);
+}
+
+/* --- what must hold --- */
+
+static int has_try(const struct sim *sim, const struct umbj_job *job)
+{
+    for (int i = 0; i < SLOTS; i++) {
+        const struct sim_try *try = &sim->tries[i];
+        if (try->taken && !try->ended_by_service && try->work.epoch == job->epoch &&
+            strcmp(try->work.job, job->id) == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+static int bundle_is_there(const struct sim *sim, const struct umbj_job *job)
+{
+    char path[4300], key[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(job->key, key);
+    snprintf(path, sizeof path, "%s/bundles/%s", sim->folder, key);
+    return access(path, F_OK) == 0;
+}
+
+static void check_job(struct sim *sim, const struct umbj_job *job, unsigned owner)
+{
+    char path[4300];
+    int known = 0, owned = 0;
+    struct umb_error error;
+    struct sim_job *seen = known_job(sim->world, job->id);
+    CHECK(job->damage == NULL && strcmp(job->owner, owner_names[owner]) == 0);
+    CHECK(job->tries <= UMBJ_TRIES_MAX && job->hard_tries <= UMBJ_HARD_TRIES_MAX);
+    if (seen != NULL) {
+        CHECK(seen->owner == owner);
+        CHECK(!umbj_is_over(seen->state) || seen->state == job->state); /* the end is the end */
+        CHECK(job->epoch >= seen->epoch && job->tries >= seen->tries);
+        seen->state = job->state;
+        seen->epoch = job->epoch;
+        seen->tries = job->tries;
+    }
+    if (!umbj_is_over(job->state)) {
+        CHECK(bundle_is_there(sim, job));
+    }
+    if (job->state == UMBJ_DONE) {
+        CHECK(job->has_asset);
+        CHECK(umbj_table_asset(sim->service->table, job->asset, job->owner, &known, &owned,
+                               &error) == UMB_OK);
+        umbj_asset_path(sim->service->assets_path, job->asset, path, sizeof path);
+        CHECK(!owned || access(path, F_OK) == 0);
+    }
+}
+
+static enum umb_status add_owned(void *user, const uint8_t *asset, const char *owner)
+{
+    (void)asset;
+    (void)owner;
+    *(int64_t *)user += ASSET_BYTES;
+    return UMB_OK;
+}
+
+static void check_counts(struct sim *sim, const int64_t states[UMBJ_STATE_COUNT])
+{
+    int64_t counted[UMBJ_STATE_COUNT], bytes = 0;
+    struct umbj_kept kept;
+    struct umb_error error;
+    struct umbj_table *table = sim->service->table;
+    CHECK(umbj_table_count(table, counted, &error) == UMB_OK);
+    for (int i = 0; i < UMBJ_STATE_COUNT; i++) {
+        CHECK(counted[i] == states[i]);
+    }
+    CHECK(umbj_table_owned(table, add_owned, &bytes, &error) == UMB_OK);
+    CHECK(umbj_table_kept(table, NULL, &kept, &error) == UMB_OK);
+    CHECK(kept.asset_bytes == bytes);
+    CHECK(kept.jobs == states[UMBJ_DONE] + states[UMBJ_FAILED] + states[UMBJ_POISON]);
+}
+
+static size_t names_in(const char *folder, const char *name)
+{
+    char path[200];
+    struct umbj_names names;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    int fd = open(path, O_RDONLY | O_DIRECTORY);
+    CHECK(fd >= 0 && umbj_names_read(fd, &names) == 0);
+    const size_t count = names.count;
+    umbj_names_finish(&names);
+    close(fd);
+    return count;
+}
+
+/* Keys of unfinished jobs, each once. */
+struct keys {
+    size_t count;
+    uint8_t list[OWNERS * OWNER_JOBS][UMBJ_HASH_BYTES];
+};
+
+static void add_key(struct keys *keys, const uint8_t *key)
+{
+    size_t i = 0;
+    while (i < keys->count && memcmp(keys->list[i], key, UMBJ_HASH_BYTES) != 0) {
+        i++;
+    }
+    if (i == keys->count) {
+        CHECK(i < OWNERS * OWNER_JOBS);
+        memcpy(keys->list[keys->count++], key, UMBJ_HASH_BYTES);
+    }
+}
+
+/* Returns how many jobs are unfinished. */
+static int64_t check_all(struct sim *sim)
+{
+    int64_t states[UMBJ_STATE_COUNT] = {0}, found = 0;
+    struct keys keys = {0};
+    struct umb_error error;
+    for (unsigned owner = 0; owner < OWNERS; owner++) {
+        struct umbj_job *jobs = NULL;
+        size_t count = 0;
+        int64_t unfinished = 0;
+        CHECK(umbj_service_list(sim->service, owner_names[owner], SIM_JOBS, &jobs, &count,
+                                &error) == UMB_OK);
+        for (size_t i = 0; i < count; i++) {
+            check_job(sim, &jobs[i], owner);
+            states[jobs[i].state]++;
+            unfinished += !umbj_is_over(jobs[i].state);
+            if (!umbj_is_over(jobs[i].state)) {
+                add_key(&keys, jobs[i].key);
+            }
+            found += known_job(sim->world, jobs[i].id) != NULL;
+            if (sim->is_sound && jobs[i].state == UMBJ_RUNNING) {
+                CHECK(has_try(sim, &jobs[i]));
+            }
+        }
+        CHECK(unfinished <= OWNER_JOBS);
+        free(jobs);
+    }
+    CHECK(found == sim->world->job_count); /* nothing that was acknowledged is gone */
+    check_counts(sim, states);
+    if (sim->world->faults == sim->faults_before) { /* else one may not have gone */
+        CHECK(names_in(sim->folder, "bundles") == keys.count);
+    }
+    return states[UMBJ_QUEUED] + states[UMBJ_RUNNING];
+}
+
+static void take_step(struct sim *sim)
+{
+    typedef void (*step_fn)(struct sim *);
+    static const step_fn steps[] = {
+        submit,    submit,       submit,    work_on, work_on, work_on, work_on,    cancel,
+        pass_time, delete_asset, pass_time, work_on, submit,  work_on, step_clock, break_something};
+    steps[draw(sim->world, sizeof steps / sizeof steps[0])](sim);
+    umbj__service_turn(sim->service, 0);
+    if (sim->world->calls_to_fault < 0) {
+        gate_is_watching = 0;
+        (void)check_all(sim);
+        gate_is_watching = 1;
+    }
+}
+
+static _Noreturn void live(struct sim_world *world, const char *folder)
+{
+    static struct sim sim;
+    begin_life(&sim, world, folder, 0);
+    for (int i = 0; i < STEPS; i++) {
+        take_step(&sim);
+    }
+    umbj_service_destroy(sim.service);
+    sim_exit(0);
+}
+
+/* The last life: nothing fails any more, and everything comes to its end. */
+static _Noreturn void finish(struct sim_world *world, const char *folder)
+{
+    static struct sim sim;
+    int64_t unfinished = 1;
+    begin_life(&sim, world, folder, 1);
+    for (int i = 0; i < END_STEPS && unfinished > 0; i++) {
+        work_on(&sim);
+        pass_time(&sim);
+        unfinished = check_all(&sim);
+    }
+    CHECK(unfinished == 0);
+    CHECK(names_in(folder, "bundles") == 0);
+    umbj_service_destroy(sim.service);
+    begin_life(&sim, world, folder, 1); /* sweeps what removals left at the end */
+    CHECK(names_in(folder, "incoming") == 0 && names_in(folder, "work") == 0);
+    (void)check_all(&sim);
+    umbj_service_destroy(sim.service);
+    sim_exit(0);
+}
+
+/* Runs a life in a process of its own; returns its exit code. */
+static int in_child(void (*run)(struct sim_world *, const char *), struct sim_world *world,
+                    const char *folder)
+{
+    int status = 0;
+    fflush(NULL);
+    const pid_t child = fork();
+    if (child == 0) {
+        run(world, folder);
+    }
+    assert_true(child > 0);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    return WEXITSTATUS(status);
+}
+
+static void simulate(uint64_t seed, struct sim_world *sum)
+{
+    char folder[64] = "/tmp/umbrage-sim-XXXXXX";
+    struct sim_world *world =
+        mmap(NULL, sizeof *world, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    assert_true(world != MAP_FAILED);
+    assert_non_null(mkdtemp(folder));
+    *world =
+        (struct sim_world){.random = seed, .steady_ms = 1000000, .unix_ms = INT64_C(1700000000000)};
+    for (int i = 0; i <= LIVES; i++) {
+        const int code = in_child(i < LIVES ? live : finish, world, folder);
+        if (code != 0 && (code != SIM_DIED || i == LIVES)) {
+            fail_msg("seed %llu, life %d ended with %d", (unsigned long long)seed, i, code);
+        }
+    }
+    sum->job_count += world->job_count;
+    sum->done += world->done;
+    sum->lost += world->lost;
+    sum->deaths += world->deaths;
+    sum->faults += world->faults;
+    sum->late += world->late;
+    sum->cancelled += world->cancelled;
+    sum->refused += world->refused;
+    sum->stepped += world->stepped;
+    umbj_folder_remove(-1, folder);
+    munmap(world, sizeof *world);
+}
+
+static void whatever_happens_no_job_is_lost_and_none_is_run_twice(void **state)
+{
+    struct sim_world sum = {0};
+    const char *cases = getenv("UMBRAGE_CASES");
+    const unsigned count = cases != NULL ? (unsigned)strtoul(cases, NULL, 10) : 6;
+    const char *first = getenv("UMBRAGE_SEED");
+    const uint64_t from = first != NULL ? strtoull(first, NULL, 10) : 1;
+    (void)state;
+    for (uint64_t seed = from; seed < from + count; seed++) {
+        simulate(seed, &sum);
+    }
+    print_message("%u worlds: %u jobs, %u bakes, %u leases over, %u reports too late, %u cancelled,"
+                  " %u refused, %u clocks set, %u calls failed, %u deaths\n",
+                  count, sum.job_count, sum.done, sum.lost, sum.late, sum.cancelled, sum.refused,
+                  sum.stepped, sum.faults, sum.deaths);
+    if (count >= 6) { /* each of them did happen */
+        assert_true(sum.job_count > 100 && sum.done > 100 && sum.lost > 5 && sum.late > 10);
+        assert_true(sum.cancelled > 10 && sum.refused > 2 && sum.stepped > 10);
+        assert_true(sum.faults > 50 && sum.deaths > 20);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(whatever_happens_no_job_is_lost_and_none_is_run_twice),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
