@@ -70,6 +70,7 @@ static void table_free(struct umbs_table *table)
     }
     free(table->by_name);
     free(table->by_id);
+    free(table->damaged);
     free(table);
 }
 

@@ -38,6 +38,8 @@ struct umbs_table {
     struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
     struct umbs_entry **by_id;   /* [healthy], sorted by id */
     size_t healthy;
+    struct umbs_entry **damaged; /* [damaged_count], without an asset but with an id, sorted by it */
+    size_t damaged_count;
     struct umbs_table *next_retired;
 };
 

@@ -30,7 +30,15 @@ static int compare_ids(const void *a, const void *b)
 {
     const struct umbs_entry *const *left = a;
     const struct umbs_entry *const *right = b;
-    return memcmp((*left)->item.id, (*right)->item.id, UMB_ID_BYTES);
+    const int order = memcmp((*left)->item.id, (*right)->item.id, UMB_ID_BYTES);
+    return order != 0 ? order : strcmp((*left)->item.name, (*right)->item.name);
+}
+
+static void sort_by_id(struct umbs_entry **list, size_t count)
+{
+    if (count > 0) {
+        qsort(list, count, sizeof(struct umbs_entry *), compare_ids);
+    }
 }
 
 static int is_fresh(const struct stat *file)
@@ -160,6 +168,8 @@ static enum umb_status build_table(struct pass *pass, const struct umbs_name_lis
             table->by_name[table->count++] = entry;
             if (entry->asset != NULL) {
                 table->by_id[table->healthy++] = entry;
+            } else if (entry->has_id) {
+                table->damaged[table->damaged_count++] = entry;
             }
         }
     }
@@ -167,9 +177,8 @@ static enum umb_status build_table(struct pass *pass, const struct umbs_name_lis
         (void)umbs__table_let_go(pass->store, table); /* reaped at the scan's end */
         return status;
     }
-    if (table->healthy > 0) {
-        qsort(table->by_id, table->healthy, sizeof(struct umbs_entry *), compare_ids);
-    }
+    sort_by_id(table->by_id, table->healthy);
+    sort_by_id(table->damaged, table->damaged_count);
     *out = table;
     return UMB_OK;
 }

@@ -19,9 +19,11 @@ struct umbs_table *umbs__table_create(size_t room)
     }
     table->by_name = calloc(room + 1, sizeof(struct umbs_entry *));
     table->by_id = calloc(room + 1, sizeof(struct umbs_entry *));
-    if (table->by_name == NULL || table->by_id == NULL) {
+    table->damaged = calloc(room + 1, sizeof(struct umbs_entry *));
+    if (table->by_name == NULL || table->by_id == NULL || table->damaged == NULL) {
         free(table->by_name);
         free(table->by_id);
+        free(table->damaged);
         free(table);
         return NULL;
     }
@@ -75,19 +77,30 @@ struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const c
     return NULL;
 }
 
-static int has_id(const struct umbs_table *table, size_t index, const uint8_t id[UMB_ID_BYTES])
+/* Entries sorted by id. */
+struct id_list {
+    struct umbs_entry *const *list;
+    size_t count;
+};
+
+static struct id_list healthy_of(const struct umbs_table *table)
 {
-    return index < table->healthy && memcmp(table->by_id[index]->item.id, id, UMB_ID_BYTES) == 0;
+    return (struct id_list){table->by_id, table->healthy};
+}
+
+static int has_id(struct id_list ids, size_t index, const uint8_t id[UMB_ID_BYTES])
+{
+    return index < ids.count && memcmp(ids.list[index]->item.id, id, UMB_ID_BYTES) == 0;
 }
 
 /* Where the entries of an id begin: several files may hold the same asset. */
-static size_t first_of_id(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES])
+static size_t first_of_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
 {
     size_t low = 0;
-    size_t high = table->healthy;
+    size_t high = ids.count;
     while (low < high) {
         size_t middle = low + (high - low) / 2;
-        if (memcmp(id, table->by_id[middle]->item.id, UMB_ID_BYTES) <= 0) {
+        if (memcmp(id, ids.list[middle]->item.id, UMB_ID_BYTES) <= 0) {
             high = middle;
         } else {
             low = middle + 1;
@@ -96,26 +109,24 @@ static size_t first_of_id(const struct umbs_table *table, const uint8_t id[UMB_I
     return low;
 }
 
+static struct umbs_entry *find_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
+{
+    const size_t first = first_of_id(ids, id);
+    return has_id(ids, first, id) ? ids.list[first] : NULL;
+}
+
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {
-    const size_t first = first_of_id(table, id);
-    return has_id(table, first, id) ? table->by_id[first] : NULL;
+    return find_id(healthy_of(table), id);
 }
 
-/* A damaged file whose head says it is that asset, so that who asks by id hears the same as who
- * asks by name. Usually there is none to look at. */
+/* A damaged file whose head says it is that asset, so that a call by id gets the same answer as one
+ * by name; of several the first by name. */
 static struct umbs_entry *find_damaged(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {
-    for (size_t i = 0; table->healthy < table->count && i < table->count; i++) {
-        struct umbs_entry *entry = table->by_name[i];
-        if (entry->asset == NULL && entry->has_id &&
-            memcmp(entry->item.id, id, UMB_ID_BYTES) == 0) {
-            return entry;
-        }
-    }
-    return NULL;
+    return find_id((struct id_list){table->damaged, table->damaged_count}, id);
 }
 
 enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)
@@ -156,8 +167,9 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
 
 int umbs__table_has(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES], size_t folders)
 {
-    for (size_t i = first_of_id(table, id); has_id(table, i, id); i++) {
-        if (table->by_id[i]->folder < folders) {
+    const struct id_list ids = healthy_of(table);
+    for (size_t i = first_of_id(ids, id); has_id(ids, i, id); i++) {
+        if (ids.list[i]->folder < folders) {
             return 1;
         }
     }

@@ -58,15 +58,27 @@ static enum umb_status entry_changed(const struct umb__page_entry *entry, struct
                     entry->page);
 }
 
+/* False if the compressed bytes of a page are not those of its entry. Some of their bits mean
+ * nothing, so that only this tells a flip of them. */
+static bool stored_as_written(const uint8_t *file, const struct umb__page_entry *entry)
+{
+    return XXH3_64bits(file + entry->offset, entry->stored_length) == entry->check;
+}
+
+static enum umb_status wrong_checksum(const struct umb__page_entry *entry, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
+                    entry->page);
+}
+
 static enum umb_status parse_one(struct reader *r, const struct umb__page_entry *entry, int check,
                                  uint8_t *raw, uint64_t room)
 {
     if (!entry_fits(r->head, entry, room)) {
         return entry_changed(entry, r->error);
     }
-    if (check && XXH3_64bits(r->file + entry->offset, entry->stored_length) != entry->check) {
-        return umb_fail(r->error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
-                        entry->page);
+    if (check && !stored_as_written(r->file, entry)) {
+        return wrong_checksum(entry, r->error);
     }
     enum umb_status status =
         umb__page_expand(r->zstd, r->file + entry->offset, entry, raw, r->error);
@@ -387,6 +399,9 @@ static enum umb_status batch_fill(struct batch *batch, ZSTD_DCtx *zstd, const ui
         }
         if (entry.raw_length > UMB__PAGE_RAW_MAX - batch->raw_size) {
             break;
+        }
+        if (!stored_as_written(file, &entry)) {
+            return wrong_checksum(&entry, error);
         }
         uint8_t *raw = batch->raw + batch->raw_size;
         const enum umb_status status =

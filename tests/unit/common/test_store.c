@@ -188,6 +188,34 @@ static void store_damaged_file_fails_alone_and_says_why(void **state)
     assert_int_equal(counts.damaged, 1);
 }
 
+static void store_finds_each_of_many_damaged_files_by_its_id(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t ids[20][UMB_ID_BYTES];
+    uint8_t again[UMB_ID_BYTES];
+    char name[32];
+    char text[UMB_ID_TEXT_SIZE];
+    struct umbs_entry *entry;
+    struct umb_error error;
+    for (uint32_t i = 0; i < 20; i++) {
+        snprintf(name, sizeof name, "a%u.umb", i);
+        folder_asset(&f->folder, name, 10 + i, ids[i]);
+        folder_flip(&f->folder, name, folder_size(&f->folder, name) - 5);
+    }
+    folder_asset(&f->folder, "a7-whole.umb", 17, again); /* a whole file of an id goes first */
+    folder_asset(&f->folder, "z.umb", 13, again);        /* and of damaged ones the first name */
+    folder_flip(&f->folder, "z.umb", folder_size(&f->folder, "z.umb") - 5);
+    rescan(f);
+    for (uint32_t i = 0; i < 20; i++) {
+        umb_id_to_text(ids[i], text);
+        const enum umb_status status = umbs_store_acquire(f->store, text, &entry, &error);
+        assert_int_equal(status, i == 7 ? UMB_OK : UMB_E_CORRUPT);
+        snprintf(name, sizeof name, "'a%u'", i);
+        assert_true(i == 7 || strstr(error.message, name) != NULL);
+        umbs_entry_release(entry);
+    }
+}
+
 static void store_file_of_another_version_is_not_called_damaged(void **state)
 {
     struct fixture *f = *state;
@@ -583,6 +611,7 @@ int main(void)
         WITH_STORE(store_swap_leaves_the_held_version_alone),
         WITH_STORE(store_removed_file_is_not_found_but_a_holder_goes_on),
         WITH_STORE(store_damaged_file_fails_alone_and_says_why),
+        WITH_STORE(store_finds_each_of_many_damaged_files_by_its_id),
         WITH_STORE(store_file_of_another_version_is_not_called_damaged),
         WITH_STORE(store_partial_file_has_the_status_of_damage_and_its_own_reason),
         WITH_STORE(store_young_damaged_replacement_keeps_the_old_version_until_settled),

@@ -102,12 +102,29 @@ static void a_file_that_is_cut_is_no_asset(void **state)
     }
 }
 
+static void a_file_that_was_damaged_after_its_bake_is_not_staged(void **state)
+{
+    const struct fixture *f = *state;
+    struct umb_error error = {0};
+    put_file(f, f->packed.size);
+    assert_int_equal(stage(f, f->packed.size, &error), UMB_OK);
+    for (size_t at = 0; at < f->packed.size; at++) {
+        f->packed.data[at] ^= 1;
+        put_file(f, f->packed.size);
+        if (stage(f, f->packed.size, &error) == UMB_OK) {
+            fail_msg("byte %zu of %zu was flipped, and the file was staged", at, f->packed.size);
+        }
+        f->packed.data[at] ^= 1;
+    }
+}
+
 int main(void)
 {
 #define STAGING_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
     const struct CMUnitTest tests[] = {
         STAGING_TEST(a_file_beyond_the_limit_is_refused_before_it_is_read),
         STAGING_TEST(a_file_that_is_cut_is_no_asset),
+        STAGING_TEST(a_file_that_was_damaged_after_its_bake_is_not_staged),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
