@@ -23,6 +23,8 @@
 
 #include "base/open_status.h"
 #include "common/fault_guard.h"
+#include "common/private_folder.h"
+#include "common/sha256.h"
 
 #define REACH_BYTES                                                                                \
     (((uint64_t)1 << 38) + ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end                   \
@@ -46,6 +48,8 @@ struct umbs_asset_map {
     size_t reserved; /* from base on, bytes included */
     struct umbs_stamp stamp;
     uint8_t id[UMB_ID_BYTES];
+    int has_digest;
+    uint8_t digest[UMB_ID_BYTES]; /* of the file, where has_digest */
     struct block_list blocks;
     struct umb_alloc alloc;
     struct umb_asset *asset;
@@ -221,11 +225,11 @@ static void free_blocks(struct block_list *list)
 }
 
 /* Opens the file and takes its stamp. */
-static enum umb_status open_file(struct umbs_asset_map *map, const char *path,
+static enum umb_status open_file(struct umbs_asset_map *map, const char *path, int ours,
                                  struct umb_error *error)
 {
     struct stat facts;
-    map->fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    map->fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY | (ours ? O_NOFOLLOW : 0));
     if (map->fd < 0) {
         return umb_fail_errno(error, umb__open_status(errno), errno, "%.200s", path);
     }
@@ -234,6 +238,10 @@ static enum umb_status open_file(struct umbs_asset_map *map, const char *path,
     }
     if (!S_ISREG(facts.st_mode) || facts.st_size == 0 || (uint64_t)facts.st_size > SIZE_MAX / 2) {
         return umb_fail(error, UMB_E_CORRUPT, "%.200s: no file of a size that can be mapped", path);
+    }
+    if (ours && !umbs_private_file(&facts)) {
+        return umb_fail(error, UMB_E_PERMISSION,
+                        "other users may write to it, or it has a second name: '%.200s'", path);
     }
     map->bytes = (size_t)facts.st_size;
     map->stamp = umbs_stamp_of(&facts);
@@ -311,6 +319,72 @@ static void advise(const struct umbs_asset_map *map, int advice)
     }
 }
 
+#define PIECE_BYTES ((size_t)1 << 20) /* read at once to be hashed */
+
+/* SHA-256 of the file by reads, which a cut file ends early, or of the copy. */
+static enum umb_status hash_file(const struct umbs_asset_map *map, uint8_t digest[UMB_ID_BYTES],
+                                 struct umb_error *error)
+{
+    struct umbs_sha256_run run;
+    uint8_t *piece = malloc(PIECE_BYTES);
+    size_t have = 0;
+    ssize_t count = 1;
+    if (piece == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory to check a mapped file");
+    }
+    umbs_sha256_begin(&run);
+    while (have < map->bytes && count > 0) {
+        const size_t part = map->bytes - have < PIECE_BYTES ? map->bytes - have : PIECE_BYTES;
+        count = pread(map->fd, piece, part, (off_t)have);
+        if (count < 0 && errno == EINTR) {
+            count = 1;
+            continue;
+        }
+        umbs_sha256_add(&run, piece, count > 0 ? (size_t)count : 0);
+        have += count > 0 ? (size_t)count : 0;
+    }
+    const int cause = errno;
+    free(piece);
+    umbs_sha256_end(&run, digest);
+    return count > 0    ? UMB_OK
+           : count == 0 ? has_changed(error)
+                        : umb_fail_errno(error, UMB_E_IO, cause, "cannot read a mapped file");
+}
+
+/* Compares the bytes with the digest that they must have, if there is one. */
+static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb_error *error)
+{
+    uint8_t digest[UMB_ID_BYTES];
+    enum umb_status status = UMB_OK;
+    if (!map->has_digest) {
+        return UMB_OK;
+    }
+    if (map->fd < 0) {
+        umbs_sha256_bytes(map->base, map->bytes, digest);
+    } else {
+        status = hash_file(map, digest, error);
+    }
+    if (status == UMB_OK && !umbs_digest_equal(digest, map->digest)) {
+        status = umb_fail(error, UMB_E_CORRUPT,
+                          "the mapped file is not the one that was made for this asset");
+    }
+    return status;
+}
+
+/* After the bytes are there: checks them, or their head alone if they are known. */
+static enum umb_status open_checked(struct umbs_asset_map *map,
+                                    const struct umbs_asset_map_options *options,
+                                    struct umb_error *error)
+{
+    const int known = options->known != NULL && !options->copy &&
+                      umbs_stamp_equal(options->known, &map->stamp);
+    enum umb_status status = known ? UMB_OK : check_digest(map, error);
+    return status == UMB_OK
+               ? open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING, &map->alloc,
+                              &map->asset, error)
+               : status;
+}
+
 enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_map_options *options,
                                     struct umbs_asset_map **out, struct umb_error *error)
 {
@@ -322,16 +396,17 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
     map->blocks = (struct block_list){.lock = PTHREAD_MUTEX_INITIALIZER};
     map->alloc = (struct umb_alloc){.resize = block_resize, .user = &map->blocks};
     memcpy(map->id, options->id, UMB_ID_BYTES);
+    map->has_digest = options->digest != NULL;
+    if (map->has_digest) {
+        memcpy(map->digest, options->digest, UMB_ID_BYTES);
+    }
     umbs_fault_guard_install();
-    enum umb_status status = open_file(map, path, error);
+    enum umb_status status = open_file(map, path, options->ours, error);
     if (status == UMB_OK) {
         status = options->copy ? copy_file(map, error) : map_file(map, error);
     }
     if (status == UMB_OK) {
-        int known = options->known != NULL && !options->copy &&
-                    umbs_stamp_equal(options->known, &map->stamp);
-        status = open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING, &map->alloc,
-                              &map->asset, error);
+        status = open_checked(map, options, error);
     }
     if (status != UMB_OK) {
         umbs_asset_map_close(map);
@@ -374,8 +449,17 @@ const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map)
     return &map->stamp;
 }
 
+const uint8_t *umbs_asset_map_digest(const struct umbs_asset_map *map)
+{
+    return map->has_digest ? map->digest : NULL;
+}
+
 enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct umb_error *error)
 {
+    if (map->has_digest) {
+        enum umb_status status = check_digest(map, error);
+        return status == UMB_OK ? umbs_asset_map_prove(map, error) : status;
+    }
     struct block_list blocks = {.lock = PTHREAD_MUTEX_INITIALIZER};
     struct umb_alloc alloc = {.resize = block_resize, .user = &blocks};
     struct umb_asset *asset = NULL;

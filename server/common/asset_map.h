@@ -47,6 +47,9 @@ struct umbs_asset_map_options {
     /* NULL, or how the file looked when it passed a full check: if it still looks so, only its head
      * is checked now. */
     const struct umbs_stamp *known; /* not for copies: those are always checked whole */
+    /* NULL, or the SHA-256 that the whole file must have: at every check but that of a known one */
+    const uint8_t *digest;          /* [UMB_ID_BYTES] */
+    int ours;                       /* 1 = refuse a file that other users may write to, or a link */
     int copy;                       /* 1 = hold a copy in memory */
     int warm;                       /* 1 = have the kernel read the file ahead */
 };
@@ -55,8 +58,8 @@ struct umbs_asset_map_options {
  * Opens a mapped file and checks that it is the asset it should be.
  *
  * Out:   out: the map, or NULL.
- * Fails: as umb_asset_open_file; E_CORRUPT also if it is another asset's, a packed file, or changes
- *        while it is checked.
+ * Fails: as umb_asset_open_file; E_CORRUPT also if it is another asset's, a packed file, does not
+ *        have the digest, or changes while it is checked; E_PERMISSION if it must be ours.
  * Cost:  blocks on the disk: one pass over the file, or its head if known.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_open(const char *path,
@@ -73,6 +76,9 @@ const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map);
 
 /* 1 if the bytes are a copy: nothing done to the file matters. */
 int umbs_asset_map_is_copy(const struct umbs_asset_map *map);
+
+/* The SHA-256 that it must have, or NULL. */
+const uint8_t *umbs_asset_map_digest(const struct umbs_asset_map *map);
 
 /* How the file looked when it was opened. */
 const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map);
@@ -98,8 +104,8 @@ UMB_CHECKED enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map
 UMB_CHECKED enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map,
                                                  struct umb_error *error);
 
-/* Checks everything again: checksums, structure, identity. Fails: E_CORRUPT and the like,
- * E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
+/* Checks everything again: the digest, or without one checksums, structure and identity. Fails:
+ * E_CORRUPT and the like, E_IO, E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
 UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,
                                                  struct umb_error *error);
 

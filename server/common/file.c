@@ -84,13 +84,8 @@ enum umb_status umbs_file_check(const char *path, struct umb_error *error)
                : umb_fail_errno(error, UMB_E_CANNOT_CREATE, cause, "cannot create '%.200s'", path);
 }
 
-enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct umb_error *error)
-{
-    return umbs_file_begin_mode(path, 0666, file, error);
-}
-
-enum umb_status umbs_file_begin_mode(const char *path, mode_t mode, struct umbs_file *file,
-                                     struct umb_error *error)
+static enum umb_status begin(const char *path, mode_t mode, struct umbs_file *file,
+                             struct umb_error *error)
 {
     memset(file, 0, sizeof *file);
     file->fd = -1;
@@ -124,6 +119,17 @@ enum umb_status umbs_file_begin_mode(const char *path, mode_t mode, struct umbs_
     free(file->path);
     file->path = NULL;
     return status;
+}
+
+enum umb_status umbs_file_begin(const char *path, struct umbs_file *file, struct umb_error *error)
+{
+    return begin(path, 0666, file, error);
+}
+
+enum umb_status umbs_file_begin_private(const char *path, struct umbs_file *file,
+                                        struct umb_error *error)
+{
+    return begin(path, S_IRUSR | S_IWUSR, file, error);
 }
 
 enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_t count,

@@ -27,9 +27,9 @@ UMB_CHECKED enum umb_status umbs_file_check(const char *path, struct umb_error *
 UMB_CHECKED enum umb_status umbs_file_begin(const char *path, struct umbs_file *file,
                                             struct umb_error *error);
 
-/* The same for a file with these permissions, less the process's umask. */
-UMB_CHECKED enum umb_status umbs_file_begin_mode(const char *path, mode_t mode,
-                                                 struct umbs_file *file, struct umb_error *error);
+/* The same for a file that only this user may read or write, whatever the umask. */
+UMB_CHECKED enum umb_status umbs_file_begin_private(const char *path, struct umbs_file *file,
+                                                    struct umb_error *error);
 
 /* Appends bytes. Fails: E_IO (disk full and the like); the replacement is still to be abandoned. */
 UMB_CHECKED enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_t count,

@@ -26,7 +26,7 @@ enum umb_status umbs_scene_save(const struct umbs_scene *scene, const char *path
     memcpy(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES);
     umb__store64(head + 8, XXH3_64bits(scene->map, scene->map_bytes));
     struct umbs_file file;
-    enum umb_status status = umbs_file_begin_mode(path, S_IRUSR | S_IWUSR, &file, error);
+    enum umb_status status = umbs_file_begin_private(path, &file, error);
     if (status != UMB_OK) {
         return status;
     }

@@ -10,8 +10,9 @@
 #define OPENSSL_API_COMPAT 0x10100000L
 #include "common/sha256.h"
 
-#include <openssl/sha.h>
+#include <openssl/crypto.h>
 #include <pthread.h>
+#include <string.h>
 
 #include "common/sha256_lanes.h"
 
@@ -88,4 +89,51 @@ void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES]
 {
     const void *parts[1] = {bytes};
     digest_parts(NULL, parts, &size, 1, out);
+}
+
+void umbs_sha256_begin(struct umbs_sha256_run *run)
+{
+    (void)SHA256_Init(&run->context);
+}
+
+void umbs_sha256_add(struct umbs_sha256_run *run, const void *bytes, size_t size)
+{
+    (void)SHA256_Update(&run->context, bytes, size);
+}
+
+void umbs_sha256_end(struct umbs_sha256_run *run, uint8_t out[UMB_ID_BYTES])
+{
+    (void)SHA256_Final(out, &run->context);
+}
+
+#define HASH_BLOCK 64U /* bytes that SHA-256 takes at once: a shorter key is padded to them */
+
+/* The keyed inner or outer hash: SHA-256(key XOR pad, message). */
+static void padded(const uint8_t key[UMBS_KEY_BYTES], uint8_t pad, const void *bytes, size_t size,
+                   uint8_t out[UMB_ID_BYTES])
+{
+    struct umbs_sha256_run run;
+    uint8_t block[HASH_BLOCK];
+    memset(block, pad, sizeof block);
+    for (size_t i = 0; i < UMBS_KEY_BYTES; i++) {
+        block[i] ^= key[i];
+    }
+    umbs_sha256_begin(&run);
+    umbs_sha256_add(&run, block, sizeof block);
+    umbs_sha256_add(&run, bytes, size);
+    umbs_sha256_end(&run, out);
+    OPENSSL_cleanse(block, sizeof block);
+}
+
+void umbs_hmac_sha256(const uint8_t key[UMBS_KEY_BYTES], const void *bytes, size_t size,
+                      uint8_t out[UMB_ID_BYTES])
+{
+    uint8_t inner[UMB_ID_BYTES];
+    padded(key, 0x36, bytes, size, inner);
+    padded(key, 0x5c, inner, sizeof inner, out);
+}
+
+int umbs_digest_equal(const uint8_t a[UMB_ID_BYTES], const uint8_t b[UMB_ID_BYTES])
+{
+    return CRYPTO_memcmp(a, b, UMB_ID_BYTES) == 0;
 }

@@ -2,6 +2,7 @@
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_H
 #define UMBRAGE_SERVER_COMMON_SHA256_H
 /* SHA-256 in the shape the core asks for: OpenSSL's; many messages at once in lanes. */
+#include <openssl/sha.h>
 #include "format/content.h"
 
 /* May be used from any thread. Digests cannot fail. */
@@ -9,5 +10,23 @@ extern const struct umb_sha256 umbs_sha256;
 
 /* Digest of one buffer. */
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES]);
+
+/* Digest of bytes that come piece by piece: begin, any number of add, end. */
+struct umbs_sha256_run {
+    SHA256_CTX context;
+};
+
+void umbs_sha256_begin(struct umbs_sha256_run *run);
+void umbs_sha256_add(struct umbs_sha256_run *run, const void *bytes, size_t size);
+void umbs_sha256_end(struct umbs_sha256_run *run, uint8_t out[UMB_ID_BYTES]);
+
+#define UMBS_KEY_BYTES 32U
+
+/* HMAC-SHA256 (RFC 2104) of one buffer: only a holder of the key can make it. */
+void umbs_hmac_sha256(const uint8_t key[UMBS_KEY_BYTES], const void *bytes, size_t size,
+                      uint8_t out[UMB_ID_BYTES]);
+
+/* 1 if two digests are equal; takes the same time for all that differ. */
+int umbs_digest_equal(const uint8_t a[UMB_ID_BYTES], const uint8_t b[UMB_ID_BYTES]);
 
 #endif

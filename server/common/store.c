@@ -35,11 +35,12 @@ static void store_free(struct umbs_store *store)
 {
     pthread_mutex_destroy(&store->mutex);
     pthread_mutex_destroy(&store->scan);
+    umbs__lane_finish(&store->lane);
     for (size_t i = 0; i < store->folder_count; i++) {
         free(store->folders[i].path);
-        free(store->folders[i].cache);
-        free(store->folders[i].proven);
-        umbs__records_finish(&store->folders[i].records);
+    }
+    for (size_t i = 0; i < store->cache_count; i++) {
+        umbs__cache_finish(&store->caches[i]);
     }
     free(store);
 }
@@ -109,12 +110,31 @@ void umbs__reap_soon(struct umbs_store *store)
     }
 }
 
-/* Looks whether a folder is there, and reads what was proven in it before. */
-static enum umb_status open_folder(struct umbs_store *store, const char *path,
+/* Adds a cache at a path, and reads what was proven with it. Only one that was asked for by name
+ * must be usable. */
+static enum umb_status open_cache(struct umbs_store *store, const char *path, int is_asked_for,
+                                  struct umb_error *error)
+{
+    struct umbs_cache *cache = &store->caches[store->cache_count++];
+    struct umb_error cause;
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    enum umb_status status = umbs__cache_init(cache, path, store->log, error);
+    if (status != UMB_OK || umbs__cache_ready(cache, NULL, &cause) == UMB_OK) {
+        return status;
+    }
+    if (is_asked_for) {
+        return umb_fail(error, cause.status, "--cache: %s", cause.message);
+    }
+    umbs_log_event(store->log, UMB_LOG_WARN, "cache_refused", "reason=%s option=--cache",
+                   umbs_log_quote(cause.message, quoted));
+    return UMB_OK;
+}
+
+/* Looks whether a folder is there, and opens its cache. */
+static enum umb_status open_folder(struct umbs_store *store, const char *path, const char *cache,
                                    struct umb_error *error)
 {
     struct umbs_folder *folder = &store->folders[store->folder_count];
-    struct umb_error cause;
     DIR *opened = opendir(path);
     if (opened == NULL) {
         int code = errno;
@@ -124,18 +144,23 @@ static enum umb_status open_folder(struct umbs_store *store, const char *path,
     closedir(opened);
     store->folder_count++;
     folder->path = strdup(path);
-    folder->cache = umbs__path_join(path, UMBS_CACHE_FOLDER);
-    folder->proven = umbs__path_join(path, UMBS_CACHE_FOLDER "/proven");
-    if (folder->path == NULL || folder->cache == NULL || folder->proven == NULL) {
+    if (folder->path == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
     }
-    if (!store->no_cache &&
-        umbs__records_read(folder->proven, &folder->records, &cause) != UMB_OK) {
-        char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(store->log, UMB_LOG_WARN, "proven_forgotten", "reason=%s",
-                       umbs_log_quote(cause.message, quoted));
+    if (store->no_cache) {
+        return UMB_OK;
     }
-    return UMB_OK;
+    if (cache != NULL) {
+        folder->cache = &store->caches[0];
+        return store->cache_count > 0 ? UMB_OK : open_cache(store, cache, 1, error);
+    }
+    folder->cache = &store->caches[store->cache_count];
+    char *inside = umbs__path_join(path, UMBS_CACHE_FOLDER);
+    enum umb_status status =
+        inside != NULL ? open_cache(store, inside, 0, error)
+                       : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
+    free(inside);
+    return status;
 }
 
 void umbs_store_close(struct umbs_store *store)
@@ -144,6 +169,10 @@ void umbs_store_close(struct umbs_store *store)
         return;
     }
     assert(store->readers == NULL);
+    assert(!store->lane.running);
+    for (size_t i = 0; i < store->cache_count; i++) {
+        umbs__cache_let_go(&store->caches[i]);
+    }
     atomic_store(&store->closed, 1); /* before the reaping: who retires an entry from here on sees
                                       * it, and reaps himself */
     if (store->table != NULL) {
@@ -172,13 +201,14 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     store->owner = options->owner;
     pthread_mutex_init(&store->scan, NULL);
     pthread_mutex_init(&store->mutex, NULL);
+    umbs__lane_init(&store->lane);
     atomic_init(&store->holders, 1);
     store->table = umbs__table_create(0);
     enum umb_status status = store->table != NULL
                                  ? UMB_OK
                                  : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a store");
     for (size_t i = 0; status == UMB_OK && i < UMBS_STORE_FOLDERS_MAX && options->folders[i]; i++) {
-        status = open_folder(store, options->folders[i], error);
+        status = open_folder(store, options->folders[i], options->cache, error);
     }
     if (status != UMB_OK) {
         umbs_store_close(store);

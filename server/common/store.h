@@ -19,10 +19,11 @@
  * name, the earlier one's is served.
  *
  * Every packed file is proven (SHA-256 of head and pages against the id it carries) before its
- * first answer, then mapped from a cache file `.umbrage-cache/ID.umbm` that the store makes itself.
- * The cache is only a faster form: it is rebuilt when missing, damaged or of another id, and where
- * it cannot be written the packed file is expanded in memory, with a notice. What was proven is
- * remembered beside the cache (store_record.h): a known asset opens in milliseconds.
+ * first answer, then mapped from a cache file ID.umbm that the store makes itself and that no other
+ * user can change (store_cache.h). The cache is only a faster form: a file in it that is missing,
+ * damaged, or not what was recorded for its id under the cache's key is made anew, and where the
+ * cache cannot be used the packed file is expanded in memory, with a notice. A known asset opens in
+ * milliseconds.
  *
  * A damaged file stays in the list with its reason: asking for it gives E_CORRUPT, and nothing else
  * is affected. A changed file (inode, size, time of change) is loaded and proven first, then takes
@@ -39,7 +40,7 @@
  * reference to each of its entries, so an entry found cannot reach zero before the finder has it.
  * Trust: file content is hostile. Names beyond [A-Za-z0-9._-] and what is not a regular file are
  * skipped. Packed files are read, not mapped, so that one cut short meanwhile is an error and not
- * a signal. The cache folder must be writable by nobody else: its files are mapped.
+ * a signal. Mapped files are believed under a key only.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -56,7 +57,8 @@ struct umbs_entry; /* opaque: one version of one asset */
 
 struct umbs_store_options {
     const char *folders[UMBS_STORE_FOLDERS_MAX]; /* at least one; the first NULL ends the list */
-    uint64_t max_memory_bytes;                   /* of one asset expanded in memory; 0 = 64 GiB */
+    const char *cache; /* folder of mapped files (store_cache.h); NULL = `.umbrage-cache` in each */
+    uint64_t max_memory_bytes; /* packed and expanded size of one asset; 0 = 64 GiB */
     const struct umbs_log *log;                  /* NULL = silent; must outlive the store */
     int no_cache;                                /* 1 = never write cache files, expand in memory */
     int copy; /* 1 = hold copies in memory, so that files may be changed */
@@ -65,8 +67,8 @@ struct umbs_store_options {
      * wait. The owner then calls umbs_store_reap where blocking is allowed. NULL: it is freed at
      * once. */
     void (*retired)(void *user);
-    /* Called when an asset was set aside, from the thread that found it; the owner then rescans.
-     * NULL: it stays set aside until somebody does. */
+    /* Called when an asset was set aside, from the thread that found it, and when the lane loaded
+     * one: the owner then rescans. NULL: it waits for the next scan. */
     void (*faulted)(void *user);
     void *owner; /* user of both */
 };
@@ -90,7 +92,8 @@ struct umbs_store_item {
     enum umb_status status; /* UMB_OK, or why it cannot answer */
 };
 
-/* Opens a store's folders. Does not scan yet. Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY. */
+/* Opens a store's folders and caches. Does not scan yet. Fails: E_NO_INPUT, E_PERMISSION,
+ * E_NO_MEMORY; what umbs__cache_ready fails with, for a cache that the options name. */
 UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *options,
                                             struct umbs_store **out, struct umb_error *error);
 
@@ -109,6 +112,18 @@ void umbs_store_close(struct umbs_store *store);
 UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
                                               struct umbs_store_report *report,
                                               struct umb_error *error);
+
+/*
+ * Has files of from_bytes and more loaded by a thread of the store's own, one at a time: rescans go
+ * on with the others, keep the old version of such a file, and take the new one once `faulted` was
+ * called. Without it a rescan loads everything itself. Stop it before the store is closed.
+ *
+ * _stop waits so long for a load to end; returns 0 if it did not: then the store cannot be closed.
+ * Threads: not at once with a rescan. Fails: E_LIMIT (no thread).
+ */
+UMB_CHECKED enum umb_status umbs_store_lane_start(struct umbs_store *store, uint64_t from_bytes,
+                                                  struct umb_error *error);
+int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms);
 
 /*
  * Checks again the one asset whose mapped file was last checked longest ago, if that is interval_ms

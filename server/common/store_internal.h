@@ -7,7 +7,7 @@
 #include <sys/stat.h>
 #include "common/asset_map.h"
 #include "common/store.h"
-#include "common/store_record.h"
+#include "common/store_cache.h"
 
 #define UMBS_CACHE_FOLDER ".umbrage-cache"
 
@@ -38,7 +38,7 @@ struct umbs_table {
     struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
     struct umbs_entry **by_id;   /* [healthy], sorted by id */
     size_t healthy;
-    struct umbs_entry **damaged; /* [damaged_count], without an asset but with an id, sorted by it */
+    struct umbs_entry **damaged; /* [damaged_count], sorted by id: no asset, but an id */
     size_t damaged_count;
     struct umbs_table *next_retired;
 };
@@ -51,17 +51,41 @@ struct umbs_reader {
 };
 
 struct umbs_folder {
-    char *path, *cache;
-    char *proven; /* path of the list */
+    char *path;
+    struct umbs_cache *cache; /* one of the store's */
     /* Under the store's scan mutex: */
-    struct umbs_records records; /* of the last scan, and what this one found */
-    int unwritten;               /* there is something in them that the file has not */
     size_t skipped_before, shadowed_before;
+};
+
+/* One asset's name, and the folder that has it. */
+struct umbs_name {
+    size_t folder;
+    char text[UMBS_STORE_NAME_MAX + 1];
+};
+
+/* The lane for large files, store_lane.c. */
+struct umbs_lane {
+    pthread_mutex_t mutex; /* over all from state on */
+    pthread_cond_t changed;
+    pthread_t thread;
+    int running;         /* set before the first scan that uses it */
+    uint64_t from_bytes; /* packed size of a file that is for the lane */
+    struct umbs_entry *(*load)(struct umbs_store *store, const struct umbs_name *name, int rebuild);
+    enum { UMBS_LANE_IDLE, UMBS_LANE_LOADING, UMBS_LANE_DONE } state;
+    int stopping, ended;
+    struct umbs_name name; /* of the file; not changed while it loads */
+    struct umbs_stamp stamp;
+    int rebuild;
+    struct umbs_entry *entry; /* what came of it; NULL: out of memory */
+    uint64_t load_ms;
 };
 
 struct umbs_store {
     struct umbs_folder folders[UMBS_STORE_FOLDERS_MAX];
     size_t folder_count;
+    struct umbs_cache caches[UMBS_STORE_FOLDERS_MAX]; /* one for all folders, or one for each */
+    size_t cache_count;
+    struct umbs_lane lane;
     uint64_t max_memory_bytes;
     int no_cache, copy, warm;
     const struct umbs_log *log;
@@ -86,12 +110,6 @@ struct umbs_store {
     atomic_int closed;
 };
 
-/* One asset's name, and the folder that has it. */
-struct umbs_name {
-    size_t folder;
-    char text[UMBS_STORE_NAME_MAX + 1];
-};
-
 struct umbs_name_list {
     size_t count, capacity;
     struct umbs_name *names;
@@ -112,6 +130,27 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
  * not so. Quick. */
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed);
+
+enum umbs_lane_answer {
+    UMBS_LANE_NOT_FOR_IT, /* small, or there is no lane: the scan loads it */
+    UMBS_LANE_WAIT,       /* the lane loads it, or another one first */
+    UMBS_LANE_TAKE,       /* it is loaded */
+};
+
+/* Asks the lane for a file, by a scan. Out: entry: with _TAKE, NULL if memory was out; load_ms. */
+enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs_name *name,
+                                     const struct umbs_stamp *stamp, int rebuild,
+                                     struct umbs_entry **entry, uint64_t *load_ms);
+
+/* 1 if the lane has a result that no scan took yet. */
+int umbs__lane_has_done(struct umbs_store *store);
+
+/* At the end of a pass: drops a result that was there at its beginning (was_done) and that no file
+ * asked for. Returns 1 if the lane could load another file now. */
+int umbs__lane_clear(struct umbs_store *store, int was_done);
+
+void umbs__lane_init(struct umbs_lane *lane);
+void umbs__lane_finish(struct umbs_lane *lane);
 
 /* 1 if the file is to blame that it could not be loaded: trying again does not help. */
 int umbs__is_the_files_fault(enum umb_status status);

@@ -72,7 +72,8 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
             umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", entry->item.name);
     } else if ((uint64_t)stat_buffer.st_size > store->max_memory_bytes) {
         status =
-            umb_fail(error, UMB_E_TOO_LARGE, "'%.64s.umb' has %lld bytes, over the limit of %llu",
+            umb_fail(error, UMB_E_TOO_LARGE,
+                     "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)",
                      entry->item.name, (long long)stat_buffer.st_size,
                      (unsigned long long)store->max_memory_bytes);
     } else {
@@ -84,46 +85,74 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
     return status;
 }
 
-/* Opens a packed image in memory. */
+/* Opens a packed image in memory, in what the limit leaves beside it. */
 static enum umb_status expand(struct umbs_store *store, const struct packed *packed,
                               struct umb_asset **asset, struct umb_error *error)
 {
+    struct umb_error cause;
     struct umb_open_options options = {.trust = UMB_TRUST_NOTHING,
-                                       .max_memory_bytes = store->max_memory_bytes};
-    return umb_asset_open_bytes(packed->bytes, packed->size, &options, asset, error);
+                                       .max_memory_bytes = store->max_memory_bytes > packed->size
+                                                               ? store->max_memory_bytes -
+                                                                     packed->size
+                                                               : 1};
+    enum umb_status status =
+        umb_asset_open_bytes(packed->bytes, packed->size, &options, asset, &cause);
+    if (status == UMB_E_TOO_LARGE) {
+        return umb_fail(error, status,
+                        "loading it takes more than the %llu bytes of --load-memory, of which the "
+                        "packed file takes %zu: %s",
+                        (unsigned long long)store->max_memory_bytes, packed->size, cause.message);
+    }
+    return status == UMB_OK ? UMB_OK : umb_fail(error, status, "%s", cause.message);
 }
 
-/* Opens a cache file and checks that it is the mapped form of that id. */
+/* Opens a mapped file and checks that it is what was recorded: of that id, and with that digest. */
 static enum umb_status cache_try(struct umbs_store *store, const char *path,
-                                 const struct umbs_stamp *known, struct umbs_entry *entry,
-                                 struct umb_error *error)
+                                 const struct umbs_record *record, const struct umbs_stamp *known,
+                                 struct umbs_entry *entry, struct umb_error *error)
 {
-    struct umbs_asset_map_options options = {
-        .known = known, .copy = store->copy, .warm = store->warm};
-    memcpy(options.id, entry->item.id, UMB_ID_BYTES);
+    struct umbs_asset_map_options options = {.known = known,
+                                             .digest = record->digest,
+                                             .ours = 1,
+                                             .copy = store->copy,
+                                             .warm = store->warm};
+    memcpy(options.id, record->id, UMB_ID_BYTES);
     return umbs_asset_map_open(path, &options, &entry->map, error);
 }
 
-static enum umb_status cache_build(struct umbs_store *store, const struct umbs_folder *folder,
-                                   const char *path, const struct packed *packed,
+/* A sink that hashes what it passes on. */
+struct hashing {
+    struct umb_sink to;
+    struct umbs_sha256_run run;
+};
+
+static enum umb_status hash_and_write(void *user, const void *bytes, size_t count)
+{
+    struct hashing *hashing = user;
+    umbs_sha256_add(&hashing->run, bytes, count);
+    return hashing->to.write(hashing->to.user, bytes, count);
+}
+
+/* Writes the mapped form. Out: digest: of its bytes. */
+static enum umb_status cache_build(struct umbs_store *store, const char *path,
+                                   const struct packed *packed, uint8_t digest[UMB_ID_BYTES],
                                    struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
     struct umbs_file file = {.fd = -1};
-    if (mkdir(folder->cache, 0755) != 0 && errno != EEXIST) {
-        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
-                              folder->cache);
-    }
-    enum umb_status status = umbs_file_begin(path, &file, error);
+    enum umb_status status = umbs_file_begin_private(path, &file, error);
     if (status != UMB_OK) {
         return status;
     }
+    struct hashing hashing = {.to = umbs_file_sink(&file)};
+    umbs_sha256_begin(&hashing.run);
     status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
-        struct umb_sink sink = umbs_file_sink(&file);
+        struct umb_sink sink = {.write = hash_and_write, .user = &hashing};
         status = umb_mapped_write(asset, &sink, error);
     }
     umb_asset_close(asset);
+    umbs_sha256_end(&hashing.run, digest);
     if (status == UMB_OK) {
         return umbs_file_commit(&file, error);
     }
@@ -134,36 +163,59 @@ static enum umb_status cache_build(struct umbs_store *store, const struct umbs_f
     return status;
 }
 
-/* Path of an entry's cache file, malloc; NULL: out of memory. */
-static char *cache_path(const struct umbs_store *store, const struct umbs_entry *entry)
+/* Opens the mapped file that the list has for the id. Fails: E_NO_INPUT (it has none, and there is
+ * no file either), E_CORRUPT and the like: to be made anew. */
+static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *entry,
+                                   const char *path, int rebuild, struct umb_error *error)
 {
-    char name[UMB_ID_TEXT_SIZE + 8];
-    umb_id_to_text(entry->item.id, name);
-    memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
-    return umbs__path_join(store->folders[entry->folder].cache, name);
+    struct umbs_record record;
+    if (rebuild) {
+        return umb_fail(error, UMB_E_CORRUPT, "it was changed while it was in use");
+    }
+    if (umbs__cache_find_id(store->folders[entry->folder].cache, entry->item.id, &record)) {
+        return cache_try(store, path, &record, NULL, entry, error);
+    }
+    return access(path, F_OK) != 0
+               ? umb_fail(error, UMB_E_NO_INPUT, "there is none")
+               : umb_fail(error, UMB_E_CORRUPT,
+                          "no line under the cache's key says what the mapped file must be");
 }
 
-/* Opens the mapped cache of a proven packed image, making it if need be. Fails: any status; the
+/* Makes the mapped file and opens it. Fails: E_BUSY (not ours to write), and the like. */
+static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *entry,
+                                   const char *path, const struct packed *packed, int writable,
+                                   struct umb_error *error)
+{
+    struct umbs_record record;
+    if (!writable) {
+        return umb_fail(error, UMB_E_BUSY, "another daemon writes to the cache");
+    }
+    if (error->status != UMB_E_NO_INPUT) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "asset=%s reason=%s",
+                       entry->item.name, umbs_log_quote(error->message, quoted));
+    }
+    memcpy(record.id, entry->item.id, UMB_ID_BYTES);
+    enum umb_status status = cache_build(store, path, packed, record.digest, error);
+    return status == UMB_OK ? cache_try(store, path, &record, NULL, entry, error) : status;
+}
+
+/* Opens the mapped form of a proven packed image, making it if need be. Fails: any status; the
  * caller then expands the packed form. */
 static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *entry,
                                   const struct packed *packed, int rebuild, struct umb_error *error)
 {
-    char *path = cache_path(store, entry);
-    if (path == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
+    struct umbs_cache *cache = store->folders[entry->folder].cache;
+    int writable = 0;
+    enum umb_status status = umbs__cache_ready(cache, &writable, error);
+    char *path = status == UMB_OK ? umbs__cache_file(cache, entry->item.id) : NULL;
+    if (status == UMB_OK && path == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
     }
-    enum umb_status status =
-        rebuild ? umb_fail(error, UMB_E_CORRUPT, "it was changed while it was in use")
-                : cache_try(store, path, NULL, entry, error);
-    if (status != UMB_OK) {
-        if (status != UMB_E_NO_INPUT) {
-            char quoted[UMBS_LOG_QUOTE_SIZE];
-            umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "asset=%s reason=%s",
-                           entry->item.name, umbs_log_quote(error->message, quoted));
-        }
-        status = cache_build(store, &store->folders[entry->folder], path, packed, error);
-        if (status == UMB_OK) {
-            status = cache_try(store, path, NULL, entry, error);
+    if (status == UMB_OK) {
+        status = cache_reuse(store, entry, path, rebuild, error);
+        if (status != UMB_OK) {
+            status = cache_renew(store, entry, path, packed, writable, error);
         }
     }
     free(path);
@@ -330,18 +382,21 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
                                       const struct umbs_stamp *packed)
 {
     uint64_t from_ms = umbs__now_ms();
-    const struct umbs_record *known =
-        umbs__records_find(&store->folders[name->folder].records, packed);
-    struct umbs_entry *entry = known != NULL ? entry_create(store, name) : NULL;
+    struct umbs_cache *cache = store->folders[name->folder].cache;
+    struct umbs_record known;
+    struct umbs_entry *entry = cache != NULL && umbs__cache_find(cache, packed, &known)
+                                   ? entry_create(store, name)
+                                   : NULL;
     if (entry == NULL) {
         return NULL;
     }
-    memcpy(entry->item.id, known->id, UMB_ID_BYTES);
+    memcpy(entry->item.id, known.id, UMB_ID_BYTES);
     entry->has_id = 1;
     entry->stamp = *packed;
-    char *path = cache_path(store, entry);
+    char *path = umbs__cache_file(cache, entry->item.id);
     struct umb_error error;
-    int good = path != NULL && cache_try(store, path, &known->mapped, entry, &error) == UMB_OK;
+    int good = path != NULL &&
+               cache_try(store, path, &known, &known.mapped, entry, &error) == UMB_OK;
     free(path);
     if (!good) {
         umbs_entry_release(entry);
@@ -349,7 +404,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     }
     entry->asset = umbs_asset_map_asset(entry->map);
     /* A mapped file that changed since was checked whole by the opening, as a copy is. */
-    if (store->copy || !umbs_stamp_equal(&known->mapped, umbs_asset_map_stamp(entry->map))) {
+    if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
         entry->checked_ms = umbs__now_ms();
     }
     describe(entry);

@@ -24,6 +24,7 @@ struct pass {
     struct umbs_store_report *report;
     int may_load; /* one file may still be read whole */
     int pending;  /* there are more */
+    int waits;    /* the lane has no room for one */
 };
 
 static int compare_ids(const void *a, const void *b)
@@ -50,17 +51,25 @@ static int is_fresh(const struct stat *file)
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
 }
 
+/* What is known of an entry that is mapped; returns 0 if it is not. */
+static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
+{
+    if (entry->map == NULL || umbs_asset_map_digest(entry->map) == NULL) {
+        return 0;
+    }
+    record->packed = entry->stamp;
+    record->mapped = *umbs_asset_map_stamp(entry->map);
+    memcpy(record->id, entry->item.id, UMB_ID_BYTES);
+    memcpy(record->digest, umbs_asset_map_digest(entry->map), UMB_ID_BYTES);
+    return 1;
+}
+
 /* Remembers what was proven, so that another name of the same file opens at once. */
 static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
-    struct umbs_folder *folder = &store->folders[entry->folder];
-    if (entry->map != NULL && umbs__records_find(&folder->records, &entry->stamp) == NULL) {
-        struct umbs_record record = {.packed = entry->stamp,
-                                     .mapped = *umbs_asset_map_stamp(entry->map)};
-        memcpy(record.id, entry->item.id, UMB_ID_BYTES);
-        /* Without memory it is proven once more another time. */
-        (void)!umbs__records_add(&folder->records, &record);
-        folder->unwritten = 1;
+    struct umbs_record record;
+    if (record_of(entry, &record)) {
+        umbs__cache_remember(store->folders[entry->folder].cache, &record);
     }
 }
 
@@ -131,23 +140,29 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         return UMB_OK;
     }
     uint64_t from_ms = umbs__now_ms();
+    uint64_t lane_ms = 0;
     struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
-    if (fresh == NULL && !pass->may_load) {
-        pass->pending = 1;
+    enum umbs_lane_answer lane =
+        fresh != NULL ? UMBS_LANE_NOT_FOR_IT
+                      : umbs__lane_ask(store, name, &stamp, faulted, &fresh, &lane_ms);
+    if (lane == UMBS_LANE_WAIT ||
+        (lane == UMBS_LANE_NOT_FOR_IT && fresh == NULL && !pass->may_load)) {
+        pass->waits |= lane == UMBS_LANE_WAIT;
+        pass->pending |= lane != UMBS_LANE_WAIT;
         if (old != NULL) {
             umbs_entry_retain(old);
         }
         *out = old;
         return UMB_OK;
     }
-    if (fresh == NULL) {
+    if (fresh == NULL && lane == UMBS_LANE_NOT_FOR_IT) {
         pass->may_load = 0;
         fresh = umbs__entry_load(store, name, faulted);
     }
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
     }
-    pass->report->load_ms += umbs__now_ms() - from_ms;
+    pass->report->load_ms += umbs__now_ms() - from_ms + lane_ms;
     *out = choose(pass, old, faulted, fresh, &now);
     return UMB_OK;
 }
@@ -200,35 +215,19 @@ static void publish(struct pass *pass, struct umbs_table *table)
 }
 
 /* Writes down what is proven now, if it is not what was. */
-static void write_records(struct umbs_store *store, size_t index)
+static void write_records(struct umbs_store *store, struct umbs_cache *cache)
 {
-    struct umbs_folder *folder = &store->folders[index];
     struct umbs_records now = {0};
-    struct umb_error error;
     const struct umbs_table *table = store->table; /* only scans change it */
     for (size_t i = 0; i < table->count; i++) {
         const struct umbs_entry *entry = table->by_name[i];
-        if (entry->folder == index && entry->map != NULL && !atomic_load(&entry->faulted)) {
-            struct umbs_record record = {.packed = entry->stamp,
-                                         .mapped = *umbs_asset_map_stamp(entry->map)};
-            memcpy(record.id, entry->item.id, UMB_ID_BYTES);
-            if (umbs__records_add(&now, &record) != UMB_OK) {
-                break;
-            }
+        struct umbs_record record;
+        if (store->folders[entry->folder].cache == cache && !atomic_load(&entry->faulted) &&
+            record_of(entry, &record) && umbs__records_add(&now, &record) != UMB_OK) {
+            break;
         }
     }
-    if (!folder->unwritten && umbs__records_equal(&now, &folder->records)) {
-        umbs__records_finish(&now);
-        return;
-    }
-    umbs__records_finish(&folder->records);
-    folder->records = now;
-    folder->unwritten = 0;
-    if (umbs__records_write(folder->proven, &now, &error) != UMB_OK) {
-        char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(store->log, UMB_LOG_WARN, "proven_not_kept", "reason=%s",
-                       umbs_log_quote(error.message, quoted));
-    }
+    umbs__cache_keep(cache, &now);
 }
 
 enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_report *report,
@@ -248,6 +247,8 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
          * ends. */
         report->unchanged = 0;
         pass.pending = 0;
+        pass.waits = 0;
+        const int was_done = umbs__lane_has_done(store);
         if (status == UMB_OK) {
             status = build_table(&pass, &list, &table, error);
         }
@@ -255,12 +256,11 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
             publish(&pass, table);
         }
         pass.may_load = 1;
+        pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
     } while (status == UMB_OK && pass.pending);
     free(list.names);
-    for (size_t i = 0; status == UMB_OK && i < store->folder_count; i++) {
-        if (!store->no_cache) {
-            write_records(store, i);
-        }
+    for (size_t i = 0; status == UMB_OK && i < store->cache_count; i++) {
+        write_records(store, &store->caches[i]);
     }
     if (status == UMB_OK) {
         report->swept = umbs__store_sweep(store, store->table);
@@ -316,7 +316,11 @@ size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *tabl
     size_t swept = 0;
     for (size_t i = 0; i < store->folder_count; i++) {
         swept += sweep_folder(store, store->folders[i].path, NULL);
-        swept += sweep_folder(store, store->folders[i].cache, table);
+    }
+    for (size_t i = 0; i < store->cache_count; i++) {
+        if (store->caches[i].lock.fd >= 0) { /* ours to write */
+            swept += sweep_folder(store, store->caches[i].path, table);
+        }
     }
     return swept;
 }

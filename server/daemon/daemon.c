@@ -7,6 +7,8 @@
 #include "jobs/service.h"
 #include "daemon/service_manager.h"
 
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -104,6 +106,19 @@ enum umb_status umbd_daemon_check_apart(const struct umbd_options *options, cons
                                     store);
 }
 
+/* Where mapped files go: as the options say, else where systemd made a folder for that; NULL: in
+ * each store. Several names in CACHE_DIRECTORY have colons between them. */
+static const char *cache_folder(struct umbd_daemon *daemon)
+{
+    const char *made = getenv("CACHE_DIRECTORY");
+    if (daemon->options.cache != NULL || made == NULL || made[0] == '\0') {
+        return daemon->options.cache;
+    }
+    const size_t length = strcspn(made, ":");
+    (void)snprintf(daemon->cache, sizeof daemon->cache, "%.*s", (int)length, made);
+    return daemon->cache;
+}
+
 /* The store's folders: the operator's, then that of the assets that jobs made. */
 static enum umb_status list_folders(struct umbd_daemon *daemon, struct umb_error *error)
 {
@@ -142,6 +157,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     if (status == UMB_OK) {
         struct umbs_store_options store = {.copy = options->copy,
                                            .warm = options->warm_up,
+                                           .cache = cache_folder(daemon),
+                                           .max_memory_bytes = options->load_memory,
                                            .log = &daemon->log,
                                            .retired = umbd_store_watch_retired,
                                            .faulted = umbd_store_watch_faulted,

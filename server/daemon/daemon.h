@@ -27,6 +27,7 @@ struct umbd_daemon {
     struct umbs_store *store;
     const char *folders[UMBS_STORE_FOLDERS_MAX]; /* the store's, NULL behind the last: */
     size_t store_count;                          /* the operator's, then */
+    char cache[4096];                            /* of mapped files, if systemd names it */
     char job_assets[4096];                       /* the assets that jobs made */
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/private_folder.h"
 #include "daemon/daemon.h"
 
 static enum umb_status check_stores(const struct umbd_options *options, struct umb_error *error)
@@ -45,7 +46,7 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
 }
 
 /* A folder that is there must be usable, else the one above must let it be made. */
-static enum umb_status check_jobs_folder(const char *path, struct umb_error *error)
+static enum umb_status check_folder(const char *option, const char *path, struct umb_error *error)
 {
     struct stat info;
     char above[4096];
@@ -70,7 +71,21 @@ static enum umb_status check_jobs_folder(const char *path, struct umb_error *err
     }
     return code == 0 ? UMB_OK
                      : umb_fail_errno(error, UMB_E_CANNOT_CREATE, code,
-                                      "--jobs: cannot use '%.150s'", path);
+                                      "%s: cannot use '%.150s'", option, path);
+}
+
+/* A cache must also be out of other users' reach. */
+static enum umb_status check_cache(const char *path, struct umb_error *error)
+{
+    struct umb_error cause;
+    char *resolved = NULL;
+    enum umb_status status = check_folder("--cache", path, error);
+    if (status == UMB_OK && access(path, F_OK) == 0 &&
+        umbs_private_folder(path, &resolved, &cause) != UMB_OK) {
+        status = umb_fail(error, cause.status, "--cache: %s", cause.message);
+    }
+    free(resolved);
+    return status;
 }
 
 static bool is_in_path(const char *name)
@@ -102,7 +117,7 @@ static enum umb_status check_slurm(struct umb_error *error)
 
 static enum umb_status check_jobs(const struct umbd_options *options, struct umb_error *error)
 {
-    enum umb_status status = check_jobs_folder(options->jobs, error);
+    enum umb_status status = check_folder("--jobs", options->jobs, error);
     if (status == UMB_OK) {
         status = umbd_daemon_check_apart(options, options->jobs, error);
     }
@@ -118,6 +133,9 @@ static enum umb_status check_jobs(const struct umbd_options *options, struct umb
 enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb_error *error)
 {
     enum umb_status status = check_stores(options, error);
+    if (status == UMB_OK && options->cache != NULL) {
+        status = check_cache(options->cache, error);
+    }
     if (status == UMB_OK && options->token_file != NULL) {
         status = check_tokens(options, error);
     }

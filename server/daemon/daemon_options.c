@@ -25,6 +25,7 @@ enum kind {
     KIND_LEVEL,
     KIND_LOG_FORMAT,
     KIND_FLAG,
+    KIND_MODE, /* uint32, octal */
 };
 
 struct option {
@@ -44,6 +45,14 @@ static const struct option table[] = {
     {"--listen", KIND_LISTEN, 0, 0, 0, "ADDRESS",
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; "
      "port 0 picks one"},
+    {"--cache", KIND_TEXT, AT(cache), 0, 0, "DIR",
+     "folder of mapped files that only this user can change; default: CACHE_DIRECTORY of systemd, "
+     "else .umbrage-cache in each store that no other user can write to, else memory"},
+    {"--load-memory", KIND_BYTES, AT(load_memory), 1 << 20, (uint64_t)1 << 50, "BYTES",
+     "packed and mapped size of an asset that is loaded; default: three quarters of this "
+     "machine's memory"},
+    {"--socket-mode", KIND_MODE, AT(socket_mode), 0600, 0777, "MODE",
+     "permissions of unix: sockets, octal, whatever the umask; default 0660"},
     {"--copy", KIND_FLAG, AT(copy), 0, 0, NULL,
      "hold assets in memory, so that nothing done to their files matters"},
     {"--warm-up", KIND_FLAG, AT(warm_up), 0, 0, NULL,
@@ -249,6 +258,21 @@ static enum umb_status set_store(const char *text, struct umbd_options *options,
     return UMB_OK;
 }
 
+/* Octal permissions; the daemon's user always has its own. */
+static enum umb_status set_mode(const struct option *option, const char *text,
+                                struct umbd_options *options, struct umb_error *error)
+{
+    const size_t length = strspn(text, "01234567");
+    const uint32_t mode = (uint32_t)strtoul(text, NULL, 8);
+    if (length == 0 || length > 4 || text[length] != '\0' || mode > option->maximum ||
+        (mode & option->minimum) != option->minimum) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.80s' is not an octal mode from 0600 to 0777",
+                        option->name, text);
+    }
+    memcpy((char *)options + option->offset, &mode, sizeof mode);
+    return UMB_OK;
+}
+
 static enum umb_status set_option(const struct option *option, const char *text,
                                   struct umbd_options *options, struct umb_error *error)
 {
@@ -278,6 +302,8 @@ static enum umb_status set_option(const struct option *option, const char *text,
                             text);
         }
         return UMB_OK;
+    case KIND_MODE:
+        return set_mode(option, text, options, error);
     default:
         return set_number(option, text, options, error);
     }
@@ -293,6 +319,14 @@ static const struct option *find_option(const char *text, size_t length)
     return NULL;
 }
 
+/* Three quarters of this machine's memory. */
+static uint64_t most_memory(void)
+{
+    const long pages = sysconf(_SC_PHYS_PAGES);
+    const long page = sysconf(_SC_PAGESIZE);
+    return pages > 0 && page > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)page : (uint64_t)4 << 30;
+}
+
 static void set_defaults(struct umbd_options *options)
 {
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
@@ -301,6 +335,8 @@ static void set_defaults(struct umbd_options *options)
         .loops =
             cores >= 8 ? (uint32_t)(cores < 4 * UMBD_LOOPS_MAX ? cores / 4 : UMBD_LOOPS_MAX) : 1,
         .queue = 1024,
+        .load_memory = most_memory(),
+        .socket_mode = 0660,
         .max_connections = 4096,
         .max_address_connections = 4096,
         .max_points = 4194304,
@@ -580,11 +616,13 @@ static void print_option(const struct option *option, const struct umbd_options 
         break;
     case KIND_COUNT:
     case KIND_FLAG:
+    case KIND_MODE:
         memcpy(&narrow, field, sizeof narrow);
         if (option->kind == KIND_FLAG) {
             (void)fprintf(out, "%s = %s\n", name, narrow ? "true" : "false");
         } else {
-            (void)fprintf(out, "%s = %u\n", name, narrow);
+            (void)fprintf(out, option->kind == KIND_MODE ? "%s = %04o\n" : "%s = %u\n", name,
+                          narrow);
         }
         break;
     case KIND_TOTAL:

@@ -27,6 +27,9 @@ struct umbd_options {
     const char *admin;        /* HOST:PORT or NULL */
     const char *address_file; /* or NULL */
     int copy, warm_up;        /* how assets are held: store.h */
+    const char *cache;        /* folder of mapped files, or NULL: in each store */
+    uint64_t load_memory;     /* bytes, packed and mapped, of an asset that is loaded */
+    uint32_t socket_mode;     /* permissions of Unix sockets */
     const char *token_file;   /* or NULL */
     int without_tokens;       /* permission to listen beyond this machine without tokens */
     uint64_t address_rate;    /* points a second of one address, 0 = any */

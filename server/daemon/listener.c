@@ -4,10 +4,13 @@
  * queue until something was given back (acceptor.h), an idle connection if there is one; the event
  * is counted and logged at a limited rate.
  */
+#define _GNU_SOURCE /* O_PATH */
 #include "daemon/listener.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -74,14 +77,47 @@ static void remove_stale(const char *path)
     }
 }
 
+/*
+ * Gives a bound socket's name its permissions, whatever the umask took. The name is opened without
+ * following a link and must be a socket of ours, so that a name put there by others meanwhile is
+ * left alone. Returns 0 or -errno.
+ */
+static int permit(const char *path, mode_t mode)
+{
+    struct stat facts;
+    char itself[64];
+    const int fd = open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    if (fd < 0) {
+        return -errno;
+    }
+    int code = 0;
+    (void)snprintf(itself, sizeof itself, "/proc/self/fd/%d", fd);
+    if (fstat(fd, &facts) != 0) {
+        code = -errno;
+    } else if (!S_ISSOCK(facts.st_mode) || facts.st_uid != geteuid()) {
+        code = -EPERM;
+    } else if (chmod(itself, mode) != 0) {
+        code = -errno;
+    }
+    (void)close(fd);
+    return code;
+}
+
+/* Nothing can connect before it listens, so the permissions are there in time. */
 static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address, int *fd)
 {
     struct sockaddr_un name = {.sun_family = AF_UNIX};
     memcpy(name.sun_path, address->path, sizeof name.sun_path);
     remove_stale(address->path);
     int code = umbd_socket_bind((struct sockaddr *)&name, sizeof name, fd);
-    if (code == 0) {
-        memcpy(listener->path, address->path, sizeof listener->path);
+    if (code != 0) {
+        return code;
+    }
+    memcpy(listener->path, address->path, sizeof listener->path);
+    code = permit(address->path, listener->loop->daemon->options.socket_mode);
+    if (code != 0) {
+        (void)close(*fd);
+        *fd = -1;
     }
     return code;
 }

@@ -208,8 +208,13 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     watch->rescan_at_ms =
         (uint64_t)umbs_now_ms(); /* at once: for what came between the first scan and now */
     watch->scrub_at_ms = (uint64_t)umbs_now_ms() + UMBD_SCRUB_PAUSE_MS;
+    enum umb_status status = umbs_store_lane_start(store, UMBD_LANE_BYTES, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);
     if (code != 0) {
+        (void)umbs_store_lane_stop(store, UMBD_WATCH_END_MS); /* it has nothing to load yet */
         return umb_fail_errno(error, UMB_E_LIMIT, code, "cannot start the store's thread");
     }
     watch->running = 1;
@@ -261,7 +266,8 @@ int umbd_store_watch_destroy(struct umbd_store_watch *watch)
     if (watch == NULL) {
         return 1;
     }
-    if (watch->running && !end_thread(watch)) {
+    if (watch->running &&
+        (!end_thread(watch) || !umbs_store_lane_stop(watch->store, UMBD_WATCH_END_MS))) {
         return 0;
     }
     if (watch->folders >= 0) {

@@ -13,6 +13,7 @@
 #define UMBD_RESCAN_S           30 /* events can be lost; this is the safety */
 #define UMBD_WATCH_END_MS       1000
 #define UMBD_RESCAN_PAUSE_MS    50     /* a burst of events becomes one scan */
+#define UMBD_LANE_BYTES         (UINT64_C(64) << 20) /* packed; larger ones do not hold up a scan */
 #define UMBD_SCRUB_PAUSE_MS     1000   /* between looks for something to check */
 #define UMBD_SCRUB_BYTES_PER_MS 262144 /* rate of checking: leaves the disk to the calls */
 

@@ -43,8 +43,9 @@ def ask(daemon):
 
 
 def cached():
-    """Files of the cache beside the list of what is proven, which may be there or not."""
-    return sorted(set(os.listdir(cache)) - {"proven"}) if os.path.isdir(cache) else []
+    """Files of the cache beside its key, lock and list, which may be there or not."""
+    return (sorted(set(os.listdir(cache)) - {"key", "lock", "proven"}) if os.path.isdir(cache)
+            else [])
 
 
 def read_cache():

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "common/sha256.h"
+#include "umbrage/asset.h"
 #include "common/sha256_lanes.h"
 
 #define MOST 64U /* messages at a time */
@@ -186,6 +187,43 @@ static void threads_do_not_share_lanes(void **state)
     }
 }
 
+/* RFC 4231, test case 2: its key is padded by zeros to any length up to a block. */
+static void keyed_digest_is_that_of_the_rfc(void **state)
+{
+    static const uint8_t key[UMBS_KEY_BYTES] = "Jefe";
+    static const char data[] = "what do ya want for nothing?";
+    uint8_t mac[UMB_ID_BYTES];
+    uint8_t other[UMB_ID_BYTES];
+    char text[UMB_ID_TEXT_SIZE];
+    (void)state;
+    umbs_hmac_sha256(key, data, sizeof data - 1, mac);
+    umb_id_to_text(mac, text);
+    assert_string_equal(text, "5bdcc146bf60754e6a042426089575c75a003f089d2739839dec58b964ec3843");
+    memcpy(other, mac, sizeof other);
+    assert_true(umbs_digest_equal(mac, other));
+    for (size_t i = 0; i < sizeof other; i++) {
+        other[i] ^= 1;
+        assert_false(umbs_digest_equal(mac, other));
+        other[i] ^= 1;
+    }
+}
+
+static void pieces_have_the_digest_of_the_whole(void **state)
+{
+    static const char text[] = "a message that comes in three pieces, one of them empty";
+    struct umbs_sha256_run run;
+    uint8_t whole[UMB_ID_BYTES];
+    uint8_t pieces[UMB_ID_BYTES];
+    (void)state;
+    umbs_sha256_bytes(text, sizeof text, whole);
+    umbs_sha256_begin(&run);
+    umbs_sha256_add(&run, text, 10);
+    umbs_sha256_add(&run, text, 0);
+    umbs_sha256_add(&run, text + 10, sizeof text - 10);
+    umbs_sha256_end(&run, pieces);
+    assert_memory_equal(whole, pieces, sizeof whole);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -194,6 +232,8 @@ int main(void)
         cmocka_unit_test(known_messages_have_their_known_digest),
         cmocka_unit_test(without_memory_there_are_no_lanes),
         cmocka_unit_test(threads_do_not_share_lanes),
+        cmocka_unit_test(keyed_digest_is_that_of_the_rfc),
+        cmocka_unit_test(pieces_have_the_digest_of_the_whole),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

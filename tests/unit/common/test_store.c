@@ -428,6 +428,7 @@ static void store_without_a_writable_cache_expands_in_memory(void **state)
     uint8_t id[UMB_ID_BYTES];
     folder_asset(&f->folder, "city.umb", 20, id);
     /* A file where the cache folder should be: fails for root too. */
+    remove_tree(folder_file(&f->folder, ".umbrage-cache"));
     FILE *file = fopen(folder_file(&f->folder, ".umbrage-cache"), "wb");
     assert_non_null(file);
     fclose(file);
@@ -436,6 +437,14 @@ static void store_without_a_writable_cache_expands_in_memory(void **state)
     umb_asset_get_info(umbs_entry_asset(entry), &info);
     assert_int_equal(info.encoding, UMB_ENCODING_PACKED);
     assert_true(is_lit(umbs_entry_asset(entry), 10));
+    umbs_entry_release(entry);
+    /* With the file gone the next asset has a mapped form again. */
+    assert_int_equal(unlink(folder_file(&f->folder, ".umbrage-cache")), 0);
+    folder_asset(&f->folder, "town.umb", 30, id);
+    rescan(f);
+    assert_int_equal(umbs_store_acquire(f->store, "town", &entry, NULL), UMB_OK);
+    umb_asset_get_info(umbs_entry_asset(entry), &info);
+    assert_int_equal(info.encoding, UMB_ENCODING_MAPPED);
     umbs_entry_release(entry);
 }
 

@@ -1,0 +1,18 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
+#define UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
+/*
+ * What a file system is good for: locks and shared memory of files hold for all processes that see
+ * a file only where one kernel has it. Sources: statfs(2), linux/magic.h.
+ */
+
+enum umbs_reach {
+    UMBS_REACH_LOCAL,   /* of this kernel alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
+    UMBS_REACH_UNKNOWN, /* overlay and all that is not listed */
+    UMBS_REACH_NETWORK, /* other machines may have it: NFS, SMB, Lustre, Ceph, FUSE, 9p, GPFS */
+};
+
+/* Reach of the file system of an open file. Out: name: of it, static; may be NULL. */
+enum umbs_reach umbs_file_system(int fd, const char **name);
+
+#endif

@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
+#define UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
+/*
+ * Folders and files that no other user can change. "Ours" is what belongs to this process' user or
+ * to root; POSIX ACLs that let others write show as write permission of the group.
+ */
+#include <sys/stat.h>
+#include "umbrage/status.h"
+
+/*
+ * Resolves a folder and checks that only this user and root can put files into it, take files out
+ * of it, or put another folder in its place: it is ours and only its owner may write to it, and the
+ * same holds for all folders above, where a sticky one (/tmp) may be written to by all.
+ *
+ * Out:   resolved: its path without links, malloc; NULL on failure.
+ * Fails: E_PERMISSION (names the folder at fault, its owner and mode), E_NO_INPUT, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbs_private_folder(const char *path, char **resolved,
+                                                struct umb_error *error);
+
+/* 1 if an open file is regular, ours, has one name only and no other user may write to it. */
+int umbs_private_file(const struct stat *facts);
+
+#endif
