@@ -46,6 +46,7 @@ static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *
     const struct umbd_options *options = &daemon->options;
     const struct umbj_service_options service = {
         .folder = options->jobs,
+        .table = options->jobs_db,
         .program = options->bake_program,
         .sandbox = options->job_sandbox,
         .slurm = strcmp(options->executor, "slurm") == 0,

@@ -14,6 +14,7 @@
 
 #include "common/private_folder.h"
 #include "daemon/daemon.h"
+#include "jobs/job_place.h"
 
 static enum umb_status check_stores(const struct umbd_options *options, struct umb_error *error)
 {
@@ -88,6 +89,15 @@ static enum umb_status check_cache(const char *path, struct umb_error *error)
     return status;
 }
 
+/* Where the table goes. Of a jobs folder that is not there yet the start will tell. */
+static enum umb_status check_table(const struct umbd_options *options, struct umb_error *error)
+{
+    struct umbj_place place;
+    return options->jobs_db != NULL || access(options->jobs, F_OK) == 0
+               ? umbj_place_check(options->jobs, options->jobs_db, &place, error)
+               : UMB_OK;
+}
+
 static bool is_in_path(const char *name)
 {
     const char *path = getenv("PATH");
@@ -120,6 +130,9 @@ static enum umb_status check_jobs(const struct umbd_options *options, struct umb
     enum umb_status status = check_folder("--jobs", options->jobs, error);
     if (status == UMB_OK) {
         status = umbd_daemon_check_apart(options, options->jobs, error);
+    }
+    if (status == UMB_OK) {
+        status = check_table(options, error);
     }
     if (status == UMB_OK && options->bake_program != NULL &&
         access(options->bake_program, X_OK) != 0) {

@@ -90,6 +90,8 @@ static const struct option table[] = {
      "let other machines connect although there is no --token-file and no --tls-client-ca"},
     {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
      "take scenes over the network and bake them; all about them is in DIR, which is no --store"},
+    {"--jobs-db", KIND_TEXT, AT(jobs_db), 0, 0, "FILE",
+     "job table, on a local disk; default: jobs.db in the folder of --jobs"},
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--job-sandbox", KIND_TEXT, AT(job_sandbox), 0, 0, "MODE",

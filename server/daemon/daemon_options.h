@@ -48,6 +48,7 @@ struct umbd_options {
     uint64_t max_age_ms;        /* of a connection, 0 = any */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
     const char *jobs;                   /* folder of the job service, or NULL */
+    const char *jobs_db;                /* file of the job table, NULL = in the folder */
     const char *bake_program;           /* umbrage-bake, NULL = beside this program */
     uint32_t bake_workers;              /* bakes at once */
     uint32_t bake_threads;              /* of one */

@@ -6,7 +6,13 @@
 #include <stddef.h>
 #include <string.h>
 
-#define BUSY_MS 5000 /* somebody may be looking at the table with sqlite3 */
+#define BUSY_MS     5000 /* somebody may be looking at the table with sqlite3 */
+#define ANSWER_SIZE 32
+
+/* A mode that the database must have. */
+struct mode {
+    const char *set, *ask, *answer;
+};
 
 static enum umb_status status_of(int code)
 {
@@ -37,10 +43,41 @@ static enum umb_status fail(const struct umbj_sql *sql, int code, struct umb_err
                     sql->database != NULL ? sqlite3_errmsg(sql->database) : sqlite3_errstr(code));
 }
 
+/* The answer to a pragma, as text. */
+static enum umb_status take_answer(void *user, sqlite3_stmt *row)
+{
+    umbj_sql_text(row, 0, user, ANSWER_SIZE);
+    return UMB_OK;
+}
+
+/*
+ * Sets one mode and asks for it: SQLite answers a mode that the file system or its build does not
+ * allow with the one that it keeps, and no error.
+ */
+static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
+                              struct umb_error *error)
+{
+    char answer[ANSWER_SIZE] = "";
+    enum umb_status status = umbj_sql_run(sql, error, NULL, NULL, mode->set, "");
+    if (status == UMB_OK) {
+        status = umbj_sql_run(sql, error, take_answer, answer, mode->ask, "");
+    }
+    if (status == UMB_OK && strcmp(answer, mode->answer) != 0) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED,
+                          "job table: '%s' gives '%.20s', not '%s': what was acknowledged would "
+                          "not survive a power cut; put it on a local disk (--jobs-db)",
+                          mode->set, answer, mode->answer);
+    }
+    return status;
+}
+
 enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql, struct umb_error *error)
 {
-    static const char *const setup[] = {"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
-                                        "PRAGMA foreign_keys=ON"};
+    static const struct mode modes[] = {
+        {"PRAGMA journal_mode=WAL", "PRAGMA journal_mode", "wal"},
+        {"PRAGMA synchronous=FULL", "PRAGMA synchronous", "2"},
+        {"PRAGMA foreign_keys=ON", "PRAGMA foreign_keys", "1"},
+    };
     const int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
     const int code = sqlite3_open_v2(path, &sql->database, flags, NULL);
     enum umb_status status = code == SQLITE_OK ? UMB_OK : fail(sql, code, error);
@@ -48,8 +85,8 @@ enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql, struct umb
         (void)sqlite3_extended_result_codes(sql->database, 1);
         (void)sqlite3_busy_timeout(sql->database, BUSY_MS);
     }
-    for (size_t i = 0; status == UMB_OK && i < sizeof setup / sizeof setup[0]; i++) {
-        status = umbj_sql_run(sql, error, NULL, NULL, setup[i], "");
+    for (size_t i = 0; status == UMB_OK && i < sizeof modes / sizeof modes[0]; i++) {
+        status = set_up(sql, &modes[i], error);
     }
     if (status != UMB_OK) {
         umbj_sql_close(sql);

@@ -18,7 +18,8 @@ struct umbj_sql {
 };
 
 /* Opens or makes a database and sets it up. Fails: E_CANNOT_CREATE, E_CORRUPT (not a database),
- * E_BUSY (another process writes to it), E_IO, E_NO_MEMORY. */
+ * E_BUSY (another process writes to it), E_UNSUPPORTED (it cannot have the journal or be synced as
+ * said above), E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql,
                                           struct umb_error *error);
 void umbj_sql_close(struct umbj_sql *sql);

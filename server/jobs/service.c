@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -166,16 +165,32 @@ static int64_t sleep_ms(struct umbj_service *service)
     return when > now ? when - now : 1;
 }
 
+/* Shows that this daemon is alive, and learns if another one took it for dead. */
+static void beat(struct umbj_service *service)
+{
+    struct umb_error error;
+    const enum umb_status status = umbj_place_beat(&service->place, &error);
+    if (status == UMB_E_STATE && !service->lost) {
+        service->lost = 1;
+        umbj__log_error(service, "jobs_lost", &error);
+    } else if (status != UMB_OK && status != UMB_E_STATE) {
+        umbj__log_error(service, "jobs_beat", &error); /* tried again */
+    }
+}
+
 static void housekeeping(struct umbj_service *service)
 {
     struct umb_error error;
+    beat(service);
     const int64_t now = umbj__steady_ms(service);
     umbj__look_at_loading(service);
     if (now >= service->look_at_ms) {
         service->look_at_ms = now + LOOK_MS;
         expire(service);
     }
-    claim(service);
+    if (!service->lost) {
+        claim(service);
+    }
     if (now >= service->prune_at_ms) {
         service->prune_at_ms = now + PRUNE_MS;
         const int64_t before = umbj__unix_ms(service) - (int64_t)service->options.keep_ms;
@@ -266,17 +281,11 @@ static enum umb_status open_folder(struct umbj_service *service, struct umb_erro
         return status;
     }
     service->folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    service->lock = service->folder >= 0 ? openat(service->folder, "lock",
-                                                  O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0600)
-                                         : -1;
-    if (service->lock < 0) {
+    if (service->folder < 0) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "--jobs: cannot use '%.150s'",
                               path);
     }
-    if (flock(service->lock, LOCK_EX | LOCK_NB) != 0) {
-        return umb_fail_errno(error, UMB_E_BUSY, errno,
-                              "--jobs: '%.150s' belongs to another daemon", path);
-    }
+    status = umbj_place_take(path, service->options.table, &service->place, error);
     for (size_t i = 0; status == UMB_OK && i < sizeof names / sizeof names[0]; i++) {
         status = umbj_folder_make(service->folder, names[i], error);
     }
@@ -303,9 +312,7 @@ static enum umb_status make_absolute(const char **path, char absolute[4096],
 static enum umb_status open_table(const struct umbj_service *service, struct umbj_table **out,
                                   struct umb_error *error)
 {
-    char path[4200];
-    snprintf(path, sizeof path, "%s/jobs.db", service->options.folder);
-    return umbj_table_open(path, &service->options.limits, out, error);
+    return umbj_table_open(service->place.table_path, &service->options.limits, out, error);
 }
 
 /* NULL: bakes run here. */
@@ -369,7 +376,8 @@ static void init_service(struct umbj_service *service, const struct umbj_service
     service->options = *options;
     service->clocks = options->clocks != NULL ? *options->clocks : system_clocks;
     service->executor = options->executor;
-    service->folder = service->lock = -1;
+    service->folder = -1;
+    umbj_place_init(&service->place);
     pthread_mutex_init(&service->mutex, NULL);
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
@@ -482,7 +490,8 @@ void umbj_service_destroy(struct umbj_service *service)
         request->done(request);
         request = next_request(service, 0);
     }
-    if (service->opened && umbj_table_release(service->table, &error) != UMB_OK) {
+    if (service->opened && !service->lost &&
+        umbj_table_release(service->table, &error) != UMB_OK) {
         umbj__log_error(service, "job_release", &error); /* then they are lost ones */
     }
     umbj_table_close(service->table);
@@ -490,9 +499,7 @@ void umbj_service_destroy(struct umbj_service *service)
     free(service->loading);
     leave_uploads(service);
     umbj_file_threads_destroy(service->file_threads);
-    if (service->lock >= 0) {
-        close(service->lock);
-    }
+    umbj_place_release(&service->place);
     if (service->folder >= 0) {
         close(service->folder);
     }

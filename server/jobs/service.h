@@ -21,7 +21,8 @@
  * Assets lie in a folder of their own in that of the jobs, and nothing else does: what an operator
  * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
  *
- * One daemon a jobs folder: a lock file says so.
+ * One daemon a jobs folder and table: job_place.h. A daemon that learns that another one took over
+ * starts no job and takes no submission any more; what it still reports is fenced by the epoch.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -44,6 +45,7 @@ struct umbj_clocks {
 
 struct umbj_service_options {
     const char *folder;      /* of the jobs; made if it is not there */
+    const char *table;       /* file of the job table; NULL = FOLDER/jobs.db */
     const char *program;     /* umbrage-bake; NULL = beside the running program */
     const char *sandbox;     /* of umbrage-bake --sandbox; NULL = required */
     int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */

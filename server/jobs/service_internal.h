@@ -6,6 +6,7 @@
 #include <pthread.h>
 #include "jobs/executor.h"
 #include "jobs/file_threads.h"
+#include "jobs/job_place.h"
 #include "jobs/service.h"
 
 /* A job that is done and whose asset the daemon does not serve yet. */
@@ -29,7 +30,9 @@ struct umbj_service {
     char program[4096];
     char folder_path[4096], assets_path[4200],
         work_path[4200]; /* absolute: workers run elsewhere */
-    int folder, lock;    /* descriptors */
+    int folder;              /* descriptor */
+    struct umbj_place place; /* of the folder and the table: ours alone */
+    int lost;                /* another daemon took it over: this one starts nothing any more */
     struct umbj_table *table;
     struct umbj_board *board;
     struct umbj_executor *executor;

@@ -91,6 +91,15 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
+/* A daemon that another one took for dead must not promise anything. */
+static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
+{
+    return !service->lost ? UMB_OK
+                          : umb_fail(error, UMB_E_UNAVAILABLE,
+                                     "jobs: another daemon has taken over '%.150s'",
+                                     service->options.folder);
+}
+
 enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
                                     const struct umbj_manifest *manifest,
                                     const struct umbj_prepared *prepared, struct umbj_job *job,
@@ -99,7 +108,11 @@ enum umb_status umbj_service_submit(struct umbj_service *service, const char *ow
     const uint8_t *key = prepared->key;
     *upload = NULL;
     memset(job, 0, sizeof *job);
-    enum umb_status status = umbj_table_find_same(service->table, owner, key, job, error);
+    enum umb_status status = check_ours(service, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umbj_table_find_same(service->table, owner, key, job, error);
     if (status == UMB_OK) {
         disown_missing(service, job);
         status = umbj_table_find_same(service->table, owner, key, job, error);
@@ -129,8 +142,11 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
         .settings = prepared->settings,
         .bundle_bytes = (int64_t)prepared->bytes,
     };
-    enum umb_status status =
-        umbj_table_submit(service->table, &submission, umbj__unix_ms(service), job, &is_new, error);
+    enum umb_status status = check_ours(service, error);
+    if (status == UMB_OK) {
+        status = umbj_table_submit(service->table, &submission, umbj__unix_ms(service), job,
+                                   &is_new, error);
+    }
     drop_promise(service, upload); /* now it counts as a job; or the bundle goes */
     if (status == UMB_OK && is_new) {
         atomic_fetch_add(&service->counters.submitted, 1);

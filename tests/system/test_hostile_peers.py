@@ -8,6 +8,7 @@ time. Each is held to its bound, and others are answered meanwhile.
 """
 import gzip
 import os
+import shutil
 import socket
 import struct
 import subprocess
@@ -250,6 +251,7 @@ def fill(store, count):
     """The same asset under many names, in a store without a place for its cache: each is read,
     proven and expanded on its own, which takes its time."""
     os.makedirs(store, exist_ok=True)
+    shutil.rmtree(os.path.join(store, ".umbrage-cache"), ignore_errors=True)
     with open(os.path.join(store, ".umbrage-cache"), "w", encoding="ascii"):
         pass
     for i in range(count):
