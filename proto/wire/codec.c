@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/utf8.h"
+#include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
 
 #define EXPANSION_FACTOR 16 /* a Light of 150 bytes takes about 450 */
@@ -36,12 +37,52 @@ static void budget_free(void *user, void *block)
     free(block);
 }
 
+/*
+ * Counts the fields that the descriptor does not know, in sub-messages too: protobuf-c keeps each
+ * with an allocation of its own, so two bytes of a message become a hundred of memory.
+ */
+static enum umb_status count_unknown(const ProtobufCMessageDescriptor *descriptor,
+                                     const uint8_t *bytes, size_t size, size_t *count,
+                                     struct umb_error *error)
+{
+    const uint8_t *at = bytes;
+    const uint8_t *const end = bytes + size;
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK && at < end) {
+        struct umbw_item item;
+        status = umbw_item_read(bytes, &at, end, &item, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+        const ProtobufCFieldDescriptor *field =
+            protobuf_c_message_descriptor_get_field(descriptor, item.number);
+        if (field == NULL && ++*count > UMBW_FIELDS_MAX) {
+            return umb_fail(error, UMB_E_TOO_LARGE, "message: has more than %d unknown fields",
+                            UMBW_FIELDS_MAX);
+        }
+        if (field != NULL && field->type == PROTOBUF_C_TYPE_MESSAGE &&
+            item.type == UMBW_WIRE_BYTES) {
+            status =
+                count_unknown(field->descriptor, item.payload, item.payload_size, count, error);
+        }
+    }
+    return status;
+}
+
 enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor,
                                     const uint8_t *bytes, size_t size, ProtobufCMessage **out,
                                     struct umb_error *error)
 {
     static const uint8_t nothing;
     struct budget budget = {.left = EXPANSION_BASE};
+    size_t unknown = 0;
+    *out = NULL;
+    if (size > UMBW_SCRATCH_MAX) { /* fewer bytes hold too few fields to matter */
+        enum umb_status status = count_unknown(descriptor, bytes, size, &unknown, error);
+        if (status != UMB_OK) {
+            return status;
+        }
+    }
     if (size < (SIZE_MAX - EXPANSION_BASE) / EXPANSION_FACTOR) {
         budget.left += size * EXPANSION_FACTOR;
     }

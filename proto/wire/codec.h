@@ -14,7 +14,8 @@
  *
  * In:    descriptor: of the message type.
  * Out:   out: freed by the caller with umbw_message_free; NULL on failure.
- * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE (it would expand to more than 1 MiB and 16
+ * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE (more than UMBW_FIELDS_MAX fields in it and
+ *        its sub-messages that the type does not have, or it would expand to more than 1 MiB and 16
  *        times its size: hostile nesting of empty fields), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor,

@@ -8,6 +8,7 @@
 
 #include <stdlib.h>
 #include <zlib.h>
+#include "wire/bakes.h"
 #include "wire/gunzip.h"
 #include "wire/proto_scan.h"
 #include "wire/reflection.h"
@@ -50,6 +51,52 @@ static void gunzip_takes_up_to_its_limit_and_not_one_byte_more(void **state)
                          UMB_E_TOO_LARGE);
         assert_null(out);
     }
+}
+
+/* A field of bytes: tag, length in five bytes; returns the head's length. */
+static size_t put_head(uint8_t *at, uint32_t number, size_t size)
+{
+    at[0] = (uint8_t)(number << 3 | UMBW_WIRE_BYTES);
+    for (int i = 0; i < 5; i++) {
+        at[1 + i] = (uint8_t)((size >> (7 * i) & 127) | (i < 4 ? 128 : 0));
+    }
+    return 6;
+}
+
+/* `count` fields of number 15, which none of our messages has, two bytes each. */
+static size_t put_unknown(uint8_t *at, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        at[2 * i] = 15 << 3;
+        at[2 * i + 1] = 0;
+    }
+    return 2 * count;
+}
+
+/* protobuf-c keeps each with an allocation of its own, in sub-messages too. A long text makes the
+ * budget of memory large, so that the count alone decides. */
+static void unknown_fields_are_counted_before_they_are_unpacked(void **state)
+{
+    (void)state;
+    const size_t text = (size_t)4 << 20;
+    uint8_t *message = malloc(text + 3 * UMBW_FIELDS_MAX);
+    assert_non_null(message);
+    for (size_t over = 0; over <= 1; over++) {
+        struct umbw_submit_request request;
+        struct umb_error error = {0};
+        const size_t unknown = UMBW_FIELDS_MAX + over;
+        size_t size = put_head(message, 1, 6 + text + 6 + 2 * unknown); /* the manifest */
+        size += put_head(message + size, 1, text);                      /* its scene */
+        memset(message + size, 'a', text);
+        size += text;
+        size += put_head(message + size, 2, 2 * unknown); /* a file */
+        size += put_unknown(message + size, unknown);
+        enum umb_status status = umbw_decode_submit_request(message, size, &request, &error);
+        assert_int_equal(status == UMB_E_TOO_LARGE, over);
+        assert_true(!over || strstr(error.message, "unknown fields") != NULL);
+        umbw_manifest_finish(&request.manifest);
+    }
+    free(message);
 }
 
 static void gunzip_refuses_every_prefix_and_trailing_bytes(void **state)
@@ -181,6 +228,7 @@ static void limits_survive_their_codec(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(unknown_fields_are_counted_before_they_are_unpacked),
         cmocka_unit_test(gunzip_takes_up_to_its_limit_and_not_one_byte_more),
         cmocka_unit_test(gunzip_refuses_every_prefix_and_trailing_bytes),
         cmocka_unit_test(reflection_answers_or_refuses_every_flipped_request),
