@@ -74,7 +74,7 @@ void umbd_call_destroy(struct umbd_call *call)
     if (call->batch != NULL) {
         /* The workers may still read it: its bytes stay counted until the loop gets it back. */
         call->batch->charged = call->charged;
-        conn->buffered -= call->charged;
+        umbd_conn_hand_over(conn, call->charged);
         umbd_pool_cancel(daemon->pool, call->batch);
     } else {
         umbd_conn_uncharge(conn, call->charged);
@@ -89,13 +89,17 @@ void umbd_call_destroy(struct umbd_call *call)
     }
     conn->call_count--;
     conn->last_call_ms = uv_now(&conn->loop->uv);
+    if (call->admitted) {
+        conn->working--;
+        conn->last_work_ms = conn->last_call_ms;
+    }
     umbd_conn_uncharge(conn, UMBD_CALL_BYTES);
     umbw_reader_finish(&call->reader);
     umbw_buffer_finish(&call->out);
     umbd_stream_drop(call);
     umbd_call_drop_message(call);
     umbd_kept_frame_drop(&call->kept_frame);
-    free(call->watch_service);
+    umbd_service_health_end(call);
     free(call);
 }
 
@@ -195,37 +199,48 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
     }
 }
 
-/* Every method: its path, what it may have more than one of, who answers it, and, where the end of
- * the requests asks for more than the end of the replies, who does that. */
+#define OPEN_BYTES  1024 /* of a request without rights: a service's name of 255 bytes */
+#define SMALL_BYTES 4096 /* of a request that is a name or an id and a few numbers */
+
+/* Every method: its path, what it may have more than one of, who answers it, where the end of
+ * the requests asks for more than the end of the replies, who does that, and the size of a request
+ * message where it is not --max-message. */
 static const struct {
     const char *path;
     int takes_many, gives_many;
     void (*serve)(struct umbd_call *call);
     void (*end)(struct umbd_call *call);
+    size_t most_bytes;
 } methods[UMBD_METHOD_UNKNOWN] = {
     [UMBD_METHOD_QUERY] = {UMBW_PATH_QUERY, 0, 0, umbd_service_query, NULL},
     [UMBD_METHOD_QUERY_STREAM] = {UMBW_PATH_STREAM, 1, 1, umbd_service_query, NULL},
-    [UMBD_METHOD_DESCRIBE] = {UMBW_PATH_DESCRIBE, 0, 0, umbd_service_describe, NULL},
-    [UMBD_METHOD_LIST] = {UMBW_PATH_LIST, 0, 0, umbd_service_list, NULL},
-    [UMBD_METHOD_LIMITS] = {UMBW_PATH_LIMITS, 0, 0, umbd_service_limits, NULL},
+    [UMBD_METHOD_DESCRIBE] = {UMBW_PATH_DESCRIBE, 0, 0, umbd_service_describe, NULL, SMALL_BYTES},
+    [UMBD_METHOD_LIST] = {UMBW_PATH_LIST, 0, 0, umbd_service_list, NULL, SMALL_BYTES},
+    [UMBD_METHOD_LIMITS] = {UMBW_PATH_LIMITS, 0, 0, umbd_service_limits, NULL, SMALL_BYTES},
     [UMBD_METHOD_BAKES_SUBMIT] = {UMBW_PATH_BAKES_SUBMIT, 1, 0, umbd_service_bakes_submit,
                                   umbd_service_bakes_submit_end},
-    [UMBD_METHOD_BAKES_WATCH] = {UMBW_PATH_BAKES_WATCH, 0, 1, umbd_service_bakes_watch, NULL},
-    [UMBD_METHOD_BAKES_CANCEL] = {UMBW_PATH_BAKES_CANCEL, 0, 0, umbd_service_bakes_cancel, NULL},
-    [UMBD_METHOD_BAKES_LIST] = {UMBW_PATH_BAKES_LIST, 0, 0, umbd_service_bakes_list, NULL},
-    [UMBD_METHOD_BAKES_FETCH] = {UMBW_PATH_BAKES_FETCH, 0, 1, umbd_service_bakes_fetch, NULL},
-    [UMBD_METHOD_BAKES_DELETE] = {UMBW_PATH_BAKES_DELETE, 0, 0, umbd_service_bakes_delete, NULL},
+    [UMBD_METHOD_BAKES_WATCH] = {UMBW_PATH_BAKES_WATCH, 0, 1, umbd_service_bakes_watch, NULL,
+                                 SMALL_BYTES},
+    [UMBD_METHOD_BAKES_CANCEL] = {UMBW_PATH_BAKES_CANCEL, 0, 0, umbd_service_bakes_cancel, NULL,
+                                  SMALL_BYTES},
+    [UMBD_METHOD_BAKES_LIST] = {UMBW_PATH_BAKES_LIST, 0, 0, umbd_service_bakes_list, NULL,
+                                SMALL_BYTES},
+    [UMBD_METHOD_BAKES_FETCH] = {UMBW_PATH_BAKES_FETCH, 0, 1, umbd_service_bakes_fetch, NULL,
+                                 SMALL_BYTES},
+    [UMBD_METHOD_BAKES_DELETE] = {UMBW_PATH_BAKES_DELETE, 0, 0, umbd_service_bakes_delete, NULL,
+                                  SMALL_BYTES},
     [UMBD_METHOD_REGIONS_STREAM] = {UMBW_PATH_REGIONS_STREAM, 0, 1, umbd_service_regions, NULL},
     [UMBD_METHOD_REGIONS_FOLLOW] = {UMBW_PATH_REGIONS_FOLLOW, 1, 1, umbd_service_regions, NULL},
     [UMBD_METHOD_REGIONS_DERIVE] = {UMBW_PATH_REGIONS_DERIVE, 0, 1, umbd_service_derive, NULL},
     [UMBD_METHOD_SEGMENTS] = {UMBW_PATH_SEGMENTS, 0, 0, umbd_service_segments, NULL},
     [UMBD_METHOD_COLUMNS] = {UMBW_PATH_COLUMNS, 0, 0, umbd_service_columns, NULL},
     [UMBD_METHOD_BOXES] = {UMBW_PATH_BOXES, 0, 0, umbd_service_boxes, NULL},
-    [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check, NULL},
-    [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch, NULL},
-    [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection, NULL},
+    [UMBD_METHOD_CHECK] = {UMBW_PATH_CHECK, 0, 0, umbd_service_health_check, NULL, OPEN_BYTES},
+    [UMBD_METHOD_WATCH] = {UMBW_PATH_WATCH, 0, 1, umbd_service_health_watch, NULL, OPEN_BYTES},
+    [UMBD_METHOD_REFLECTION] = {UMBW_PATH_REFLECTION, 1, 1, umbd_service_reflection, NULL,
+                                SMALL_BYTES},
     [UMBD_METHOD_REFLECTION_ALPHA] = {UMBW_PATH_REFLECTION_ALPHA, 1, 1, umbd_service_reflection,
-                                      NULL},
+                                      NULL, SMALL_BYTES},
 #ifdef UMBRAGE_TEST_SERVICE
     [UMBD_METHOD_TEST_EMPTY] = {"/grpc.testing.TestService/EmptyCall", 0, 0, umbd_interop_empty,
                                 NULL},
@@ -285,10 +300,30 @@ static int pays_with_request(enum umbd_method method)
            umbd_method_takes_many(method);
 }
 
+int umbd_call_is_open(const struct umbd_call *call)
+{
+    return call->refusal != UMBD_REFUSE_NOTHING || call->method == UMBD_METHOD_CHECK ||
+           call->method == UMBD_METHOD_WATCH || call->method == UMBD_METHOD_UNKNOWN;
+}
+
+/* Its rights were looked at: the connection does real work. */
+static void admit(struct umbd_call *call)
+{
+    call->admitted = 1;
+    call->conn->working++;
+    call->conn->last_work_ms = call->started_ms;
+    if (!pays_with_request(call->method)) {
+        (void)umbd_call_take_points(call, UMBD_CALL_POINTS);
+    }
+}
+
 void umbd_call_headers_end(struct umbd_call *call)
 {
     call->headers_whole = 1;
     call->method = method_of(call->path);
+    if (call->method < UMBD_METHOD_UNKNOWN && methods[call->method].most_bytes > 0) {
+        call->reader.max_message = methods[call->method].most_bytes;
+    }
     umbd_count(&call->conn->loop->daemon->metrics.started[call->method], 1);
     if (!call->is_post) {
         call->refusal = UMBD_REFUSE_METHOD; /* answered at the end of the request */
@@ -301,9 +336,14 @@ void umbd_call_headers_end(struct umbd_call *call)
     } else if (call->bad_timeout) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
                        "grpc-timeout: must be 1 to 8 digits and one of H, M, S, m, u, n");
-    } else if (umbd_call_is_allowed(call) && !pays_with_request(call->method)) {
-        (void)umbd_call_take_points(call, UMBD_CALL_POINTS);
+    } else if (umbd_call_is_open(call)) {
+        (void)umbd_call_take_open(call);
+        return;
+    } else if (umbd_call_is_allowed(call)) {
+        admit(call);
+        return;
     }
+    umbd_call_refused(call);
 }
 
 void umbd_call_drop_message(struct umbd_call *call)
@@ -391,7 +431,7 @@ static enum umb_status inflate_message(struct umbd_call *call, const uint8_t *me
                              : "message prefix: compressed, but grpc-encoding says identity");
         return UMB_E_PROTOCOL;
     }
-    size_t limit = (size_t)call->conn->loop->daemon->options.max_message;
+    const size_t limit = call->reader.max_message;
     uint64_t from = umbd_conn_began(call->conn);
     enum umb_status status = umbw_gunzip(message, size, limit, out, out_size, &error);
     umbd_conn_spent(call->conn, from);
@@ -467,7 +507,9 @@ void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
     }
     if (status == UMB_E_TOO_LARGE) {
         size_t length = strlen(error.message);
-        snprintf(error.message + length, sizeof error.message - length, " (--max-message)");
+        const int fixed = call->reader.max_message < call->conn->loop->daemon->options.max_message;
+        snprintf(error.message + length, sizeof error.message - length, " (%s)",
+                 fixed ? "of this method" : "--max-message");
     } else if (status == UMB_E_NO_MEMORY) {
         snprintf(error.message, sizeof error.message, "server: out of memory for the request");
     }
@@ -513,6 +555,9 @@ static int is_body_late(struct umbd_call *call, uint64_t now_ms)
     const struct umbd_options *options = &call->conn->loop->daemon->options;
     if (call->request_ended || call->reply_ended) {
         return 0;
+    }
+    if (umbd_call_is_open(call)) {
+        return now_ms - call->started_ms > UMBD_OPEN_BODY_MS;
     }
     if (!umbd_method_takes_many(call->method)) {
         return now_ms - call->started_ms > body_limit_ms(call);

@@ -26,6 +26,7 @@
 #define UMBD_GRACE_MS          1000  /* between an early failure and the reset of the upload */
 #define UMBD_PUSHBACK_MS       50    /* a full queue of slices drains in about that time */
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
+#define UMBD_OPEN_BODY_MS      2000  /* for the request of a call that needs no rights */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
 #define UMBD_CALL_BYTES        5120  /* counted for a call itself: struct, kept block, nghttp2's */
@@ -70,6 +71,7 @@ struct umbd_call {
     int reset_early; /* cancelled by the peer before it was opened */
     int headers_whole, request_ended, discarding;
     enum umbd_method method;
+    int admitted; /* It needs rights, and had them when it began */
     enum umbd_refusal refusal;
     struct umbw_reader reader;
     uint64_t body_bytes;
@@ -193,6 +195,10 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 /* 1 if a batch or an errand of the call is under way: it serves no further message. */
 int umbd_call_is_busy(const struct umbd_call *call);
 
+/* 1 if the call needs no rights: health, and what is answered by a refusal. Such a call has little
+ * time, never keeps its connection from eviction, and is not waited for by a drain. */
+int umbd_call_is_open(const struct umbd_call *call);
+
 /* 1 if the method takes, or gives, more than one message. */
 int umbd_method_asks_points(enum umbd_method method);
 int umbd_method_asks_space(enum umbd_method method);
@@ -275,7 +281,13 @@ void umbd_service_bakes_fetch(struct umbd_call *call);
 void umbd_service_bakes_more(struct umbd_call *call);
 void umbd_service_bakes_delete(struct umbd_call *call);
 
-/* Tells a Watch call the current state if it changed. Asset states are looked at once a second. */
+/* Tells a Watch call the current state if it changed. Asset states are looked at once a second.
+ * _end: the call goes. */
 void umbd_service_health_update(struct umbd_call *call);
+void umbd_service_health_end(struct umbd_call *call);
+
+/* Resets a call that needs no rights, if its peer has not sent or not taken all of it: a drain does
+ * not wait for that (drain.c). Drops the answer that is queued, so flush before. */
+void umbd_call_cut_open(struct umbd_call *call);
 
 #endif

@@ -141,7 +141,7 @@ static void abandon_batch(struct umbd_call *call)
         struct umbd_batch *batch = call->batch;
         call->batch = NULL;
         batch->charged = call->charged;
-        call->conn->buffered -= call->charged;
+        umbd_conn_hand_over(call->conn, call->charged);
         call->charged = 0;
         umbd_pool_cancel(call->conn->loop->daemon->pool, batch);
     }
@@ -205,6 +205,17 @@ void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error)
     call->owed_bytes = 0;
     call->reply_ended = 0; /* whatever was to be its end has not been sent */
     umbd_call_fail_status(call, error->status, error);
+}
+
+void umbd_call_cut_open(struct umbd_call *call)
+{
+    if (call->reset || call->reset_early ||
+        (call->headers_whole && call->request_ended && umbd_call_unsent(call) == 0)) {
+        return;
+    }
+    call->reset = 1;
+    nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
+                              call->headers_whole ? NGHTTP2_NO_ERROR : NGHTTP2_REFUSED_STREAM);
 }
 
 static void respond_grpc(struct umbd_call *call)

@@ -59,6 +59,7 @@ static struct umbd_token *find_token(struct umbd_call *call)
     struct umbd_tokens *tokens = conn->loop->daemon->tokens;
     unsigned generation = umbd_tokens_generation(tokens);
     if (conn->tokens == NULL || conn->token_generation != generation) {
+        umbd_conn_doubt(conn);
         umbd_conn_forget_rights(conn);
         conn->tokens = umbd_tokens_acquire(tokens);
         conn->token_generation = generation;
@@ -123,7 +124,11 @@ int umbd_call_is_allowed(struct umbd_call *call)
                        "tls:, or --token-file)");
         return 0;
     }
-    if (daemon->tokens == NULL || scope == UMBD_SCOPE_NONE) {
+    if (scope == UMBD_SCOPE_NONE) {
+        return 1;
+    }
+    if (daemon->tokens == NULL) {
+        umbd_conn_prove(call->conn);
         return 1;
     }
     enum umb_status status = UMB_OK;
@@ -140,23 +145,60 @@ int umbd_call_is_allowed(struct umbd_call *call)
     if (status != UMB_OK) {
         umbd_count(&daemon->metrics.unauthorized, 1);
         umbd_call_fail_status(call, status, &error);
+        return 0;
     }
-    return status == UMB_OK;
+    umbd_conn_prove(call->conn);
+    return 1;
 }
 
-static int refuse_rate(struct umbd_call *call, const char *whose, uint64_t per_second,
-                       uint64_t wait_ns)
+int umbd_call_may_name_assets(struct umbd_call *call)
+{
+    const struct umbd_token *token = umbd_call_token(call);
+    return call->conn->loop->daemon->tokens == NULL ||
+           (token != NULL && (token->scopes & UMBD_SCOPE_QUERY) != 0);
+}
+
+static int refuse_rate(struct umbd_call *call, const char *whose, const char *what,
+                       uint64_t per_second, uint64_t wait_ns)
 {
     struct umb_error error;
     uint64_t wait_ms = wait_ns / 1000000 + 1;
-    enum umb_status status =
-        umb_fail(&error, UMB_E_BUSY,
-                 "rate: %s is at its limit of %llu points a second; try again in %llu ms", whose,
-                 (unsigned long long)per_second, (unsigned long long)wait_ms);
+    enum umb_status status = umb_fail(
+        &error, UMB_E_BUSY, "rate: %s is at its limit of %llu %s a second; try again in %llu ms",
+        whose, (unsigned long long)per_second, what, (unsigned long long)wait_ms);
     umbd_count(&call->conn->loop->daemon->metrics.rate_limited, 1);
     call->pushback_ms = (unsigned)wait_ms; /* an hour at most */
     umbd_call_fail_status(call, status, &error);
     return 0;
+}
+
+/* 1 if the address's rate of such calls holds with this one. */
+static int open_rate_holds(struct umbd_call *call, uint64_t *wait_ns)
+{
+    struct umbd_conn *conn = call->conn;
+    if (umbd_conn_is_local(conn) ||
+        umbd_rate_take(&conn->account->open_until_ns, UMBD_OPEN_CALLS_PER_SECOND, 1, umbd_now_ns(),
+                       wait_ns)) {
+        return 1;
+    }
+    if (!conn->proven) {
+        umbd_conn_hold(conn);
+    }
+    return 0;
+}
+
+void umbd_call_refused(struct umbd_call *call)
+{
+    uint64_t wait_ns;
+    (void)open_rate_holds(call, &wait_ns);
+}
+
+int umbd_call_take_open(struct umbd_call *call)
+{
+    uint64_t wait_ns = 0;
+    return open_rate_holds(call, &wait_ns) ||
+           refuse_rate(call, "the address", "calls without rights", UMBD_OPEN_CALLS_PER_SECOND,
+                       wait_ns);
 }
 
 int umbd_call_take_points(struct umbd_call *call, uint64_t points)
@@ -176,13 +218,13 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
     uint64_t now_ns = umbd_now_ns();
     if (!umbd_rate_take(&conn->account->paid_until_ns, options->address_rate, points, now_ns,
                         &wait_ns)) {
-        return refuse_rate(call, "the address", options->address_rate, wait_ns);
+        return refuse_rate(call, "the address", "points", options->address_rate, wait_ns);
     }
     if (conn->token != NULL &&
         !umbd_rate_take(&conn->token->paid_until_ns, conn->token->points_per_second, points, now_ns,
                         &wait_ns)) {
         umbd_rate_return(&conn->account->paid_until_ns, options->address_rate, points);
-        return refuse_rate(call, "the token", conn->token->points_per_second, wait_ns);
+        return refuse_rate(call, "the token", "points", conn->token->points_per_second, wait_ns);
     }
     return 1;
 }

@@ -25,10 +25,22 @@ UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char
                                               struct umbs_entry **out, struct umb_error *error);
 int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES]);
 
+/* 1 if health may say what it knows of an asset: with a token file, to tokens that may query. */
+int umbd_call_may_name_assets(struct umbd_call *call);
+
 /* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
  * call: RESOURCE_EXHAUSTED, with the time after which to come again, or, if a reload took its token
  * away meanwhile, as umbd_call_is_allowed. */
 int umbd_call_take_points(struct umbd_call *call, uint64_t points);
+
+/*
+ * Takes a call that needs no rights off its address's rate, UMBD_OPEN_CALLS_PER_SECOND, which is
+ * apart from --address-rate: a client's debts do not make a balancer take the server for ill. Unix
+ * sockets have none. Over it the call fails as above (_open), and a connection that has shown no
+ * right is not read from for a moment. _refused: the same for a call that fails anyway.
+ */
+int umbd_call_take_open(struct umbd_call *call);
+void umbd_call_refused(struct umbd_call *call);
 
 /* Lets go of what a connection remembers. */
 void umbd_conn_forget_rights(struct umbd_conn *conn);

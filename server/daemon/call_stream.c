@@ -11,7 +11,7 @@
  * Invariants: queue_bytes is the sum of the sizes in the queue; what is given back to the window
  * and what is in window_held add up to what was received; a failed call has an empty queue.
  */
-#include "daemon/call.h"
+#include "daemon/call_rights.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -161,7 +161,10 @@ void umbd_stream_pump(struct umbd_call *call)
         return;
     }
     if (call->request_ended) {
-        umbd_call_end_requests(call);
+        /* Each request pays for the call; one without any pays here. */
+        if (call->message_count > 0 || umbd_call_take_points(call, UMBD_CALL_POINTS)) {
+            umbd_call_end_requests(call);
+        }
     } else if (call->last_call) {
         umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
     }

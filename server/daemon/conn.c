@@ -17,7 +17,6 @@
 
 #define DOOMED_MS       5000   /* for a GOAWAY to leave and the peer to go */
 #define KEEPALIVE_S     60     /* until the kernel asks whether a silent peer is still there */
-#define ROOM_IDLE_MS    1000   /* connections idle for less are not closed to make room */
 #define SLOWEST_BYTES   16     /* a millisecond: what a peer must take while a reply waits */
 #define HOLD_MS         600000 /* in which it must take all that is held for it */
 #define AGE_SHARE       10     /* of --max-age, by which connections differ at most */
@@ -113,33 +112,11 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     say_bye(conn);
     umbd_conn_tls_finish(conn);
     umbd_conn_forget_rights(conn);
+    umbd_conn_leave(conn);
     umbd_peers_release(conn->loop->daemon->peers, conn->account, umbd_now_ns());
     umbd_loop_forget(conn);
     unlink_conn(conn);
     uv_close(&conn->socket.handle, on_closed);
-}
-
-int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option)
-{
-    struct umbd_daemon *daemon = conn->loop->daemon;
-    if (conn->buffered + bytes > daemon->options.connection_buffer) {
-        *limit = daemon->options.connection_buffer;
-        *option = "--connection-buffer";
-        return 0;
-    }
-    if (!umbd_daemon_charge(daemon, bytes)) {
-        *limit = daemon->options.max_buffer;
-        *option = "--max-buffer";
-        return 0;
-    }
-    conn->buffered += bytes;
-    return 1;
-}
-
-void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes)
-{
-    conn->buffered -= bytes;
-    umbd_daemon_uncharge(conn->loop->daemon, bytes);
 }
 
 /* Queues a GOAWAY and lets the session end; the tick closes what does not go. */
@@ -199,34 +176,27 @@ static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, cons
     } else {
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
-    return umbd_peers_acquire(daemon->peers, transport == UMBD_UNIX ? NULL : &address,
-                              daemon->options.max_address_connections, &conn->account, reason);
+    const struct sockaddr_storage *from = transport == UMBD_UNIX ? NULL : &address;
+    /* Who may open a Unix socket was let in by its mode, and is not told from others. */
+    const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
+    return umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason) ||
+           (umbd_conn_make_room_at(conn->loop, from) &&
+            umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason));
 }
 
-/* Connections that a loop may have: its share of all, since each gets as many as the others. */
-static size_t room_of(const struct umbd_loop *loop)
+/* Takes a TLS handshake off its address's rate. Returns 0 if there were too many. */
+static int may_shake_hands(struct umbd_conn *conn, const char **reason)
 {
-    const struct umbd_daemon *daemon = loop->daemon;
-    size_t loops = daemon->loop_count;
-    return (daemon->max_connections + loops - 1) / loops;
-}
-
-void umbd_conn_evict_idlest(struct umbd_loop *loop)
-{
-    uint64_t now_ms = uv_now(&loop->uv);
-    struct umbd_conn *idlest = NULL;
-    for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
-        if (conn->calls == NULL && now_ms - conn->last_call_ms >= ROOM_IDLE_MS &&
-            (idlest == NULL || conn->last_call_ms < idlest->last_call_ms)) {
-            idlest = conn;
-        }
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    uint64_t wait_ns = 0;
+    *reason = "too many TLS handshakes of one address";
+    if (umbd_rate_take(&conn->account->handshake_until_ns, daemon->options.address_handshakes, 1,
+                       umbd_now_ns(), &wait_ns)) {
+        return 1;
     }
-    if (idlest != NULL) {
-        umbd_count(&loop->daemon->metrics.connections_evicted, 1);
-        umbd_conn_doom(idlest, NGHTTP2_NO_ERROR);
-        umbd_conn_flush(idlest);
-        umbd_conn_close(idlest, "idle, and others want in");
-    }
+    umbd_count(&daemon->metrics.handshakes_refused, 1);
+    umbd_peers_release(daemon->peers, conn->account, umbd_now_ns());
+    return 0;
 }
 
 static void refuse(struct umbd_conn *conn, const char *reason)
@@ -260,20 +230,17 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
     const char *reason = "";
-    /* With as many connections as there may be, the one that has been idle longest makes room, so
-     * that peers who only connect cannot lock all others out. */
-    if (loop->conn_count >= room_of(loop)) {
-        umbd_conn_evict_idlest(loop);
-    }
-    if (code != 0 || loop->conn_count >= room_of(loop) || loop->drain >= UMBD_DRAIN_LAST) {
+    if (code != 0 || loop->drain >= UMBD_DRAIN_LAST || !umbd_conn_make_room(loop)) {
         refuse(conn, code != 0 ? uv_strerror(code) : "too many connections");
         return;
     }
-    if (!know_peer(conn, transport, &reason)) {
+    if (!know_peer(conn, transport, &reason) ||
+        (transport == UMBD_TLS && !may_shake_hands(conn, &reason))) {
         refuse(conn, reason);
         return;
     }
-    conn->opened_ms = conn->last_call_ms = conn->ticked_ms = uv_now(&loop->uv);
+    conn->opened_ms = conn->last_call_ms = conn->last_work_ms = conn->ticked_ms = uv_now(&loop->uv);
+    umbd_conn_enter(conn);
     conn->patience_ms = (int64_t)daemon->options.stall_timeout_ms;
     conn->retire_at_ms = retirement_ms(conn, daemon->options.max_age_ms);
     link_conn(conn);
@@ -371,6 +338,13 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
     const struct umbd_options *options = &conn->loop->daemon->options;
     if (!conn->settings_seen && now_ms - conn->opened_ms > options->handshake_timeout_ms) {
         cut_by_timer(conn, "handshake");
+        return;
+    }
+    if (conn->tls != NULL && !umbd_conn_tls_is_admitted(conn)) {
+        umbd_count(&conn->loop->daemon->metrics.tls_failures, 1);
+        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "conn_revoked",
+                       "peer=\"%s\" conn=%llu", conn->peer, (unsigned long long)conn->serial);
+        umbd_conn_close(conn, "its certificate is not admitted any more");
         return;
     }
     if (is_stalled(conn, now_ms)) {

@@ -38,7 +38,15 @@ struct umbd_conn {
     nghttp2_session *session;
     struct umbd_call *calls;
     size_t call_count;
-    size_t buffered; /* bytes of its calls and of its pending write */
+    size_t buffered;  /* bytes of its calls and of its pending write */
+    size_t allowance; /* Bytes that it may hold before it asks for more; see conn_room.c */
+    size_t taken;     /* Part of the allowance that its address's share gave */
+
+    struct umbd_conn *next_stranger, *previous_stranger; /* of the loop's, oldest first */
+    int proven;            /* A call of it was allowed by its rights: no stranger */
+    size_t working;        /* Number of its calls that were allowed by their rights */
+    uint64_t last_work_ms; /* uv_now when such a call last began or ended, or it was opened */
+    unsigned watches;      /* Number of its health Watches: 0 or 1 */
 
     struct umbd_peer_account *account; /* of its address */
     struct umbd_token_set *tokens;     /* the set that `token` was found in */
@@ -77,8 +85,24 @@ struct umbd_conn {
 /* Takes over a connected socket; closes it if there is no room or memory. */
 void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport);
 
-/* Closes the connection of the loop that has been idle longest, if one has been for a second. */
-void umbd_conn_evict_idlest(struct umbd_loop *loop);
+/*
+ * Room for connections (conn_room.c). _enter, _leave: for one that begins (a stranger) and one that
+ * is closed. _prove: a call was allowed by its rights; _doubt: its tokens were read again. _evict:
+ * closes one that can be missed. _make_room: the same if a newcomer needs it; 1 if there is room.
+ * _make_room_at: closes a stranger of the address, 1 if there was one. _relieve: closes strangers
+ * that hold more than their share of --max-buffer, once an event has set the loop's `crowded`.
+ */
+void umbd_conn_enter(struct umbd_conn *conn);
+void umbd_conn_leave(struct umbd_conn *conn);
+void umbd_conn_prove(struct umbd_conn *conn);
+void umbd_conn_doubt(struct umbd_conn *conn);
+void umbd_conn_evict(struct umbd_loop *loop);
+int umbd_conn_make_room(struct umbd_loop *loop);
+void umbd_conn_relieve(struct umbd_loop *loop);
+int umbd_conn_make_room_at(struct umbd_loop *loop, const struct sockaddr_storage *address);
+
+/* 1 if it came by a Unix socket: then its peer was let in by the file's mode. */
+int umbd_conn_is_local(const struct umbd_conn *conn);
 
 /* Begins to read (conn_io.c); 0 or libuv's error. */
 int umbd_conn_read_start(struct umbd_conn *conn);
@@ -122,9 +146,12 @@ void umbd_conn_last_call(struct umbd_conn *conn);
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
 
 /* Counts bytes held for the connection's calls; 1, or 0 if a budget would be passed (*limit and
- * *option then name it). */
+ * *option then name it). _hand_over: they are no longer the connection's, but still the daemon's.
+ */
 int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
 void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);
+void umbd_conn_hand_over(struct umbd_conn *conn, size_t bytes);
+void umbd_conn_charge_always(struct umbd_conn *conn, size_t bytes); /* past all budgets */
 
 /* NULL if it is gone. */
 struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial);

@@ -81,8 +81,7 @@ static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
     }
     write->count = count;
     conn->write_pending = 1;
-    conn->buffered += count;
-    atomic_fetch_add(&conn->loop->daemon->buffered, count);
+    umbd_conn_charge_always(conn, count);
     return 1;
 }
 
@@ -233,9 +232,8 @@ static void pause_if_long(struct umbd_conn *conn)
     }
 }
 
-static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buffer)
 {
-    struct umbd_conn *conn = stream->data;
     const uint8_t *bytes = (const uint8_t *)buffer->base;
     if (count < 0) {
         umbd_conn_close(conn, uv_strerror((int)count));
@@ -263,6 +261,15 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     } else {
         umbd_conn_flush(conn);
         pause_if_long(conn);
+    }
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = stream->data;
+    take_read(conn, count, buffer);
+    if (conn->loop->crowded) {
+        umbd_conn_relieve(conn->loop);
     }
 }
 

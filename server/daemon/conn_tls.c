@@ -12,14 +12,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KEPT_MAX 65536 /* bytes of records kept for a peer that takes none */
+#define KEPT_MAX  65536 /* bytes of records kept for a peer that takes none */
+#define LOOKS_MAX 256   /* certificates verified again in a tick: 20 ms */
 
 struct umbd_conn_tls {
     SSL *session;
     const uint8_t *in; /* bytes at hand */
     size_t in_size;
     int ready;
-    uint8_t *kept; /* records that wait to be sent */
+    unsigned generation; /* Of the files that its client was last judged by */
+    uint8_t *kept;       /* records that wait to be sent */
     size_t kept_size;
 };
 
@@ -85,7 +87,7 @@ enum umb_status umbd_conn_tls_start(struct umbd_conn *conn)
     struct umbd_conn_tls *tls = calloc(1, sizeof *tls);
     BIO *bio = bio_method != NULL ? BIO_new(bio_method) : NULL;
     if (tls != NULL) {
-        tls->session = umbd_tls_session(conn->loop->daemon->tls);
+        tls->session = umbd_tls_session(conn->loop->daemon->tls, &tls->generation);
     }
     if (tls == NULL || bio == NULL || tls->session == NULL || conn->loop->sealed == NULL) {
         BIO_free(bio);
@@ -114,6 +116,17 @@ void umbd_conn_tls_finish(struct umbd_conn *conn)
 int umbd_conn_tls_ready(const struct umbd_conn *conn)
 {
     return conn->tls->ready;
+}
+
+int umbd_conn_tls_is_admitted(struct umbd_conn *conn)
+{
+    struct umbd_tls *context = conn->loop->daemon->tls;
+    if (!conn->tls->ready || conn->tls->generation == umbd_tls_generation(context) ||
+        conn->loop->tls_looks >= LOOKS_MAX) {
+        return 1;
+    }
+    conn->loop->tls_looks++;
+    return umbd_tls_admits(context, conn->tls->session, &conn->tls->generation);
 }
 
 /* Goes on with the handshake. Returns 1 when it is over, 0 if it waits, -1 if it failed. */

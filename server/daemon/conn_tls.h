@@ -30,6 +30,12 @@ void umbd_conn_tls_finish(struct umbd_conn *conn);
 int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
                        umbd_emit_fn emit, void *user);
 
+/*
+ * 1 if its client would still be let in; 0 after a reload of --tls-client-ca or --tls-crl that does
+ * not admit its certificate. Looks only after a reload, at some hundred connections in a tick.
+ */
+int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
+
 /* 1 once the handshake is over: then frames may be sent. */
 int umbd_conn_tls_ready(const struct umbd_conn *conn);
 

@@ -13,6 +13,19 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define KEPT_SHARE         4     /* a quarter of --max-buffer is kept for callers with rights */
+#define STRANGER_BYTES     65536 /* of a connection without rights, if all of them fit a quarter */
+#define STRANGER_BYTES_LOW 16384 /* but a Watch and the call that shows a right must fit */
+
+/* Bytes that a connection may hold before it has shown a right. */
+static size_t stranger_bytes(const struct umbd_options *options)
+{
+    const uint64_t share = options->max_buffer / KEPT_SHARE / options->max_connections;
+    return share > STRANGER_BYTES       ? STRANGER_BYTES
+           : share < STRANGER_BYTES_LOW ? STRANGER_BYTES_LOW
+                                        : (size_t)share;
+}
+
 /* What the job service asks of the daemon; on its thread. */
 static void jobs_changed_store(void *user)
 {
@@ -146,6 +159,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     memset(daemon, 0, sizeof *daemon);
     daemon->options = *options;
     daemon->max_connections = options->max_connections;
+    daemon->stranger_bytes = stranger_bytes(options);
     atomic_store(&daemon->next_serial, 1);
     umbs_log_init(&daemon->log, STDERR_FILENO, options->log_level);
     daemon->log.format = options->log_format;
@@ -191,7 +205,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
                      : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for calibrations");
     }
     if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
-        struct umbd_tls_files files = {options->tls_cert, options->tls_key, options->tls_client_ca};
+        struct umbd_tls_files files = {options->tls_cert, options->tls_key, options->tls_client_ca,
+                                       options->tls_crl};
         status = umbd_tls_create(&files, &daemon->tls, error);
     }
     /* Until here a signal ends the process as it ends any: the first scan may take minutes, and

@@ -33,12 +33,15 @@ struct umbd_daemon {
     struct umbd_pool *pool;
     struct umbd_calibrations *calibrations; /* of budgets */
     struct umbd_peer_table *peers;
-    struct umbd_tokens *tokens;       /* NULL = anybody may query */
-    struct umbj_service *jobs;        /* NULL without --jobs, and after the loops have run */
-    struct umbd_tls *tls;             /* NULL unless something listens on tls: */
-    atomic_uint_fast64_t buffered;    /* bytes of requests and replies held */
-    atomic_uint_fast64_t next_serial; /* of connections; never reused */
-    struct umbd_loop *loops;          /* [loop_count], see loop_group.h */
+    struct umbd_tokens *tokens;             /* NULL = anybody may query */
+    struct umbj_service *jobs;              /* NULL without --jobs, and after the loops have run */
+    struct umbd_tls *tls;                   /* NULL unless something listens on tls: */
+    atomic_uint_fast64_t buffered;          /* bytes of requests and replies held */
+    size_t stranger_bytes;                  /* Bytes that a connection without rights may hold */
+    atomic_uint_fast64_t stranger_buffered; /* Bytes that all of those hold */
+    atomic_uint stranger_watches;           /* Number of their health Watches */
+    atomic_uint_fast64_t next_serial;       /* of connections; never reused */
+    struct umbd_loop *loops;                /* [loop_count], see loop_group.h */
     uint32_t loop_count;
     uint32_t max_connections; /* of all loops: the option's, or what there are descriptors for */
     atomic_uint loops_running;

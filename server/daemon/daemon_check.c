@@ -39,7 +39,7 @@ static enum umb_status check_tokens(const struct umbd_options *options, struct u
 static enum umb_status check_tls(const struct umbd_options *options, struct umb_error *error)
 {
     const struct umbd_tls_files files = {options->tls_cert, options->tls_key,
-                                         options->tls_client_ca};
+                                         options->tls_client_ca, options->tls_crl};
     struct umbd_tls *tls = NULL;
     enum umb_status status = umbd_tls_create(&files, &tls, error);
     umbd_tls_destroy(tls);

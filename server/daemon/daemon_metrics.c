@@ -207,6 +207,13 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     long long open = (long long)atomic_load(&metrics->connections);
     single(out, "umbrage_connections", "gauge", "Connections open.",
            open > 0 ? (unsigned long long)open : 0);
+    long long strangers = (long long)atomic_load(&metrics->strangers);
+    single(out, "umbrage_connections_without_rights", "gauge",
+           "Connections open of which no call had rights.",
+           strangers > 0 ? (unsigned long long)strangers : 0);
+    single(out, "umbrage_handshakes_refused_total", "counter",
+           "Connections refused for their address's rate of TLS handshakes.",
+           get(&metrics->handshakes_refused));
     single(out, "umbrage_connections_opened_total", "counter", "Connections accepted.",
            get(&metrics->connections_opened));
     single(out, "umbrage_connections_refused_total", "counter",

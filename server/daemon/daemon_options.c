@@ -64,6 +64,8 @@ static const struct option table[] = {
     {"--tls-key", KIND_TEXT, AT(tls_key), 0, 0, "FILE", "its private key (PEM)"},
     {"--tls-client-ca", KIND_TEXT, AT(tls_client_ca), 0, 0, "FILE",
      "clients of tls: must show a certificate of these authorities (PEM)"},
+    {"--tls-crl", KIND_TEXT, AT(tls_crl), 0, 0, "FILE",
+     "revocation lists (PEM) of all of those authorities; read again on SIGHUP"},
     {"--loops", KIND_COUNT, AT(loops), 1, UMBD_LOOPS_MAX, "N",
      "threads that own connections; one for four cores if not given"},
     {"--workers", KIND_COUNT, AT(workers), 1, 1024, "N",
@@ -81,7 +83,11 @@ static const struct option table[] = {
     {"--max-connections", KIND_COUNT, AT(max_connections), 1, 1000000, "N",
      "connections at once; default 4096"},
     {"--max-address-connections", KIND_COUNT, AT(max_address_connections), 1, 1000000, "N",
-     "of one address (IPv6: of its /64) at once; default 4096"},
+     "of one address (IPv6: of its /64) at once; default: a quarter of --max-connections"},
+    {"--address-handshakes", KIND_TOTAL, AT(address_handshakes), 0, 1000000, "N",
+     "TLS handshakes a second of one address, 0 = any number; default 100"},
+    {"--max-watches", KIND_COUNT, AT(max_watches), 0, 1000000, "N",
+     "health Watches of connections that have shown no right, one a connection; default 64"},
     {"--address-rate", KIND_TOTAL, AT(address_rate), 0, (uint64_t)1000000000000, "N",
      "points a second that one address may ask; default 0; then any number"},
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
@@ -340,7 +346,8 @@ static void set_defaults(struct umbd_options *options)
         .load_memory = most_memory(),
         .socket_mode = 0660,
         .max_connections = 4096,
-        .max_address_connections = 4096,
+        .address_handshakes = 100,
+        .max_watches = 64,
         .max_points = 4194304,
         .max_message = (uint64_t)64 << 20,
         .max_buffer = (uint64_t)1 << 30,
@@ -434,8 +441,15 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
             return status;
         }
     }
+    if (options->tls_crl != NULL && options->tls_client_ca == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--tls-crl: needs --tls-client-ca, whose certificates it revokes");
+    }
     if (options->listen_count == 0) {
         options->listen[options->listen_count++] = "tcp:127.0.0.1:7420";
+    }
+    if (options->max_address_connections == 0) {
+        options->max_address_connections = (options->max_connections + 3) / 4;
     }
     return UMB_OK;
 }

@@ -24,20 +24,22 @@ struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL behind the last: one is always left */
     const char *listen[UMBD_LISTEN_MAX];
     size_t listen_count;
-    const char *admin;        /* HOST:PORT or NULL */
-    const char *address_file; /* or NULL */
-    int copy, warm_up;        /* how assets are held: store.h */
-    const char *cache;        /* folder of mapped files, or NULL: in each store */
-    uint64_t load_memory;     /* bytes, packed and mapped, of an asset that is loaded */
-    uint32_t socket_mode;     /* permissions of Unix sockets */
-    const char *token_file;   /* or NULL */
-    int without_tokens;       /* permission to listen beyond this machine without tokens */
-    uint64_t address_rate;    /* points a second of one address, 0 = any */
-    uint32_t max_address_connections;
-    const char *tls_cert, *tls_key, *tls_client_ca; /* files, or NULL */
-    uint32_t loops;                                 /* threads that own connections */
-    uint32_t workers;                               /* threads of the pool */
-    uint32_t queue;                                 /* batches that may wait for the pool */
+    const char *admin;                /* HOST:PORT or NULL */
+    const char *address_file;         /* or NULL */
+    int copy, warm_up;                /* how assets are held: store.h */
+    const char *cache;                /* folder of mapped files, or NULL: in each store */
+    uint64_t load_memory;             /* bytes, packed and mapped, of an asset that is loaded */
+    uint32_t socket_mode;             /* permissions of Unix sockets */
+    const char *token_file;           /* or NULL */
+    int without_tokens;               /* permission to listen beyond this machine without tokens */
+    uint64_t address_rate;            /* points a second of one address, 0 = any */
+    uint32_t max_address_connections; /* 0 only while options are read: a quarter of all */
+    uint64_t address_handshakes;      /* TLS handshakes a second of one address, 0 = any */
+    uint32_t max_watches;             /* health Watches of connections without rights */
+    const char *tls_cert, *tls_key, *tls_client_ca, *tls_crl; /* files, or NULL */
+    uint32_t loops;                                           /* threads that own connections */
+    uint32_t workers;                                         /* threads of the pool */
+    uint32_t queue; /* batches that may wait for the pool */
     uint32_t max_connections;
     uint64_t max_points;        /* a batch */
     uint64_t max_message;       /* bytes */

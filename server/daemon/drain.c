@@ -9,6 +9,7 @@
  */
 #include "daemon/admin.h"
 #include "daemon/call.h"
+#include "daemon/conn_tls.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
@@ -35,11 +36,41 @@ void umbd_conn_notice(struct umbd_conn *conn)
     nghttp2_submit_shutdown_notice(conn->session);
 }
 
+/* Calls without rights are not waited for: answered, then cut where the peer does not end them. */
+static void end_open_calls(struct umbd_conn *conn)
+{
+    int found = 0;
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        const int is_open = !call->headers_whole || umbd_call_is_open(call);
+        if (is_open && call->headers_whole) {
+            umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
+        }
+        found |= is_open;
+    }
+    if (!found) {
+        return;
+    }
+    umbd_conn_flush(conn); /* ends calls; may close the connection, which has none then */
+    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+        if (!call->headers_whole || umbd_call_is_open(call)) {
+            umbd_call_cut_open(call);
+        }
+    }
+}
+
 /* Watch calls and streams would never end by themselves. */
 void umbd_conn_last_call(struct umbd_conn *conn)
 {
+    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+        umbd_conn_close(conn, "server stops in its handshake");
+        return;
+    }
+    end_open_calls(conn);
+    if (conn->closing) {
+        return;
+    }
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (call->watch_last >= 0 || call->method == UMBD_METHOD_BAKES_WATCH) {
+        if (call->method == UMBD_METHOD_BAKES_WATCH) {
             umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
         } else if (umbd_method_takes_many(call->method)) {
             umbd_stream_last_call(call);

@@ -33,6 +33,25 @@ struct umbd_errand *umbd_errand_create(struct umbd_call *call)
     return errand;
 }
 
+int umbd_errand_is_allowed(struct umbd_call *call)
+{
+    struct umbd_errand *errand = call->errand;
+    if (!umbd_call_is_allowed(call)) {
+        return 0;
+    }
+    const struct umbd_token *token = umbd_call_token(call);
+    if (strcmp(token != NULL ? token->name : "", errand->owner) != 0) {
+        struct umb_error error;
+        enum umb_status status = umb_fail(
+            &error, UMB_E_PERMISSION, "authorization: the token of this call was '%s' and is '%s'",
+            errand->owner, token != NULL ? token->name : "");
+        umbd_call_fail_status(call, status, &error);
+        return 0;
+    }
+    errand->is_admin = token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0;
+    return 1;
+}
+
 const char *umbd_errand_owner(const struct umbd_errand *errand)
 {
     return errand->is_admin ? NULL : errand->owner;
@@ -160,7 +179,7 @@ void umbd_errand_drop(struct umbd_call *call)
     if (errand->away) {
         /* What it holds stays counted until the loop gets it back. */
         errand->charged = call->charged;
-        call->conn->buffered -= call->charged;
+        umbd_conn_hand_over(call->conn, call->charged);
         call->charged = 0;
     } else {
         give_up(call->conn->loop->daemon, errand);

@@ -80,6 +80,13 @@ void umbd_errand_send(struct umbd_call *call, void (*files)(struct umbd_errand *
 void umbd_errand_send_reading(struct umbd_call *call, void (*reads)(struct umbd_errand *),
                               void (*answer)(struct umbd_errand *, struct umbd_call *));
 
+/*
+ * Judges the call's rights again, since a reload may have changed them while it lasted. Returns 1,
+ * or 0 and fails the call: as umbd_call_is_allowed, or PERMISSION_DENIED if its token now has
+ * another name, so that what it began is not its own.
+ */
+int umbd_errand_is_allowed(struct umbd_call *call);
+
 /* The owner that jobs are looked for with: NULL = anybody's. */
 const char *umbd_errand_owner(const struct umbd_errand *errand);
 

@@ -45,7 +45,7 @@ static void on_refused(struct umbd_acceptor *acceptor, int code)
         umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
                        uv_strerror(code));
     }
-    umbd_conn_evict_idlest(loop);
+    umbd_conn_evict(loop);
 }
 
 void umbd_listeners_tick(struct umbd_loop *loop)

@@ -215,6 +215,7 @@ static void on_tick(uv_timer_t *timer)
     atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
     umbd_proof_settle(loop); /* of connections that broke off */
     umbs_reader_refresh(loop->reader);
+    loop->tls_looks = 0;
     while (conn != NULL) {
         struct umbd_conn *next = conn->next;
         umbd_conn_tick(conn, now_ms);

@@ -58,6 +58,9 @@ struct umbd_loop {
     uint32_t held; /* connections that umbd_conn_hold stopped */
     struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
     size_t conn_count;
+    struct umbd_conn *oldest_stranger, *newest_stranger; /* connections without rights, in order */
+    size_t stranger_count;
+    int crowded; /* Those hold more than their share: umbd_conn_relieve */
     struct umbd_listener *listeners;
     struct umbd_admin *admin;
 
@@ -75,6 +78,7 @@ struct umbd_loop {
     struct umbd_conn *first_dirty; /* connections to be flushed */
     struct umbd_proof proof;       /* of what small batches read in this event */
     struct umbd_batch *spare;      /* of the last small one, for the next */
+    unsigned tls_looks;            /* Number of certificates verified again in this tick */
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 
     pthread_mutex_t done_mutex;

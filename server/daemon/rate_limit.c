@@ -77,9 +77,17 @@ void umbd_peers_destroy(struct umbd_peer_table *table)
     free(table);
 }
 
-static void make_key(const struct sockaddr_storage *address, uint8_t key[9])
+/* 1 if the last four bytes are an IPv4 address: ::ffff:0:0/96 (RFC 4291), 64:ff9b::/96 (RFC 6052).
+ */
+static int holds_v4(const struct in6_addr *address)
 {
-    memset(key, 0, 9);
+    static const uint8_t nat64[12] = {0x00, 0x64, 0xff, 0x9b};
+    return IN6_IS_ADDR_V4MAPPED(address) || memcmp(address->s6_addr, nat64, sizeof nat64) == 0;
+}
+
+void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER_KEY_BYTES])
+{
+    memset(key, 0, UMBD_PEER_KEY_BYTES);
     if (address == NULL) {
         return;
     }
@@ -91,16 +99,23 @@ static void make_key(const struct sockaddr_storage *address, uint8_t key[9])
     } else {
         struct sockaddr_in6 v6;
         memcpy(&v6, address, sizeof v6);
-        key[0] = 6;
-        memcpy(key + 1, &v6.sin6_addr, 8);
+        const int by_v4 = holds_v4(&v6.sin6_addr);
+        key[0] = by_v4 ? 4 : 6;
+        if (by_v4) {
+            memcpy(key + 1, v6.sin6_addr.s6_addr + 12, 4);
+        } else {
+            memcpy(key + 1, v6.sin6_addr.s6_addr + (IN6_IS_ADDR_LINKLOCAL(&v6.sin6_addr) ? 8 : 0),
+                   8);
+        }
     }
 }
 
 /* FNV-1a: chains need no more, since who fills one only slows its own accepting. */
-static struct umbd_peer_account **chain_of(struct umbd_peer_table *table, const uint8_t key[9])
+static struct umbd_peer_account **chain_of(struct umbd_peer_table *table,
+                                           const uint8_t key[UMBD_PEER_KEY_BYTES])
 {
     uint32_t hash = 2166136261U;
-    for (size_t i = 0; i < 9; i++) {
+    for (size_t i = 0; i < UMBD_PEER_KEY_BYTES; i++) {
         hash = (hash ^ key[i]) * 16777619U;
     }
     return &table->chains[hash & (BUCKETS - 1)];
@@ -109,8 +124,8 @@ static struct umbd_peer_account **chain_of(struct umbd_peer_table *table, const 
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
                        size_t limit, struct umbd_peer_account **out, const char **reason)
 {
-    uint8_t key[9];
-    make_key(address, key);
+    uint8_t key[UMBD_PEER_KEY_BYTES];
+    umbd_peer_key(address, key);
     *out = NULL;
     *reason = "out of memory";
     pthread_mutex_lock(&table->mutex);
@@ -139,6 +154,14 @@ int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_stor
     return account != NULL;
 }
 
+/* 1 if a clock of the account is ahead: forgetting it would forgive a debt. */
+static int owes(struct umbd_peer_account *account, uint64_t now_ns)
+{
+    return atomic_load(&account->paid_until_ns) > now_ns ||
+           atomic_load(&account->open_until_ns) > now_ns ||
+           atomic_load(&account->handshake_until_ns) > now_ns;
+}
+
 void umbd_peers_release(struct umbd_peer_table *table, struct umbd_peer_account *account,
                         uint64_t now_ns)
 {
@@ -150,7 +173,7 @@ void umbd_peers_release(struct umbd_peer_table *table, struct umbd_peer_account 
     account->connections--;
     while (*at != NULL) {
         struct umbd_peer_account *one = *at;
-        if (one->connections == 0 && atomic_load(&one->paid_until_ns) <= now_ns) {
+        if (one->connections == 0 && !owes(one, now_ns)) {
             *at = one->next;
             free(one);
         } else {

@@ -15,8 +15,9 @@
 #include <stdint.h>
 #include <sys/socket.h>
 
-#define UMBD_RATE_AHEAD_NS 1000000000U
-#define UMBD_CALL_POINTS   64 /* what a call costs beside its points */
+#define UMBD_RATE_AHEAD_NS         1000000000U
+#define UMBD_CALL_POINTS           64  /* what a call costs beside its points */
+#define UMBD_OPEN_CALLS_PER_SECOND 200 /* of one address: health, and calls refused for rights */
 
 /*
  * Takes `points` at `per_second` (0 = no limit).
@@ -29,13 +30,26 @@ int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
 /* Gives back what was taken for work that was then refused elsewhere. */
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points);
 
+#define UMBD_PEER_KEY_BYTES 9
+
 /* One address that has connections, or has debts. */
 struct umbd_peer_account {
     struct umbd_peer_account *next;
-    uint8_t key[9]; /* family, then IPv4 or the first half of IPv6: what one customer has */
+    uint8_t key[UMBD_PEER_KEY_BYTES]; /* umbd_peer_key */
     size_t connections;
-    atomic_uint_fast64_t paid_until_ns;
+    atomic_uint_fast64_t paid_until_ns;      /* Points: --address-rate */
+    atomic_uint_fast64_t open_until_ns;      /* Calls without rights: UMBD_OPEN_CALLS_PER_SECOND */
+    atomic_uint_fast64_t handshake_until_ns; /* TLS handshakes: --address-handshakes */
+    atomic_uint_fast64_t granted;            /* Bytes of --max-buffer that its connections hold */
 };
+
+/*
+ * Writes what tells one customer from another: the family, then the IPv4 address or the first half
+ * of the IPv6 one (a customer has a /64). IPv4 that comes as IPv6 (a dual-stack listener's
+ * ::ffff:a.b.c.d, NAT64's 64:ff9b::a.b.c.d) is keyed as IPv4; link-local addresses share one half
+ * and are keyed by the other. NULL (a Unix socket): zeros.
+ */
+void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER_KEY_BYTES]);
 
 struct umbd_peer_table; /* opaque */
 

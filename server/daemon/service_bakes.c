@@ -117,7 +117,8 @@ void umbd_service_bakes_update(struct umbd_call *call)
         return;
     }
     struct umbj_board *board = umbj_service_board(jobs);
-    if (umbj_board_version(board, errand->job.id) == errand->version) {
+    if (umbj_board_version(board, errand->job.id) == errand->version ||
+        !umbd_errand_is_allowed(call)) {
         return;
     }
     struct look look = {.status = UMB_OK};

@@ -9,7 +9,10 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "daemon/call_rights.h"
 #include "daemon/errand.h"
+
+#define BYTES_A_POINT 12 /* of an upload: what the coordinates of a point take */
 
 /* --- Submit --- */
 
@@ -87,6 +90,20 @@ static void data_written(struct umbd_errand *errand, struct umbd_call *call)
     (void)call;
 }
 
+/*
+ * What a submission costs, its files included: all of it is paid with the manifest, because an
+ * upload that is refused midway must begin anew and would never end at a low rate.
+ */
+static uint64_t price_of(const struct umbw_submit_request *request)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < request->manifest.file_count; i++) {
+        const uint64_t size = request->manifest.files[i].size;
+        bytes = size < UINT64_MAX - bytes ? bytes + size : UINT64_MAX;
+    }
+    return UMBD_CALL_POINTS + bytes / BYTES_A_POINT;
+}
+
 static void take_manifest(struct umbd_call *call, struct umbw_submit_request *request)
 {
     struct umb_error error = {0};
@@ -113,7 +130,12 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     struct umb_error error = {0};
     enum umb_status status =
         umbw_decode_submit_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK && request.has_manifest != (call->errand == NULL)) {
+    const int begins = call->errand == NULL;
+    if (begins ? !umbd_call_take_points(call, price_of(&request)) : !umbd_errand_is_allowed(call)) {
+        umbw_manifest_finish(&request.manifest);
+        return;
+    }
+    if (status == UMB_OK && request.has_manifest != begins) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           request.has_manifest ? "manifest: there was one already"
                                                : "manifest: must be in the first message");
@@ -161,7 +183,7 @@ void umbd_service_bakes_submit_end(struct umbd_call *call)
 {
     if (call->errand == NULL) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT, "manifest: the request ended without one");
-    } else {
+    } else if (umbd_errand_is_allowed(call)) {
         call->batch_bytes = 0;
         umbd_errand_send(call, keep_bundle, accept_upload, accepted);
     }
@@ -219,6 +241,9 @@ static void piece_read(struct umbd_errand *errand, struct umbd_call *call)
                                            .data_size = errand->chunk_size};
     struct umbw_buffer message = {0};
     struct umb_error error = {0};
+    if (!umbd_errand_is_allowed(call)) {
+        return;
+    }
     enum umb_status status = umbw_encode_fetch_reply(&reply, &message, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);

@@ -20,7 +20,7 @@ enum serving {
 
 /*
  * "" and the service are SERVING until the drain begins; "umbrage.v1.Shadows/ASSET" also depends on
- * the asset: NOT_SERVING while its file is damaged.
+ * the asset: NOT_SERVING while its file is damaged. It is unknown to callers without rights.
  */
 static int state_of(struct umbd_call *call, const char *service)
 {
@@ -32,6 +32,9 @@ static int state_of(struct umbd_call *call, const char *service)
     }
     if (strncmp(service, SERVICE "/", length + 1) != 0) {
         return SERVICE_UNKNOWN;
+    }
+    if (!umbd_call_may_name_assets(call)) {
+        return SERVICE_UNKNOWN; /* whether it is there or not */
     }
     struct umbs_entry *entry = NULL;
     enum umb_status status = umbd_call_acquire(call, service + length + 1, &entry, NULL);
@@ -86,6 +89,46 @@ void umbd_service_health_update(struct umbd_call *call)
     umbd_call_reply(call, &head);
 }
 
+void umbd_service_health_end(struct umbd_call *call)
+{
+    struct umbd_conn *conn = call->conn;
+    if (call->watch_service != NULL) {
+        conn->watches--;
+        if (!conn->proven) {
+            atomic_fetch_sub(&conn->loop->daemon->stranger_watches, 1);
+        }
+    }
+    free(call->watch_service);
+    call->watch_service = NULL;
+}
+
+/* Counts a Watch. Returns 0 and fails the call if its connection has one, or strangers too many. */
+static int take_watch(struct umbd_call *call)
+{
+    struct umbd_conn *conn = call->conn;
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    struct umb_error error;
+    const unsigned most = daemon->options.max_watches;
+    enum umb_status status = UMB_OK;
+    if (conn->watches > 0) {
+        status = umb_fail(&error, UMB_E_BUSY,
+                          "watch: this connection has one already; the limit "
+                          "is 1");
+    } else if (!conn->proven && atomic_fetch_add(&daemon->stranger_watches, 1) >= most) {
+        atomic_fetch_sub(&daemon->stranger_watches, 1);
+        status =
+            umb_fail(&error, UMB_E_BUSY,
+                     "watch: connections without rights have %u together (--max-watches)", most);
+    }
+    if (status != UMB_OK) {
+        umbd_count(&daemon->metrics.shed, 1);
+        umbd_call_fail_status(call, status, &error);
+        return 0;
+    }
+    conn->watches++;
+    return 1;
+}
+
 void umbd_service_health_watch(struct umbd_call *call)
 {
     char service[256];
@@ -96,11 +139,16 @@ void umbd_service_health_watch(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    call->watch_service = malloc(strlen(service) + 1);
-    if (call->watch_service == NULL) {
+    char *copy = malloc(strlen(service) + 1);
+    if (copy == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
         return;
     }
-    memcpy(call->watch_service, service, strlen(service) + 1);
+    memcpy(copy, service, strlen(service) + 1);
+    if (!take_watch(call)) {
+        free(copy);
+        return;
+    }
+    call->watch_service = copy;
     umbd_service_health_update(call);
 }

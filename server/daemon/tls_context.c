@@ -7,6 +7,7 @@
 
 #include <openssl/err.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +21,7 @@ struct umbd_tls {
     struct umbd_tls_files files;
     pthread_mutex_t mutex;
     SSL_CTX *context; /* under the mutex */
+    atomic_uint generation;
 };
 
 static int select_h2(SSL *ssl, const unsigned char **out, unsigned char *out_size,
@@ -91,6 +93,16 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
     if (names == NULL || SSL_CTX_load_verify_locations(context, files->client_ca, NULL) != 1) {
         sk_X509_NAME_pop_free(names, X509_NAME_free);
         return refuse(error, "--tls-client-ca", files->client_ca);
+    }
+    if (files->crl != NULL) {
+        X509_STORE *store = SSL_CTX_get_cert_store(context);
+        X509_LOOKUP *lookup = X509_STORE_add_lookup(store, X509_LOOKUP_file());
+        if (lookup == NULL || X509_load_crl_file(lookup, files->crl, X509_FILETYPE_PEM) < 1) {
+            sk_X509_NAME_pop_free(names, X509_NAME_free);
+            return refuse(error, "--tls-crl", files->crl);
+        }
+        /* Without a list of each authority, or with one past its time, nobody is let in. */
+        X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);
     }
     /* A ticket would let a client in again without its certificate being looked at. */
     SSL_CTX_set_options(context, SSL_OP_NO_TICKET);
@@ -167,15 +179,44 @@ enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error)
     pthread_mutex_lock(&tls->mutex);
     SSL_CTX *old = tls->context;
     tls->context = fresh;
+    atomic_fetch_add(&tls->generation, 1);
     pthread_mutex_unlock(&tls->mutex);
     SSL_CTX_free(old);
     return UMB_OK;
 }
 
-SSL *umbd_tls_session(struct umbd_tls *tls)
+unsigned umbd_tls_generation(const struct umbd_tls *tls)
+{
+    return atomic_load(&tls->generation);
+}
+
+int umbd_tls_admits(struct umbd_tls *tls, SSL *session, unsigned *generation)
+{
+    pthread_mutex_lock(&tls->mutex);
+    SSL_CTX *context = tls->context;
+    *generation = atomic_load(&tls->generation);
+    (void)SSL_CTX_up_ref(context);
+    pthread_mutex_unlock(&tls->mutex);
+    int admits = SSL_CTX_get_verify_mode(context) == SSL_VERIFY_NONE;
+    X509 *shown = SSL_get0_peer_certificate(session);
+    X509_STORE_CTX *check = X509_STORE_CTX_new();
+    if (!admits && shown != NULL && check != NULL &&
+        X509_STORE_CTX_init(check, SSL_CTX_get_cert_store(context), shown,
+                            SSL_get_peer_cert_chain(session)) == 1) {
+        (void)X509_STORE_CTX_set_default(check, "ssl_client");
+        admits = X509_verify_cert(check) == 1;
+    }
+    X509_STORE_CTX_free(check);
+    SSL_CTX_free(context);
+    ERR_clear_error();
+    return admits;
+}
+
+SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation)
 {
     pthread_mutex_lock(&tls->mutex);
     SSL *session = SSL_new(tls->context);
+    *generation = atomic_load(&tls->generation);
     pthread_mutex_unlock(&tls->mutex);
     if (session == NULL) {
         ERR_clear_error();

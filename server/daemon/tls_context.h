@@ -17,6 +17,7 @@ struct umbd_tls_files {
     const char *certificate; /* PEM, the server's first, then the chain */
     const char *key;         /* PEM, of that certificate */
     const char *client_ca; /* PEM of the authorities of clients, or NULL: no certificates wanted */
+    const char *crl;       /* PEM of their revocation lists, or NULL: none are looked at */
 };
 
 /* Reads the files; their names must live as long as the object. Fails: E_NO_INPUT, E_ARGUMENT (not
@@ -28,7 +29,18 @@ void umbd_tls_destroy(struct umbd_tls *tls);
 /* Reads the files again. On failure what was read before stays in use. */
 UMB_CHECKED enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error);
 
-/* A new server-side session; SSL_free it. NULL: out of memory. */
-SSL *umbd_tls_session(struct umbd_tls *tls);
+/* A new server-side session; SSL_free it. Out: generation: of the files that it was made of. NULL:
+ * out of memory. */
+SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation);
+
+/* Grows with every reload: a session made before may show a certificate that is not admitted now.
+ * One atomic read. */
+unsigned umbd_tls_generation(const struct umbd_tls *tls);
+
+/*
+ * Verifies the certificate that a session's client showed by what is demanded now. Returns 1 if it
+ * would be let in again, and what generation that was judged by. Cost: a handshake's verification.
+ */
+int umbd_tls_admits(struct umbd_tls *tls, SSL *session, unsigned *generation);
 
 #endif

@@ -196,14 +196,19 @@ class Reply:
 class Connection:
     """A raw connection. Writes never block for ever; reads have a limit of time."""
 
-    def __init__(self, port=None, path=None, start=True, settings=b"", timeout=10):
+    def __init__(self, port=None, path=None, start=True, settings=b"", timeout=10, source=None,
+                 wrap=None):
+        """source: the address to come from, as 127.0.0.2; wrap: makes a TLS socket of the plain one."""
         if path is not None:
             self.socket = socket.socket(socket.AF_UNIX)
             self.socket.settimeout(timeout)
             self.socket.connect(path)
         else:
-            self.socket = socket.create_connection(("127.0.0.1", port), timeout=timeout)
+            self.socket = socket.create_connection(("127.0.0.1", port), timeout=timeout,
+                                                   source_address=source and (source, 0))
             self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if wrap is not None:
+            self.socket = wrap(self.socket)
         self.timeout = timeout
         self.buffer = b""
         self.headers = HeaderReader()

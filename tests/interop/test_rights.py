@@ -161,6 +161,12 @@ with test.check("a stream ends when its token is taken away"):
     write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n")
     daemon.signal(signal.SIGHUP)
     ut.wait_until(lambda: reloads() == 2, 10, "the reload")
+with test.check("a token file with a '#' inside a token is refused, not cut"):
+    write_tokens(f"studio query,submit {GOOD}#more\n")
+    daemon.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "'#'" in daemon.log(), 10, "the complaint")
+    client.refused(lambda: client.query(request, timeout=30, metadata=bearer(GOOD + "#more")), Code.UNAUTHENTICATED)
+    write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query {SLOW} 20000\n")
 with test.check("SIGHUP takes new tokens at once, on old connections too; a bad file changes nothing"):
     write_tokens(f"studio query {OTHER}\n")
     daemon.signal(signal.SIGHUP)
@@ -170,7 +176,7 @@ with test.check("SIGHUP takes new tokens at once, on old connections too; a bad 
     assert client.query(request, timeout=30, metadata=bearer(OTHER)).visibility
     write_tokens("nonsense\n")
     daemon.signal(signal.SIGHUP)
-    ut.wait_until(lambda: "not_reloaded what=tokens" in daemon.log(), 10, "the complaint")
+    ut.wait_until(lambda: daemon.log().count("not_reloaded what=tokens") == 2, 10, "the complaint")
     assert client.query(request, timeout=30, metadata=bearer(OTHER)).visibility
 with test.check("a token file that others may read is refused at start"):
     os.chmod(tokens, 0o644)
@@ -181,6 +187,105 @@ with test.check("other machines are not listened to without tokens, unless that 
         done = ut.run("umbraged", "--store", store, "--listen", address, code=2, timeout=20)
         assert b"--without-tokens" in done.stderr and b"listening" not in done.stderr, done.stderr
 client.close()
+
+# --- submissions --------------------------------------------------------------------------------
+
+B = test.messages.bakes
+with open(test.scene("box", 2, form="ply"), "rb") as file:
+    SCENE = {"box.ply": file.read()}
+write_tokens(f"studio query,submit {GOOD}\nrobot submit {OTHER}\nslow query,submit {SLOW} 64\n")
+jobs = test.daemon("--token-file", tokens, "--jobs", test.path("jobs"), "--bake-threads", 1)
+client = test.client(jobs.grpc_tcp)
+reload_count = 0
+
+
+def reload(text):
+    global reload_count
+    write_tokens(text)
+    jobs.signal(signal.SIGHUP)
+    reload_count += 1
+    ut.wait_until(lambda: jobs.log().count("event=reloaded what=tokens") == reload_count, 10, "the reload")
+
+
+def begin_upload(token):
+    """An upload that has sent its manifest and half of its file; how to go on, and the call."""
+    feed = queue.Queue()
+    call = client.raw_submit.future(iter(feed.get, None), timeout=60, metadata=bearer(token))
+    data = SCENE["box.ply"]
+    feed.put(B.SubmitRequest(manifest=client.manifest(SCENE, "box.ply", resolution=64)))
+    feed.put(B.SubmitRequest(data=data[:100]))
+    incoming = test.path("jobs", "incoming")
+    ut.wait_until(lambda: os.path.isdir(incoming) and os.listdir(incoming), 20, "the upload has begun")
+
+    def go_on(more=True):
+        if more:
+            feed.put(B.SubmitRequest(data=data[100:]))
+        feed.put(None)
+    return go_on, call
+
+
+with test.check("Submit pays its token's rate, whatever it says, and with the manifest for all its files"):
+    codes = []
+    empty = [lambda: iter([B.SubmitRequest(manifest=B.Manifest(scene="x"))]), lambda: iter([]),
+             lambda: iter([B.SubmitRequest(data=b"x")])]
+    for i in range(30):
+        try:
+            client.raw_submit(empty[i % 3](), timeout=30, metadata=bearer(SLOW))
+        except grpc.RpcError as error:
+            codes.append(error.code())
+    assert codes.count(Code.INVALID_ARGUMENT) < 15, codes
+    assert codes.count(Code.RESOURCE_EXHAUSTED) == 30 - codes.count(Code.INVALID_ARGUMENT), codes
+    huge = B.Manifest(scene="box.ply")  # a mebibyte is 87381 points: 1365 s of that rate
+    huge.files.add(path="box.ply", size=1 << 20, sha256=bytes(32))
+    deadline, answer = time.monotonic() + 60, None
+    while answer != Code.INVALID_ARGUMENT and time.monotonic() < deadline:  # its data does not come
+        try:
+            client.raw_submit(iter([B.SubmitRequest(manifest=huge)]), timeout=30, metadata=bearer(SLOW))
+        except grpc.RpcError as error:
+            answer = error.code()
+            time.sleep(pushback(error) / 1000 if answer == Code.RESOURCE_EXHAUSTED else 0)
+    assert answer == Code.INVALID_ARGUMENT, answer
+    try:
+        client.raw_submit(empty[0](), timeout=30, metadata=bearer(SLOW))
+        raise AssertionError("it was not refused")
+    except grpc.RpcError as error:
+        assert error.code() == Code.RESOURCE_EXHAUSTED and pushback(error) > 600000, error
+with test.check("a token taken back in mid-upload gets no job, whether at a piece or at the end"):
+    for more in (True, False):
+        go_on, call = begin_upload(OTHER)
+        reload(f"studio query,submit {GOOD}\n")
+        go_on(more)
+        client.refused(call.result, Code.UNAUTHENTICATED)
+        reload(f"studio query,submit {GOOD}\nrobot submit {OTHER}\n")
+    go_on, call = begin_upload(OTHER)  # it has another owner's name now
+    reload(f"studio query,submit {GOOD}\nother submit {OTHER}\n")
+    go_on()
+    client.refused(call.result, Code.PERMISSION_DENIED, "robot", "other")
+    reload(f"studio query,submit {GOOD}\nrobot submit {OTHER}\n")
+    assert jobs.metric("umbrage_jobs_submitted_total") == 0
+    assert not list(client.list_jobs(B.ListJobsRequest(), timeout=30, metadata=bearer(OTHER)).jobs)
+jobs.stop()
+client.close()
+with test.check("a Watch of a job tells no more when its token is taken back"):
+    program, gate = test.held_bakes()
+    with open(gate, "w", encoding="ascii"):
+        pass
+    write_tokens(f"root submit,admin {GOOD}\nrobot submit {OTHER}\n")
+    jobs = test.daemon("--token-file", tokens, "--jobs", test.path("jobs2"), "--bake-threads", 1,
+                       "--bake-program", program)
+    client = test.client(jobs.grpc_tcp)
+    job = client.submit(SCENE, "box.ply", metadata=bearer(OTHER), resolution=64).job
+    watching = client.watch_job(B.WatchRequest(job=job), timeout=60, metadata=bearer(OTHER))
+    while next(watching).state != B.JOB_RUNNING:
+        pass
+    reload_count = 0
+    reload(f"root submit,admin {GOOD}\n")
+    client.cancel_job(B.CancelRequest(job=job), timeout=30, metadata=bearer(GOOD))
+    told = []
+    client.refused(lambda: told.extend(watching), Code.UNAUTHENTICATED)
+    assert not [status for status in told if status.state != B.JOB_RUNNING], told
+    jobs.stop()
+    client.close()
 
 limited = test.daemon("--address-rate", 20, "--max-address-connections", 3)
 with test.check("an address has its rate, whatever connection it asks on"):
@@ -228,16 +333,18 @@ with test.check("who comes again when he was told to is answered, whatever he as
                 time.sleep(pushback(error) / 1000)
     one.close()
     small.stop()
-with test.check("an address may have so many connections and no more"):
-    clients += [test.client(limited.grpc_tcp) for _ in range(2)]
+with test.check("an address may have so many connections and no more; one that only asked health makes room"):
+    clients += [test.client(limited.grpc_tcp) for _ in range(3)]
     answers = []
-    for one in clients[2:]:
+    for one in clients[2:4]:  # the third, whose place the fourth takes
+        one.check(H.HealthCheckRequest(), timeout=60)
+    assert limited.metric("umbrage_connections_evicted_total") == 1
+    for one in clients[3:]:  # the debts of the address do not matter here, but the call was allowed
         try:
-            one.check(H.HealthCheckRequest(), timeout=60)
-            answers.append(Code.OK)
+            one.query(request, timeout=60)
         except grpc.RpcError as error:
             answers.append(error.code())
-    assert answers.count(Code.OK) == 1, answers
+    assert answers == [Code.RESOURCE_EXHAUSTED, Code.UNAVAILABLE], answers
     assert limited.metric("umbrage_connections_refused_total") >= 1
 for one in clients:
     one.close()

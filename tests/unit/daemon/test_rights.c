@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <arpa/inet.h>
 #include <netinet/in.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -113,6 +114,66 @@ static void peers_are_counted_by_address_and_v6_by_its_half(void **state)
     umbd_peers_destroy(table);
 }
 
+/* An IPv6 address by its text. */
+static struct sockaddr_storage v6_text(const char *text)
+{
+    struct sockaddr_storage storage;
+    struct sockaddr_in6 address = {.sin6_family = AF_INET6};
+    memset(&storage, 0, sizeof storage);
+    assert_int_equal(inet_pton(AF_INET6, text, &address.sin6_addr), 1);
+    memcpy(&storage, &address, sizeof address);
+    return storage;
+}
+
+static int same_customer(struct sockaddr_storage a, struct sockaddr_storage b)
+{
+    uint8_t keys[2][UMBD_PEER_KEY_BYTES];
+    umbd_peer_key(&a, keys[0]);
+    umbd_peer_key(&b, keys[1]);
+    return memcmp(keys[0], keys[1], UMBD_PEER_KEY_BYTES) == 0;
+}
+
+static void customers_are_told_apart_by_what_each_has(void **state)
+{
+    (void)state;
+    uint8_t local[UMBD_PEER_KEY_BYTES];
+    uint8_t zeros[UMBD_PEER_KEY_BYTES] = {0};
+    umbd_peer_key(NULL, local);
+    assert_memory_equal(local, zeros, sizeof local);
+    assert_true(same_customer(v6_text("::ffff:10.0.0.1"), v4(0x0a000001))); /* dual stack */
+    assert_false(same_customer(v6_text("::ffff:10.0.0.1"), v6_text("::ffff:10.0.0.2")));
+    assert_true(same_customer(v6_text("64:ff9b::10.0.0.1"), v4(0x0a000001))); /* NAT64 */
+    assert_false(same_customer(v6_text("64:ff9b::10.0.0.1"), v6_text("64:ff9b::10.0.0.2")));
+    assert_true(same_customer(v6_text("2001:db8::1"), v6_text("2001:db8::ffff:10.0.0.1")));
+    assert_false(same_customer(v6_text("2001:db8:0:1::1"), v6_text("2001:db8:0:2::1")));
+    assert_false(same_customer(v6_text("fe80::1"), v6_text("fe80::2"))); /* one link, many hosts */
+    assert_false(same_customer(v6_text("::1"), v4(1)));
+}
+
+static void each_clock_of_an_account_outlives_its_connections(void **state)
+{
+    (void)state;
+    for (int which = 0; which < 3; which++) {
+        struct umbd_peer_table *table = umbd_peers_create();
+        struct umbd_peer_account *account;
+        const char *reason;
+        uint64_t wait;
+        struct sockaddr_storage address = v4(8), other = v4(9);
+        assert_non_null(table);
+        for (int round = 0; round < 2; round++) {
+            assert_true(umbd_peers_acquire(table, &address, 9, &account, &reason));
+            atomic_uint_fast64_t *clock = which == 0   ? &account->paid_until_ns
+                                          : which == 1 ? &account->open_until_ns
+                                                       : &account->handshake_until_ns;
+            assert_int_equal(umbd_rate_take(clock, 1, 5, SECOND, &wait), round == 0);
+            umbd_peers_release(table, account, SECOND);
+            assert_true(umbd_peers_acquire(table, &other, 9, &account, &reason));
+            umbd_peers_release(table, account, SECOND); /* may sweep the chain */
+        }
+        umbd_peers_destroy(table);
+    }
+}
+
 static void debts_outlive_the_connections(void **state)
 {
     (void)state;
@@ -206,6 +267,9 @@ static void tokens_name_the_line_that_is_wrong(void **state)
         "studio query 0123456789abcdef -5\n",
         "studio query 0123456789abcdef 5x\n",
         "studio query 0123456789abcdef 99999999999999999999999\n",
+        "studio query 0123456789abcdef#ghi\n", /* cut there it would still be long enough */
+        "studio query 0123456789abcdef 5000#ghi\n",
+        "studio#1 query 0123456789abcdef\n",
     };
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         struct umbd_tokens *tokens;
@@ -249,6 +313,8 @@ int main(void)
         cmocka_unit_test(rate_says_the_time_after_which_it_takes_again),
         cmocka_unit_test(rate_gives_back_exactly_what_it_took),
         cmocka_unit_test(peers_are_counted_by_address_and_v6_by_its_half),
+        cmocka_unit_test(customers_are_told_apart_by_what_each_has),
+        cmocka_unit_test(each_clock_of_an_account_outlives_its_connections),
         cmocka_unit_test(debts_outlive_the_connections),
         WITH_FILE(tokens_are_found_by_their_hash_and_reloaded),
         WITH_FILE(tokens_name_the_line_that_is_wrong),
