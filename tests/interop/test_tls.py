@@ -15,6 +15,7 @@ import time
 import warnings
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import raw_http2 as h2  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 grpc, _ = ut.need_grpc()
@@ -198,6 +199,93 @@ with test.check("with --tls-client-ca only clients with its certificates are ans
             peer.refused(lambda: peer.ask("city", timeout=60), Code.UNAVAILABLE)
         peer.close()
 
+
+
+def wrap(own):
+    """What makes a raw connection one over TLS, showing a certificate of its own."""
+    context = ssl.create_default_context(cafile=test.path("ca.pem"))
+    context.set_alpn_protocols(["h2"])
+    if own:
+        context.load_cert_chain(test.path(own + ".pem"), test.path(own + ".key"))
+    return lambda plain_socket: context.wrap_socket(plain_socket, server_hostname="localhost")
+
+
+LIST, NO_BYTES = "/umbrage.v1.Shadows/List", h2.prefixed(b"")
+certificate("second", "ca", "somebody else")
+
+
+def clients_of(to, *owns):
+    """A raw connection for each certificate that has been answered."""
+    connections = [h2.Connection(port=int(to.addresses["tls"].rpartition(":")[2]), wrap=wrap(own), timeout=30)
+                   for own in owns]
+    for connection in connections:
+        assert connection.call(LIST, NO_BYTES).status == 0
+    return connections
+
+
+def write(name, *sources):
+    with open(test.path(name), "wb") as file:
+        for source in sources:
+            file.write(read(source))
+
+
+with test.check("authorities that --tls-client-ca names no more lose their open connections, others do not"):
+    write("clients.pem", "ca.pem", "other.pem")
+    narrowing = test.daemon(*TLS, "--tls-client-ca", test.path("clients.pem"))
+    stays, goes = clients_of(narrowing, "client", "stranger")
+    narrowing.signal(signal.SIGHUP)  # the same authorities again: nothing changes
+    ut.wait_until(lambda: "event=reloaded what=tls" in narrowing.log(), 10, "the reload")
+    assert not goes.wait(lambda: goes.goaway is not None, 0.5) and goes.call(LIST, NO_BYTES).status == 0
+    write("clients.pem", "ca.pem")
+    narrowing.signal(signal.SIGHUP)
+    assert goes.wait(lambda: goes.closed, 20), "its connection stays open"
+    assert "event=conn_revoked" in narrowing.log()
+    assert stays.call(LIST, NO_BYTES).status == 0, "a connection that is still admitted was closed"
+    narrowing.stop()
+with test.check("a certificate on --tls-crl is refused, and its open connections end at SIGHUP"):
+    with open(test.path("crl.cnf"), "w", encoding="ascii") as file:
+        file.write("[ca]\ndefault_ca=own\n[own]\ndatabase=revoked.txt\ndefault_md=sha256\ndefault_crl_days=2\n")
+    with open(test.path("revoked.txt"), "w", encoding="ascii"):
+        pass
+    by = ("-config", "crl.cnf", "-cert", "ca.pem", "-keyfile", "ca.key")
+    openssl("ca", *by, "-gencrl", "-out", "ca.crl")
+    listing = test.daemon(*TLS, "--tls-client-ca", test.path("ca.pem"), "--tls-crl", test.path("ca.crl"))
+    stays, goes = clients_of(listing, "second", "client")
+    openssl("ca", *by, "-revoke", "client.pem")
+    openssl("ca", *by, "-gencrl", "-out", "ca.crl")
+    listing.signal(signal.SIGHUP)
+    assert goes.wait(lambda: goes.closed, 20), "its connection stays open"
+    assert stays.call(LIST, NO_BYTES).status == 0
+    peer = secure(listing.addresses["tls"], own="client")
+    peer.refused(lambda: peer.ask("city", timeout=60), Code.UNAVAILABLE)
+    peer.close()
+    write("ca.crl", "ca.pem")  # no list at all: what was read before stays
+    listing.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "not_reloaded what=tls" in listing.log(), 10, "the complaint")
+    assert stays.call(LIST, NO_BYTES).status == 0
+    listing.stop()
+    done = subprocess.run([ut.program("umbraged"), "--store", store, "--tls-crl", test.path("ca.crl")],
+                          capture_output=True, timeout=60, check=False)
+    assert done.returncode == 2 and b"--tls-client-ca" in done.stderr, done
+with test.check("TLS handshakes of an address have a rate, its open connections and others do not"):
+    rated = test.daemon(*TLS, "--address-handshakes", 5)
+    to = int(rated.addresses["tls"].rpartition(":")[2])
+
+    def shakes(source):
+        try:
+            connection = h2.Connection(port=to, wrap=wrap(None), source=source, timeout=30)
+            return connection if connection.call(LIST, NO_BYTES).status == 0 else None
+        except (OSError, AssertionError):
+            return None
+    made, deadline = [], time.monotonic() + 60
+    while None not in made and time.monotonic() < deadline:
+        made.append(shakes("127.0.0.3"))
+    assert None in made and made[0] is not None, made
+    assert rated.metric("umbrage_handshakes_refused_total") >= 1
+    assert shakes("127.0.0.4") is not None
+    assert made[0].call(LIST, NO_BYTES).status == 0
+    ut.wait_until(lambda: shakes("127.0.0.3") is not None, 30, "the debt is paid")
+    rated.stop()
 with test.check("SIGHUP takes a new certificate for new connections; a bad one changes nothing"):
     def served():
         with shake(port) as connection:
@@ -255,6 +343,16 @@ with test.check("umbrage refuses a server that it has no reason to trust, and sa
                                 ((*ca, "--tls-key", test.path("client.key")), 2, b"certificate")):
         assert reason in ours("list", "--address", ours_tls, *extra, code=code).stderr, reason
     assert b"city" in ours("list", "--address", ours_tls, *ca, "--tls-name", "localhost").stdout
+    # The certificate names 127.0.0.1: the same server at another address is another one.
+    certificate("server", "ca", "localhost")
+    elsewhere = test.daemon("--listen", "tls:127.0.0.2:0", *TLS[2:])
+    at = elsewhere.addresses["tls"]
+    assert at.startswith("127.0.0.2:"), at
+    done = ours("list", "--address", "tls:" + at, *ca, code=77)
+    assert b"mismatch" in done.stderr, done
+    assert b"city" in ours("list", "--address", "tls:" + at, *ca, "--tls-name", "localhost").stdout
+    ours("list", "--address", "tls:" + at, *ca, "--tls-name", "127.0.0.3", code=77)
+    elsewhere.stop()
     # TLS and plain text do not understand each other; neither waits for the other.
     assert b"no TLS" in ours("list", "--address", "tls:" + tcp[4:], *ca, code=69).stderr
     ours("list", "--address", "tcp:" + address, code=69)
