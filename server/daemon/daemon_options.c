@@ -83,7 +83,7 @@ static const struct option table[] = {
     {"--max-connections", KIND_COUNT, AT(max_connections), 1, 1000000, "N",
      "connections at once; default 4096"},
     {"--max-address-connections", KIND_COUNT, AT(max_address_connections), 1, 1000000, "N",
-     "of one address (IPv6: of its /64) at once; default: a quarter of --max-connections"},
+     "of one address (IPv6: of its /64) at once; a quarter of --max-connections if not given"},
     {"--address-handshakes", KIND_TOTAL, AT(address_handshakes), 0, 1000000, "N",
      "TLS handshakes a second of one address, 0 = any number; default 100"},
     {"--max-watches", KIND_COUNT, AT(max_watches), 0, 1000000, "N",
