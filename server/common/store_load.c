@@ -229,7 +229,7 @@ void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTE
     struct umb_error error;
     umb_id_to_text(id, text);
     if (umbs_store_acquire(store, text, &entry, &error) == UMB_OK && entry->folder == folder) {
-        char *path = cache_path(store, entry);
+        char *path = umbs__cache_file(store->folders[folder].cache, id);
         atomic_store(&entry->replaced, 1);
         if (path != NULL) {
             (void)unlink(path); /* those who have it mapped keep it */
