@@ -209,20 +209,25 @@ with test.check("no process reads the submitter's bytes outside of a sandbox (st
             assert outside == [], outside[:4]
             assert inside >= 2, "the importer's and the bake's reading was not seen"
 
-with test.check("a kernel without a layer is refused, and said, or taken at the operator's word"):
-    # A filter of the test's own stands for an old kernel: Landlock is not there.
-    blocked = ("import ctypes,os,struct,sys\n"
-               "libc=ctypes.CDLL(None)\n"
-               "code=b''.join(struct.pack('<HBBI',*i) for i in ((0x20,0,0,0),(0x15,0,1,444),"
-               "(6,0,0,0x50000|38),(6,0,0,0x7fff0000)))\n"
-               "buffer=ctypes.create_string_buffer(code)\n"
-               "class P(ctypes.Structure): _fields_=[('n',ctypes.c_ushort),('p',ctypes.c_void_p)]\n"
-               "prog=P(4,ctypes.cast(buffer,ctypes.c_void_p))\n"
-               "assert libc.prctl(38,1,0,0,0)==0 and libc.prctl(22,2,ctypes.byref(prog))==0\n"
-               "os.execv(sys.argv[1],sys.argv[1:])\n")
+# A filter of the test's own stands for an old kernel: landlock_create_ruleset is not there.
+OLD_KERNEL = test.path("old-kernel")
+with open(OLD_KERNEL, "w", encoding="ascii") as file:
+    file.write("""
+import ctypes, os, struct, sys
+libc = ctypes.CDLL(None)
+code = b"".join(struct.pack("<HBBI", *line) for line in (
+    (0x20, 0, 0, 0), (0x15, 0, 1, 444), (6, 0, 0, 0x50000 | 38), (6, 0, 0, 0x7fff0000)))
+buffer = ctypes.create_string_buffer(code)
+class Program(ctypes.Structure):
+    _fields_ = [("count", ctypes.c_ushort), ("code", ctypes.c_void_p)]
+program = Program(4, ctypes.cast(buffer, ctypes.c_void_p))
+assert libc.prctl(38, 1, 0, 0, 0) == 0 and libc.prctl(22, 2, ctypes.byref(program)) == 0
+os.execv(sys.argv[1], sys.argv[1:])
+""")
 
+with test.check("a kernel without a layer is refused, and said, or taken at the operator's word"):
     def bake_on_old_kernel(*words):
-        return subprocess.run([sys.executable, "-c", blocked, ut.program("umbrage-bake"), *words],
+        return subprocess.run([sys.executable, OLD_KERNEL, ut.program("umbrage-bake"), *words],
                               capture_output=True, timeout=60, check=False)
 
     plan = (scene_path, "--plan", "--resolution", "64")
@@ -233,5 +238,22 @@ with test.check("a kernel without a layer is refused, and said, or taken at the 
     assert done.returncode == 0 and b"not fully shut in (Landlock no" in done.stderr, done
     assert bake_on_old_kernel("doctor", "--quiet").returncode == 69
     assert bake_on_old_kernel(*plan, "--quiet", "--sandbox", "off").stderr == b""
+
+with test.check("jobs on such a kernel fail with the cause, or are baked at the operator's word"):
+    old_bake = test.path("old-bake")
+    with open(os.open(old_bake, os.O_WRONLY | os.O_CREAT, 0o755), "w", encoding="ascii") as file:
+        file.write(f"#!/bin/sh\nexec '{sys.executable}' '{OLD_KERNEL}' "
+                   f"'{ut.program('umbrage-bake')}' \"$@\"\n")
+    for sandbox in ((), ("--job-sandbox", "available")):
+        daemon.stop()
+        daemon, client = start("--bake-program", old_bake, *sandbox)
+        job = client.submit({"a.glb": scene}, "a.glb", WHO["bob"], resolution=256, verify=1000,
+                            sun=f"7{len(sandbox)},40").job
+        status = client.finished_job(job, WHO["bob"])
+        if sandbox:
+            assert status.state == B.JOB_DONE and "not fully shut in" in status.notices, status
+        else:
+            assert status.state == B.JOB_FAILED, status
+            assert "Landlock" in status.cause and "--job-sandbox" in status.cause, status
 
 test.finish()

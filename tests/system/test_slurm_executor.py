@@ -74,6 +74,8 @@ with test.check("an array of tiles and a merge give the id of one bake"):
     first = calls("sbatch")
     assert len(first) == 2 and "--array=0-3 " in first[0] and "--array" not in first[1], first
     assert "--partition=bake --qos=low " in first[0], first
+    for call in first:  # the tasks are shut in, and the scene is one that this try read
+        assert " --sandbox=required " in call and f" --scene-buffer={JOBS}/work/" in call, call
     assert "import" not in first[0] and ".glb" not in "".join(first)  # no foreign format leaves here
     assert not queue() and not os.listdir(os.path.join(JOBS, "work"))
 

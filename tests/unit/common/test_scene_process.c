@@ -318,6 +318,43 @@ static void missing_input_and_folders_are_no_input(void **state)
     assert_null(scene);
 }
 
+struct hook {
+    int calls;
+    struct umbs_importer importer;
+    enum umb_status answer;
+};
+
+static enum umb_status shut_in(void *user, const struct umbs_importer *importer,
+                               struct umb_error *error)
+{
+    struct hook *hook = user;
+    hook->calls++;
+    hook->importer = *importer;
+    return hook->answer == UMB_OK ? UMB_OK : umb_fail(error, hook->answer, "no sandbox");
+}
+
+/* The caller hears of the running importer once, and where it cannot shut itself in, nothing of the
+ * importer is taken and none is left. */
+static void the_caller_shuts_itself_in_or_nothing_is_read(void **state)
+{
+    static const enum umb_status answers[] = {UMB_OK, UMB_E_UNAVAILABLE};
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        struct umbs_scene *scene;
+        struct umb_error error;
+        struct hook hook = {.answer = answers[i]};
+        const struct umbs_import_options options = {
+            .timeout_s = 20, .shut_in = shut_in, .user = &hook};
+        assert_int_equal(import_with("good", options, &scene, &error), answers[i]);
+        assert_int_equal(hook.calls, 1);
+        assert_true(hook.importer.process > 1 && hook.importer.files > 2);
+        assert_int_equal(kill(hook.importer.process, 0), -1);
+        assert_string_equal(error.message, i == 0 ? "" : "no sandbox");
+        assert_int_equal(scene != NULL, i == 0);
+        umbs_scene_destroy(scene);
+    }
+}
+
 static void large_input_is_a_limit(void **state)
 {
     (void)state;
@@ -379,6 +416,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(hanging_importers_are_ended),
         cmocka_unit_test(process_left_behind_does_not_hold_the_import),
         cmocka_unit_test(missing_input_and_folders_are_no_input),
+        cmocka_unit_test(the_caller_shuts_itself_in_or_nothing_is_read),
         cmocka_unit_test(large_input_is_a_limit),
         cmocka_unit_test(missing_importer_is_unavailable),
     };

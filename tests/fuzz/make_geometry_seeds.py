@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Seeds of fuzz_bake: small scenes as umbrage-bake import leaves them, behind two bytes of options.
+"""Seeds of fuzz_geometry: small scenes as umbrage-bake import leaves them, behind two bytes of options.
 
     BUILD=build/release tests/fuzz/make_bake_seeds.py FOLDER
 """
