@@ -12,10 +12,13 @@
 static bool normalize(double v[3])
 {
     const double length = sqrt(umb__dot(v, v));
+    if (!(length > 0 && isfinite(length))) {
+        return false;
+    }
     for (unsigned i = 0; i < 3; i++) {
         v[i] /= length;
     }
-    return length > 0 && isfinite(length);
+    return true;
 }
 
 /* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.

@@ -203,6 +203,8 @@ static void a_camera_whose_up_lies_along_its_view_is_refused(void **state)
         assert_non_null(strstr(error.message, "span a picture"));
         view.up[i % 3] += 1e-3 * (0.1 + i);
         assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_OK);
+        memset(view.forward, 0, sizeof view.forward); /* no direction at all */
+        assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_E_ARGUMENT);
     }
     partial_fixture_close(&f);
 }
