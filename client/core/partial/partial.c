@@ -126,7 +126,8 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
     }
     p->zstd = ZSTD_createDCtx();
     p->pages = umb__alloc_zeroed(&p->alloc, p->head.page_count, sizeof *p->pages);
-    if (!p->zstd || !p->pages) {
+    p->heap = umb__alloc(&p->alloc, p->head.page_count, sizeof *p->heap);
+    if (!p->zstd || !p->pages || !p->heap) {
         return no_memory(error, "the list of pages");
     }
     status = link_roots(p, error);
@@ -167,6 +168,7 @@ void umb_partial_close(struct umb_partial *p)
         umb__free(&p->alloc, p->pages[page].links);
     }
     umb__free(&p->alloc, p->pages);
+    umb__free(&p->alloc, p->heap);
     umb__free(&p->alloc, p->entries);
     umb__free(&p->alloc, p->blocks);
     umb__canonical_finish(&p->canonical, &p->alloc);
@@ -288,6 +290,7 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     p->pages[entry->page].stored = copy;
     p->held_count++;
     p->held_bytes += entry->stored_length;
+    umb__partial_note_page(p, entry->page);
     return UMB_OK;
 }
 

@@ -341,18 +341,6 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
     return UMB_OK;
 }
 
-uint32_t umb__partial_worst(const struct umb_partial *p)
-{
-    uint32_t worst = UINT32_MAX;
-    for (uint32_t page = 0; page < p->head.page_count; page++) {
-        if (p->pages[page].stored &&
-            (worst == UINT32_MAX || p->pages[page].benefit <= p->pages[worst].benefit)) {
-            worst = page;
-        }
-    }
-    return worst;
-}
-
 /* Drops the least useful pages, about an eighth of the bytes. */
 static void shed(struct umb_partial *p)
 {

@@ -43,6 +43,9 @@ struct umb_partial {
     struct umb__head head;
     struct umb__canonical canonical;
     struct umb__held *pages; /* [head.page_count] */
+    uint32_t *heap;          /* [heap_count] of [head.page_count]; see partial_worst.c */
+    uint32_t heap_count;
+    bool heap_fresh; /* false: pages or benefits are not those of the heap */
     uint32_t held_count;
     uint64_t held_bytes;
     uint64_t dropped, builds;
@@ -74,8 +77,11 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);
 void umb__partial_unbuild(struct umb_partial *p);
 
 /* The page here that matters least; of equal ones the last in the file. UINT32_MAX: none is here.
- */
-uint32_t umb__partial_worst(const struct umb_partial *p);
+ * Cost: logarithmic, but for the first time after benefits have changed (heap_fresh = false). */
+uint32_t umb__partial_worst(struct umb_partial *p);
+
+/* Lets umb__partial_worst know of a page that came. */
+void umb__partial_note_page(struct umb_partial *p, uint32_t page);
 
 /* The page a node of the graph stands in. */
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index);

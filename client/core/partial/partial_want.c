@@ -181,6 +181,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
                                  int add, struct umb_error *error)
 {
     struct umb__sight sight;
+    p->heap_fresh = false;
     if (!add) {
         forget(p);
     }
@@ -292,6 +293,7 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
             l->lack = (struct umb__lack){cube->level, above};
         }
         if (l->want) { /* else other threads may be looking, too */
+            l->p->heap_fresh = false;
             l->p->pages[cube->child & ~UMB__ABSENT].benefit += 1;
         }
         return;

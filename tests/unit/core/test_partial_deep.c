@@ -137,11 +137,54 @@ static void a_view_of_a_tree_that_is_one_meets_no_bound(void **state)
     partial_fixture_close(&f);
 }
 
+/* By looking at all pages. */
+static uint32_t worst_of_all(const struct umb_partial *p)
+{
+    uint32_t worst = UINT32_MAX;
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
+        if (p->pages[page].stored &&
+            (worst == UINT32_MAX || p->pages[page].benefit <= p->pages[worst].benefit)) {
+            worst = page;
+        }
+    }
+    return worst;
+}
+
+static void the_page_that_matters_least_is_found_whatever_comes_and_goes(void **state)
+{
+    (void)state;
+    const struct deep deep = {20, 1500, 2, 5};
+    struct partial_fixture f = {.file = deep_asset(&deep, SIDE_M)};
+    uint64_t seed = 77;
+    f.partial = partial_open(&f.file, 0);
+    const uint32_t pages = f.partial->head.page_count;
+    assert_true(pages > 20);
+    assert_int_equal(umb__partial_worst(f.partial), UINT32_MAX);
+    for (unsigned i = 0; i < 5000; i++) {
+        const uint32_t page = (uint32_t)(next_random(&seed) % pages);
+        if (i % 500 == 0) { /* benefits change in a want only */
+            partial_build(&f);
+            assert_int_equal(umb_partial_want(f.partial, &views[i / 500 % 5], 0, NULL), UMB_OK);
+        }
+        if (!umb_partial_has(f.partial, page)) {
+            partial_add(&f, page);
+        } else if (next_random(&seed) % 3 > 0) {
+            umb_partial_drop(f.partial, page);
+        } else {
+            umb_partial_drop(f.partial, umb__partial_worst(f.partial));
+        }
+        assert_int_equal(umb__partial_worst(f.partial), worst_of_all(f.partial));
+    }
+    umb_partial_close(f.partial);
+    bytes_finish(&f.file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_chain_of_eight_equal_children_is_walked_in_bounded_steps),
         cmocka_unit_test(diamonds_are_walked_in_bounded_steps_and_miss_nothing),
+        cmocka_unit_test(the_page_that_matters_least_is_found_whatever_comes_and_goes),
         cmocka_unit_test(a_view_of_a_tree_that_is_one_meets_no_bound),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
