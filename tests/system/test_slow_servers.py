@@ -183,7 +183,7 @@ with test.check("submit: a server that takes nothing, or never answers, is given
     large = test.scene("city", 60)
     for serve in (deaf, mute):
         server.submit = serve
-        assert "stalled after" in submit(large, "--stall-timeout", "2", "--quiet", code=None), serve
+        assert "stalled after" in submit(large, "--stall-timeout", "2", "--quiet", code=75), serve
 
 # --- other files that are named -----------------------------------------------------------------
 
@@ -197,6 +197,12 @@ with test.check("pipes without a writer, devices and sockets are refused where a
                         (["list", "--address", "tls:127.0.0.1:1", "--tls-cert", asset, "--tls-key", pipe], 66)):
         done = ut.run("umbrage", *words, code=None, timeout=HANG_S)
         assert done.returncode == code and b"umbrage: " in done.stderr, (words, done)
+
+with test.check("a daemon does not wait for a certificate out of a pipe"):
+    os.mkdir(test.path("none"))
+    done = ut.run("umbraged", "--store", test.path("none"), "--listen", "tls:127.0.0.1:0", "--tls-cert", pipe,
+                  "--tls-key", pipe, code=66, timeout=HANG_S)
+    assert b"not a regular file" in done.stderr, done
 
 with test.check("a token may come from a program through a pipe"):
     script = f"'{ut.program('umbrage')}' list --address {server.address} --token-file <(sleep 0.3; echo {'t' * 20})"
@@ -234,7 +240,7 @@ with test.check("stream: --timeout ends a web server that drips"):
     begin = time.monotonic()
     said = ut.run("umbrage", "stream", "--from-url", dripping(0.05), "--quiet", "--timeout", 3, code=None,
                   timeout=HANG_S)
-    assert said.returncode in (69, 75) and time.monotonic() - begin < 20, said
+    assert said.returncode in (69, 75) and said.stderr and time.monotonic() - begin < 20, said
     assert "--timeout" in ut.run("umbrage", "stream", asset, "--timeout", "x", code=2).stderr.decode()
 
 server.close()
