@@ -6,6 +6,7 @@ lie about sizes; scenes and options that name pipes, devices and sockets.
 """
 import os
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -71,7 +72,8 @@ with test.check("fetch: the first bytes give another asset or another length awa
                 asked.append(at)
                 yield M.FetchReply(offset=at, size=1 << 30, data=bytes(65536))
         return serve
-    for head, words in ((bytes(256), "another asset"), (whole[:256], "by its head")):
+    other = whole[:16] + struct.pack("<Q", 1 << 30) + whole[24:48] + bytes(32) + whole[80:256]
+    for head, words in ((bytes(256), "another asset"), (other, "another asset"), (whole[:256], "by its head")):
         server.fetch = endless(head)
         said = fetch(code=65)
         assert words in said and len(asked) < 1000, (said, len(asked))
