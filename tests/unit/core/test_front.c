@@ -226,6 +226,11 @@ static void damaged_words_do_no_harm(void **state)
         assert_int_equal(umb__front_check(cut, shorter, &frustum, 1, NULL), UMB_E_CORRUPT);
         free(cut);
     }
+    uint32_t *longer = malloc((count + 1) * sizeof *longer);
+    memcpy(longer, good, count * sizeof *longer);
+    longer[count] = 0;
+    assert_int_equal(umb__front_check(longer, count + 1, &frustum, 1, NULL), UMB_E_CORRUPT);
+    free(longer);
     size_t refused = 0;
     for (size_t i = 0; i < 1500; i++) {
         uint32_t *bad = malloc(count * sizeof *bad), lit = 0;

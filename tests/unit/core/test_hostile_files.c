@@ -133,6 +133,53 @@ static void a_directory_that_does_not_fit_its_file_is_refused(void **state)
     bytes_finish(&packed);
 }
 
+static void an_entry_that_must_be_understood_is_not_passed_over(void **state)
+{
+    struct bytes packed = bumpy_file(6);
+    (void)state;
+    /* An unknown tag, whose flags say that the rest means nothing without it. */
+    expect_spoilt(&packed, entry_at(&packed, UMB__TAG_LIGHTS) - UMB__ENTRY_HEAD, '?', UMB_E_VERSION,
+                  "needs a newer reader");
+    bytes_finish(&packed);
+}
+
+static void a_frustum_of_another_light_is_refused(void **state)
+{
+    struct bytes packed = bumpy_file(6);
+    (void)state;
+    expect_spoilt(&packed, entry_at(&packed, UMB__TAG_FRUSTA) + 4, 1, UMB_E_CORRUPT,
+                  "names light 1");
+    bytes_finish(&packed);
+}
+
+static void a_page_that_claims_too_much_is_refused(void **state)
+{
+    struct bytes packed = bumpy_file(6);
+    (void)state;
+    expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_RAW_LENGTH + 2, 0x11, UMB_E_CORRUPT,
+                  "at most 1048576");
+    bytes_finish(&packed);
+}
+
+static void bytes_behind_the_last_page_are_refused(void **state)
+{
+    struct bytes packed = bumpy_file(6);
+    struct bytes longer = {malloc(packed.size + 1), packed.size + 1, packed.size + 1};
+    struct umb_error error;
+    (void)state;
+    assert_non_null(longer.data);
+    memcpy(longer.data, packed.data, packed.size);
+    longer.data[packed.size] = 0;
+    umb__store64(longer.data + UMB__HEAD_FILE_LENGTH, longer.size);
+    seal_asset(&longer, false);
+    assert_int_equal(open_status(&longer, &error), UMB_E_CORRUPT);
+    if (strstr(error.message, "1 bytes follow the last page") == NULL) {
+        fail_msg("'%s'", error.message);
+    }
+    free(longer.data);
+    bytes_finish(&packed);
+}
+
 static void texts_that_are_not_utf8_are_refused(void **state)
 {
     struct bytes packed = bumpy_file(6);
@@ -547,6 +594,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(reserved_fields_are_a_newer_file),
         cmocka_unit_test(a_directory_that_does_not_fit_its_file_is_refused),
+        cmocka_unit_test(an_entry_that_must_be_understood_is_not_passed_over),
+        cmocka_unit_test(a_frustum_of_another_light_is_refused),
+        cmocka_unit_test(a_page_that_claims_too_much_is_refused),
+        cmocka_unit_test(bytes_behind_the_last_page_are_refused),
         cmocka_unit_test(texts_that_are_not_utf8_are_refused),
         cmocka_unit_test(messages_about_hostile_bytes_are_plain_text),
         cmocka_unit_test(every_bit_of_a_mapped_file_counts),
