@@ -170,6 +170,14 @@ sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
 	@echo "== $(config)"
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
 
+# Guards taken out one at a time, in copies of the tree below build/mutants.
+mutants: ## take 60 guards out one at a time: a test notices each (twenty minutes)
+	@/usr/bin/python3 tests/mutants/run_mutants.py --jobs $(CORES)
+
+mutants-short: ## a handful of them
+	@/usr/bin/python3 tests/mutants/run_mutants.py --jobs $(CORES) --short
+.PHONY: mutants mutants-short
+
 test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check

@@ -348,7 +348,7 @@ class Daemon:
 class Test:
     """One test program: folder, checks, daemons."""
 
-    def __init__(self, limit_s=280):
+    def __init__(self, limit_s=560):
         self.folder = tempfile.mkdtemp(prefix="umbt")  # short: Unix socket names have 107 bytes
         self.failed = []
         self.passed = 0

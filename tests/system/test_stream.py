@@ -237,7 +237,9 @@ with test.check("an answer without an end: an error is told at once, what is no 
     for head, code, words in ((b"HTTP/1.1 404 Not Found", 66, "says 404"),
                               (b"HTTP/1.1 503 Busy\r\nContent-Length: 99999999999", 69, "says 503"),
                               (b"HTTP/1.1 302 Found\r\nLocation: /there", 69, "redirects"),
-                              (b"HTTP/1.1 200 OK", 69, "does not serve ranges")):
+                              (b"HTTP/1.1 200 OK", 69, "does not serve ranges"),
+                              (b"HTTP/1.1 206 Partial Content\r\nContent-Range: bytes 0-127/9999", 69,
+                               "does not serve ranges")):
         started = time.monotonic()
         assert words in stream("--from-url", endless(head), code=code), head
         assert time.monotonic() - started < 5, head

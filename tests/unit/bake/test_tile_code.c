@@ -139,6 +139,11 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
     for (size_t length = 0; length < size; length += length < 300 ? 1 : 97) {
         assert_int_equal(decode_copy(bytes, length), UMB_E_CORRUPT);
     }
+    for (size_t at = 3; at <= 7; at += 4) { /* the two depths at the front, beyond the frustum */
+        bytes[at] ^= 0x40;
+        assert_int_equal(decode_copy(bytes, size), UMB_E_CORRUPT);
+        bytes[at] ^= 0x40;
+    }
     for (size_t at = 0; at < bricks; at += at < 300 ? 1 : 37) {
         for (int bit = 0; bit < 8; bit += 3) {
             bytes[at] ^= (uint8_t)(1 << bit);
