@@ -70,9 +70,9 @@ SCRIPT
 done
 TEST_JOBS=3 closing 0 "3 passed, 0 failed, 0 skipped" ./third.sh ./first.sh ./second.sh
 
-# What hangs is ended, with the processes that it started.
+# What hangs is ended, with the processes that it started, also with one that minds no SIGTERM.
 make_test hangs <<'SCRIPT'
-sleep 100 &
+(trap '' TERM; exec sleep 100) &
 echo $! >sleeper
 wait
 SCRIPT
