@@ -7,10 +7,11 @@ and opened again. Then:
 
 - an output of `umbrage-bake`, `umbrage pack` and `umbrage fetch` is the old one or the new one, and
   the new one once the program has ended with 0;
+- a bake on the tiles that a cut left makes the right asset;
 - a mapped file in a daemon's cache is whole or absent, and a daemon on it answers right;
 - a job whose submission was answered is known: with its whole bundle, or done, or over; a job that
   was told to be done is done; a done job's asset is there and whole; no asset is half under its
-  name; no job that may still run is without its bundle.
+  name; no job that may still run is without its bundle. Nor after a second cut, in the recovery.
 
 FAULT=short makes fewer images of each.
 """
@@ -28,6 +29,8 @@ sweep = fs.Sweep(test)
 SEED = int(os.environ.get("UMBRAGE_SEED", "18"))
 EXACT, SAMPLE = (32, 6) if fs.SHORT else (1024, 64)
 DAEMONS = 2 if fs.SHORT else 24  # images that a whole daemon is started on
+AGAIN = 4 if fs.SHORT else 60    # images whose recovery is cut, too
+BAKES = 8 if fs.SHORT else 200   # images of tiles that are baked on
 print(f"seed {SEED}, all subsets up to {EXACT}, samples of {SAMPLE}")
 IMAGE = power_cut.folder_for_images(test)
 OPTIONS = ("--resolution", 256, "--verify", 0)
@@ -90,6 +93,27 @@ with test.check("an output of umbrage pack is the old one or the new one"):
                  lambda: ut.run("umbrage", "pack", test.path("a.umbm"), "-o",
                                 os.path.join(packs, "p.umb")), old)
     assert read(packs, "p.umb") != old
+
+# ---- the tiles of a bake ----
+
+with test.check("a bake on any tiles that a cut left makes the right asset"):
+    tiles, made = test.path("tiles"), test.path("tiled.umb")
+    os.makedirs(tiles)
+    TILED = ("--resolution", 256, "--tile", 64, "--verify", 0, "--cache")
+    with power_cut.recorded(test, tiles) as recording:
+        wanted = test.bake(new_scene, made, *TILED, tiles)["asset"]
+    run = power_cut.Run(recording, tiles)
+    found = {image.digest: image for _, image in run.images(EXACT, SAMPLE, SEED)}
+    failures, filled = fs.Failures(), 0
+    for image in list(found.values())[::max(1, len(found) // BAKES)][:BAKES]:
+        with failures.point("tiles", image.what):
+            image.write(os.path.join(IMAGE, "tiles"))
+            filled += len(image.files) > 0
+            again = test.bake(new_scene, made, *TILED, os.path.join(IMAGE, "tiles"))["asset"]
+            assert again == wanted, "another asset"
+    tell(run, len(found))
+    failures.end()
+    assert filled > failures.done // 2, "hardly an image has tiles"
 
 # ---- the cache of a daemon ----
 
@@ -280,6 +304,31 @@ def check_outcome(outcome, index, jobs, assets):
         assert state in (None, "queued", "running", job.state), f"it is {state}"
 
 
+def start_opener():
+    return subprocess.Popen([ut.program("open_jobs"), ut.program("umbrage-bake")],
+                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def cut_again(image, index, failures):
+    """Cuts the recovery from an image in its turn; the number of images of that."""
+    again = test.path("again")
+    image.write(again)
+    before = power_cut.snapshot(again)
+    with power_cut.recorded(test, again) as recording:
+        first = start_opener()
+        Outcome(again, first)
+        first.stdin.close()
+        assert first.wait() == 0
+    run, seen = power_cut.Run(recording, again, before), set()
+    for _, second in run.images(EXACT, SAMPLE, SEED):
+        if second.digest not in seen:
+            seen.add(second.digest)
+            with failures.point(image.what + ", then " + second.what):
+                second.write(os.path.join(IMAGE, "jobs"))
+                check_outcome(Outcome(os.path.join(IMAGE, "jobs"), opener), index, jobs, assets)
+    return len(seen)
+
+
 def bake_all(folder, outcome, jobs):
     """A whole daemon on an image ends all that is not over."""
     process = service(folder)
@@ -311,8 +360,7 @@ with test.check("no power cut loses an accepted job, a bundle or an asset"):
             assert job.accepted < job.done < power_cut.NEVER, "the end of the job was not seen"
     jobs[0].dropped = run.marked("delete")
     jobs[-1].done = run.marked("cancelled")
-    opener = subprocess.Popen([ut.program("open_jobs"), ut.program("umbrage-bake")],
-                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    opener = start_opener()
     outcomes, count, failures, chosen = {}, 0, fs.Failures(), []
     for index, image in run.images(EXACT, SAMPLE, SEED):
         count += 1
@@ -322,8 +370,6 @@ with test.check("no power cut loses an accepted job, a bundle or an asset"):
                 outcomes[image.digest] = Outcome(os.path.join(IMAGE, "jobs"), opener)
                 chosen.append((image, index))
             check_outcome(outcomes[image.digest], index, jobs, assets)
-    opener.stdin.close()
-    opener.wait()
     tell(run, count)
     states = [state for outcome in outcomes.values() for state, _ in outcome.jobs.values()]
     print(f"    {len(outcomes)} different ones; jobs in them: " + ", ".join(
@@ -331,6 +377,17 @@ with test.check("no power cut loses an accepted job, a bundle or an asset"):
     failures.end()
     for wanted in ("queued", "done", "failed"):
         assert wanted in states, f"no image has a job that is {wanted}"
+
+with test.check("nor does a second one, while a daemon recovers from the first"):
+    failures, count = fs.Failures(), 0
+    some = [pair for pair in chosen if outcomes[pair[0].digest].jobs]
+    for image, index in some[::max(1, len(some) // AGAIN)][:AGAIN]:
+        count += cut_again(image, index, failures)
+    print(f"    {AGAIN} recoveries, {count} images")
+    failures.end()
+    assert count > AGAIN, "hardly an image"
+opener.stdin.close()
+opener.wait()
 
 with test.check("an output of umbrage fetch is the old one or the new one"):
     fetched = test.path("fetched")
