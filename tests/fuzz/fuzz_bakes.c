@@ -258,8 +258,8 @@ static void compressed(const uint8_t *bytes, size_t size)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static void (*const kinds[])(const uint8_t *, size_t) = {submit_request, job_status, job_list,
-                                                             small_messages, reflection, compressed};
+    static void (*const kinds[])(const uint8_t *, size_t) = {
+        submit_request, job_status, job_list, small_messages, reflection, compressed};
     if (size == 0 || size > MAX_MESSAGE) {
         return 0;
     }

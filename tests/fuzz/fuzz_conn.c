@@ -60,8 +60,9 @@ static void start(void)
 {
     static char store[300], tokens[300], listen[300];
     static const char *const fixed[] = {
-        "--workers=1",       "--loops=1",           "--log-level=error",  "--scrub-interval=0",
-        "--max-points=2048", "--max-message=65536", "--connection-buffer=4MiB", "--max-buffer=8MiB"};
+        "--workers=1",           "--loops=1",           "--log-level=error",
+        "--scrub-interval=0",    "--max-points=2048",   "--max-message=65536",
+        "--connection-buffer=4MiB", "--max-buffer=8MiB"};
     static char *words[32] = {store, "--store", store, "--token-file", tokens, "--listen", listen};
     static struct umbd_options options;
     struct umb_error error = {0};
@@ -216,7 +217,8 @@ static void say_headers(struct script *script)
                                        (uint8_t *)(uintptr_t)(text + name), name, size - name,
                                        NGHTTP2_NV_FLAG_NONE};
     }
-    const ssize_t length = nghttp2_hd_deflate_hd(script->packer, block, sizeof block, fields, count);
+    const ssize_t length =
+        nghttp2_hd_deflate_hd(script->packer, block, sizeof block, fields, count);
     if (length < 0) {
         return;
     }
