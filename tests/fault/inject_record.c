@@ -103,8 +103,7 @@ static void append(enum record kind, uint64_t inode, uint64_t offset, const char
 {
     const size_t path_bytes = path != NULL ? strlen(path) : 0;
     const size_t other_bytes = other != NULL ? strlen(other) : 0;
-    const size_t whole =
-        (sizeof(struct entry) + path_bytes + other_bytes + bytes + 7) / 8 * 8;
+    const size_t whole = (sizeof(struct entry) + path_bytes + other_bytes + bytes + 7) / 8 * 8;
     const uint64_t used = atomic_load(&record->used);
     if (whole > capacity - used || whole > UINT32_MAX) {
         atomic_store(&record->full, 1);

@@ -31,8 +31,7 @@ static void print_jobs(struct umbj_request *request, struct umbj_service *servic
     struct listing *listing = (struct listing *)request;
     struct umbj_job *jobs = NULL;
     size_t count = 0;
-    listing->status =
-        umbj_service_list(service, NULL, MOST_JOBS, &jobs, &count, &listing->error);
+    listing->status = umbj_service_list(service, NULL, MOST_JOBS, &jobs, &count, &listing->error);
     for (size_t i = 0; i < count; i++) {
         char asset[UMB_ID_TEXT_SIZE] = "-";
         if (jobs[i].has_asset) {
@@ -67,8 +66,7 @@ static enum umb_status list(struct umbj_service *service, struct umb_error *erro
     return listing.status;
 }
 
-static enum umb_status open_folder(const char *folder, const char *program,
-                                   struct umb_error *error)
+static enum umb_status open_folder(const char *folder, const char *program, struct umb_error *error)
 {
     struct umbj_service *service = NULL;
     const struct umbj_service_options options = {

@@ -5,8 +5,8 @@
  * mostly well formed, calls of every method with and without a right, and raw bytes. The first byte
  * picks that, or the filter of frames alone.
  *
- * Properties: the daemon's answer is whole frames; when the peer has gone, no connection, call or
- * byte is held; the filter passes the same bytes however they are cut.
+ * Properties: what the daemon sends are frames that a server may send; when the peer has gone, no
+ * connection, call or byte is held; the filter passes the same bytes however they are cut.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -59,10 +59,14 @@ static void write_asset(const char *path)
 static void start(void)
 {
     static char store[300], tokens[300], listen[300];
-    static const char *const fixed[] = {
-        "--workers=1",           "--loops=1",           "--log-level=error",
-        "--scrub-interval=0",    "--max-points=2048",   "--max-message=65536",
-        "--connection-buffer=4MiB", "--max-buffer=8MiB"};
+    static const char *const fixed[] = {"--workers=1",
+                                        "--loops=1",
+                                        "--log-level=error",
+                                        "--scrub-interval=0",
+                                        "--max-points=2048",
+                                        "--max-message=65536",
+                                        "--connection-buffer=4MiB",
+                                        "--max-buffer=8MiB"};
     static char *words[32] = {store, "--store", store, "--token-file", tokens, "--listen", listen};
     static struct umbd_options options;
     struct umb_error error = {0};
@@ -120,6 +124,40 @@ static void turn(void)
     (void)uv_run(&daemon_of_all.loops[0].uv, UV_RUN_NOWAIT);
 }
 
+/* Where in a frame the daemon's answer is. */
+static struct {
+    uint8_t head[9];
+    size_t head_bytes, payload_left;
+} heard;
+
+/* A server opens no stream, so it sends on odd ones and on none; and no long frames. */
+static void check_frame(void)
+{
+    const uint8_t *h = heard.head;
+    heard.head_bytes = 0;
+    heard.payload_left = (size_t)h[0] << 16 | (size_t)h[1] << 8 | h[2];
+    FUZZ_DEMAND(heard.payload_left <= UMBD_SEND_FRAME && h[3] <= NGHTTP2_CONTINUATION);
+    FUZZ_DEMAND((h[5] & 0x80) == 0 && ((h[5] | h[6] | h[7] | h[8]) == 0 || h[8] % 2 == 1));
+}
+
+static void follow(const uint8_t *bytes, size_t count)
+{
+    while (count > 0) {
+        size_t part = heard.payload_left < count ? heard.payload_left : count;
+        if (part > 0) {
+            heard.payload_left -= part;
+        } else {
+            heard.head[heard.head_bytes++] = *bytes;
+            part = 1;
+            if (heard.head_bytes == sizeof heard.head) {
+                check_frame();
+            }
+        }
+        bytes += part;
+        count -= part;
+    }
+}
+
 /* Takes what the daemon sent; returns 0 once it has closed. */
 static int hear(int socket)
 {
@@ -127,6 +165,9 @@ static int hear(int socket)
     ssize_t count = 0;
     do {
         count = recv(socket, bytes, sizeof bytes, MSG_DONTWAIT);
+        if (count > 0) {
+            follow(bytes, (size_t)count);
+        }
     } while (count > 0);
     return !(count == 0 || (errno != EAGAIN && errno != EINTR));
 }
@@ -152,10 +193,15 @@ static void say(struct script *script, const void *bytes, size_t size)
 static void say_frame(struct script *script, uint8_t type, uint8_t flags, uint32_t stream,
                       const void *payload, size_t size)
 {
-    const uint8_t head[9] = {
-        (uint8_t)(size >> 16),  (uint8_t)(size >> 8),   (uint8_t)size,
-        type,                   flags,                  (uint8_t)(stream >> 24),
-        (uint8_t)(stream >> 16), (uint8_t)(stream >> 8), (uint8_t)stream};
+    const uint8_t head[9] = {(uint8_t)(size >> 16),
+                             (uint8_t)(size >> 8),
+                             (uint8_t)size,
+                             type,
+                             flags,
+                             (uint8_t)(stream >> 24),
+                             (uint8_t)(stream >> 16),
+                             (uint8_t)(stream >> 8),
+                             (uint8_t)stream};
     say(script, head, sizeof head);
     say(script, payload, size);
 }
@@ -200,8 +246,8 @@ static void say_headers(struct script *script)
     fields[count++] = header("content-type", "application/grpc");
     fields[count++] = header("te", "trailers");
     if ((how & NO_TOKEN) == 0) {
-        fields[count++] = header("authorization", how & BAD_TOKEN ? "Bearer " TOKEN "x"
-                                                                  : "Bearer " TOKEN);
+        fields[count++] =
+            header("authorization", how & BAD_TOKEN ? "Bearer " TOKEN "x" : "Bearer " TOKEN);
     }
     if (how & DEADLINE) {
         fields[count++] = header("grpc-timeout", next(script) & 1 ? "1n" : "20S");
@@ -213,9 +259,9 @@ static void say_headers(struct script *script)
     if (how & ODD_FIELD) {
         const uint8_t *text = take(script, next(script) % 64, &size);
         const size_t name = size / 2;
-        fields[count++] = (nghttp2_nv){(uint8_t *)(uintptr_t)text,
-                                       (uint8_t *)(uintptr_t)(text + name), name, size - name,
-                                       NGHTTP2_NV_FLAG_NONE};
+        fields[count++] =
+            (nghttp2_nv){(uint8_t *)(uintptr_t)text, (uint8_t *)(uintptr_t)(text + name), name,
+                         size - name, NGHTTP2_NV_FLAG_NONE};
     }
     const ssize_t length =
         nghttp2_hd_deflate_hd(script->packer, block, sizeof block, fields, count);
@@ -268,7 +314,7 @@ static void say_any_frame(struct script *script)
 static void say_small_frame(struct script *script)
 {
     const uint8_t kind = next(script);
-    const uint8_t payload[8] = {0, next(script), next(script), next(script), next(script),
+    const uint8_t payload[8] = {0,           next(script), next(script), next(script), next(script),
                                 next(script)};
     if (kind % 4 == 0) {
         say_frame(script, NGHTTP2_RST_STREAM, 0, some_stream(script), payload, 4);
@@ -315,6 +361,7 @@ static void connection(const uint8_t *data, size_t size)
     int sockets[2];
     start();
     FUZZ_DEMAND(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, sockets) == 0);
+    memset(&heard, 0, sizeof heard);
     struct umbd_loop *loop = &daemon_of_all.loops[0];
     struct script script = {data, data + size, sockets[0], NULL, 1, 0};
     FUZZ_DEMAND(nghttp2_hd_deflate_new(&script.packer, 4096) == 0);

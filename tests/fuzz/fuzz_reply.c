@@ -41,8 +41,8 @@ static void one_header(struct umb__reply *reply, struct input *input)
     size_t size;
     if (pick & 0x80) {
         const char *value = values[next(input) % 6];
-        (void)!umb__reply_header(reply, (const uint8_t *)name, strlen(name),
-                                 (const uint8_t *)value, strlen(value), &error);
+        (void)!umb__reply_header(reply, (const uint8_t *)name, strlen(name), (const uint8_t *)value,
+                                 strlen(value), &error);
     } else {
         const uint8_t *value = take(input, next(input), &size);
         (void)!umb__reply_header(reply, (const uint8_t *)name, strlen(name), value, size, &error);
