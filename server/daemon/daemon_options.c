@@ -607,6 +607,12 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
     return options->help || options->version ? UMB_OK : check_whole(options, error);
 }
 
+/* Prints a text. A ';' behind a blank begins a comment of the file, one right behind '=' does not. */
+static void print_text(FILE *out, const char *name, const char *text)
+{
+    (void)fprintf(out, "%s =%s%s\n", name, text[0] == ';' ? "" : " ", text);
+}
+
 /* Prints one setting; a list as one line each, a text that is not set as a comment. */
 static void print_option(const struct option *option, const struct umbd_options *options, FILE *out)
 {
@@ -618,16 +624,20 @@ static void print_option(const struct option *option, const struct umbd_options 
     switch (option->kind) {
     case KIND_TEXT:
         memcpy(&text, field, sizeof text);
-        (void)fprintf(out, "%s%s = %s\n", text != NULL ? "" : "; ", name, text != NULL ? text : "");
+        if (text != NULL) {
+            print_text(out, name, text);
+        } else {
+            (void)fprintf(out, "; %s = \n", name);
+        }
         break;
     case KIND_LISTEN:
         for (size_t i = 0; i < options->listen_count; i++) {
-            (void)fprintf(out, "%s = %s\n", name, options->listen[i]);
+            print_text(out, name, options->listen[i]);
         }
         break;
     case KIND_STORE:
         for (size_t i = 0; i < UMBS_STORE_FOLDERS_MAX && options->stores[i] != NULL; i++) {
-            (void)fprintf(out, "%s = %s\n", name, options->stores[i]);
+            print_text(out, name, options->stores[i]);
         }
         break;
     case KIND_COUNT:
