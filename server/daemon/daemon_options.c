@@ -607,7 +607,8 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
     return options->help || options->version ? UMB_OK : check_whole(options, error);
 }
 
-/* Prints a text. A ';' behind a blank begins a comment of the file, one right behind '=' does not. */
+/* Prints a text. In the file a ';' behind a blank begins a comment, right behind '=' it does not.
+ */
 static void print_text(FILE *out, const char *name, const char *text)
 {
     (void)fprintf(out, "%s =%s%s\n", name, text[0] == ';' ? "" : " ", text);

@@ -27,6 +27,7 @@ those an earlier cut gives no image that the later one does not give as well. Of
 all 2^n subsets are made while that is at most `exact`; beyond it none, all, each prefix, each one
 left out, each one alone, and a seeded sample.
 """
+import atexit
 import contextlib
 import ctypes
 import hashlib
@@ -408,7 +409,6 @@ def folder_for_images(test):
     """Memory, where there is a file system in it: images are written by the thousand."""
     if os.access("/dev/shm", os.W_OK):
         folder = f"/dev/shm/umbrage-cut{os.getpid()}"
-        import atexit
         atexit.register(shutil.rmtree, folder, True)
     else:
         folder = test.path("images")

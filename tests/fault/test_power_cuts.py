@@ -29,7 +29,7 @@ sweep = fs.Sweep(test)
 SEED = int(os.environ.get("UMBRAGE_SEED", "18"))
 EXACT, SAMPLE = (32, 6) if fs.SHORT else (1024, 64)
 DAEMONS = 2 if fs.SHORT else 24  # images that a whole daemon is started on
-AGAIN = 4 if fs.SHORT else 60    # images whose recovery is cut, too
+AGAIN = 4 if fs.SHORT else 12    # images whose recovery is cut, too
 BAKES = 8 if fs.SHORT else 200   # images of tiles that are baked on
 print(f"seed {SEED}, all subsets up to {EXACT}, samples of {SAMPLE}")
 IMAGE = power_cut.folder_for_images(test)
