@@ -19,9 +19,9 @@ import umbrage_test as ut  # noqa: E402
 TOKEN = "0123456789abcdef0123456789abcdef"
 
 
-def manifest(b):
+def manifest(b, *more):
     manifest = b.Manifest(scene="city.obj", priority=3)
-    for name, size in (("city.obj", 100), ("t/a.mtl", 0)):
+    for name, size in (("city.obj", 100), ("t/a.mtl", 0), *more):
         manifest.files.add(path=name, size=size, sha256=bytes(range(32)))
     for name, value in (("resolution", "256"), ("sun", "140,38"), ("effect", "front=on")):
         manifest.settings.add(name=name, value=value)
@@ -34,7 +34,9 @@ def status(b):
 
 def bakes(test):
     b, r = test.messages.bakes, test.messages.reflection
-    messages = [(0, b.SubmitRequest(manifest=manifest(b))), (0, b.SubmitRequest(data=b"v 0 0 0\n")),
+    odd = ["../x.mtl", "t/../../x.mtl", "/x.mtl", "./x.mtl", "t//x.mtl", "city.obj", "CITY.obj"]
+    messages = [(0, b.SubmitRequest(manifest=manifest(b, (path, 1)))) for path in odd]
+    messages += [(0, b.SubmitRequest(manifest=manifest(b))), (0, b.SubmitRequest(data=b"v 0 0 0\n")),
                 (1, status(b)), (2, b.ListJobsReply(jobs=[status(b), status(b)])),
                 (3, b.SubmitReply(job="0123456789abcdef" * 2)), (3, b.WatchRequest(job="a" * 32)),
                 (3, b.FetchRequest(asset="ab" * 32, offset=7)),
