@@ -86,11 +86,16 @@ struct umbd_conn {
 void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport);
 
 /*
- * Room for connections (conn_room.c). _enter, _leave: for one that begins (a stranger) and one that
- * is closed. _prove: a call was allowed by its rights; _doubt: its tokens were read again. _evict:
- * closes one that can be missed. _make_room: the same if a newcomer needs it; 1 if there is room.
- * _make_room_at: closes a stranger of the address, 1 if there was one. _relieve: closes strangers
- * that hold more than their share of --max-buffer, once an event has set the loop's `crowded`.
+ * Room for connections (conn_room.c).
+ *
+ *     umbd_conn_enter, _leave      for one that begins, a stranger, and for one that is closed
+ *     umbd_conn_prove              a call of it was allowed by its rights
+ *     umbd_conn_doubt              its tokens were read again
+ *     umbd_conn_evict              closes one that can be missed and has been for a second
+ *     umbd_conn_make_room          closes one if a newcomer needs its place; 1 if there is room
+ *     umbd_conn_make_room_at       closes the oldest stranger of an address; 1 if there was one
+ *     umbd_conn_relieve            closes strangers while they hold more than their share of
+ *                                  --max-buffer; once an event has set the loop's `crowded`
  */
 void umbd_conn_enter(struct umbd_conn *conn);
 void umbd_conn_leave(struct umbd_conn *conn);

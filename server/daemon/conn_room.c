@@ -21,7 +21,7 @@
 
 #define KEPT_SHARE   4    /* a quarter is kept */
 #define ADDRESS_PART 3    /* times what is free: the most that one address may hold */
-#define ROOM_IDLE_MS 1000 /* connections with rights that are idle for less are not evicted */
+#define ROOM_IDLE_MS 1000 /* connections that came or worked within it are not evicted as idle */
 #define GRANT_BYTES  ((size_t)64 << 10) /* given to a connection at once */
 #define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by it when its calls end */
 
@@ -233,10 +233,15 @@ static int evict(struct umbd_conn *conn)
     return 1;
 }
 
+/* Here a second counts for strangers, too: one that has just come may have asked already. */
 void umbd_conn_evict(struct umbd_loop *loop)
 {
-    struct umbd_conn *idle = idlest(loop);
-    (void)evict(idle != NULL && loop->oldest_stranger == NULL ? idle : loop->oldest_stranger);
+    struct umbd_conn *stranger = loop->oldest_stranger;
+    if (stranger != NULL && uv_now(&loop->uv) - stranger->opened_ms >= ROOM_IDLE_MS) {
+        (void)evict(stranger);
+    } else {
+        (void)evict(idlest(loop));
+    }
 }
 
 void umbd_conn_relieve(struct umbd_loop *loop)
