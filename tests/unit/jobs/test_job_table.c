@@ -251,6 +251,124 @@ static void a_file_that_is_no_table_is_refused(void **state)
     reopen(f);
 }
 
+/* Reopens with other limits. */
+static void reopen_with(struct fixture *f, int64_t owner_assets, int64_t owner_history)
+{
+    struct umbj_limits other = limits;
+    other.owner_assets = owner_assets;
+    other.owner_history = owner_history;
+    umbj_table_close(f->table);
+    assert_int_equal(umbj_table_open(f->path, &other, &f->table, &f->error), UMB_OK);
+}
+
+/* Bakes a scene to an asset of so many bytes. */
+static enum umb_status bake(struct fixture *f, const char *owner, unsigned content, int64_t bytes,
+                            struct umbj_job *job)
+{
+    uint8_t asset[UMBJ_HASH_BYTES];
+    int is_new;
+    key_of(1000 + content, asset);
+    enum umb_status status = submit_as(f, owner, content, 0, 1000, job, &is_new);
+    if (status == UMB_OK) {
+        assert_int_equal(umbj_table_claim(f->table, 2000, 2000, job, &f->error), UMB_OK);
+        status = umbj_table_check_asset(f->table, owner, asset, bytes, &f->error);
+    }
+    if (status == UMB_OK) {
+        assert_int_equal(umbj_table_announce(f->table, asset, bytes, &f->error), UMB_OK);
+        finish(f, job, 1000 + content);
+    }
+    return status;
+}
+
+static void what_an_owner_keeps_has_a_quota(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_job job;
+    struct umbj_kept kept;
+    uint8_t asset[UMBJ_HASH_BYTES];
+    reopen_with(f, 100, 0);
+    assert_int_equal(bake(f, "ann", 1, 60, &job), UMB_OK);
+    assert_int_equal(bake(f, "ann", 2, 41, &job), UMB_E_BUSY);
+    assert_non_null(strstr(f->error.message, "--owner-assets"));
+    assert_non_null(strstr(f->error.message, "60"));
+    assert_non_null(strstr(f->error.message, "umbrage rm"));
+    assert_int_equal(umbj_table_refused(f->table, UMBJ_QUOTA_ASSETS), 1);
+    assert_int_equal(umbj_table_fail(f->table, &job, UMBJ_REJECTED, "full", 2001, &f->error),
+                     UMB_OK);
+    assert_int_equal(bake(f, "ann", 2, 40, &job), UMB_OK);
+    assert_int_equal(bake(f, "bob", 1, 60, &job), UMB_OK);    /* each owner has its own */
+    assert_int_equal(bake(f, "ann", 3, 1, &job), UMB_E_BUSY); /* already at the submission */
+    key_of(1001, asset); /* what is the owner's already needs no more room */
+    assert_int_equal(umbj_table_check_asset(f->table, "ann", asset, 60, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_kept(f->table, "ann", &kept, &f->error), UMB_OK);
+    assert_int_equal(kept.asset_bytes, 100);
+    assert_int_equal(umbj_table_kept(f->table, NULL, &kept, &f->error), UMB_OK);
+    assert_int_equal(kept.asset_bytes, 160);
+    assert_int_equal(umbj_table_disown(f->table, asset, "ann", &f->error), UMB_OK);
+    assert_int_equal(bake(f, "ann", 3, 60, &job), UMB_OK);
+    assert_int_equal(umbj_table_unowned(f->table, asset, &f->error), UMB_E_NOT_FOUND);
+    assert_int_equal(umbj_table_disown(f->table, asset, "bob", &f->error), UMB_E_NOT_FOUND);
+    assert_string_equal(umbj_quota_name(UMBJ_QUOTA_ASSETS), "assets");
+    assert_string_equal(umbj_quota_name(UMBJ_QUOTA_COUNT), "unknown");
+}
+
+static void the_oldest_jobs_of_an_owner_are_forgotten(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_job job, *jobs = NULL;
+    size_t count = 0;
+    int is_new;
+    reopen_with(f, 0, 3);
+    for (unsigned i = 0; i < 6; i++) {
+        assert_int_equal(bake(f, "ann", i, 1, &job), UMB_OK);
+        assert_int_equal(bake(f, "bob", 100 + i % 2, 1, &job), UMB_OK);
+        assert_int_equal(umbj_table_cancel(f->table, job.id, "bob", 1, &job, &f->error), UMB_OK);
+        uint8_t asset[UMBJ_HASH_BYTES];
+        key_of(1100 + i % 2, asset);
+        assert_int_equal(umbj_table_disown(f->table, asset, "bob", &f->error), UMB_OK);
+        assert_int_equal(umbj_table_trim(f->table, "ann", &f->error), UMB_OK);
+    }
+    assert_int_equal(submit_as(f, "ann", 50, 0, 1000, &job, &is_new), UMB_OK);
+    assert_int_equal(umbj_table_trim(f->table, "ann", &f->error), UMB_OK);
+    assert_int_equal(umbj_table_list(f->table, "ann", 100, &jobs, &count, &f->error), UMB_OK);
+    assert_int_equal(count, 4); /* three that are over, and one that is not */
+    assert_int_equal(jobs[1].key[0], 5);
+    assert_int_equal(jobs[3].key[0], 3);
+    free(jobs);
+    assert_int_equal(umbj_table_list(f->table, "bob", 100, &jobs, &count, &f->error), UMB_OK);
+    assert_int_equal(count, 6); /* not trimmed */
+    free(jobs);
+}
+
+static void a_step_of_the_clock_moves_no_lease_and_lengthens_no_pause(void **state)
+{
+    static const int64_t steps[] = {1200000, -3600000, INT64_C(86400000) * 400};
+    struct fixture *f = *state;
+    struct umbj_job job, other;
+    int64_t when = 0;
+    for (unsigned i = 0; i < 3; i++) {
+        const int64_t now = INT64_C(1700000000000), steady = 5000;
+        int is_new;
+        assert_int_equal(submit_as(f, "ann", i, 0, now, &job, &is_new), UMB_OK);
+        assert_int_equal(umbj_table_claim(f->table, now, steady, &job, &f->error), UMB_OK);
+        assert_int_equal(umbj_table_renew(f->table, job.id, job.epoch, steady + 50, &f->error),
+                         UMB_OK);
+        /* The lease is of the steady clock alone. */
+        assert_int_equal(umbj_table_expired(f->table, steady + 150, &other, &f->error),
+                         UMB_E_NOT_FOUND);
+        assert_int_equal(umbj_table_expired(f->table, steady + 151, &other, &f->error), UMB_OK);
+        assert_int_equal(umbj_table_fail(f->table, &job, UMBJ_TEMPORARY, "no", now, &f->error),
+                         UMB_OK);
+        assert_int_equal(umbj_table_next_start(f->table, now, &when, &f->error), UMB_OK);
+        assert_int_equal(when, now + UMBJ_PAUSE_MS);
+        assert_int_equal(umbj_table_next_start(f->table, now + steps[i], &when, &f->error), UMB_OK);
+        assert_int_equal(when, now + steps[i]); /* over, whichever way the clock was set */
+        assert_int_equal(umbj_table_claim(f->table, now + steps[i], steady, &job, &f->error),
+                         UMB_OK);
+        finish(f, &job, i + 1);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -265,6 +383,9 @@ int main(void)
         TABLE_TEST(a_restart_queues_what_ran),
         TABLE_TEST(an_asset_lives_as_long_as_somebody_has_it),
         TABLE_TEST(a_file_that_is_no_table_is_refused),
+        TABLE_TEST(what_an_owner_keeps_has_a_quota),
+        TABLE_TEST(the_oldest_jobs_of_an_owner_are_forgotten),
+        TABLE_TEST(a_step_of_the_clock_moves_no_lease_and_lengthens_no_pause),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

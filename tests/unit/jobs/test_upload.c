@@ -241,6 +241,80 @@ static void limits_are_met_before_anything_is_written(void **state)
     assert_int_equal(check(f), UMB_E_ARGUMENT);
 }
 
+static void names_that_differ_only_by_case_are_one_name(void **state)
+{
+    static const struct {
+        const char *one, *other;
+        int is_taken;
+    } cases[] = {
+        {"b.ply", "B.ply", 0},      {"t/b.ply", "T/c.ply", 0},   {"t/b.ply", "t/B.ply", 0},
+        {"t/u/b", "t/U/c", 0},      {"t/b.ply", "t/c.ply", 1},   {"b.ply", "b.plyx", 1},
+        {"tt/b.ply", "T/b.ply", 1}, {"\xc3\xa4", "\xc3\x84", 1}, {"b[", "b{", 1},
+    };
+    struct fixture *f = *state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        f->files[1].path = cases[i].one;
+        f->files[2].path = cases[i].other;
+        assert_int_equal(check(f), cases[i].is_taken ? UMB_OK : UMB_E_ARGUMENT);
+        if (!cases[i].is_taken) {
+            assert_non_null(strstr(f->error.message, cases[i].one));
+            assert_non_null(strstr(f->error.message, cases[i].other));
+            assert_non_null(strstr(f->error.message, "only by case"));
+        }
+    }
+}
+
+static void writing_ends_when_the_server_does(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    atomic_int stop = 0;
+    struct umbj_upload *upload = NULL;
+    assert_int_equal(umbj_manifest_key(&f->manifest, key, &f->error), UMB_OK);
+    assert_int_equal(umbj_upload_begin(f->folder, &f->manifest, key, &stop, &upload, &f->error),
+                     UMB_OK);
+    assert_int_equal(umbj_upload_write(upload, CONTENT, 4, &f->error), UMB_OK);
+    atomic_store(&stop, 1);
+    assert_int_equal(umbj_upload_write(upload, CONTENT, 8, &f->error), UMB_E_UNAVAILABLE);
+    assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_E_UNAVAILABLE);
+    umbj_upload_leave(upload); /* the flag may go now */
+    umbj_upload_destroy(upload);
+    assert_int_equal(names_in(f, "incoming"), 1); /* the next start sweeps it */
+}
+
+static void an_upload_without_its_folder_fails_each_time(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    struct umbj_upload *upload = begin(f, key);
+    assert_int_equal(unlinkat(f->fd, "incoming", AT_REMOVEDIR), 0);
+    assert_int_equal(umbj_upload_write(upload, CONTENT, 8, &f->error), UMB_E_IO);
+    assert_int_equal(umbj_upload_write(upload, CONTENT, 8, &f->error), UMB_E_IO);
+    assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_E_IO);
+    umbj_upload_destroy(upload);
+    umbj_upload_destroy(NULL);
+}
+
+/* One of the same key is still being removed. */
+static void a_bundle_goes_away_beside_one_that_is_going(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t key[UMBJ_HASH_BYTES];
+    char gone[2][UMBJ_GONE_SIZE];
+    for (int i = 0; i < 2; i++) {
+        struct umbj_upload *upload = begin(f, key);
+        assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, 16, &f->error), UMB_OK);
+        assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
+        umbj_upload_destroy(upload);
+        assert_int_equal(umbj_bundle_take_away(f->fd, key, gone[i]), 0);
+    }
+    assert_string_not_equal(gone[0], gone[1]);
+    assert_int_equal(names_in(f, "incoming"), 2);
+    assert_int_equal(names_in(f, "bundles"), 0);
+    assert_int_equal(umbj_bundle_take_away(f->fd, key, gone[0]), 0);
+    assert_string_equal(gone[0], "");
+}
+
 static void a_file_that_is_also_a_folder_is_refused(void **state)
 {
     struct fixture *f = *state;
@@ -346,6 +420,10 @@ int main(void)
         UPLOAD_TEST(paths_that_could_leave_the_folder_are_refused),
         UPLOAD_TEST(limits_are_met_before_anything_is_written),
         UPLOAD_TEST(a_file_that_is_also_a_folder_is_refused),
+        UPLOAD_TEST(names_that_differ_only_by_case_are_one_name),
+        UPLOAD_TEST(writing_ends_when_the_server_does),
+        UPLOAD_TEST(an_upload_without_its_folder_fails_each_time),
+        UPLOAD_TEST(a_bundle_goes_away_beside_one_that_is_going),
         UPLOAD_TEST(a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one),
         UPLOAD_TEST(removing_a_folder_does_not_follow_links),
         UPLOAD_TEST(a_folder_is_gone_at_once_for_those_who_write_into_it),
