@@ -307,7 +307,10 @@ static void what_an_owner_keeps_has_a_quota(void **state)
     assert_int_equal(umbj_table_disown(f->table, asset, "ann", &f->error), UMB_OK);
     assert_int_equal(bake(f, "ann", 3, 60, &job), UMB_OK);
     assert_int_equal(umbj_table_unowned(f->table, asset, &f->error), UMB_E_NOT_FOUND);
-    assert_int_equal(umbj_table_disown(f->table, asset, "bob", &f->error), UMB_E_NOT_FOUND);
+    assert_int_equal(umbj_table_disown(f->table, asset, "bob", &f->error), UMB_OK);
+    assert_int_equal(umbj_table_unowned(f->table, asset, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_forget(f->table, asset, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_unowned(f->table, asset, &f->error), UMB_E_NOT_FOUND);
     assert_string_equal(umbj_quota_name(UMBJ_QUOTA_ASSETS), "assets");
     assert_string_equal(umbj_quota_name(UMBJ_QUOTA_COUNT), "unknown");
 }
