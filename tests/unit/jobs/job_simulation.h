@@ -11,6 +11,7 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -41,6 +42,7 @@ struct sim_world {
     unsigned done, lost, deaths, faults, late, cancelled, refused, stepped; /* what happened */
     int64_t calls_to_death, calls_to_fault; /* below 0: none is to come */
     int fault;                              /* errno */
+    int tampered;                           /* a file was removed by hand */
 };
 
 static struct sim_world *gate_world;       /* whose calls are counted; NULL: none */
@@ -139,6 +141,29 @@ CAUGHT int unlink(const char *path)
 CAUGHT int mkdirat(int folder, const char *name, mode_t mode)
 {
     return gate() != 0 ? -1 : (int)syscall(SYS_mkdirat, folder, name, mode);
+}
+
+static mode_t mode_of(int flags, va_list arguments)
+{
+    return (flags & O_CREAT) != 0 ? (mode_t)va_arg(arguments, int) : 0;
+}
+
+CAUGHT int open(const char *path, int flags, ...)
+{
+    va_list arguments;
+    va_start(arguments, flags);
+    const mode_t mode = mode_of(flags, arguments);
+    va_end(arguments);
+    return gate() != 0 ? -1 : (int)syscall(SYS_openat, AT_FDCWD, path, flags, mode);
+}
+
+CAUGHT int openat(int folder, const char *path, int flags, ...)
+{
+    va_list arguments;
+    va_start(arguments, flags);
+    const mode_t mode = mode_of(flags, arguments);
+    va_end(arguments);
+    return gate() != 0 ? -1 : (int)syscall(SYS_openat, folder, path, flags, mode);
 }
 
 CAUGHT ssize_t write(int fd, const void *bytes, size_t count)

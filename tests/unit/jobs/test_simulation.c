@@ -144,8 +144,30 @@ static int64_t world_steady_ms(void *user)
     return ((struct sim_world *)user)->steady_ms;
 }
 
+/* The daemon's store: it loads what is new after a while, and some things never. */
+static int world_serves(void *user, const uint8_t *asset)
+{
+    struct sim *sim = user;
+    (void)asset;
+    if (sim->is_sound) {
+        return 1;
+    }
+    return draw(sim->world, 40) == 0 ? -1 : draw(sim->world, 3) == 0;
+}
+
+static void world_replaces(void *user, const uint8_t *asset)
+{
+    CHECK(user != NULL && asset != NULL);
+}
+
+static void world_kicked(void *user)
+{
+    CHECK(user != NULL);
+}
+
 static void open_service(struct sim *sim)
 {
+    static const struct umbs_log *const no_log;
     const struct umbj_clocks clocks = {world_unix_ms, world_steady_ms, sim->world};
     const struct umbj_service_options options = {
         .folder = sim->folder,
@@ -160,6 +182,12 @@ static void open_service(struct sim *sim)
                    .total_bytes = 4000,
                    .lease_ms = LEASE_MS,
                    .owner_assets = ASSET_BYTES * (CONTENTS - 1)},
+        .cache_bytes = 1000,
+        .log = no_log,
+        .store_changed = world_kicked,
+        .replacing = world_replaces,
+        .is_served = world_serves,
+        .user = sim,
         .clocks = &clocks,
         .executor = &sim->executor,
     };
@@ -303,7 +331,71 @@ static void delete_asset(struct sim *sim)
     uint8_t asset[UMBJ_HASH_BYTES];
     struct umb_error error;
     asset_of(draw(sim->world, CONTENTS), asset);
-    (void)!umbj_service_delete(sim->service, asset, owner_names[draw(sim->world, OWNERS)], &error);
+    const char *owner = draw(sim->world, 8) == 0 ? NULL : owner_names[draw(sim->world, OWNERS)];
+    (void)!umbj_service_delete(sim->service, asset, owner, &error);
+}
+
+/* An owner fetches an asset: its bytes, or a refusal; never another's. */
+static void fetch(struct sim *sim)
+{
+    const unsigned content = draw(sim->world, CONTENTS);
+    const char *owner = owner_names[draw(sim->world, OWNERS)];
+    uint8_t asset[UMBJ_HASH_BYTES], byte = 0;
+    int fd = -1, known = 0, owned = 0;
+    uint64_t bytes = 0;
+    struct umb_error error;
+    asset_of(content, asset);
+    if (umbj_service_open_asset(sim->service, asset, owner, &fd, &bytes, &error) == UMB_OK) {
+        CHECK(bytes == ASSET_BYTES && read(fd, &byte, 1) == 1 && byte == content);
+        close(fd);
+        CHECK(umbj_table_asset(sim->service->table, asset, owner, &known, &owned, &error) !=
+                  UMB_OK ||
+              owned);
+    }
+}
+
+static void take_standing(void *user, const struct umbj_standing *standing)
+{
+    struct sim *sim = user;
+    CHECK(standing->done <= standing->total || standing->total == 0);
+    CHECK(standing->tiles.done <= standing->tiles.total);
+    CHECK(standing->plan != NULL || standing->job.id[0] != '\0');
+    CHECK(sim->world != NULL);
+}
+
+/* A watcher comes, or comes back. */
+static void watch(struct sim *sim)
+{
+    struct sim_world *world = sim->world;
+    struct umb_error error;
+    struct umbj_board *board = umbj_service_board(sim->service);
+    if (world->job_count == 0) {
+        return;
+    }
+    const struct sim_job *job = &world->jobs[draw(world, world->job_count)];
+    const char *other = owner_names[(job->owner + 1) % OWNERS];
+    if (umbj_service_show(sim->service, job->id, owner_names[job->owner], &error) == UMB_OK) {
+        CHECK(umbj_board_version(board, job->id) > 0);
+        CHECK(umbj_board_look(board, job->id, owner_names[job->owner], take_standing, sim));
+        CHECK(umbj_board_look(board, job->id, NULL, take_standing, sim));
+    }
+    CHECK(!umbj_board_look(board, job->id, other, take_standing, sim));
+    CHECK(umbj_service_show(sim->service, job->id, other, &error) != UMB_OK);
+    const struct umbj_tiles tiles = umbj_board_tiles(board);
+    CHECK(tiles.done <= tiles.total);
+}
+
+/* An operator removes the file of an asset, who should not. */
+static void remove_file(struct sim *sim)
+{
+    uint8_t asset[UMBJ_HASH_BYTES];
+    char path[4300];
+    if (draw(sim->world, 4) == 0) {
+        asset_of(draw(sim->world, CONTENTS), asset);
+        umbj_asset_path(sim->service->assets_path, asset, path, sizeof path);
+        (void)syscall(SYS_unlinkat, AT_FDCWD, path, 0);
+        sim->world->tampered = 1;
+    }
 }
 
 /* --- what tries do --- */
@@ -358,10 +450,12 @@ static void end_try(struct sim *sim, struct sim_try *try)
 static void give_sign(struct sim *sim, struct sim_try *try)
 {
     struct umbj_report report =
-        report_of(try, draw(sim->world, 2) ? UMBJ_REPORT_PHASE : UMBJ_REPORT_TILES);
+        report_of(try, (enum umbj_report_kind)draw(sim->world, UMBJ_REPORT_ENDED));
     const unsigned faults = sim->world->faults;
     report.total = 10;
     report.done = draw(sim->world, 11);
+    report.found = draw(sim->world, (unsigned)report.done + 1);
+    report.failure = UMBJ_LOST; /* of a task */
     umbj__take_report(sim->service, &report);
     try->is_doubtful = faults != sim->world->faults;
     try->sign_ms = sim->world->steady_ms;
@@ -456,7 +550,7 @@ static void check_job(struct sim *sim, const struct umbj_job *job, unsigned owne
         CHECK(umbj_table_asset(sim->service->table, job->asset, job->owner, &known, &owned,
                                &error) == UMB_OK);
         umbj_asset_path(sim->service->assets_path, job->asset, path, sizeof path);
-        CHECK(!owned || access(path, F_OK) == 0);
+        CHECK(!owned || sim->world->tampered || access(path, F_OK) == 0);
     }
 }
 
@@ -554,8 +648,9 @@ static void take_step(struct sim *sim)
 {
     typedef void (*step_fn)(struct sim *);
     static const step_fn steps[] = {
-        submit,    submit,       submit,    work_on, work_on, work_on, work_on,    cancel,
-        pass_time, delete_asset, pass_time, work_on, submit,  work_on, step_clock, break_something};
+        submit,     submit,          submit,       work_on,   work_on, work_on, work_on,
+        cancel,     pass_time,       delete_asset, pass_time, work_on, submit,  work_on,
+        step_clock, break_something, fetch,        watch,     fetch,   watch,   remove_file};
     steps[draw(sim->world, sizeof steps / sizeof steps[0])](sim);
     umbj__service_turn(sim->service, 0);
     if (sim->world->calls_to_fault < 0) {
