@@ -46,11 +46,11 @@ static const struct option table[] = {
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; may be repeated; default tcp:127.0.0.1:7420; "
      "port 0 picks one"},
     {"--cache", KIND_TEXT, AT(cache), 0, 0, "DIR",
-     "folder of mapped files that only this user can change; default: CACHE_DIRECTORY of systemd, "
-     "else .umbrage-cache in each store that no other user can write to, else memory"},
+     "folder of mapped files that only this user can change; if not given CACHE_DIRECTORY of "
+     "systemd, else .umbrage-cache in each store that no other user can write to, else memory"},
     {"--load-memory", KIND_BYTES, AT(load_memory), 1 << 20, (uint64_t)1 << 50, "BYTES",
-     "packed and mapped size of an asset that is loaded; default: three quarters of this "
-     "machine's memory"},
+     "packed and expanded size of an asset that is loaded; three quarters of this machine's "
+     "memory if not given"},
     {"--socket-mode", KIND_MODE, AT(socket_mode), 0600, 0777, "MODE",
      "permissions of unix: sockets, octal, whatever the umask; default 0660"},
     {"--copy", KIND_FLAG, AT(copy), 0, 0, NULL,
@@ -97,7 +97,7 @@ static const struct option table[] = {
     {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
      "take scenes over the network and bake them; all about them is in DIR, which is no --store"},
     {"--jobs-db", KIND_TEXT, AT(jobs_db), 0, 0, "FILE",
-     "job table, on a local disk; default: jobs.db in the folder of --jobs"},
+     "job table, on a local disk; jobs.db in the folder of --jobs if not given"},
     {"--bake-program", KIND_TEXT, AT(bake_program), 0, 0, "FILE",
      "umbrage-bake; the one beside this program if not given"},
     {"--job-sandbox", KIND_TEXT, AT(job_sandbox), 0, 0, "MODE",

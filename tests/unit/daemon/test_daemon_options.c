@@ -57,6 +57,24 @@ static void options_take_values_with_units_and_equals_signs(void **state)
     assert_int_equal(options.log_level, UMB_LOG_DEBUG);
 }
 
+static void socket_mode_is_octal_and_keeps_the_daemon_in(void **state)
+{
+    static const char *const bad[] = {"0060", "0460", "888", "01666", "00660", "", "rw", "-1"};
+    struct umbd_options options;
+    struct umb_error error;
+    (void)state;
+    assert_int_equal(PARSE(&options, &error, "--store", "x"), UMB_OK);
+    assert_int_equal(options.socket_mode, 0660);
+    assert_int_equal(PARSE(&options, &error, "--store", "x", "--socket-mode", "600"), UMB_OK);
+    assert_int_equal(options.socket_mode, 0600);
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        assert_int_equal(
+            PARSE(&options, &error, "--store", "x", "--socket-mode", (char *)(uintptr_t)bad[i]),
+            UMB_E_ARGUMENT);
+        assert_non_null(strstr(error.message, "--socket-mode"));
+    }
+}
+
 static void options_name_each_bad_argument(void **state)
 {
     static const struct {
@@ -199,6 +217,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(options_have_the_stated_defaults),
         cmocka_unit_test(options_take_values_with_units_and_equals_signs),
+        cmocka_unit_test(socket_mode_is_octal_and_keeps_the_daemon_in),
         cmocka_unit_test(options_name_each_bad_argument),
         cmocka_unit_test(other_machines_are_served_only_with_tokens_or_where_it_is_said),
         cmocka_unit_test(options_require_a_store_and_values),
