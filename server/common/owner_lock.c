@@ -96,11 +96,10 @@ static enum umb_status is_taken(const char *path, const struct line *line, struc
     char host[128];
     long pid = 0;
     if (sscanf(line->text, "%127s %*s %ld", host, &pid) != 2) {
-        return umb_fail(error, UMB_E_BUSY, "'%.200s' belongs to another daemon", path);
+        return umb_fail(error, UMB_E_BUSY, "another daemon has '%.200s'", path);
     }
-    return umb_fail(error, UMB_E_BUSY,
-                    "'%.200s' belongs to another daemon: pid %ld on host '%.100s'", path, pid,
-                    host);
+    return umb_fail(error, UMB_E_BUSY, "another daemon, pid %ld on host '%.100s', has '%.200s'", pid,
+                    host, path);
 }
 
 /* 1 if the line's owner ran on this machine since its last start, so that a lock that we got proves

@@ -17,6 +17,7 @@
 #include <unistd.h>
 
 #include "common/clock.h"
+#include "common/private_folder.h"
 #include "jobs/folder.h"
 #include "jobs/slurm_farm.h"
 #include "jobs/try_executor.h"
@@ -271,6 +272,19 @@ enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t si
     return status == UMB_OK ? umbj_folder_make(AT_FDCWD, assets, error) : status;
 }
 
+/* Says so where other users can change the folder, which a cluster's shared storage may need. */
+static void warn_if_shared(const struct umbj_service *service)
+{
+    char *resolved = NULL;
+    struct umb_error cause;
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    if (umbs_private_folder(service->options.folder, &resolved, &cause) == UMB_E_PERMISSION) {
+        umbs_log_event(service->options.log, UMB_LOG_WARN, "jobs_not_private", "reason=%s",
+                       umbs_log_quote(cause.message, quoted));
+    }
+    free(resolved);
+}
+
 static enum umb_status open_folder(struct umbj_service *service, struct umb_error *error)
 {
     static const char *const names[] = {"incoming", "bundles", "work", "tiles"};
@@ -285,6 +299,7 @@ static enum umb_status open_folder(struct umbj_service *service, struct umb_erro
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "--jobs: cannot use '%.150s'",
                               path);
     }
+    warn_if_shared(service);
     status = umbj_place_take(path, service->options.table, &service->place, error);
     for (size_t i = 0; status == UMB_OK && i < sizeof names / sizeof names[0]; i++) {
         status = umbj_folder_make(service->folder, names[i], error);

@@ -146,6 +146,15 @@ with test.check("a table that would be left behind is told of, and moved by hand
     jobs_there = client.list_jobs(B.ListJobsRequest(), metadata=ANN, timeout=60).jobs
     assert [job.asset.hex() for job in jobs_there] == [asset], jobs_there
     end(daemon)
+with test.check("a jobs folder that others can change is told of"):
+    os.chmod(test.path("jobs-before"), 0o770)
+    daemon = daemon_on(test.path("jobs-before"), "--jobs-db", moved)
+    assert "event=jobs_not_private" in daemon.log() and "mode 0770" in daemon.log(), daemon.log()
+    end(daemon)
+    os.chmod(test.path("jobs-before"), 0o700)
+    daemon = daemon_on(test.path("jobs-before"), "--jobs-db", moved)
+    assert "event=jobs_not_private" not in daemon.log()
+    end(daemon)
 with test.check("a daemon that was killed is followed at once, whatever it left in the lock"):
     daemon = daemon_on(test.path("jobs-killed"))
     daemon.kill()
