@@ -98,8 +98,8 @@ static enum umb_status is_taken(const char *path, const struct line *line, struc
     if (sscanf(line->text, "%127s %*s %ld", host, &pid) != 2) {
         return umb_fail(error, UMB_E_BUSY, "another daemon has '%.200s'", path);
     }
-    return umb_fail(error, UMB_E_BUSY, "another daemon, pid %ld on host '%.100s', has '%.200s'", pid,
-                    host, path);
+    return umb_fail(error, UMB_E_BUSY, "another daemon, pid %ld on host '%.100s', has '%.200s'",
+                    pid, host, path);
 }
 
 /* 1 if the line's owner ran on this machine since its last start, so that a lock that we got proves

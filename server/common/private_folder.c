@@ -39,8 +39,8 @@ static enum umb_status check_one(const char *path, const char *folder, int is_la
         return UMB_OK;
     }
     return umb_fail(error, UMB_E_PERMISSION,
-                    "'%.150s' (uid %ld, mode %04o) lets other users change '%.150s'; it must belong "
-                    "to uid %ld or root, and neither group nor others may write to it",
+                    "'%.150s' (uid %ld, mode %04o) lets other users change '%.150s'; it must "
+                    "belong to uid %ld or root, and neither group nor others may write to it",
                     folder, (long)facts.st_uid, (unsigned)(facts.st_mode & 07777), path,
                     (long)geteuid());
 }
