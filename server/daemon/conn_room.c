@@ -8,8 +8,10 @@
  * oldest one makes room for the next, however busy it is, so a newcomer always gets far enough to
  * show its rights.
  *
- * Without a token file everybody has rights, so what is kept is kept from single addresses: one may
- * hold three times what is left free, so n of them leave 1 / (3n + 1) of --max-buffer.
+ * Without a token file everybody has rights, so what is kept is kept from single addresses: beyond
+ * a stranger's allowance, which every connection keeps, an address may hold three times what it
+ * leaves of the first three quarters of --max-buffer. Allowances of all connections fit into the
+ * last one, so small calls are always answered; large ones share what is left with the greedy.
  *
  * Invariants: the strangers of a loop are in its list, oldest first; their `buffered` add up to
  * the daemon's stranger_buffered; allowance is the stranger's one and `taken`, or SIZE_MAX; an
@@ -119,7 +121,7 @@ void umbd_conn_doubt(struct umbd_conn *conn)
 static int grant(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;
-    const uint64_t most = daemon->options.max_buffer;
+    const uint64_t most = daemon->options.max_buffer - daemon->options.max_buffer / KEPT_SHARE;
     const uint64_t used = atomic_load(&daemon->buffered) + bytes;
     const size_t lacking = conn->buffered + bytes - conn->allowance;
     const size_t wanted = (lacking + GRANT_BYTES - 1) / GRANT_BYTES * GRANT_BYTES;
