@@ -94,6 +94,12 @@ with test.check("the same scene of two owners is one asset, if it takes longer t
     assert second.asset == first.asset and second.epoch == 1, second
     asset = first.asset.hex()
 
+with test.check("what another owner has is loaded once more, as if it were the first"):
+    loads = [line for line in daemon.log().splitlines()
+             if "asset_loaded" in line and f"id={asset}" in line]
+    assert len(loads) == 2 and all("how=proven" in line for line in loads), loads
+    assert "cache_rebuilt" not in daemon.log()
+
 with test.check("an asset that its other owner deletes meanwhile is there at the end"):
     client.delete_asset(B.DeleteRequest(asset=asset), metadata=WHO["bob"])
     job = client.submit(scene, "a.glb", WHO["bob"], **settings).job
