@@ -36,6 +36,11 @@ struct fixture {
     int silent; /* questions that get no answer */
     int full;   /* so many arrays are refused but for TILES / 2 tasks, and time goes by */
     int stop_at_submit, too_large;
+    const char *bad_end, *bad_text; /* of task 0, as often as bad_ends says */
+    int bad_ends;
+    int losing;                 /* tasks that are taken are never heard of again */
+    int bad_merges, once_taken; /* tasks may be given out again in the next round */
+    time_t skip_s;              /* of the clock, with each question */
     size_t arrays, merges, questions;
     uint8_t taken[TILES];
 };
@@ -84,12 +89,15 @@ static enum umb_status submit_array(struct umbj_farm *self, const struct umbj_fa
     struct fixture *f = (struct fixture *)self;
     const uint64_t one = 1;
     f->arrays++;
+    if (f->once_taken) {
+        memset(f->taken, 0, sizeof f->taken);
+    }
     f->since_ms = now_ms();
     if (f->full > 0) {
         return take_half(f, wanted, error);
     }
     for (uint32_t i = 0; i < stage->count; i++) {
-        assert_int_equal(f->taken[i] && wanted[i], 0); /* no twins */
+        assert_true(f->losing || !(f->taken[i] && wanted[i])); /* no twins */
         f->taken[i] |= wanted[i];
     }
     if (f->stop_at_submit) {
@@ -109,6 +117,11 @@ static enum umb_status submit_merge(struct umbj_farm *self, const struct umbj_fa
     struct fixture *f = (struct fixture *)self;
     (void)error;
     f->merges++;
+    if (f->bad_merges > 0) {
+        f->bad_merges--;
+        put_end(stage, "fail.0.75.1-0", "a tile is missing\n");
+        return UMB_OK;
+    }
     put_end(stage, f->too_large ? "fail.0.74.1-0" : "done.0", f->too_large ? TOO_LARGE : "");
     return UMB_OK;
 }
@@ -118,6 +131,7 @@ static enum umb_status status(struct umbj_farm *self, const struct umbj_farm_sta
 {
     struct fixture *f = (struct fixture *)self;
     f->questions++;
+    skipped_s += f->skip_s;
     memset(known, UMBJ_TASK_UNKNOWN, stage->count);
     if (f->silent > 0) {
         f->silent--;
@@ -125,6 +139,17 @@ static enum umb_status status(struct umbj_farm *self, const struct umbj_farm_sta
     }
     for (uint32_t i = 0; i < stage->count; i++) {
         known[i] = f->taken[i] ? (uint8_t)f->state : UMBJ_TASK_UNKNOWN;
+        if (f->losing) {
+            known[i] = UMBJ_TASK_UNKNOWN;
+            continue;
+        }
+        if (i == 0 && f->taken[0] && f->bad_ends > 0) {
+            f->bad_ends--;
+            f->taken[0] = 0;
+            known[0] = UMBJ_TASK_UNKNOWN;
+            put_end(stage, f->bad_end, f->bad_text);
+            continue;
+        }
         if (f->taken[i] && now_ms() - f->since_ms >= f->wait_ms) {
             char end[32];
             snprintf(end, sizeof end, "done.%u", i);
@@ -288,6 +313,118 @@ static void a_file_beyond_the_limit_is_no_reason_to_try_again(void **state)
     assert_non_null(strstr(f->try.cause, "--max-asset"));
 }
 
+/* Each end of task 0 comes once, or as often as it takes. */
+static void what_a_task_says_decides_what_becomes_of_the_bake(void **state)
+{
+    static const struct {
+        const char *end, *text;
+        int times;
+        enum umbj_failure failure;
+    } cases[] = {
+        {"fail.0.75.1-0", "umbrage-bake: no room\n\n", 1, UMBJ_NO_FAILURE},
+        {"fail.0.74.1-0", "", 2, UMBJ_NO_FAILURE},
+        {"fail.0.73.1-0", "no end of line", 1, UMBJ_NO_FAILURE},
+        {"fail.0.75.1-0", "umbrage-bake: no room\n", 9, UMBJ_TEMPORARY},
+        {"fail.0.65.1-0", "first\numbrage-bake: it is no scene\n", 1, UMBJ_REJECTED},
+        {"fail.0.137.1-0", "", 1, UMBJ_MEMORY},
+        {"fail.0.139.1-0", "", 1, UMBJ_CRASH},
+        {"fail.0.70.1-0", "umbrage-bake: disagrees\n", 1, UMBJ_INTERNAL},
+    };
+    struct fixture *f = *state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        memset(f->taken, 0, sizeof f->taken);
+        f->bad_end = cases[i].end;
+        f->bad_text = cases[i].text;
+        f->bad_ends = cases[i].times;
+        umbj_folder_remove(AT_FDCWD, f->work);
+        assert_int_equal(mkdir(f->work, 0700), 0);
+        expect(f, cases[i].failure);
+    }
+    assert_non_null(strstr(f->try.cause, "disagrees"));
+}
+
+static void names_that_are_no_ends_are_not_believed(void **state)
+{
+    static const char *const names[] = {"done.99", "done.x",    "fail.99.65.1-0", "fail.0.999.1-0",
+                                        "fail.0",  "log.0.1-0", "done.4294967296"};
+    struct fixture *f = *state;
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        memset(f->taken, 0, sizeof f->taken);
+        f->bad_end = names[i];
+        f->bad_text = "";
+        f->bad_ends = 1; /* the task is lost besides, and given out again */
+        expect(f, UMBJ_NO_FAILURE);
+    }
+}
+
+static void tasks_that_are_lost_too_often_end_the_try(void **state)
+{
+    struct fixture *f = *state;
+    f->losing = 1;
+    expect(f, UMBJ_LOST);
+    assert_non_null(strstr(f->try.cause, "was lost"));
+    assert_int_equal(f->arrays, 4);
+}
+
+static void a_merge_without_its_tiles_bakes_them_again(void **state)
+{
+    struct fixture *f = *state;
+    f->order.cache = f->bundle;
+    f->options.timeout_ms = 60000;
+    f->bad_merges = 3;
+    f->once_taken = 1;
+    expect(f, UMBJ_TEMPORARY);
+    assert_int_equal(f->merges, 3);
+    f->bad_merges = 1;
+    expect(f, UMBJ_NO_FAILURE);
+    assert_int_equal(f->merges, 5);
+}
+
+static void tiles_that_cannot_be_kept_are_baked_in_one_task(void **state)
+{
+    static const char *const settings[] = {"--depth=embree\n", "--static\n",
+                                           "--effect=static=on\n"};
+    struct fixture *f = *state;
+    for (int i = 0; i < 3; i++) {
+        f->order.settings = settings[i];
+        expect(f, UMBJ_NO_FAILURE);
+    }
+    assert_int_equal(f->arrays, 0);
+    assert_int_equal(f->merges, 3);
+}
+
+static void put_program(struct fixture *f, const char *script)
+{
+    FILE *file = fopen(f->program, "w");
+    assert_non_null(file);
+    fprintf(file, "#!/bin/sh\n%s\n", script);
+    assert_int_equal(fclose(file), 0);
+}
+
+static void what_the_plan_refuses_never_reaches_the_farm(void **state)
+{
+    static const char *const scripts[] = {"[ \"$1\" != import ] || exit 65",
+                                          "[ \"$1\" != --plan ] || exit 2",
+                                          "[ \"$1\" != --plan ] || echo tiles 0 100001 0 >&3",
+                                          "[ \"$1\" != --plan ] || echo tiles 0 0 0 >&3"};
+    struct fixture *f = *state;
+    for (size_t i = 0; i < sizeof scripts / sizeof scripts[0]; i++) {
+        put_program(f, scripts[i]);
+        expect(f, UMBJ_REJECTED);
+    }
+    assert_int_equal(f->arrays + f->merges, 0);
+}
+
+static void a_farm_that_never_answers_is_given_up(void **state)
+{
+    struct fixture *f = *state;
+    f->silent = 1000000;
+    f->skip_s = 50;
+    f->options.timeout_ms = 3600 * 1000;
+    f->wait_ms = INT64_MAX;
+    expect(f, UMBJ_TEMPORARY);
+}
+
 int main(void)
 {
 #define FARM_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -298,6 +435,13 @@ int main(void)
         FARM_TEST(a_farm_that_is_full_of_the_bakes_own_tasks_is_waited_for),
         FARM_TEST(a_try_that_is_stopped_while_it_submits_is_cancelled),
         FARM_TEST(a_file_beyond_the_limit_is_no_reason_to_try_again),
+        FARM_TEST(what_a_task_says_decides_what_becomes_of_the_bake),
+        FARM_TEST(names_that_are_no_ends_are_not_believed),
+        FARM_TEST(tasks_that_are_lost_too_often_end_the_try),
+        FARM_TEST(a_merge_without_its_tiles_bakes_them_again),
+        FARM_TEST(tiles_that_cannot_be_kept_are_baked_in_one_task),
+        FARM_TEST(what_the_plan_refuses_never_reaches_the_farm),
+        FARM_TEST(a_farm_that_never_answers_is_given_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

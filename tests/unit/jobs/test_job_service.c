@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -205,12 +206,116 @@ static void uploads_on_their_way_count_for_the_quotas(void **state)
     assert_int_equal(waiting.again, UMB_OK);
 }
 
+static void put_in(const struct fixture *f, const char *name, size_t size)
+{
+    char path[256], bytes[100] = {0};
+    snprintf(path, sizeof path, "%s/%s", f->jobs, name);
+    int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    assert_true(fd >= 0);
+    assert_int_equal(write(fd, bytes, size), size);
+    close(fd);
+}
+
+static size_t names_in(const struct fixture *f, const char *name)
+{
+    struct umbj_names names;
+    char path[256];
+    snprintf(path, sizeof path, "%s/%s", f->jobs, name);
+    int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    assert_int_equal(umbj_names_read(fd, &names), 0);
+    const size_t count = names.count;
+    umbj_names_finish(&names);
+    close(fd);
+    return count;
+}
+
+static struct umbj_service_options options_again(const struct fixture *f)
+{
+    struct umbj_service_options options = *umbj_service_options_of(f->service);
+    options.folder = f->jobs;
+    options.program = "/bin/false";
+    return options;
+}
+
+/* An asset of an older program's table, which noted no sizes. */
+static void note_asset(const struct fixture *f, const uint8_t *asset, const char *owner)
+{
+    char path[256];
+    struct umbj_table *table = NULL;
+    struct umbj_job job;
+    struct umb_error error;
+    int is_new;
+    const struct umbj_limits limits = {8, 1000, 4000, 1000, 0, 0};
+    const struct umbj_submission submission = {
+        .owner = owner, .key = asset, .scene = "a.obj", .settings = "", .bundle_bytes = 1};
+    snprintf(path, sizeof path, "%s/jobs.db", f->jobs);
+    assert_int_equal(umbj_table_open(path, &limits, &table, &error), UMB_OK);
+    assert_int_equal(umbj_table_submit(table, &submission, 1, &job, &is_new, &error), UMB_OK);
+    assert_int_equal(umbj_table_claim(table, 2, 2, &job, &error), UMB_OK);
+    assert_int_equal(umbj_table_finish(table, &job, asset, 1, 3, &error), UMB_OK);
+    umbj_table_close(table);
+}
+
+static void a_start_sweeps_what_an_earlier_daemon_left(void **state)
+{
+    struct fixture *f = *state;
+    const struct umbj_service_options options = options_again(f);
+    uint8_t asset[UMBJ_HASH_BYTES] = {1}, gone[UMBJ_HASH_BYTES] = {2};
+    char name[128], id[UMB_ID_TEXT_SIZE];
+    umbj_service_destroy(f->service);
+    put_in(f, "incoming/half", 1);
+    put_in(f, "work/try", 1);
+    put_in(f, "bundles/no-key", 1);
+    umb_id_to_text(gone, id);
+    snprintf(name, sizeof name, "bundles/%s", id);
+    put_in(f, name, 1);
+    put_in(f, "assets/.tmp.x", 1);
+    put_in(f, "assets/other.umb", 1);
+    note_asset(f, asset, "ann");
+    note_asset(f, gone, "ann");
+    umb_id_to_text(asset, id);
+    snprintf(name, sizeof name, "assets/%s.umb", id);
+    put_in(f, name, 77);
+    assert_int_equal(umbj_service_create(&options, &f->service, &f->error), UMB_OK);
+    assert_int_equal(names_in(f, "work") + names_in(f, "bundles"), 0);
+    assert_int_equal(names_in(f, "assets"), 2);
+    assert_int_equal(atomic_load(&umbj_service_counters(f->service)->owned_bytes), 77);
+    assert_true(umbj_board_owns(umbj_service_board(f->service), asset, "ann"));
+    assert_false(umbj_board_owns(umbj_service_board(f->service), asset, "bob"));
+}
+
+static void a_service_that_cannot_start_says_why(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_service *other = NULL;
+    char assets[100], long_path[5000];
+    struct umbj_service_options options = options_again(f);
+    assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_BUSY);
+    assert_non_null(strstr(f->error.message, "another daemon"));
+    options.program = "/nonexistent";
+    assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
+    options.program = f->jobs; /* a folder, which may be entered but not run */
+    options.folder = "/dev/null/jobs";
+    assert_int_not_equal(umbj_service_create(&options, &other, &f->error), UMB_OK);
+    options.program = NULL; /* beside this test there is none */
+    assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
+    memset(long_path, 'x', sizeof long_path - 1);
+    long_path[sizeof long_path - 1] = '\0';
+    assert_int_equal(umbj_service_prepare(long_path, assets, sizeof assets, &f->error),
+                     UMB_E_LIMIT);
+    assert_null(other);
+    umbj_service_destroy(NULL);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(uploads_on_their_way_count_for_the_quotas, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_start_sweeps_what_an_earlier_daemon_left, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(a_service_that_cannot_start_says_why, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,15 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What a bake left is taken for an asset only if it is one, whole, and not too large. */
+#define _GNU_SOURCE /* syscall */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "common/sha256.h"
@@ -22,6 +26,39 @@ static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, u
     (void)user;
     (void)frustum;
     return z < 20 + (x ^ y) % 16;
+}
+
+static int fail_sync, change_write, interrupt_reads; /* what goes wrong */
+
+#define CAUGHT __attribute__((visibility("default")))
+
+CAUGHT int fsync(int fd)
+{
+    (void)fd;
+    errno = EIO;
+    return fail_sync ? -1 : 0;
+}
+
+CAUGHT ssize_t write(int fd, const void *bytes, size_t count)
+{
+    uint8_t other = 0;
+    if (change_write && count > 0) { /* a disk that keeps something else */
+        memcpy(&other, bytes, 1);
+        other ^= 1;
+        bytes = &other;
+        count = 1;
+        change_write = 0;
+    }
+    return (ssize_t)syscall(SYS_write, fd, bytes, count);
+}
+
+CAUGHT ssize_t read(int fd, void *bytes, size_t count)
+{
+    if (interrupt_reads > 0 && interrupt_reads-- > 0) {
+        errno = EINTR;
+        return -1;
+    }
+    return (ssize_t)syscall(SYS_read, fd, bytes, count);
 }
 
 struct fixture {
@@ -118,6 +155,31 @@ static void a_file_that_was_damaged_after_its_bake_is_not_staged(void **state)
     }
 }
 
+static void a_disk_that_fails_or_keeps_something_else_is_found(void **state)
+{
+    const struct fixture *f = *state;
+    struct umb_error error = {0};
+    put_file(f, f->packed.size);
+    fail_sync = 1;
+    assert_int_equal(stage(f, f->packed.size, &error), UMB_E_IO);
+    assert_non_null(strstr(error.message, "sync"));
+    fail_sync = 0;
+    change_write = 1;
+    assert_int_equal(stage(f, f->packed.size, &error), UMB_E_IO);
+    assert_non_null(strstr(error.message, "does not read the same"));
+    interrupt_reads = 3;
+    assert_int_equal(stage(f, f->packed.size, &error), UMB_OK);
+}
+
+static void what_is_no_file_is_no_asset(void **state)
+{
+    const struct fixture *f = *state;
+    struct umb_error error = {0};
+    assert_int_equal(stage(f, 1000, &error), UMB_E_IO);
+    assert_int_equal(mkdir(f->path, 0700), 0);
+    assert_int_equal(stage(f, 1000, &error), UMB_E_IO);
+}
+
 int main(void)
 {
 #define STAGING_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -125,6 +187,8 @@ int main(void)
         STAGING_TEST(a_file_beyond_the_limit_is_refused_before_it_is_read),
         STAGING_TEST(a_file_that_is_cut_is_no_asset),
         STAGING_TEST(a_file_that_was_damaged_after_its_bake_is_not_staged),
+        STAGING_TEST(a_disk_that_fails_or_keeps_something_else_is_found),
+        STAGING_TEST(what_is_no_file_is_no_asset),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
