@@ -189,6 +189,16 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
 }
 
+/* Who comes last is heard: silent clients would keep the probes out until their time is over. */
+static void close_oldest(struct umbd_admin *admin)
+{
+    struct admin_client *oldest = admin->clients;
+    while (oldest->next != NULL) {
+        oldest = oldest->next;
+    }
+    client_close(oldest);
+}
+
 static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
     struct umbd_admin *admin = acceptor->user;
@@ -208,8 +218,10 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     if (code != 0) {
         (void)close(fd);
     }
-    if (code != 0 || admin->client_count > CLIENTS_MAX ||
-        uv_read_start((uv_stream_t *)&client->tcp, on_alloc, on_read) != 0) {
+    if (admin->client_count > CLIENTS_MAX) {
+        close_oldest(admin);
+    }
+    if (code != 0 || uv_read_start((uv_stream_t *)&client->tcp, on_alloc, on_read) != 0) {
         client_close(client);
     }
 }

@@ -7,6 +7,7 @@ do, from one address or many, a new client with a good token connects and is ans
 """
 import os
 import signal
+import socket
 import struct
 import sys
 import threading
@@ -356,6 +357,15 @@ with test.check("a drain waits for no call without rights"):
     assert held[1].replies[watch].status == UNAVAILABLE, held[1].replies
     close_all(held + [closed])
 
+with test.check("connections that ask the admin port nothing do not keep a probe out"):
+    probed = test.daemon()
+    host, _, port = probed.addresses["http"].rpartition(":")
+    silent = [socket.create_connection((host, int(port))) for _ in range(100)]
+    for _ in range(3):
+        assert probed.admin("/livez")[0] == 200
+    close_all(silent)
+    probed.stop()
+
 # --- without a token file everybody has rights: what is kept is kept from single addresses -------
 
 anybody = test.daemon("--max-buffer", "16MiB", "--connection-buffer", "16MiB", "--max-message", "16MiB",
@@ -370,6 +380,8 @@ with test.check("without a token file no address holds all of --max-buffer"):
                 connection.data(stream, struct.pack(">BI", 0, 15 << 20) + bytes(size))
                 connection.pump(0)
         connection.pump(0.05)
+        if not hogs:  # alone: 9/16 of all, and what every connection has
+            assert 8 << 20 < anybody.metric("umbrage_buffered_bytes") <= (9 << 20) + (128 << 10)
         hogs.append(connection)
     ut.wait_until(lambda: anybody.metric("umbrage_buffered_bytes") > 8 << 20, 20, "much is held")
     serves_the_good(anybody, 3, None, "127.0.0.99")
