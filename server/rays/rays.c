@@ -20,12 +20,14 @@
 
 #include <float.h>
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <string.h>
 
 #include <embree3/rtcore.h>
 
 #include "base/memory.h"
+#include "rays/ray_holes.h"
 
 enum {
     HITS_MAX = 128, /* kept at a time; rays through a city have fewer than twenty */
@@ -37,14 +39,24 @@ static const double border_coordinate = 16 * FLT_EPSILON;
 /* Hits nearer together than this share of their distance (and of a metre) may be one crossing. */
 static const double same_distance = 64 * FLT_EPSILON;
 
+/* Rays in doubles, made when they are first asked for. */
+struct exact_slot {
+    pthread_mutex_t lock; /* guards the rest while it is being filled in */
+    struct umbr_exact *exact;
+    const double (*corners)[3][3];
+    unsigned threads;
+};
+
 struct umbr_rays {
     RTCDevice device;
     RTCScene scene;
     const float (*vertices)[3]; /* [3 * count], relative to centre; Embree's buffer */
     double centre[3];
+    double radius; /* metres: no corner is farther from the centre */
     size_t count;
     enum RTCBuildQuality quality;
     const struct umbs_cuts *cuts; /* NULL: none */
+    struct exact_slot *slot;
 };
 
 struct crossing {
@@ -80,8 +92,9 @@ static void note_error(void *user, enum RTCError code, const char *text)
     }
 }
 
-static void find_centre(const double (*corners)[3][3], size_t count, double centre[3])
+static void find_centre(struct umbr_rays *rays, const double (*corners)[3][3], size_t count)
 {
+    double square = 0;
     for (int i = 0; i < 3; i++) {
         double low = INFINITY, high = -INFINITY;
         for (size_t t = 0; t < count; t++) {
@@ -91,22 +104,11 @@ static void find_centre(const double (*corners)[3][3], size_t count, double cent
                 high = value > high ? value : high;
             }
         }
-        centre[i] = low <= high ? 0.5 * low + 0.5 * high : 0;
+        rays->centre[i] = low <= high ? 0.5 * low + 0.5 * high : 0;
+        const double half = low <= high ? 0.5 * high - 0.5 * low : 0;
+        square += half * half;
     }
-}
-
-/* 1 if what a triangle's texture leaves out is at these barycentric coordinates of Embree's. */
-static int is_hole(const struct umbs_cuts *cuts, uint32_t triangle, float second, float third)
-{
-    const uint32_t number = cuts->of[triangle];
-    if (number >= UMBS_CUT_CLEAR || umbs_cut_is_translucent(cuts, number)) {
-        return number != UMBS_CUT_NONE;
-    }
-    const float(*uv)[2] = cuts->cuts[number].uv;
-    const double b = (double)second, c = (double)third, a = 1 - b - c;
-    const double u = a * (double)uv[0][0] + b * (double)uv[1][0] + c * (double)uv[2][0];
-    const double v = a * (double)uv[0][1] + b * (double)uv[1][1] + c * (double)uv[2][1];
-    return !umbs_cut_keeps(cuts, number, u, v);
+    rays->radius = sqrt(square);
 }
 
 /* Copies one of the four-byte numbers of hit i of n; Embree names them so for C++ only. Their order
@@ -131,7 +133,7 @@ static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
         hit_number(hit, n, i, offsetof(struct RTCHit, primID), &triangle);
         hit_number(hit, n, i, offsetof(struct RTCHit, u), &u);
         hit_number(hit, n, i, offsetof(struct RTCHit, v), &v);
-        if (is_hole(arguments->geometryUserPtr, triangle, u, v)) {
+        if (umbr_is_hole(arguments->geometryUserPtr, triangle, (double)u, (double)v)) {
             arguments->valid[i] = 0;
         }
     }
@@ -188,6 +190,39 @@ static int build_scene(struct umbr_rays *rays, const double (*corners)[3][3])
     return rtcGetDeviceError(rays->device) == RTC_ERROR_NONE;
 }
 
+static int open_slot(struct umbr_rays *rays, const double (*corners)[3][3], unsigned threads)
+{
+    struct exact_slot *slot = umb__alloc_zeroed(NULL, 1, sizeof *slot);
+    if (slot == NULL || pthread_mutex_init(&slot->lock, NULL) != 0) {
+        umb__free(NULL, slot);
+        return 0;
+    }
+    slot->corners = corners;
+    slot->threads = threads;
+    rays->slot = slot;
+    return 1;
+}
+
+enum umb_status umbr_rays_exact(const struct umbr_rays *rays, const struct umbr_exact **exact,
+                                struct umb_error *error)
+{
+    struct exact_slot *slot = rays->slot;
+    enum umb_status status = UMB_OK;
+    (void)pthread_mutex_lock(&slot->lock);
+    if (slot->exact == NULL) {
+        status = umbr_exact_create(slot->corners, rays->count, rays->cuts, slot->threads,
+                                   &slot->exact, error);
+    }
+    *exact = slot->exact;
+    (void)pthread_mutex_unlock(&slot->lock);
+    return status;
+}
+
+double umbr_rays_error_m(const struct umbr_rays *rays)
+{
+    return 0x1p-20 * rays->radius;
+}
+
 enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
                                 const struct umbr_rays_options *options, struct umbr_rays **out,
                                 struct umb_error *error)
@@ -201,13 +236,14 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
                         (unsigned)(UINT32_MAX / 3));
     }
     struct umbr_rays *rays = umb__alloc_zeroed(NULL, 1, sizeof *rays);
-    if (rays == NULL) {
+    if (rays == NULL || !open_slot(rays, corners, chosen.threads)) {
+        umb__free(NULL, rays);
         return umb_fail(error, UMB_E_NO_MEMORY, "no memory for a ray tracer");
     }
     rays->count = count;
     rays->quality = chosen.quick ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH;
     rays->cuts = chosen.cuts != NULL && chosen.cuts->of != NULL ? chosen.cuts : NULL;
-    find_centre(corners, count, rays->centre);
+    find_centre(rays, corners, count);
     struct build_report report = {.code = RTC_ERROR_NONE};
     (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree takes all */
     rays->device = rtcNewDevice(config);
@@ -248,6 +284,9 @@ void umbr_rays_destroy(struct umbr_rays *rays)
     if (rays->device != NULL) {
         rtcReleaseDevice(rays->device);
     }
+    umbr_exact_destroy(rays->slot->exact);
+    (void)pthread_mutex_destroy(&rays->slot->lock);
+    umb__free(NULL, rays->slot);
     umb__free(NULL, rays);
 }
 

@@ -5,13 +5,15 @@
  * Ray tracing with Embree 3 (robust mode): the truth that bakes and studies are compared with.
  * Independent of the bake's coverage predicate: Embree intersects the triangles itself.
  *
- * Precision: Embree works in float; triangles are handed over relative to `origin` (the centre of
- * the scene), so that the error is about 6e-8 of the scene's extent.
+ * Precision: Embree works in float; triangles are handed over relative to the centre of the scene,
+ * so that a ray misses by some 2^-22 of the scene's radius and by umbr_rays_error_m at most. Where
+ * that is too coarse, umbr_rays_exact has rays in doubles.
  * Threads: a built scene is immutable; any thread may trace.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include "common/scene_alpha.h"
+#include "rays/exact_rays.h"
 
 struct umbr_rays; /* opaque */
 
@@ -34,7 +36,8 @@ struct umbr_rays_options {
 /*
  * Builds the accelerating structure over world triangles.
  *
- * In:    corners: double[count][3][3]; borrowed during the call only. options: may be NULL.
+ * In:    corners: double[count][3][3]; read after the call by umbr_rays_exact only, so they must
+ *        last as long as that may be called. options: may be NULL.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (above 1431655765 triangles), E_INTERNAL (Embree's message).
  * Cost:  about 1 us a triangle quick, 3 otherwise, on one processor.
  */
@@ -46,6 +49,20 @@ UMB_CHECKED enum umb_status umbr_rays_build(const double (*corners)[3][3], size_
 UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
                                              struct umbr_rays **out, struct umb_error *error);
 void umbr_rays_destroy(struct umbr_rays *rays);
+
+/* Metres by which a ray may pass on the wrong side of an edge or corner: 2^-20 of the radius of the
+ * scene. Start, direction, corners and the intersection itself are off by 2^-24 of up to two
+ * diameters each. */
+double umbr_rays_error_m(const struct umbr_rays *rays);
+
+/*
+ * The same triangles for rays in doubles. Built at the first call, by any thread; the rays' own.
+ *
+ * Fails: as umbr_exact_create; then *exact is NULL.
+ */
+UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
+                                            const struct umbr_exact **exact,
+                                            struct umb_error *error);
 
 /*
  * 1 if anything lies on the ray from `from` along unit `direction`, between near and far metres.

@@ -34,7 +34,8 @@ static const double voxel_m = 0.5;
 
 struct world {
     struct umbr_rays *rays;
-    uint8_t *closed; /* [triangles] */
+    double (*corners)[3][3]; /* what the rays may look up again */
+    uint8_t *closed;         /* [triangles] */
     size_t count;
 };
 
@@ -198,7 +199,7 @@ static int make_world(void **state)
         umbr_rays_create((const double(*)[3][3])corners, world.count, &world.rays, NULL), UMB_OK);
     umbs_parts_finish(&parts);
     gen_mesh_finish(&mesh);
-    free(corners);
+    world.corners = corners;
     return 0;
 }
 
@@ -206,6 +207,7 @@ static int drop_world(void **state)
 {
     (void)state;
     umbr_rays_destroy(world.rays);
+    free(world.corners);
     free(world.closed);
     return 0;
 }

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_RAYS_EXACT_RAYS_H
+#define UMBRAGE_SERVER_RAYS_EXACT_RAYS_H
+/*
+ * Ray tracing in doubles: the judge's second opinion where floats cannot tell (verify.h).
+ *
+ * Embree's hierarchy only names triangles whose padded boxes a ray meets; each is then tested in
+ * doubles, relative to the ray's start. Watertight: the side of an edge that a ray passes on is
+ * computed by both triangles of the edge from the same two corners, with opposite signs bit for
+ * bit; a ray that passes nearer to the edge than rounding can tell hits both.
+ *
+ * Precision: 2^-48 of the distance across the ray, whatever the scene's coordinates and sizes;
+ * along the ray as much divided by the cosine to the triangle's normal.
+ * Cost: two to four times a ray in floats. About 100 bytes a triangle beside the corners.
+ * Threads: immutable once created; any thread may trace.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "common/scene_alpha.h"
+
+struct umbr_exact; /* opaque */
+
+/* A ray from `from`, relative to `origin`, along a unit direction, up to far_m. */
+struct umbr_exact_ray {
+    const double *origin; /* [3] metres, world */
+    double from[3];       /* metres, relative to origin */
+    double direction[3];  /* unit */
+    double far_m;         /* may be infinite */
+};
+
+/* The nearest hit. */
+struct umbr_exact_hit {
+    double distance;   /* metres; negative if nothing was hit */
+    uint32_t triangle; /* UINT32_MAX if nothing was hit */
+    int leaving;       /* 1: it is the back of the triangle, by its winding */
+};
+
+/*
+ * Builds the hierarchy.
+ *
+ * In:    corners: double[count][3][3], world; borrowed until destroyed. cuts: as for
+ *        struct umbr_rays_options; NULL = every triangle is whole. threads: 0 = all.
+ * Fails: E_NO_MEMORY, E_INTERNAL (Embree gives no device).
+ */
+UMB_CHECKED enum umb_status umbr_exact_create(const double (*corners)[3][3], size_t count,
+                                              const struct umbs_cuts *cuts, unsigned threads,
+                                              struct umbr_exact **out, struct umb_error *error);
+void umbr_exact_destroy(struct umbr_exact *exact);
+
+/* 1 if anything lies on the ray. */
+int umbr_exact_occluded(const struct umbr_exact *exact, const struct umbr_exact_ray *ray);
+
+void umbr_exact_nearest(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,
+                        struct umbr_exact_hit *hit);
+
+/* Back-facing minus front-facing hits of triangles that are closed[triangle]: above 0 inside. */
+int umbr_exact_winding(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,
+                       const uint8_t *closed);
+
+#endif
