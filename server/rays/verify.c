@@ -5,6 +5,7 @@
  */
 #include "rays/verify.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -22,10 +23,11 @@ enum {
 /* The job and its sums. */
 struct crew {
     struct umbr_verify_job job;
+    const struct umbr_exact *exact; /* NULL: no frame needs it */
     uint64_t points, block_count;
     atomic_uint_least64_t next_block;
-    atomic_int stopped;
-    pthread_mutex_t lock; /* guards total, worst_block and calls of progress */
+    atomic_int stopped, failed; /* failed: memory for rays in doubles was refused */
+    pthread_mutex_t lock;       /* guards total, worst_block and calls of progress */
     struct umbr_verify_result total;
     uint64_t worst_block;
 };
@@ -80,6 +82,7 @@ static void run_block(struct umbr_verify_block *block, uint64_t count)
             umbr_verify_surfaces(block, count);
             break;
         }
+        umbr_verify_outside(block, count / 4);
         missing = umbr_verify_near(block, count / 2);
         umbr_verify_uniform(block, count - count / 2 + missing);
     }
@@ -89,7 +92,7 @@ static void *work(void *user)
 {
     struct crew *crew = user;
     const struct umbr_verify_job *job = &crew->job;
-    while (!is_stopped(crew)) {
+    while (!is_stopped(crew) && !atomic_load(&crew->failed)) {
         const uint64_t number = atomic_fetch_add(&crew->next_block, 1);
         if (number >= crew->block_count) {
             break;
@@ -101,10 +104,15 @@ static void *work(void *user)
             .frame = &job->frames[number % job->light.frustum_count],
             .random = job->options->seed,
         };
+        block.exact = umbr_verify_needs_exact(block.frame, job->rays) ? crew->exact : NULL;
         /* Two steps of the generator keep neighbouring seeds and blocks apart. */
         block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
         block.random = umbr_next_random(&block);
         run_block(&block, count);
+        if (block.status != UMB_OK) {
+            atomic_store(&crew->failed, 1);
+            break;
+        }
         add_result(crew, number, &block.result);
     }
     return NULL;
@@ -134,6 +142,36 @@ static void run(struct crew *crew)
     for (unsigned i = 0; i < started; i++) {
         (void)pthread_join(threads[i], NULL);
     }
+}
+
+/* Makes the light local, and finds how near to a lamp nothing casts: what a bake leaves out is
+ * nearer than 2^-26 of the way to the farthest corner of the casters' box, or a surface that the
+ * lamp stands on (bake/analysis/lamp_contact.h). */
+static void place_light(struct umbr_verify_job *job, const struct umb_asset_info *info)
+{
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        const double at = job->light.position[k];
+        const double far = fmax(fabs(info->bounds.min[k] - at), fabs(info->bounds.max[k] - at));
+        square += far * far;
+        job->origin[k] = info->origin[k];
+        job->light.position[k] -= info->origin[k];
+    }
+    job->bounds = info->bounds;
+    job->free_m = 0x1p-27 * sqrt(square);
+}
+
+/* Rays in doubles for the frames that need them. */
+static enum umb_status prepare_exact(struct crew *crew, struct umb_error *error)
+{
+    const struct umbr_verify_job *job = &crew->job;
+    enum umb_status status = UMB_OK;
+    for (uint32_t i = 0; status == UMB_OK && i < job->light.frustum_count; i++) {
+        if (umbr_verify_needs_exact(&job->frames[i], job->rays)) {
+            status = umbr_rays_exact(job->rays, &crew->exact, error);
+        }
+    }
+    return status;
 }
 
 static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, struct umb_error *error)
@@ -171,6 +209,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     struct umb_asset_info info;
     umb_asset_get_info(job->asset, &info);
     job->is_static = info.near_bytes > 0;
+    place_light(job, &info);
     job->frames = umb__alloc_zeroed(NULL, job->light.frustum_count, sizeof *job->frames);
     if (job->frames == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta",
@@ -194,7 +233,11 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
     crew.block_count = crew.points / BLOCK_POINTS + (crew.points % BLOCK_POINTS != 0);
     atomic_init(&crew.next_block, 0);
     atomic_init(&crew.stopped, 0);
+    atomic_init(&crew.failed, 0);
     enum umb_status status = prepare(&crew.job, light, error);
+    if (status == UMB_OK) {
+        status = prepare_exact(&crew, error);
+    }
     if (status == UMB_OK && pthread_mutex_init(&crew.lock, NULL) != 0) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "no memory for a mutex");
     }
@@ -203,6 +246,9 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
         (void)pthread_mutex_destroy(&crew.lock);
         if (atomic_load(&crew.stopped)) {
             status = umb_fail(error, UMB_E_CANCELLED, "verification: cancelled");
+        } else if (atomic_load(&crew.failed)) {
+            status = umb_fail(error, UMB_E_NO_MEMORY,
+                              "verification: memory for rays in doubles refused");
         } else {
             *result = crew.total;
         }

@@ -15,13 +15,16 @@
 
 #define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
 
-/* What all blocks share; immutable while they run. */
+/* What all blocks share; immutable while they run. Places are local (verify_frame.h). */
 struct umbr_verify_job {
     const struct umb_asset *asset;
     const struct umbr_rays *rays;
     const struct umbr_verify_options *options;
-    struct umb_light_info light;
-    struct umbr_frame *frames; /* [light.frustum_count] */
+    struct umb_light_info light; /* position: local */
+    struct umbr_frame *frames;   /* [light.frustum_count] */
+    double origin[3];            /* of the asset, world */
+    struct umb_box bounds;       /* of the casters, world */
+    double free_m;               /* before a lamp: nothing in it casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
     int is_static;            /* baked under the static rule */
@@ -30,15 +33,17 @@ struct umbr_verify_job {
 struct umbr_verify_block {
     const struct umbr_verify_job *job;
     const struct umbr_frame *frame;
+    const struct umbr_exact *exact; /* rays in doubles, or NULL: floats resolve the voxels */
+    enum umb_status status;         /* E_NO_MEMORY if rays in doubles were wanted and refused */
     uint64_t random;
     struct umbr_verify_result result;
 };
 
 /* A point in its three guises. */
 struct umbr_sample {
-    double voxel[3];  /* voxel space */
-    double world[3];  /* metres */
-    double centre[3]; /* of its voxel, metres, world */
+    double voxel[3]; /* voxel space */
+    double local[3];
+    double centre[3]; /* of its voxel, local */
 };
 
 /* SplitMix64. */
@@ -56,9 +61,16 @@ static inline double umbr_next_unit(struct umbr_verify_block *block)
     return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
 }
 
-/* Looks up world points; answers[i]: 1 lit, 0 shadowed. */
-void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
+/* 1 if floats cannot tell a frame's voxels apart: then all its rays are in doubles. */
+int umbr_verify_needs_exact(const struct umbr_frame *frame, const struct umbr_rays *rays);
+
+/* Looks up places; answers[i]: 1 lit, 0 shadowed. */
+void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
                      uint8_t *lit);
+
+/* Nearest hit of a ray, in floats or doubles as the block has it. */
+void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray,
+                         struct umbr_exact_hit *hit);
 
 /*
  * Traces a point towards the light; returns the truth, 1 lit or 0 shadowed.
@@ -66,7 +78,13 @@ void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3]
  * Out: buried: 1 if the first thing the ray meets is the inner side of a closed solid, so that the
  *      point most likely lies inside it. Always 0 without the closed rule.
  */
-int umbr_verify_trace(const struct umbr_verify_block *block, const double world[3], int *buried);
+int umbr_verify_trace(const struct umbr_verify_block *block, const double local[3], int *buried);
+
+/*
+ * Turns a block to rays in doubles, to judge once more what rays in floats call wrong. Returns 0 if
+ * it has them already, or memory is refused (then status says so). The caller puts exact back.
+ */
+int umbr_verify_look_again(struct umbr_verify_block *block);
 
 /* Looks up and judges count <= UMBR_SAMPLES_MAX samples; returns how many were compared. */
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
@@ -82,13 +100,29 @@ int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct um
                           int truth);
 
 /* Notes a disagreement outside the band. */
-void umbr_verify_note(struct umbr_verify_block *block, const double world[3]);
+void umbr_verify_note(struct umbr_verify_block *block, const double local[3]);
 
-/* Fills world and centre from voxel; 0 if the point is outside the frustum, or another face's. */
+/* The light's way through column (x, y) of the block's frustum: from its first voxel, or the lamp
+ * if that lies within, to its last. Out: ray; z_first: where in voxels it starts. Returns 0 if the
+ * frustum's middle lies behind the lamp. */
+int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
+                       struct umbr_exact_ray *ray, double *z_first);
+
+/* Fills local and centre from voxel; 0 if the point is outside the frustum, or another face's. */
 int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample);
 
 /* A boundary of a random kind; lowers *walks by what it took. Returns 0 if none was found. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3]);
+
+/* Judges a place that no frustum of the light covers: it must be lit. Not counted unless wrong. */
+void umbr_verify_judge_outside(struct umbr_verify_block *block, const double local[3]);
+
+/*
+ * Draws places in the casters' box, and judges those that a lamp should cover and does not: of a
+ * point light all, of a spot light that needs several faces those before it. A face that is missing
+ * or turned is found so; all other points are drawn in the faces that are there.
+ */
+void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws);
 
 /* Draws and judges `count` segments, columns or boxes (verify_questions.c). */
 void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count);

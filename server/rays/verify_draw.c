@@ -31,12 +31,12 @@ _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES
                "batches fit");
 
 /* 1 if a point is answered by the block's frustum and no other face of its light. */
-static int is_own(const struct umbr_verify_block *block, const double world[3])
+static int is_own(const struct umbr_verify_block *block, const double local[3])
 {
-    const double w = umbr_frame_w(block->frame, world);
+    const double w = umbr_frame_w(block->frame, local);
     for (uint32_t i = 0; i < block->job->light.frustum_count; i++) {
         const struct umbr_frame *other = &block->job->frames[i];
-        if (other != block->frame && umbr_frame_w(other, world) >= w) {
+        if (other != block->frame && umbr_frame_w(other, local) >= w) {
             return 0;
         }
     }
@@ -53,8 +53,8 @@ int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample 
         }
         centre[i] = floor(sample->voxel[i]) + 0.5;
     }
-    return umbr_frame_world(block->frame, sample->voxel, sample->world) &&
-           umbr_frame_world(block->frame, centre, sample->centre) && is_own(block, sample->world);
+    return umbr_frame_local(block->frame, sample->voxel, sample->local) &&
+           umbr_frame_local(block->frame, centre, sample->centre) && is_own(block, sample->local);
 }
 
 /* Draws and compares points until so many count, or so many were drawn. In: draw: fills in a sample
@@ -71,6 +71,44 @@ static void compare_drawn(struct umbr_verify_block *block,
             count += (size_t)draw(block, &samples[count]);
         }
         wanted -= umbr_verify_judge(block, samples, count);
+    }
+}
+
+/* 1 if a frustum of the light answers for a place. */
+static int is_covered(const struct umbr_verify_job *job, const double local[3])
+{
+    const struct umbr_frame *found = NULL;
+    double voxel[3], most = 0;
+    for (uint32_t i = 0; i < job->light.frustum_count; i++) {
+        const double w = umbr_frame_w(&job->frames[i], local);
+        if (w > most) {
+            most = w;
+            found = &job->frames[i];
+        }
+    }
+    return found != NULL && umbr_frame_voxel(found, local, voxel) && voxel[0] >= 0 &&
+           voxel[0] < found->size && voxel[1] >= 0 && voxel[1] < found->size;
+}
+
+void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws)
+{
+    const struct umbr_verify_job *job = block->job;
+    const struct umb_light_info *light = &job->light;
+    if (light->kind != UMB_LIGHT_POINT &&
+        !(light->kind == UMB_LIGHT_SPOT && light->frustum_count > 1)) {
+        return;
+    }
+    for (uint64_t i = 0; i < draws; i++) {
+        double local[3], way[3];
+        for (int k = 0; k < 3; k++) {
+            local[k] = job->bounds.min[k] - job->origin[k] +
+                       umbr_next_unit(block) * (job->bounds.max[k] - job->bounds.min[k]);
+        }
+        umb__subtract(local, light->position, way);
+        if ((light->kind == UMB_LIGHT_POINT || umb__dot(way, light->direction) > 0) &&
+            !is_covered(job, local)) {
+            umbr_verify_judge_outside(block, local);
+        }
     }
 }
 
@@ -92,33 +130,45 @@ void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
     compare_drawn(block, find_anywhere, wanted, wanted * DRAWS_A_POINT);
 }
 
+int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
+                       struct umbr_exact_ray *ray, double *z_first)
+{
+    const struct umbr_frame *frame = block->frame;
+    const double first = frame->parallel ? 0 : fmax(frame->w_first, block->job->free_m);
+    const double voxel[2][3] = {{x, y, 0.5 * frame->size}, {x, y, frame->size}};
+    double at[2][3];
+    if (!umbr_frame_local(frame, voxel[0], at[0]) || !umbr_frame_local(frame, voxel[1], at[1])) {
+        return 0;
+    }
+    *z_first = frame->parallel
+                   ? 0
+                   : frame->size * (first - frame->w_first) / (frame->w_last - frame->w_first);
+    const double halves = 2 - 2 * *z_first / frame->size; /* of the way, from the last voxel back */
+    ray->origin = block->job->origin;
+    for (int k = 0; k < 3; k++) {
+        ray->direction[k] = halves * (at[1][k] - at[0][k]);
+        ray->from[k] = at[1][k] - ray->direction[k];
+    }
+    ray->far_m = umb__length(ray->direction);
+    return umb__unit(ray->direction);
+}
+
 /* The first surface that light meets in a random column; 0 if there is none. */
 static int find_surface(struct umbr_verify_block *block, double boundary[3])
 {
     const double size = block->frame->size;
-    double from[3], to[3], direction[3], length = 0;
+    struct umbr_exact_ray ray;
+    struct umbr_exact_hit hit;
+    double z_first;
     for (int k = 0; k < 2; k++) {
         boundary[k] = floor(umbr_next_unit(block) * size) + 0.5;
     }
-    boundary[2] = size;
-    if (!umbr_frame_world(block->frame, boundary, to)) {
+    if (!umbr_verify_column(block, boundary[0], boundary[1], &ray, &z_first)) {
         return 0;
     }
-    boundary[2] = 0;
-    if (!umbr_frame_world(block->frame, boundary, from)) {
-        return 0;
-    }
-    for (int k = 0; k < 3; k++) {
-        direction[k] = to[k] - from[k];
-        length += direction[k] * direction[k];
-    }
-    length = sqrt(length);
-    for (int k = 0; k < 3; k++) {
-        direction[k] /= length;
-    }
-    struct umbr_hit hit;
-    umbr_nearest(block->job->rays, from, direction, 0, length, &hit);
-    boundary[2] = size * hit.distance / length; /* depth is linear along a column */
+    umbr_verify_nearest(block, &ray, &hit);
+    /* Depth is linear along a column. */
+    boundary[2] = z_first + (size - z_first) * hit.distance / ray.far_m;
     return hit.distance >= 0;
 }
 
@@ -132,15 +182,15 @@ struct row {
 static void ask_row(const struct umbr_verify_block *block, const struct row *row, const double *at,
                     size_t count, uint8_t *lit)
 {
-    double world[STATIONS][3];
+    double local[STATIONS][3];
     for (size_t i = 0; i < count; i++) {
         double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]};
         voxel[row->axis] = at[i] + 0.5;
-        if (!umbr_frame_world(block->frame, voxel, world[i])) {
-            memset(world[i], 0, sizeof world[i]); /* cannot be: the row is inside the frustum */
+        if (!umbr_frame_local(block->frame, voxel, local[i])) {
+            memset(local[i], 0, sizeof local[i]); /* voxels behind a lamp: no place, any answer */
         }
     }
-    umbr_verify_ask(block->job, (const double(*)[3])world, count, lit);
+    umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
 }
 
 /* 1 if both voxels beside a change are inside closed solids, where answers mean nothing. */
@@ -148,10 +198,10 @@ static int is_buried(const struct umbr_verify_block *block, const struct row *ro
 {
     int buried = 1;
     for (int i = 0; i < 2 && buried; i++) {
-        double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]}, world[3];
+        double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]}, local[3];
         voxel[row->axis] = change + (i == 0 ? -0.5 : 0.5);
-        if (umbr_frame_world(block->frame, voxel, world)) {
-            (void)umbr_verify_trace(block, world, &buried);
+        if (umbr_frame_local(block->frame, voxel, local)) {
+            (void)umbr_verify_trace(block, local, &buried);
         }
     }
     return buried;
@@ -236,21 +286,9 @@ uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
     return wanted;
 }
 
-/* Voxel space of a world point of parallel light. */
-static void to_voxel(const struct umbr_frame *frame, const double world[3], double voxel[3])
-{
-    for (int i = 0; i < 3; i++) {
-        const double *m = frame->world_to_voxel[i];
-        voxel[i] = m[3];
-        for (int k = 0; k < 3; k++) {
-            voxel[i] += m[k] * (world[k] - frame->origin[k]);
-        }
-    }
-}
-
 /* Moves a surface's point along its normal, turned to the light, as a query of one tap does.
  * Returns 0 if the light grazes it. */
-static int lift(const struct umbr_verify_block *block, const double normal[3], double world[3])
+static int lift(const struct umbr_verify_block *block, const double normal[3], double local[3])
 {
     const double facing = umb__dot(normal, block->job->light.direction);
     double length = 0;
@@ -258,7 +296,7 @@ static int lift(const struct umbr_verify_block *block, const double normal[3], d
         length += 0.5 * fabs(umb__dot(normal, block->frame->step[i]));
     }
     for (int k = 0; k < 3; k++) {
-        world[k] += (facing < 0 ? 1 : -1) * BIAS_SLACK * length * normal[k];
+        local[k] += (facing < 0 ? 1 : -1) * BIAS_SLACK * length * normal[k];
     }
     return fabs(facing) > GRAZING;
 }
@@ -267,22 +305,22 @@ static int lift(const struct umbr_verify_block *block, const double normal[3], d
  * finds none. */
 static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sample)
 {
-    const double *light = block->job->light.direction;
-    double from[3], world[3];
+    const double *light = block->job->light.direction, *origin = block->job->origin;
+    double from[3], world[3], local[3];
     draw_anywhere(block, sample->voxel);
     struct umbr_hit hit;
-    if (!umbr_frame_world(block->frame, sample->voxel, from)) {
+    if (!umbr_frame_local(block->frame, sample->voxel, from)) {
         return 0;
     }
-    umbr_nearest(block->job->rays, from, light, 0, INFINITY, &hit);
     for (int k = 0; k < 3; k++) {
-        world[k] = from[k] + hit.distance * light[k];
+        world[k] = origin[k] + from[k];
     }
-    if (hit.distance < 0 || !lift(block, hit.normal, world)) {
-        return 0;
+    umbr_nearest(block->job->rays, world, light, 0, INFINITY, &hit);
+    for (int k = 0; k < 3; k++) {
+        local[k] = from[k] + hit.distance * light[k];
     }
-    to_voxel(block->frame, world, sample->voxel);
-    return umbr_verify_place(block, sample);
+    return hit.distance >= 0 && lift(block, hit.normal, local) &&
+           umbr_frame_voxel(block->frame, local, sample->voxel) && umbr_verify_place(block, sample);
 }
 
 void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)

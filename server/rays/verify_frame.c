@@ -55,14 +55,28 @@ static void invert_parallel(struct umbr_frame *frame)
     }
 }
 
-double umbr_frame_w(const struct umbr_frame *frame, const double world[3])
+double umbr_frame_w(const struct umbr_frame *frame, const double local[3])
 {
     const double *w = frame->world_to_voxel[3];
-    double sum = w[3];
+    return w[3] + (w[0] * local[0] + w[1] * local[1] + w[2] * local[2]);
+}
+
+/* Edges of the smallest voxel: those of a perspective grow with W. */
+static void measure(struct umbr_frame *frame, const struct umb_frustum_info *info)
+{
+    const double *z = frame->world_to_voxel[2], *w = frame->world_to_voxel[3];
+    double edge[3];
     for (int i = 0; i < 3; i++) {
-        sum += w[i] * (world[i] - frame->origin[i]);
+        edge[i] = umb__length(info->voxel_step[i]);
     }
-    return sum;
+    if (!frame->parallel) { /* Z = rate W + offset */
+        const double rate = umb__dot(z, w) / umb__dot(w, w), offset = z[3] - rate * w[3];
+        frame->w_first = -offset / rate;
+        frame->w_last = (frame->size - offset) / rate;
+        edge[0] *= fmax(frame->w_first, 0);
+        edge[1] *= fmax(frame->w_first, 0);
+    }
+    frame->least_edge = fmin(fmin(edge[0], edge[1]), edge[2]);
 }
 
 enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset *asset,
@@ -84,39 +98,43 @@ enum umb_status umbr_frame_init(struct umbr_frame *frame, const struct umb_asset
         return umb_fail(error, UMB_E_ARGUMENT, "the matrix of frustum %u has no inverse", frustum);
     }
     invert_parallel(frame);
+    measure(frame, &info);
     return UMB_OK;
 }
 
-int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3])
+int umbr_frame_local(const struct umbr_frame *frame, const double voxel[3], double local[3])
 {
-    double at[3];
     if (frame->parallel) {
         double along[3];
         for (int i = 0; i < 3; i++) {
             along[i] = voxel[i] - frame->world_to_voxel[i][3];
         }
         for (int k = 0; k < 3; k++) {
-            world[k] = frame->origin[k] + along[0] * frame->step[0][k] +
-                       along[1] * frame->step[1][k] + along[2] * frame->step[2][k];
+            local[k] = along[0] * frame->step[0][k] + along[1] * frame->step[1][k] +
+                       along[2] * frame->step[2][k];
         }
-        return isfinite(world[0]) && isfinite(world[1]) && isfinite(world[2]);
+        return isfinite(local[0]) && isfinite(local[1]) && isfinite(local[2]);
     }
-    if (!solve(frame, voxel, at)) {
-        return 0;
-    }
-    for (int i = 0; i < 3; i++) {
-        world[i] = frame->origin[i] + at[i];
-    }
-    return umbr_frame_w(frame, world) > 0;
+    return solve(frame, voxel, local) && umbr_frame_w(frame, local) > 0;
 }
 
-void umbr_towards_light(const struct umb_light_info *light, const double world[3],
+int umbr_frame_world(const struct umbr_frame *frame, const double voxel[3], double world[3])
+{
+    double local[3];
+    const int inside = umbr_frame_local(frame, voxel, local);
+    for (int k = 0; k < 3; k++) {
+        world[k] = frame->origin[k] + local[k];
+    }
+    return inside;
+}
+
+void umbr_towards_light(const struct umb_light_info *light, const double point[3],
                         double direction[3], double *distance_m)
 {
     double length = 0;
     for (int i = 0; i < 3; i++) {
         direction[i] = light->kind == UMB_LIGHT_DIRECTIONAL ? -light->direction[i]
-                                                            : light->position[i] - world[i];
+                                                            : light->position[i] - point[i];
         length += direction[i] * direction[i];
     }
     length = sqrt(length);
@@ -126,15 +144,12 @@ void umbr_towards_light(const struct umb_light_info *light, const double world[3
     *distance_m = light->kind == UMB_LIGHT_DIRECTIONAL ? INFINITY : length * FREE_SHARE;
 }
 
-int umbr_frame_voxel(const struct umbr_frame *frame, const double world[3], double voxel[3])
+int umbr_frame_voxel(const struct umbr_frame *frame, const double local[3], double voxel[3])
 {
-    const double w = frame->parallel ? 1 : umbr_frame_w(frame, world);
+    const double w = frame->parallel ? 1 : umbr_frame_w(frame, local);
     for (int i = 0; i < 3; i++) {
         const double *m = frame->world_to_voxel[i];
-        voxel[i] = m[3];
-        for (int k = 0; k < 3; k++) {
-            voxel[i] += m[k] * (world[k] - frame->origin[k]);
-        }
+        voxel[i] = m[3] + umb__dot(m, local);
         voxel[i] /= i < 2 ? w : 1; /* depth is linear */
     }
     return w > 0;

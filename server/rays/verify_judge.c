@@ -11,6 +11,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
+/* Rays in floats leave out what is nearer to a lamp than 2^-16 of a point's distance, which is up
+ * to twice W: casters beyond 2^-12 of the last W are surely not left out. */
+#define FLOATS_REACH 0x1p-12
+
 enum {
     BAND_STEPS = 5, /* samples along each axis of the band's grid */
     BAND_SAMPLES = BAND_STEPS * BAND_STEPS * BAND_STEPS,
@@ -19,10 +25,19 @@ enum {
     VOTES_NEEDED = 5,
 };
 
-void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3], size_t count,
+int umbr_verify_needs_exact(const struct umbr_frame *frame, const struct umbr_rays *rays)
+{
+    return frame->least_edge < umbr_rays_error_m(rays) ||
+           (!frame->parallel && frame->w_first < frame->w_last * FLOATS_REACH);
+}
+
+void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
                      uint8_t *lit)
 {
-    const struct umb_points points = {.positions = world, .format = UMB_POINT_F64, .count = count};
+    const struct umb_points points = {.positions = local,
+                                      .format = UMB_POINT_F64,
+                                      .origin = {job->origin[0], job->origin[1], job->origin[2]},
+                                      .count = count};
     struct umb_answers out = {.values = lit};
     umb_query_run(&job->query, &points, 0, count, &out);
     for (size_t i = 0; i < count; i++) {
@@ -30,12 +45,44 @@ void umbr_verify_ask(const struct umbr_verify_job *job, const double (*world)[3]
     }
 }
 
-/* The traced truth: 1 if nothing lies between the point and the light. */
-static int traced_lit(const struct umbr_verify_job *job, const double world[3])
+/* A ray from a place. In: direction: NULL: towards the light, as far as something may cast. */
+static struct umbr_exact_ray ray_from(const struct umbr_verify_block *block, const double local[3],
+                                      const double direction[3])
 {
-    double towards[3], distance;
-    umbr_towards_light(&job->light, world, towards, &distance);
-    return !umbr_occluded(job->rays, world, towards, 0, distance);
+    const struct umbr_verify_job *job = block->job;
+    struct umbr_exact_ray ray = {.origin = job->origin, .far_m = INFINITY};
+    memcpy(ray.from, local, sizeof ray.from);
+    if (direction != NULL) {
+        memcpy(ray.direction, direction, sizeof ray.direction);
+        return ray;
+    }
+    umbr_towards_light(&job->light, local, ray.direction, &ray.far_m);
+    if (block->exact != NULL && job->light.kind != UMB_LIGHT_DIRECTIONAL) {
+        double way[3];
+        umb__subtract(job->light.position, local, way);
+        ray.far_m = umb__length(way) - job->free_m;
+    }
+    return ray;
+}
+
+/* Where a ray starts, for rays in floats. */
+static void world_of(const struct umbr_exact_ray *ray, double world[3])
+{
+    for (int k = 0; k < 3; k++) {
+        world[k] = ray->origin[k] + ray->from[k];
+    }
+}
+
+/* The traced truth: 1 if nothing lies between the point and the light. */
+static int traced_lit(const struct umbr_verify_block *block, const double local[3])
+{
+    const struct umbr_exact_ray ray = ray_from(block, local, NULL);
+    double world[3];
+    if (block->exact != NULL) {
+        return !umbr_exact_occluded(block->exact, &ray);
+    }
+    world_of(&ray, world);
+    return !umbr_occluded(block->job->rays, world, ray.direction, 0, ray.far_m);
 }
 
 /* 1 if closed solids have undefined voxels in this block's frustum. */
@@ -44,58 +91,71 @@ static int has_undefined(const struct umbr_verify_block *block)
     return block->job->options->closed != NULL && block->frame->closed;
 }
 
-/* 1 if a ray meets the inner side of a surface. */
-static int is_leaving(const struct umbr_hit *hit, const double direction[3])
+void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray,
+                         struct umbr_exact_hit *hit)
 {
-    return hit->normal[0] * direction[0] + hit->normal[1] * direction[1] +
-               hit->normal[2] * direction[2] >
-           0;
+    struct umbr_hit met;
+    double world[3];
+    if (block->exact != NULL) {
+        umbr_exact_nearest(block->exact, ray, hit);
+        return;
+    }
+    world_of(ray, world);
+    umbr_nearest(block->job->rays, world, ray->direction, 0, ray->far_m, &met);
+    *hit = (struct umbr_exact_hit){.distance = met.distance,
+                                   .triangle = met.triangle,
+                                   .leaving = met.distance >= 0 &&
+                                              umb__dot(met.normal, ray->direction) > 0};
 }
 
 /*
- * 1 if, seen along a direction, more closed solids are left than entered. Who meets the inner side
- * of one first is in it; only who enters another first needs all crossings counted, which costs
- * more than twice as much.
+ * 1 if, seen along a direction, more closed solids are left than entered. A ray that meets the
+ * inner side of one first starts in it; only one that enters another first needs all crossings
+ * counted, which costs more than twice as much.
  */
-static int is_inside_along(const struct umbr_verify_job *job, const double world[3],
-                           const double direction[3])
+static int is_inside_along(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray)
 {
+    const uint8_t *closed = block->job->options->closed;
     int winding, crossings;
-    struct umbr_hit hit;
-    umbr_nearest(job->rays, world, direction, 0, INFINITY, &hit);
+    struct umbr_exact_hit hit;
+    double world[3];
+    umbr_verify_nearest(block, ray, &hit);
     if (hit.distance < 0) {
         return 0;
     }
-    if (job->options->closed[hit.triangle] && is_leaving(&hit, direction)) {
+    if (closed[hit.triangle] && hit.leaving) {
         return 1;
     }
-    umbr_crossings(job->rays, world, direction, job->options->closed, &winding, &crossings);
+    if (block->exact != NULL) {
+        return umbr_exact_winding(block->exact, ray, closed) > 0;
+    }
+    world_of(ray, world);
+    umbr_crossings(block->job->rays, world, ray->direction, closed, &winding, &crossings);
     return winding > 0;
 }
 
 /* 1 if a point lies inside a closed solid, by all crossings of a ray along the light. */
-static int is_inside(const struct umbr_verify_block *block, const double world[3])
+static int is_inside(const struct umbr_verify_block *block, const double local[3])
 {
-    double towards[3], distance;
     if (!has_undefined(block)) {
         return 0;
     }
-    umbr_towards_light(&block->job->light, world, towards, &distance);
-    return is_inside_along(block->job, world, towards);
+    struct umbr_exact_ray ray = ray_from(block, local, NULL);
+    ray.far_m = INFINITY;
+    return is_inside_along(block, &ray);
 }
 
-int umbr_verify_trace(const struct umbr_verify_block *block, const double world[3], int *buried)
+int umbr_verify_trace(const struct umbr_verify_block *block, const double local[3], int *buried)
 {
-    double towards[3], distance;
-    struct umbr_hit hit;
+    struct umbr_exact_hit hit;
     *buried = 0;
     if (!has_undefined(block)) { /* any hit will do, which is found sooner */
-        return traced_lit(block->job, world);
+        return traced_lit(block, local);
     }
-    umbr_towards_light(&block->job->light, world, towards, &distance);
-    umbr_nearest(block->job->rays, world, towards, 0, distance, &hit);
+    const struct umbr_exact_ray ray = ray_from(block, local, NULL);
+    umbr_verify_nearest(block, &ray, &hit);
     if (hit.distance >= 0 && block->job->options->closed[hit.triangle]) {
-        *buried = is_leaving(&hit, towards);
+        *buried = hit.leaving;
     }
     return hit.distance < 0;
 }
@@ -105,7 +165,7 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double world[
  * grazes an edge may err; from a point that is not in a solid, no surface on one side only can get
  * five votes.
  */
-static int is_inside_by_vote(const struct umbr_verify_block *block, const double world[3])
+static int is_inside_by_vote(const struct umbr_verify_block *block, const double local[3])
 {
     static const double directions[3][3] = {
         {0.5345224838248488, 0.2672612419124244, 0.8017837257372732},
@@ -118,7 +178,8 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     for (int i = 0; i < VOTES && votes < VOTES_NEEDED && votes + VOTES - i >= VOTES_NEEDED; i++) {
         const double *d = directions[i / 2], sign = i % 2 == 0 ? 1 : -1;
         const double direction[3] = {sign * d[0], sign * d[1], sign * d[2]};
-        votes += is_inside_along(block->job, world, direction);
+        const struct umbr_exact_ray ray = ray_from(block, local, direction);
+        votes += is_inside_along(block, &ray);
     }
     return votes >= VOTES_NEEDED;
 }
@@ -132,8 +193,8 @@ static int changes_around(const struct umbr_verify_block *block, const double vo
         const double turn = 0.78539816339744831 * i;
         const double at[3] = {voxel[0] + voxels * cos(turn), voxel[1] + voxels * sin(turn),
                               voxel[2]};
-        double world[3];
-        if (umbr_frame_world(block->frame, at, world) && traced_lit(block->job, world) != truth) {
+        double local[3];
+        if (umbr_frame_local(block->frame, at, local) && traced_lit(block, local) != truth) {
             return 1;
         }
     }
@@ -163,32 +224,43 @@ static int has_edge_at_centre(const struct umbr_verify_block *block,
 static int in_band(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                    int truth)
 {
-    if (traced_lit(block->job, sample->centre) != truth) {
+    if (traced_lit(block, sample->centre) != truth) {
         return 1;
     }
     for (int n = 0; n < BAND_SAMPLES; n++) {
         const int i = n * BAND_STRIDE % BAND_SAMPLES;
         const int step[3] = {i % BAND_STEPS, i / BAND_STEPS % BAND_STEPS,
                              i / (BAND_STEPS * BAND_STEPS)};
-        double voxel[3], world[3];
+        double voxel[3], local[3];
         for (int k = 0; k < 3; k++) {
             voxel[k] = sample->voxel[k] + 0.5 * (step[k] - BAND_STEPS / 2);
         }
-        if (umbr_frame_world(block->frame, voxel, world) &&
-            traced_lit(block->job, world) != truth) {
+        if (umbr_frame_local(block->frame, voxel, local) && traced_lit(block, local) != truth) {
             return 1;
         }
     }
     return has_edge_at_centre(block, sample, truth);
 }
 
-void umbr_verify_note(struct umbr_verify_block *block, const double world[3])
+int umbr_verify_look_again(struct umbr_verify_block *block)
+{
+    if (block->exact != NULL) {
+        return 0;
+    }
+    const enum umb_status status = umbr_rays_exact(block->job->rays, &block->exact, NULL);
+    block->status = status != UMB_OK ? status : block->status;
+    return status == UMB_OK;
+}
+
+void umbr_verify_note(struct umbr_verify_block *block, const double local[3])
 {
     struct umbr_verify_result *result = &block->result;
     result->outside_band++;
     if (!result->has_worst) {
         result->has_worst = 1;
-        memcpy(result->worst_point, world, sizeof result->worst_point);
+        for (int k = 0; k < 3; k++) {
+            result->worst_point[k] = block->job->origin[k] + local[k];
+        }
     }
 }
 
@@ -198,25 +270,55 @@ int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct um
     return in_band(block, sample, truth) || is_inside_by_vote(block, sample->centre);
 }
 
-/* Judges a sample that the asset and the ray disagree about; returns 1 if it counts as compared. */
-static int judge_disagreement(struct umbr_verify_block *block, const struct umbr_sample *sample,
-                              int truth)
+/* What an answer is worth. */
+enum verdict {
+    AGREES,
+    SAYS_NOTHING, /* inside a closed solid, where anything would do */
+    IN_BAND,
+    WRONG,
+};
+
+static enum verdict judge_answer(const struct umbr_verify_block *block,
+                                 const struct umbr_sample *sample, int lit)
 {
-    struct umbr_verify_result *result = &block->result;
+    int buried;
+    const int truth = umbr_verify_trace(block, sample->local, &buried);
+    if (truth == lit) {
+        return buried ? SAYS_NOTHING : AGREES;
+    }
     if (is_inside(block, sample->centre) && is_inside_by_vote(block, sample->centre)) {
-        result->skipped_inside++;
-        return 0;
+        return SAYS_NOTHING;
     }
     if (in_band(block, sample, truth)) {
-        result->inside_band++;
-        return 1;
+        return IN_BAND;
     }
-    if (is_inside_by_vote(block, sample->centre) || is_inside_by_vote(block, sample->world)) {
-        result->skipped_inside++;
-        return 0;
+    return is_inside_by_vote(block, sample->centre) || is_inside_by_vote(block, sample->local)
+               ? SAYS_NOTHING
+               : WRONG;
+}
+
+/* The same, and what rays in floats call wrong is judged once more in doubles. */
+static enum verdict judge_sample(struct umbr_verify_block *block, const struct umbr_sample *sample,
+                                 int lit)
+{
+    enum verdict verdict = judge_answer(block, sample, lit);
+    if (verdict == WRONG && umbr_verify_look_again(block)) {
+        verdict = judge_answer(block, sample, lit);
+        block->exact = NULL;
     }
-    umbr_verify_note(block, sample->world);
-    return 1;
+    return verdict;
+}
+
+void umbr_verify_judge_outside(struct umbr_verify_block *block, const double local[3])
+{
+    int is_wrong = !traced_lit(block, local);
+    if (is_wrong && umbr_verify_look_again(block)) {
+        is_wrong = !traced_lit(block, local);
+        block->exact = NULL;
+    }
+    if (is_wrong && !is_inside(block, local)) {
+        umbr_verify_note(block, local);
+    }
 }
 
 uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
@@ -225,14 +327,12 @@ uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
 {
     uint64_t compared = 0;
     for (size_t i = 0; i < count; i++) {
-        int buried;
-        const int truth = umbr_verify_trace(block, samples[i].world, &buried);
-        if (truth != lit[i]) {
-            compared += (uint64_t)judge_disagreement(block, &samples[i], truth);
-        } else if (buried) {
-            block->result.skipped_inside++; /* shadow where anything would do proves nothing */
-        } else {
-            compared++;
+        const enum verdict verdict = judge_sample(block, &samples[i], lit[i]);
+        block->result.skipped_inside += verdict == SAYS_NOTHING;
+        block->result.inside_band += verdict == IN_BAND;
+        compared += verdict != SAYS_NOTHING;
+        if (verdict == WRONG) {
+            umbr_verify_note(block, samples[i].local);
         }
     }
     block->result.points += compared;
@@ -242,11 +342,11 @@ uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
                            size_t count)
 {
-    double world[UMBR_SAMPLES_MAX][3];
+    double local[UMBR_SAMPLES_MAX][3];
     uint8_t lit[UMBR_SAMPLES_MAX];
     for (size_t i = 0; i < count; i++) {
-        memcpy(world[i], samples[i].world, sizeof world[i]);
+        memcpy(local[i], samples[i].local, sizeof local[i]);
     }
-    umbr_verify_ask(block->job, (const double(*)[3])world, count, lit);
+    umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
     return umbr_verify_judge_answers(block, samples, lit, count);
 }

@@ -9,6 +9,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
+
 enum {
     KEPT = 64,           /* stretches looked at of a segment */
     SAMPLES = 4,         /* of each segment */
@@ -53,7 +55,7 @@ static int draw_segment(struct umbr_verify_block *block, const double voxel[3], 
             /* Cut to the frustum, axis by axis: the direction may change. */
             end[k] = fmin(fmax(end[k], 0), block->frame->size);
         }
-        if (!umbr_frame_world(block->frame, end, ends[e])) {
+        if (!umbr_frame_local(block->frame, end, ends[e])) {
             return 0;
         }
     }
@@ -90,7 +92,9 @@ static void judge_segment(struct umbr_verify_block *block, const double ends[2][
     struct umb_segment_answer answer;
     struct umb_segment_answers answers = {
         .segments = &answer, .stretches = stretches, .stretch_max = KEPT};
-    const struct umb_segments segment = {.ends = ends, .format = UMB_POINT_F64, .count = 1};
+    const double *o = block->job->origin;
+    const struct umb_segments segment = {
+        .ends = ends, .format = UMB_POINT_F64, .origin = {o[0], o[1], o[2]}, .count = 1};
     struct umbr_sample samples[SAMPLES];
     uint8_t lit[SAMPLES];
     double from[3], to[3], voxels = 0;
@@ -106,11 +110,11 @@ static void judge_segment(struct umbr_verify_block *block, const double ends[2][
     for (int i = 0; i < SAMPLES; i++) {
         struct umbr_sample *sample = &samples[count];
         const double t = draw_parameter(block, stretches, kept, i, voxels);
-        double world[3];
+        double local[3];
         for (int k = 0; k < 3; k++) {
-            world[k] = ends[0][k] + t * (ends[1][k] - ends[0][k]);
+            local[k] = ends[0][k] + t * (ends[1][k] - ends[0][k]);
         }
-        if (t >= 0 && t < known && umbr_frame_voxel(block->frame, world, sample->voxel) &&
+        if (t >= 0 && t < known && umbr_frame_voxel(block->frame, local, sample->voxel) &&
             umbr_verify_place(block, sample)) {
             lit[count++] = is_lit_at(stretches, kept, t);
         }
@@ -139,23 +143,16 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
 static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
 {
     const double size = block->frame->size;
-    const double first[3] = {x, y, 0}, last[3] = {x, y, size};
-    double from[3], to[3], direction[3], length = 0;
-    struct umbr_hit hit;
-    if (!umbr_frame_world(block->frame, first, from) || !umbr_frame_world(block->frame, last, to)) {
+    struct umbr_exact_ray ray;
+    struct umbr_exact_hit hit;
+    double z_first;
+    if (!umbr_verify_column(block, x, y, &ray, &z_first)) {
         return 0;
     }
-    for (int k = 0; k < 3; k++) {
-        direction[k] = to[k] - from[k];
-        length += direction[k] * direction[k];
-    }
-    length = sqrt(length);
-    for (int k = 0; k < 3; k++) {
-        direction[k] /= length;
-    }
-    umbr_nearest(block->job->rays, from, direction, 0, length, &hit);
-    *depth = hit.distance < 0 ? 2 * size : size * hit.distance / length; /* linear along a column */
-    return length / size;
+    umbr_verify_nearest(block, &ray, &hit);
+    const double step_m = ray.far_m / (size - z_first); /* linear along a column */
+    *depth = hit.distance < 0 ? 2 * size : z_first + hit.distance / step_m;
+    return step_m;
 }
 
 /* Voxels whose centre lies before a depth. */
@@ -189,32 +186,51 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
     return lit >= least - 1 && lit <= most + 1;
 }
 
+/* 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
+static int column_verdict(const struct umbr_verify_block *block, const double voxel[3],
+                          const struct umb_column_answer *answer)
+{
+    double depth;
+    const double step_m = traced_depth(block, voxel[0], voxel[1], &depth);
+    const double lit = (double)answer->lit, expected = lit_before(block, depth);
+    const int none = lit >= block->frame->size;
+    /* The occluder is half a voxel off at most; rays have floats. */
+    const int is_told =
+        none ? isinf(answer->distance_m)
+             : fabs(answer->distance_m - (depth - voxel[2]) * step_m) <= 0.51 * step_m;
+    if (answer->outside || none != isinf(answer->distance_m)) {
+        return 0; /* the texel is the frustum's own */
+    }
+    if (lit != expected) {
+        return is_near_column(block, voxel, lit) ? 2 : 0;
+    }
+    return is_told;
+}
+
 static void judge_column(struct umbr_verify_block *block, const double texel[2], double z)
 {
     struct umbr_sample sample = {.voxel = {texel[0], texel[1], z}};
-    double depth, step_m;
     struct umb_column_answer answer;
     struct umb_column_answers answers = {.columns = &answer};
-    const struct umb_points point = {
-        .positions = sample.world, .format = UMB_POINT_F64, .count = 1};
+    const double *o = block->job->origin;
+    const struct umb_points point = {.positions = sample.local,
+                                     .format = UMB_POINT_F64,
+                                     .origin = {o[0], o[1], o[2]},
+                                     .count = 1};
     if (!umbr_verify_place(block, &sample)) { /* a column is one face's from end to end */
         return;
     }
-    step_m = traced_depth(block, texel[0], texel[1], &depth);
     umb_columns_run(&block->job->volume, &point, 0, 1, &answers);
     block->result.records++;
     block->result.points++;
-    const double lit = (double)answer.lit, expected = lit_before(block, depth);
-    const int none = lit >= block->frame->size;
-    /* The occluder is half a voxel off at most; rays have floats. */
-    const int is_told = none ? isinf(answer.distance_m)
-                             : fabs(answer.distance_m - (depth - z) * step_m) <= 0.51 * step_m;
-    if (answer.outside || none != isinf(answer.distance_m)) {
-        umbr_verify_note(block, sample.world); /* the texel is the frustum's own */
-    } else if (lit != expected && is_near_column(block, texel, lit)) {
-        block->result.inside_band++;
-    } else if (lit != expected || !is_told) {
-        umbr_verify_note(block, sample.world);
+    int verdict = column_verdict(block, sample.voxel, &answer);
+    if (verdict == 0 && umbr_verify_look_again(block)) {
+        verdict = column_verdict(block, sample.voxel, &answer);
+        block->exact = NULL;
+    }
+    block->result.inside_band += verdict == 2;
+    if (verdict == 0) {
+        umbr_verify_note(block, sample.local);
     }
 }
 
@@ -244,11 +260,49 @@ static size_t list_voxels(const struct umbr_verify_block *block, const struct um
         }
         int inside = umbr_verify_place(block, sample);
         for (int k = 0; inside && k < 3; k++) {
-            inside = sample->centre[k] >= box->min[k] && sample->centre[k] < box->max[k];
+            const double centre = sample->centre[k] + block->job->origin[k];
+            inside = centre >= box->min[k] && centre < box->max[k];
         }
         count += (size_t)inside;
     }
     return count;
+}
+
+/* What a box's answer is worth. */
+enum box_verdict {
+    BOX_RIGHT,
+    BOX_SAYS_NOTHING,
+    BOX_IN_BAND,
+    BOX_WRONG
+};
+
+static enum box_verdict box_verdict(const struct umbr_verify_block *block,
+                                    const struct umb_box_answer *answer,
+                                    const struct umbr_sample *samples, size_t count)
+{
+    uint8_t truths[BOX_ROOM], burieds[BOX_ROOM];
+    uint64_t lit = 0, buried = 0, unsure = 0, sure = 0;
+    for (size_t i = 0; i < count; i++) {
+        int is_buried;
+        truths[i] = (uint8_t)umbr_verify_trace(block, samples[i].local, &is_buried);
+        burieds[i] = (uint8_t)is_buried;
+        lit += truths[i];
+        buried += burieds[i];
+    }
+    if (count > 0 && buried == count) {
+        return BOX_SAYS_NOTHING;
+    }
+    if (answer->voxels == count && answer->lit >= lit && answer->lit <= lit + buried) {
+        return BOX_RIGHT;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const int either = burieds[i] || umbr_verify_is_unsure(block, &samples[i], truths[i]);
+        unsure += (uint64_t)either;
+        sure += (uint64_t)(truths[i] && !either);
+    }
+    return answer->voxels == count && answer->lit >= sure && answer->lit <= sure + unsure
+               ? BOX_IN_BAND
+               : BOX_WRONG;
 }
 
 /* Judges a box whose voxels are listed. */
@@ -257,34 +311,20 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
 {
     struct umb_box_answer answer;
     struct umb_box_answers answers = {.boxes = &answer};
-    uint8_t truths[BOX_ROOM], burieds[BOX_ROOM];
-    uint64_t lit = 0, buried = 0, unsure = 0, sure = 0;
     umb_boxes_run(&block->job->volume, box, 0, 1, &answers);
     block->result.records++;
-    for (size_t i = 0; i < count; i++) {
-        int is_buried;
-        truths[i] = (uint8_t)umbr_verify_trace(block, samples[i].world, &is_buried);
-        burieds[i] = (uint8_t)is_buried;
-        lit += truths[i];
-        buried += burieds[i];
+    enum box_verdict verdict = box_verdict(block, &answer, samples, count);
+    if (verdict == BOX_WRONG && umbr_verify_look_again(block)) {
+        verdict = box_verdict(block, &answer, samples, count);
+        block->exact = NULL;
     }
-    if (count > 0 && buried == count) {
-        block->result.skipped_inside++;
-        return;
-    }
-    block->result.points++;
-    if (answer.voxels == count && answer.lit >= lit && answer.lit <= lit + buried) {
-        return;
-    }
-    for (size_t i = 0; i < count; i++) {
-        const int either = burieds[i] || umbr_verify_is_unsure(block, &samples[i], truths[i]);
-        unsure += (uint64_t)either;
-        sure += (uint64_t)(truths[i] && !either);
-    }
-    if (answer.voxels == count && answer.lit >= sure && answer.lit <= sure + unsure) {
-        block->result.inside_band++;
-    } else {
-        umbr_verify_note(block, box->min);
+    block->result.skipped_inside += verdict == BOX_SAYS_NOTHING;
+    block->result.points += verdict != BOX_SAYS_NOTHING;
+    block->result.inside_band += verdict == BOX_IN_BAND;
+    if (verdict == BOX_WRONG) {
+        double corner[3];
+        umb__subtract(box->min, block->job->origin, corner);
+        umbr_verify_note(block, corner);
     }
 }
 
