@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bake/analysis/lamp_contact.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/perspective_frame.h"
 
@@ -16,6 +17,12 @@ struct list {
     const struct umbb_frusta_input *input;
     struct umb_frustum_info *frusta; /* [6 * lights] */
     uint32_t count;
+    double voxel_min; /* metres, of spot and point lights */
+    /* The spot or point light that is being added. */
+    const double *direction; /* NULL: a point light */
+    double cone_sine;
+    struct umbb_contact contact; /* the nearest of its faces */
+    int has_contact;
 };
 
 double umbb_light_reach(const struct umb_box *bounds, const double position[3])
@@ -29,6 +36,16 @@ double umbb_light_reach(const struct umb_box *bounds, const double position[3])
     return sqrt(square);
 }
 
+/* How small voxels may be. */
+static double least_voxel(const struct umb_box *bounds)
+{
+    double half = 0.0;
+    for (int axis = 0; axis < 3; axis++) {
+        half = fmax(half, 0.5 * bounds->max[axis] - 0.5 * bounds->min[axis]);
+    }
+    return half * UMBB_VOXEL_SHARE;
+}
+
 static struct umb_frustum_info *next(struct list *list, uint32_t light)
 {
     struct umb_frustum_info *frustum = &list->frusta[list->count++];
@@ -37,12 +54,57 @@ static struct umb_frustum_info *next(struct list *list, uint32_t light)
     return frustum;
 }
 
-/* The face along w; 1 if it sees a caster. It is taken into the list if so, or if `always`. */
-static int add_face(struct list *list, uint32_t light, struct umbb_eye *eye, const double w[3],
-                    int always)
+/* Notes the surface that is too near to a face's light, if there is one. */
+static void look_for_contact(struct list *list, const struct umbb_eye *eye)
+{
+    struct umbb_contact contact;
+    const struct umbb_contact_input input = {
+        .corners = list->input->corners,
+        .count = list->input->count,
+        .eye = eye,
+        .log2_size = list->input->log2_size,
+        .direction = list->direction,
+        .cone_sine = list->cone_sine,
+        .origin = list->input->origin,
+    };
+    if (umbb_lamp_contact(&input, &contact) &&
+        (!list->has_contact || contact.distance < list->contact.distance)) {
+        list->contact = contact;
+        list->has_contact = 1;
+    }
+}
+
+/* Refuses a lamp that light would leak from. */
+static enum umb_status check_contact(const struct list *list, const struct umbb_eye *eye,
+                                     const struct umb_light_info *light, uint32_t number,
+                                     struct umb_error *error)
+{
+    const double *p = eye->position, *at = list->contact.at;
+    const double least = eye->reach * UMBB_NEAR_SHARE;
+    if (!list->has_contact) {
+        return UMB_OK;
+    }
+    if (list->contact.distance > 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "light %u ('%s') at %.15g %.15g %.15g: a surface in its light is %.3g m "
+                        "away, at %.15g %.15g %.15g; the limit is %.3g m (2^-26 of the way to the "
+                        "farthest triangle): move the light at least %.1g m away from it",
+                        number, light->name, p[0], p[1], p[2], list->contact.distance, at[0], at[1],
+                        at[2], least, 2.0 * least);
+    }
+    return umb_fail(error, UMB_E_BAD_SCENE,
+                    "light %u ('%s') at %.15g %.15g %.15g: it is on a surface (0 m away, the limit "
+                    "is %.3g m) and shines to both sides of it: move the light at least %.1g m to "
+                    "the side that it belongs to",
+                    number, light->name, p[0], p[1], p[2], least, 2.0 * least);
+}
+
+/* The face along eye->axes[2]; 1 if it sees a caster. It is taken into the list if so, or if
+ * `always`. */
+static int add_face(struct list *list, uint32_t light, const struct umbb_eye *eye, int always)
 {
     struct umb_frustum_info frustum;
-    umbb_light_axes(w, eye->axes);
+    look_for_contact(list, eye);
     const int seen = umbb_perspective_fit(list->input->corners, list->input->count, eye,
                                           list->input->origin, list->input->log2_size, &frustum);
     if (seen || always) {
@@ -55,23 +117,40 @@ static int add_face(struct list *list, uint32_t light, struct umbb_eye *eye, con
     return seen;
 }
 
-/* Cube faces around `front`; the one behind only if `all`. A light has at least one. */
+/* Turns the eye to a side of a cube. In: cube: its axes; sign: -1: to the side behind. */
+static void look_along(struct umbb_eye *eye, const double cube[3][3], int axis, int sign)
+{
+    for (int k = 0; k < 3; k++) {
+        eye->axes[0][k] = cube[(axis + (sign > 0 ? 1 : 2)) % 3][k];
+        eye->axes[1][k] = cube[(axis + (sign > 0 ? 2 : 1)) % 3][k];
+        eye->axes[2][k] = sign > 0 ? cube[axis][k] : 0.0 - cube[axis][k];
+    }
+}
+
+/* Cube faces around `front`; the one behind only if `all`. A light has at least one. Sides have the
+ * cube's own axes, so that they meet edge to edge; those along the world's are the same but for
+ * quarter turns. */
 static void add_cube(struct list *list, uint32_t light, struct umbb_eye *eye, const double front[3],
                      int all)
 {
-    double axes[3][3];
+    double cube[3][3];
     const uint32_t before = list->count;
     eye->tangent = 1.0;
-    umbb_light_axes(front, axes);
+    umbb_light_axes(front, cube);
     for (int axis = 2; axis >= 0; axis--) {
-        const double back[3] = {0.0 - axes[axis][0], 0.0 - axes[axis][1], 0.0 - axes[axis][2]};
-        (void)add_face(list, light, eye, axes[axis], 0);
-        if (axis < 2 || all) {
-            (void)add_face(list, light, eye, back, 0);
+        for (int sign = 1; sign >= (axis < 2 || all ? -1 : 1); sign -= 2) {
+            look_along(eye, (const double(*)[3])cube, axis, sign);
+            if (all) {
+                double w[3];
+                memcpy(w, eye->axes[2], sizeof w);
+                umbb_light_axes(w, eye->axes);
+            }
+            (void)add_face(list, light, eye, 0);
         }
     }
     if (list->count == before) {
-        (void)add_face(list, light, eye, front, 1);
+        umbb_light_axes(front, eye->axes);
+        (void)add_face(list, light, eye, 1);
     }
 }
 
@@ -91,7 +170,8 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
         *to = frustum;
         return status;
     }
-    struct umbb_eye eye = {.reach = umbb_light_reach(&input->bounds, light->position)};
+    struct umbb_eye eye = {.reach = umbb_light_reach(&input->bounds, light->position),
+                           .voxel_min = list->voxel_min};
     memcpy(eye.position, light->position, sizeof eye.position);
     if (!(eye.reach > 1e-9)) {
         return umb_fail(error, UMB_E_BAD_SCENE,
@@ -99,25 +179,33 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
                         eye.reach);
     }
     const double half_deg = choice->cones[number] * DEG_A_RAD;
+    double sine = 1.0, cosine;
+    list->has_contact = 0;
+    list->direction = NULL;
+    list->cone_sine = 1.0;
+    if (light->kind == UMB_LIGHT_SPOT) {
+        umbb_sin_cos_degrees(half_deg, &sine, &cosine);
+        list->direction = light->direction;
+        list->cone_sine = sine;
+    }
     if (light->kind == UMB_LIGHT_POINT) {
         static const double z[3] = {0.0, 0.0, 1.0};
         add_cube(list, number, &eye, z, 1);
     } else if (half_deg > UMBB_SPOT_HALF_ANGLE_DEG) {
         add_cube(list, number, &eye, light->direction, 0);
     } else {
-        double sine, cosine;
-        umbb_sin_cos_degrees(half_deg, &sine, &cosine);
         eye.tangent = sine / cosine;
-        (void)add_face(list, number, &eye, light->direction, 1);
+        umbb_light_axes(light->direction, eye.axes);
+        (void)add_face(list, number, &eye, 1);
     }
-    return UMB_OK;
+    return check_contact(list, &eye, light, number, error);
 }
 
 enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *input,
                                 struct umbb_light_choice *choice, struct umb_frustum_info **frusta,
                                 uint32_t *count, struct umb_error *error)
 {
-    struct list list = {.input = input};
+    struct list list = {.input = input, .voxel_min = least_voxel(&input->bounds)};
     *frusta = NULL;
     *count = 0;
     list.frusta = calloc((size_t)6 * choice->count, sizeof *list.frusta);

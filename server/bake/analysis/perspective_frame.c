@@ -68,7 +68,7 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
                          struct umb_frustum_info *frustum)
 {
     const double size = (double)((uint32_t)1 << log2_size);
-    const double tangent = eye->tangent * size / (size - 2.0 * UMBB_GUARD_TEXELS - 2.0);
+    const double tangent = umbb_guarded_tangent(eye->tangent, log2_size);
     struct extent extents[3];
     measure(corners, count, eye, tangent, extents);
     const int seen = extents[2].low <= extents[2].high;
@@ -80,7 +80,7 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
     const double wide = fmax(extents[0].high - extents[0].low, extents[1].high - extents[1].low);
     const double most = fmax(wide * far, far - extents[2].low);
     const double least[3] = {most / far * EXTENT_SHARE_MIN, most / far * EXTENT_SHARE_MIN,
-                             most * EXTENT_SHARE_MIN};
+                             fmax(most * EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
     const double eye_at[3] = {eye->position[0] - origin[0], eye->position[1] - origin[1],
                               eye->position[2] - origin[2]};
     const double *w = eye->axes[2];

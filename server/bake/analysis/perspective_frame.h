@@ -6,7 +6,9 @@
  *
  * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. Of that the
  * frustum keeps what casters fill, fitted on each of the three axes by itself: the tangents u / W
- * and v / W, and W. Depth is linear in W.
+ * and v / W, and W. Depth is linear in W, and where casters fill less of it than voxels that
+ * coordinates can resolve (UMBB_VOXEL_SHARE), the range around them is wider; part of it may lie
+ * behind the light then, where nothing is.
  *
  * Guard band: t is widened so that at least UMBB_GUARD_TEXELS texels lie beyond the face's edge. A
  * filter window of a point inside the face then has all its texels in the face's own frustum, and a
@@ -20,9 +22,25 @@
 /* Half of the widest window and some for rounding. */
 #define UMBB_GUARD_TEXELS 10
 
-/* What lies closer to the light than this share of its reach casts no shadow: there a texel would
- * have to be divided by next to nothing. */
-#define UMBB_NEAR_SHARE 0x1p-20
+/*
+ * What lies closer to the light, along a face's axis, than this share of its reach is left out:
+ * there a texel would have to be divided by next to nothing. lamp_contact.h refuses lamps to which
+ * that would happen.
+ *
+ * Why 2^-26. X of X / W is off by some 2^-52 of size times the reach, so a caster at the near
+ * distance by 2^-26 size texels: 2^-8 of a texel at 2^18. Over a triangle that reaches from there
+ * to the far end, near / W goes from 1 to 2^-26 and is off by 2^-52, so W by 2^-26 of itself, 2^-8
+ * of a voxel at 2^18. A power of two leaves all bits of what lies farther alone.
+ */
+#define UMBB_NEAR_SHARE 0x1p-26
+
+/*
+ * No voxel is less deep than this share of half the longest side of the casters' box. A caller's
+ * floats, relative to the middle of the scene, are off by 2^-25 of that a coordinate, so that a
+ * point of a surface is within a voxel of it, as the automatic bias expects; doubles are off by
+ * 2^-28 of such a voxel.
+ */
+#define UMBB_VOXEL_SHARE 0x1p-22
 
 /* One face of a light. */
 struct umbb_eye {
@@ -30,7 +48,15 @@ struct umbb_eye {
     double axes[3][3];  /* u, v, w: unit, right handed */
     double tangent;     /* t without the guard band */
     double reach;       /* metres: no caster is farther from the light */
+    double voxel_min;   /* metres: no voxel is less deep */
 };
+
+/* t with the guard band. */
+static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
+{
+    const double size = (double)((uint32_t)1 << log2_size);
+    return tangent * size / (size - 2.0 * UMBB_GUARD_TEXELS - 2.0);
+}
 
 /*
  * Fits the frustum of a face to world triangles.

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Nearly all triangles are told by their boxes; what is left is measured and cut to the face. */
+#include "bake/analysis/lamp_contact.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+#include "bake/analysis/eye_clip.h"
+
+/* 1 if a triangle's box comes within reach of 0 on all axes. */
+static int is_near(const double corners[3][3], const double position[3], double reach)
+{
+    for (int k = 0; k < 3; k++) {
+        const double a = corners[0][k] - position[k], b = corners[1][k] - position[k];
+        const double c = corners[2][k] - position[k];
+        if (fmin(fmin(a, b), c) > reach || fmax(fmax(a, b), c) < -reach) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* The place of segment a, b that is nearest to 0. */
+static void nearest_on_edge(const double a[3], const double b[3], double out[3])
+{
+    double way[3];
+    umb__subtract(b, a, way);
+    const double length = umb__dot(way, way);
+    const double share = length > 0 ? fmin(fmax(-umb__dot(a, way) / length, 0), 1) : 0;
+    for (int k = 0; k < 3; k++) {
+        out[k] = a[k] + share * way[k];
+    }
+}
+
+/* The place of a triangle that is nearest to 0: its foot point if that lies within, else one of its
+ * edges. In: normal: unit. */
+static void nearest_place(const double at[3][3], const double normal[3], double out[3])
+{
+    const double height = umb__dot(normal, at[0]);
+    int inside = 1;
+    double least = INFINITY;
+    for (int i = 0; i < 3; i++) {
+        const double *a = at[i], *b = at[(i + 1) % 3];
+        double way[3], from[3], across[3], place[3];
+        for (int k = 0; k < 3; k++) {
+            way[k] = b[k] - a[k];
+            from[k] = height * normal[k] - a[k];
+        }
+        umb__cross(way, from, across);
+        inside &= umb__dot(across, normal) >= 0;
+        nearest_on_edge(a, b, place);
+        if (umb__length(place) < least) {
+            least = umb__length(place);
+            memcpy(out, place, sizeof place);
+        }
+    }
+    for (int k = 0; inside && k < 3; k++) {
+        out[k] = height * normal[k];
+    }
+}
+
+/* 1 if part of a triangle lies in the face, nearer than `near` along its axis. */
+static int is_cut_away(const double at[3][3], const struct umbb_eye *eye, double tangent,
+                       double near)
+{
+    const struct umbb_pyramid pyramid = {.low = {-tangent, -tangent}, .high = {tangent, tangent}};
+    struct umbb_polygon polygon;
+    double turned[3][3], least = INFINITY;
+    for (int i = 0; i < 3; i++) {
+        for (int axis = 0; axis < 3; axis++) {
+            turned[i][axis] = umb__dot(eye->axes[axis], at[i]);
+        }
+    }
+    umbb_eye_clip(&pyramid, (const double(*)[3])turned, &polygon);
+    for (size_t i = 0; i < polygon.count; i++) {
+        least = fmin(least, polygon.corners[i][2]);
+    }
+    return least < near;
+}
+
+/* The greatest coordinate, relative to the origin, that takes part in a distance. */
+static double greatest(const struct umbb_contact_input *input, const double corners[3][3])
+{
+    double most = 0;
+    for (int k = 0; k < 3; k++) {
+        most = fmax(most, fabs(input->eye->position[k] - input->origin[k]));
+        for (int i = 0; i < 3; i++) {
+            most = fmax(most, fabs(corners[i][k] - input->origin[k]));
+        }
+    }
+    return most;
+}
+
+/* Judges a triangle whose box is near; 1 if its light would go through. */
+static int judge(const struct umbb_contact_input *input, double near, double tangent, size_t number,
+                 struct umbb_contact *contact)
+{
+    const double(*corners)[3] = input->corners[number];
+    const double *position = input->eye->position;
+    double at[3][3], one[3], two[3], normal[3], place[3];
+    for (int i = 0; i < 3; i++) {
+        umb__subtract(corners[i], position, at[i]);
+    }
+    umb__subtract(at[1], at[0], one);
+    umb__subtract(at[2], at[0], two);
+    umb__cross(one, two, normal);
+    if (!umb__unit(normal)) {
+        return 0;
+    }
+    nearest_place((const double(*)[3])at, normal, place);
+    contact->distance = umb__length(place);
+    for (int k = 0; k < 3; k++) {
+        contact->at[k] = position[k] + place[k];
+    }
+    if (contact->distance <= UMBB_ON_SHARE * greatest(input, corners)) {
+        contact->distance = 0;
+        return input->direction == NULL ||
+               fabs(umb__dot(input->direction, normal)) < input->cone_sine - 1e-9;
+    }
+    return is_cut_away((const double(*)[3])at, input->eye, tangent, near);
+}
+
+int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact)
+{
+    const double tangent = umbb_guarded_tangent(input->eye->tangent, input->log2_size);
+    const double near = input->eye->reach * UMBB_NEAR_SHARE;
+    const double reach = near * sqrt(1 + 2 * tangent * tangent);
+    int found = 0;
+    for (size_t i = 0; i < input->count; i++) {
+        struct umbb_contact one;
+        if (is_near(input->corners[i], input->eye->position, reach) &&
+            judge(input, near, tangent, i, &one) && (!found || one.distance < contact->distance)) {
+            *contact = one;
+            found = 1;
+        }
+    }
+    return found;
+}

@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LAMP_CONTACT_H
+#define UMBRAGE_SERVER_BAKE_ANALYSIS_LAMP_CONTACT_H
+/*
+ * Lamps that stand too near to a surface.
+ *
+ * A face leaves out what is nearer than UMBB_NEAR_SHARE of its reach (perspective_frame.h). A
+ * surface there would let light through, so a lamp with such a surface in its light is refused,
+ * but for one case: a spot light on a surface that its cone does not cross, as on a ceiling that it
+ * shines down from.
+ */
+#include "bake/analysis/perspective_frame.h"
+
+/* On a surface: nearer than this share of the greatest coordinate, which is what rounding can do to
+ * the distance. */
+#define UMBB_ON_SHARE 0x1p-47
+
+struct umbb_contact_input {
+    const double (*corners)[3][3]; /* [count] world */
+    size_t count;
+    const struct umbb_eye *eye;
+    uint32_t log2_size;
+    /* Spot lights: unit, and the sine of half the cone's angle. Point lights: NULL, 1. */
+    const double *direction;
+    double cone_sine;
+    const double *origin; /* [3] of the asset */
+};
+
+/* A surface in a lamp's light that is nearer than a face can draw. */
+struct umbb_contact {
+    double distance; /* metres; 0: the lamp is on it */
+    double at[3];    /* nearest place of the surface, metres, world */
+};
+
+/* Finds the nearest such surface of one face; 0 if there is none. Triangles without an area are
+ * none: they cast nothing. */
+int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact);
+
+#endif
