@@ -74,7 +74,7 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
     struct texel *texel = (struct texel *)(void *)args->context;
     const struct umbb_casters *casters = args->geometryUserPtr;
     struct umbb_coverage coverage;
-    if (!umbb_coverage_prepare(casters->corners[args->primID], casters->size, &coverage) ||
+    if (!umbb_perspective_prepare(casters, args->primID, &coverage) ||
         texel->y < coverage.row_first || texel->y > coverage.row_last) {
         return;
     }

@@ -11,6 +11,9 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/triangle_bins.h"
 
+/* Texels over size^2: what is narrower is a sliver. */
+#define SLIVER 0x1p-49
+
 /* Nearest front face, back face and other face of a texel, each as `lit`. */
 struct fragment {
     int32_t front, back, open;
@@ -23,6 +26,37 @@ struct perspective {
     struct umbb_bins blocks[2]; /* a tile by block, one a slot */
     struct fragment *fragments; /* [threads][UMBB_BLOCK * UMBB_BLOCK] */
 };
+
+int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
+                             struct umbb_coverage *coverage)
+{
+    const double(*v)[3] = casters->corners[triangle];
+    double longest[3] = {0.0, 0.0, 0.0}, square = 0.0;
+    if (!umbb_coverage_prepare(v, casters->size, coverage)) {
+        return 0;
+    }
+    if (!(casters->depth_scale > 0.0)) {
+        return 1;
+    }
+    for (int i = 0; i < 3; i++) {
+        const double *a = v[i], *b = v[(i + 1) % 3];
+        const double x = b[0] - a[0], y = b[1] - a[1];
+        if (x * x + y * y > square) {
+            square = x * x + y * y;
+            longest[0] = x;
+            longest[1] = y;
+            longest[2] = b[2] - a[2];
+        }
+    }
+    const double area =
+        (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[1][1] - v[0][1]) * (v[2][0] - v[0][0]);
+    const double size = (double)casters->size, width = SLIVER * size * size;
+    if (area * area < width * width * square) {
+        coverage->gradient_x = longest[2] * longest[0] / square;
+        coverage->gradient_y = longest[2] * longest[1] / square;
+    }
+    return 1;
+}
 
 static size_t entry_bytes(const struct umbb_bins *bins)
 {
@@ -85,7 +119,7 @@ struct square {
 static void draw(const struct umbb_casters *casters, uint32_t triangle, const struct square *square)
 {
     struct umbb_coverage coverage;
-    if (!umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
+    if (!umbb_perspective_prepare(casters, triangle, &coverage)) {
         return;
     }
     const uint8_t kind = casters->closed_rule ? casters->kinds[triangle] : UMBB_CASTER_OPEN;

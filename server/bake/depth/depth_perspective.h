@@ -8,13 +8,24 @@
  * distance W but 1 / W. The casters' third coordinate is therefore q = c / W; the predicate
  * interpolates q as it does any depth (from the canonical first corner, kept between the corners'
  * values), and z = depth_scale / q + depth_offset follows. Between near and far q spans at most
- * 2^20, so q is good to about 2^-52 of its greatest value, and z to 2^-32 of the frustum's depth,
+ * 2^26, so q is good to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth,
  * far below a voxel.
+ *
+ * Slivers: cutting a triangle to the frustum can leave corners that are the same but for rounding,
+ * and so triangles of next to no width, whose area and gradients are rounding alone. One as long as
+ * the frustum may run through thousands of texel centres (the diagonal of a floor below a lamp).
+ * umbb_perspective_prepare gives those narrower than 2^-49 size^2 texels the gradient along their
+ * longest edge. Wider ones have theirs to an eighth of a voxel; across a sliver depth is off by its
+ * slope times 2^-49 size^2 texels, 2^-21 at 16384.
  *
  * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_raster.h"
+
+/* umbb_coverage_prepare for one of the casters, of any kind of light, with the depth of slivers. */
+int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
+                             struct umbb_coverage *coverage);
 
 /* Number of voxels of column x whose centre lies before the triangle, 0..size. In: row_z: as for
  * umbb_coverage_lit; casters->depth_scale above 0. */

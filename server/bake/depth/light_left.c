@@ -89,7 +89,7 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
     const struct umbb_casters *casters = m->job->casters;
     const uint32_t cut = casters->cuts->of[triangle];
     struct umbb_coverage coverage;
-    if (!umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
+    if (!umbb_perspective_prepare(casters, triangle, &coverage)) {
         return UMB_OK;
     }
     const int32_t bottom = y0 + SIDE - 1, right = x0 + SIDE - 1;

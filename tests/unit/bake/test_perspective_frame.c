@@ -206,9 +206,54 @@ static void both_depth_paths_agree_under_perspective(void **state)
     soup_finish(&soup);
 }
 
+/* What a cut leaves where two corners are the same but for rounding: a triangle as long as the
+ * frustum through the centres of all texels of its diagonal. */
+static void slivers_are_as_deep_as_their_longest_edge(void **state)
+{
+    (void)state;
+    struct soup soup;
+    soup_init(&soup, SIZE, 74);
+    int drawn = 0;
+    for (int n = 0; n < 2000; n++) {
+        double corners[1][3][3] = {{{-1, -1, 1.0 / 100}, {-1, -1, 1.0 / 100}, {0, 0, 0}}};
+        const double far = 1.0 / (100 + SIZE * soup_unit(&soup));
+        corners[0][2][0] = corners[0][2][1] = SIZE + 1;
+        corners[0][2][2] = far;
+        for (int i = 0; i < 9; i++) { /* some units in the last place */
+            corners[0][i / 3][i % 3] *= 1 + 0x1p-52 * (double)(soup_bits(&soup) % 9);
+        }
+        const struct umbb_casters casters = {.corners = (const double(*)[3][3])corners,
+                                             .count = 1,
+                                             .size = SIZE,
+                                             .depth_scale = 1,
+                                             .depth_offset = -100};
+        struct umbb_coverage coverage;
+        if (!umbb_perspective_prepare(&casters, 0, &coverage)) {
+            continue;
+        }
+        for (int32_t row = coverage.row_first; row <= coverage.row_last && row < SIZE; row++) {
+            int32_t first, last;
+            (void)umbb_coverage_row(&coverage, row, &first, &last);
+            if (row < 0 || first > row || last < row) {
+                continue;
+            }
+            const double share = (row + 1.5) / (SIZE + 2);
+            const double z = 1 / (0.01 + share * (far - 0.01)) - 100;
+            const double row_z = umbb_coverage_row_z(&coverage, row);
+            const int32_t lit = umbb_perspective_lit(&casters, &coverage, row_z, row);
+            assert_true(fabs(lit - z) < 0.6);
+            drawn++;
+        }
+    }
+    print_message("%d texels\n", drawn);
+    assert_true(drawn > 1000);
+    soup_finish(&soup);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(slivers_are_as_deep_as_their_longest_edge),
         cmocka_unit_test(triangles_cut_shared_edges_at_equal_points),
         cmocka_unit_test(a_fitted_face_holds_what_it_sees_and_no_more),
         cmocka_unit_test(both_depth_paths_agree_under_perspective),
