@@ -62,7 +62,7 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
+system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(BUILD)/lamp_check $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
@@ -122,6 +122,16 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 		$(BUILD)/umbrage-bake "$$folder/$$scene.ply" -o "$$folder/$$scene-$$rule.umb" --closed $$rule --sun 27,45 --quiet --verify 0 || exit 1; done; done && \
 	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
 .PHONY: kernel-bits
+
+# Random lamps on, above, below and inside surfaces against brute force in long double.
+$(BUILD)/lamp_check: $(BUILD)/tests/agreement/lamp_check.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+LAMPS ?= 2000
+LAMP_SEED ?= 1
+lamps: $(PROGRAMS) $(BUILD)/lamp_check ## random lamps near surfaces, each bake against brute force (LAMPS=2000 LAMP_SEED=1): twenty minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/system/lamps.py $(LAMPS) $(LAMP_SEED)
+.PHONY: lamps
 
 # Every prefix and every flipped bit of small assets with all kinds of sections, both encodings.
 $(BUILD)/file_sweep: $(BUILD)/tests/agreement/file_sweep.o $(CORE_LIB)
