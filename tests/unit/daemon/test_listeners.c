@@ -80,7 +80,7 @@ static void port_0_becomes_a_real_one_that_nobody_else_gets(void **state)
     char text[UMBD_ADDRESS_TEXT_SIZE];
     memcpy(text, place->loop.listeners->text, sizeof text);
     assert_int_equal(strncmp(text, "tcp:127.0.0.1:", 14), 0);
-    assert_int_not_equal(atoi(text + 14), 0);
+    assert_int_not_equal(strtol(text + 14, NULL, 10), 0);
     assert_int_equal(open_at(place, text, &error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(error.message, "--listen"));
     assert_int_equal(open_at(place, "tcp:no.such.host.invalid:1", &error), UMB_E_ARGUMENT);
@@ -165,7 +165,8 @@ static void handed_sockets_must_listen_and_be_what_their_name_says(void **state)
 static int connect_admin(struct place *place)
 {
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    to.sin_port = htons((uint16_t)atoi(strrchr(umbd_admin_text(&place->loop), ':') + 1));
+    to.sin_port =
+        htons((uint16_t)strtol(strrchr(umbd_admin_text(&place->loop), ':') + 1, NULL, 10));
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_int_equal(connect(fd, (struct sockaddr *)&to, sizeof to), 0);
     return fd;
