@@ -6,17 +6,18 @@
 #include "jobs/folder.h"
 #include "jobs/staging.h"
 
-#define OWNERS      3
-#define CONTENTS    8
-#define WORKERS     3
-#define SLOTS       (2 * WORKERS) /* tries that were ended may report late */
-#define LEASE_MS    60000
-#define OWNER_JOBS  6
-#define ASSET_BYTES 100
-#define HOUR_MS     INT64_C(3600000)
-#define LIVES       24
-#define STEPS       60
-#define END_STEPS   3000
+#define OWNERS       3
+#define CONTENTS     8
+#define WORKERS      3
+#define SLOTS        (2 * WORKERS) /* tries that were ended may report late */
+#define LEASE_MS     60000
+#define OWNER_JOBS   6
+#define ASSET_BYTES  100
+#define OWNER_ASSETS (ASSET_BYTES * (CONTENTS - 3))
+#define HOUR_MS      INT64_C(3600000)
+#define LIVES        24
+#define STEPS        60
+#define END_STEPS    3000
 
 static const char *const owner_names[OWNERS] = {"ann", "bob", "eve"};
 
@@ -169,6 +170,9 @@ static int64_t check_all(struct sim *sim)
             }
         }
         CHECK(unfinished <= OWNER_JOBS);
+        struct umbj_kept kept;
+        CHECK(umbj_table_kept(sim->service->table, owner_names[owner], &kept, &error) == UMB_OK);
+        CHECK(kept.asset_bytes <= OWNER_ASSETS);
         free(jobs);
     }
     CHECK(found == sim->world->job_count); /* nothing that was acknowledged is gone */

@@ -148,7 +148,7 @@ static void open_service(struct sim *sim)
                    .owner_bytes = 1000,
                    .total_bytes = 4000,
                    .lease_ms = LEASE_MS,
-                   .owner_assets = ASSET_BYTES * (CONTENTS - 1)},
+                   .owner_assets = OWNER_ASSETS},
         .cache_bytes = 1000,
         .log = no_log,
         .store_changed = world_kicked,
