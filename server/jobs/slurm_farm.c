@@ -269,6 +269,7 @@ static void on_task(void *user, const char *line)
     char name[NAME_SIZE];
     if (sscanf(line, "%63s %15s %15s %127s %63[^\n]", task.id, task.index, task.state, name,
                task.reason) >= 4 &&
+        task.id[0] >= '0' && task.id[0] <= '9' && /* it becomes a word: no option */
         strncmp(name, look->slurm->tag, tag) == 0) {
         snprintf(task.name, sizeof task.name, "%s", name + tag);
         look->task(look, &task);

@@ -156,7 +156,8 @@ static struct slurm slurm = {.tag = "umbrage-01020304-"};
 static void check_ids(struct umbj_words *ids)
 {
     for (size_t i = 0; i < ids->count; i++) {
-        FUZZ_DEMAND(strlen(ids->list[i]) < ID_SIZE && ids->list[i][0] != '-');
+        FUZZ_DEMAND(strlen(ids->list[i]) < ID_SIZE);
+        FUZZ_DEMAND(ids->list[i][0] >= '0' && ids->list[i][0] <= '9');
     }
     umbj_words_finish(ids);
 }
