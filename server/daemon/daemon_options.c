@@ -607,11 +607,11 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
     return options->help || options->version ? UMB_OK : check_whole(options, error);
 }
 
-/* Prints a text. In the file a ';' behind a blank begins a comment, right behind '=' it does not.
- */
+/* Prints a text. In the file a ';' behind a blank begins a comment, and a line has its limit. */
 static void print_text(FILE *out, const char *name, const char *text)
 {
-    (void)fprintf(out, "%s =%s%s\n", name, text[0] == ';' ? "" : " ", text);
+    const int tight = text[0] == ';' || strlen(name) + strlen(text) + 3 > UMBD_CONFIG_LINE_MAX;
+    (void)fprintf(out, "%s%s%s\n", name, tight ? "=" : " = ", text);
 }
 
 /* Prints one setting; a list as one line each, a text that is not set as a comment. */
