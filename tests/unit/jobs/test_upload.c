@@ -277,7 +277,9 @@ static void writing_ends_when_the_server_does(void **state)
     atomic_store(&stop, 1);
     assert_int_equal(umbj_upload_write(upload, CONTENT, 8, &f->error), UMB_E_UNAVAILABLE);
     assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_E_UNAVAILABLE);
-    umbj_upload_leave(upload); /* the flag may go now */
+    umbj_folder_remove_until(f->fd, "incoming", &stop);
+    assert_int_equal(names_in(f, "incoming"), 1); /* removals end as well */
+    umbj_upload_leave(upload);                    /* the flag may go now */
     umbj_upload_destroy(upload);
     assert_int_equal(names_in(f, "incoming"), 1); /* the next start sweeps it */
 }
