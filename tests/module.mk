@@ -188,6 +188,8 @@ mutants-short: ## a handful of them
 	@/usr/bin/python3 tests/mutants/run_mutants.py --jobs $(CORES) --short
 .PHONY: mutants mutants-short
 
+-include tests/coverage/coverage.mk
+
 test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check
