@@ -6,7 +6,7 @@
  *         UMBRAGE_FAULT_ACTION=ENOSPC UMBRAGE_FAULT_UNDER=/tmp/out umbrage-bake ...
  *
  *     UMBRAGE_FAULT_CALLS   which functions count: names of FUNCTIONS below, "files" (all that
- *                           take files), "memory" (all that allocate)
+ *                           take files), "memory" (all that allocate), "system" (the rest)
  *     UMBRAGE_FAULT_ACTION  an errno of ERRORS below; short (half of a write is written, the rest
  *                           of the functions work); kill (SIGKILL before the call); tear (half of
  *                           a write is written, then SIGKILL; other functions: as kill)
@@ -46,7 +46,9 @@
 static const char *const FUNCTIONS[FUNCTION_COUNT] = {
     "write",  "pwrite", "fsync",     "fdatasync", "rename", "renameat", "open",
     "openat", "mmap",   "ftruncate", "close",     "mkdir",  "unlink",   "malloc",
-    "calloc", "realloc", "aligned_alloc", "posix_memalign",
+    "calloc", "realloc", "aligned_alloc", "posix_memalign", "socket", "bind", "listen",
+    "accept4", "getsockname", "getsockopt", "setsockopt", "chmod", "getrlimit", "epoll_create1",
+    "pread", "pthread_create",
 };
 
 static const struct {
@@ -102,7 +104,9 @@ static uint32_t functions_of(const char *list)
         if (same_word(list, length, "files")) {
             mask |= files;
         } else if (same_word(list, length, "memory")) {
-            mask |= ((1U << FUNCTION_COUNT) - 1) & ~files;
+            mask |= ((1U << MEMORY_FUNCTIONS) - 1) & ~files;
+        } else if (same_word(list, length, "system")) {
+            mask |= ((1U << FUNCTION_COUNT) - 1) & ~((1U << MEMORY_FUNCTIONS) - 1);
         }
         for (unsigned i = 0; i < FUNCTION_COUNT; i++) {
             mask |= same_word(list, length, FUNCTIONS[i]) ? 1U << i : 0;
@@ -360,6 +364,17 @@ int fault_memory(enum function function)
         return 0;
     }
     errno = ENOMEM;
+    return 1;
+}
+
+int fault_system(enum function function)
+{
+    uint64_t number;
+    const int verdict = is_chosen(function) ? decide(function, &number) : GO_ON;
+    if (verdict <= GO_ON) {
+        return 0;
+    }
+    errno = verdict;
     return 1;
 }
 

@@ -4,7 +4,7 @@
 /*
  * What the files of inject.so share: the decision about one call (inject.c), asked by the stand-ins
  * for file functions (inject_files.c), streams and processes (inject_process.c) and memory
- * (inject_memory.c); and the log of what was done to files (inject_record.c), which the stand-ins
+ * (inject_memory.c), sockets and threads (inject_system.c); and the log of what was done to files (inject_record.c), which the stand-ins
  * of inject_files.c and inject_more.c write. All of it is async-signal-safe, but for a signal
  * handler that writes to a regular file while a log is kept, and sets errno only for a call that
  * fails.
@@ -35,6 +35,19 @@ enum function {
     REALLOC,
     ALIGNED_ALLOC,
     POSIX_MEMALIGN,
+    MEMORY_FUNCTIONS,
+    SOCKET = MEMORY_FUNCTIONS,
+    BIND,
+    LISTEN,
+    ACCEPT,
+    GETSOCKNAME,
+    GETSOCKOPT,
+    SETSOCKOPT,
+    CHMOD,
+    GETRLIMIT,
+    EPOLL,
+    PREAD,
+    PTHREAD_CREATE,
     FUNCTION_COUNT,
 };
 
@@ -52,6 +65,9 @@ struct call {
 
 /* Counts a call of a memory function; 1 if it is to return NULL. */
 int fault_memory(enum function function);
+
+/* Counts a call of inject_system.c; 1 if it is to fail: errno is set. */
+int fault_system(enum function function);
 
 /* Weighs a call on an open file, or on a path below the folder `at` (AT_FDCWD: where we are). */
 void fault_weigh_fd(struct call *call, enum function function, int fd);
