@@ -56,7 +56,7 @@ with test.check("without a self-check no point below the floor is lit"):
         obj, _ = lamps.write_case(one, test.folder)
         asset = test.path("below.umb")
         assert lamps.bake(one, obj, asset, 0).returncode == 0
-        below = "\n".join(f"{0.05 + 0.1 * (i % 100)} {0.05 + 0.1 * (i // 100)} {-10 ** (-4 + i % 5)}" for i in range(10000))
+        below = "\n".join(f"{0.05 + 0.1 * (i % 100)} {0.05 + 0.1 * (i // 100)} {-0.05 * 2 ** (i % 8)}" for i in range(10000))
         run = subprocess.run([ut.program("umbrage"), "query", asset, "--points", "-", "--bias", "none", "--quiet"],
                              input=below, capture_output=True, text=True, check=True)
         lit = [float(v) > 0 for v in run.stdout.split()]
