@@ -6,7 +6,7 @@
  *         UMBRAGE_FAULT_ACTION=ENOSPC UMBRAGE_FAULT_UNDER=/tmp/out umbrage-bake ...
  *
  *     UMBRAGE_FAULT_CALLS   which functions count: names of FUNCTIONS below, "files" (all that
- *                           take files), "memory" (all that allocate), "system" (the rest)
+ *                           take files), "memory" (all that allocate), "system" (sockets, threads)
  *     UMBRAGE_FAULT_ACTION  an errno of ERRORS below; short (half of a write is written, the rest
  *                           of the functions work); kill (SIGKILL before the call); tear (half of
  *                           a write is written, then SIGKILL; other functions: as kill)
@@ -48,7 +48,7 @@ static const char *const FUNCTIONS[FUNCTION_COUNT] = {
     "openat", "mmap",   "ftruncate", "close",     "mkdir",  "unlink",   "malloc",
     "calloc", "realloc", "aligned_alloc", "posix_memalign", "socket", "bind", "listen",
     "accept4", "getsockname", "getsockopt", "setsockopt", "chmod", "getrlimit", "epoll_create1",
-    "pread", "pthread_create",
+    "pthread_create", "pread",
 };
 
 static const struct {
@@ -106,7 +106,7 @@ static uint32_t functions_of(const char *list)
         } else if (same_word(list, length, "memory")) {
             mask |= ((1U << MEMORY_FUNCTIONS) - 1) & ~files;
         } else if (same_word(list, length, "system")) {
-            mask |= ((1U << FUNCTION_COUNT) - 1) & ~((1U << MEMORY_FUNCTIONS) - 1);
+            mask |= ((1U << PREAD) - 1) & ~((1U << MEMORY_FUNCTIONS) - 1);
         }
         for (unsigned i = 0; i < FUNCTION_COUNT; i++) {
             mask |= same_word(list, length, FUNCTIONS[i]) ? 1U << i : 0;

@@ -46,8 +46,8 @@ enum function {
     CHMOD,
     GETRLIMIT,
     EPOLL,
-    PREAD,
     PTHREAD_CREATE,
+    PREAD,
     FUNCTION_COUNT,
 };
 

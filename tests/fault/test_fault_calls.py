@@ -144,7 +144,7 @@ CALLS = {
          S.QueryRequest(asset="city", points=few, pack=True)]))],
     "Describe": lambda: meta(client.describe, S.DescribeRequest(asset="city")),
     "Describe with curves": lambda: meta(client.describe, S.DescribeRequest(
-        asset="city", want_curves=True)).name,
+        asset="city", want_curves=True)).plan,
     "List": lambda: meta(client.list, S.ListRequest()),
     "Limits": lambda: meta(client.limits, S.LimitsRequest()),
     "Health.Check": lambda: meta(client.check, test.messages.health.HealthCheckRequest()),
