@@ -474,6 +474,7 @@ static void leave_uploads(struct umbj_service *service)
         struct umbj_promise *promise = service->promises;
         service->promises = promise->next;
         umbj_upload_leave(promise->upload);
+        umbj_upload_let_go(promise->upload);
         free(promise);
     }
 }

@@ -63,6 +63,7 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
     memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners come from */
     memcpy(promise->key, prepared->key, sizeof promise->key);
     promise->upload = *upload;
+    umbj_upload_hold(*upload); /* a call that is skipped at the end destroys its own hold alone */
     promise->bytes = bytes;
     promise->next = service->promises;
     service->promises = promise;
@@ -80,6 +81,7 @@ static void drop_promise(struct umbj_service *service, const struct umbj_upload 
         struct umbj_promise *promise = *at;
         *at = promise->next;
         memcpy(key, promise->key, sizeof key);
+        umbj_upload_let_go(promise->upload);
         free(promise);
         umbj__drop_bundle(service, key); /* that it kept, and perhaps put there */
     }

@@ -40,6 +40,7 @@ struct umbj_upload {
     SHA256_CTX hash;
     size_t folders; /* that were made below the bundle's */
     int accepted, left;
+    atomic_int holders; /* who may still look at it: the call, and the service's promise */
 };
 
 static int is_stopped(const struct umbj_upload *upload)
@@ -112,6 +113,7 @@ enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest
     upload->jobs = upload->incoming = upload->folder = upload->fd = -1;
     upload->path = folder;
     upload->stop = stop;
+    atomic_init(&upload->holders, 1);
     umb_id_to_text(key, upload->key);
     enum umb_status status = copy_manifest(upload, manifest, error);
     if (status != UMB_OK) {
@@ -401,15 +403,27 @@ void umbj_upload_leave(struct umbj_upload *upload)
     upload->left = 1;
 }
 
-void umbj_upload_destroy(struct umbj_upload *upload)
+void umbj_upload_hold(struct umbj_upload *upload)
 {
-    if (upload == NULL) {
+    atomic_fetch_add(&upload->holders, 1);
+}
+
+void umbj_upload_let_go(struct umbj_upload *upload)
+{
+    if (atomic_fetch_sub(&upload->holders, 1) > 1) {
         return;
     }
-    umbj_upload_discard(upload);
     for (size_t i = 0; i < upload->file_count; i++) {
         free(upload->files[i].path);
     }
     free(upload->files);
     free(upload);
+}
+
+void umbj_upload_destroy(struct umbj_upload *upload)
+{
+    if (upload != NULL) {
+        umbj_upload_discard(upload);
+        umbj_upload_let_go(upload);
+    }
 }

@@ -58,7 +58,11 @@ void umbj_upload_discard(struct umbj_upload *upload);
 /* Forgets the stop flag and leaves what is on the disk to the next start. */
 void umbj_upload_leave(struct umbj_upload *upload);
 
-/* Discards and frees. NULL is allowed. */
+/* A second holder: its memory stays until that one lets go, too, whatever is done with it. */
+void umbj_upload_hold(struct umbj_upload *upload);
+void umbj_upload_let_go(struct umbj_upload *upload);
+
+/* Discards and lets go: without a second holder it is freed. NULL is allowed. */
 void umbj_upload_destroy(struct umbj_upload *upload);
 
 #endif

@@ -15,7 +15,7 @@
 
 #include "common/sha256.h"
 #include "jobs/folder.h"
-#include "jobs/service.h"
+#include "jobs/service_internal.h"
 
 #define CONTENT "v 0 0 0\n"
 #define STEP_MS 10
@@ -307,6 +307,42 @@ static void a_service_that_cannot_start_says_why(void **state)
     umbj_service_destroy(NULL);
 }
 
+/* What a call posts when its client is gone. */
+struct giving_up {
+    struct umbj_request request;
+    struct umbj_upload *upload;
+    int ran, skipped;
+};
+
+static void run_giving_up(struct umbj_request *request, struct umbj_service *service)
+{
+    struct giving_up *giving_up = (struct giving_up *)request;
+    giving_up->ran = 1;
+    umbj_service_drop_upload(service, giving_up->upload);
+    giving_up->upload = NULL;
+}
+
+static void end_giving_up(struct umbj_request *request)
+{
+    struct giving_up *giving_up = (struct giving_up *)request;
+    giving_up->skipped = request->skipped;
+    umbj_upload_destroy(giving_up->upload);
+}
+
+static void an_upload_given_up_at_the_end_is_freed_once(void **state)
+{
+    struct fixture *f = *state;
+    const struct umbj_service_options options = options_again(f);
+    struct giving_up giving_up = {.request = {.run = run_giving_up, .done = end_giving_up}};
+    umbj_service_destroy(f->service);
+    assert_int_equal(umbj__service_open(&options, &f->service, &f->error), UMB_OK); /* no thread */
+    assert_int_equal(begin(f->service, "ann", 600, &giving_up.upload), UMB_OK);
+    umbj_service_post(f->service, &giving_up.request);
+    umbj_service_destroy(f->service);
+    f->service = NULL;
+    assert_true(giving_up.skipped && !giving_up.ran);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -316,6 +352,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_start_sweeps_what_an_earlier_daemon_left, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(a_service_that_cannot_start_says_why, setup, teardown),
+        cmocka_unit_test_setup_teardown(an_upload_given_up_at_the_end_is_freed_once, setup,
+                                        teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
