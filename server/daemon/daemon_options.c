@@ -135,7 +135,7 @@ static const struct option table[] = {
     {"--owner-assets", KIND_BYTES, AT(owner_assets), 1024, (uint64_t)1 << 50, "BYTES",
      "assets that one owner's jobs made and that are kept; default 64GiB"},
     {"--owner-history", KIND_COUNT, AT(owner_history), 1, 1000000, "N",
-     "jobs of one owner that are over and still listed; default 10000, the oldest are forgotten"},
+     "finished jobs listed for one owner, the oldest are forgotten; default 10000"},
     {"--job-bytes", KIND_BYTES, AT(job_bytes), 1024, (uint64_t)1 << 50, "BYTES",
      "files of all owners' unfinished jobs together; default 16GiB"},
     {"--queue", KIND_COUNT, AT(queue), 1, 1000000, "N",

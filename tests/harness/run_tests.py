@@ -195,6 +195,7 @@ def stop(number, _frame):
 def main():
     supp = os.path.join(os.path.dirname(os.path.abspath(__file__)), "tsan.supp")
     os.environ["TSAN_OPTIONS"] = f"suppressions={supp} {os.environ.get('TSAN_OPTIONS', '')}"
+    signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell ignores it for its background jobs
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
     tally = Tally()
