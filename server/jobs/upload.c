@@ -285,9 +285,7 @@ static int sync_folders(int folder)
     }
     for (size_t i = 0; i < names.count && !failed; i++) {
         int below = openat(folder, names.list[i], O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-        if (below >= 0) {
-            failed = sync_folders(below) != 0;
-        }
+        failed = below >= 0 ? sync_folders(below) != 0 : errno != ENOTDIR; /* a file has its own */
     }
     umbj_names_finish(&names);
     close(folder);

@@ -90,6 +90,21 @@ CAUGHT int renameat(int from, const char *source, int to, const char *target)
     return (int)syscall(SYS_renameat2, from, source, to, target, 0);
 }
 
+static const char *unopened; /* a folder that no descriptor is left for */
+
+CAUGHT int openat(int folder, const char *name, int flags, ...)
+{
+    va_list arguments;
+    va_start(arguments, flags);
+    const int mode = (flags & O_CREAT) != 0 ? va_arg(arguments, int) : 0;
+    va_end(arguments);
+    if (unopened != NULL && strcmp(name, unopened) == 0) {
+        errno = EMFILE;
+        return -1;
+    }
+    return (int)syscall(SYS_openat, folder, name, flags, mode);
+}
+
 CAUGHT ssize_t write(int fd, const void *bytes, size_t count)
 {
     (void)note_fd(WRITE, fd);
@@ -268,6 +283,24 @@ static void a_sync_that_fails_is_no_acknowledgement(void **state)
     }
 }
 
+static void a_folder_that_cannot_be_opened_is_no_acknowledgement(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_prepared prepared;
+    struct umbj_upload *upload = NULL;
+    make_manifest(f, 3, 1);
+    assert_int_equal(umbj_manifest_prepare(&f->manifest, 1000, &prepared, &f->error), UMB_OK);
+    assert_int_equal(
+        umbj_upload_begin(f->folder, &f->manifest, prepared.key, NULL, &upload, &f->error), UMB_OK);
+    assert_int_equal(umbj_upload_write(upload, "xxx", 3, &f->error), UMB_OK);
+    unopened = "d1"; /* its names would not be synced */
+    const enum umb_status status = umbj_upload_accept(upload, &f->error);
+    unopened = NULL;
+    assert_int_equal(status, UMB_E_IO);
+    assert_non_null(strstr(f->error.message, "cannot sync"));
+    umbj_upload_destroy(upload);
+}
+
 static void a_bundle_that_is_there_already_is_synced_by_name_all_the_same(void **state)
 {
     struct fixture *f = *state;
@@ -296,6 +329,7 @@ int main(void)
         DURABILITY_TEST(a_small_bundle_is_synced_before_it_is_acknowledged),
         DURABILITY_TEST(a_bundle_of_many_files_is_synced_once),
         DURABILITY_TEST(a_sync_that_fails_is_no_acknowledgement),
+        DURABILITY_TEST(a_folder_that_cannot_be_opened_is_no_acknowledgement),
         DURABILITY_TEST(a_bundle_that_is_there_already_is_synced_by_name_all_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
