@@ -3,6 +3,7 @@
 #include "jobs/file_threads.h"
 
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,7 +20,8 @@ struct umbj_file_threads {
     pthread_cond_t wake;
     struct umbj_request *first, *last; /* under mutex */
     atomic_int stop;
-    unsigned count, running; /* running: threads that were started */
+    char served[UMBJ_OWNER_SIZE]; /* Whose request was taken last; under mutex */
+    unsigned count, running;      /* running: threads that were started */
     struct file_thread list[];
 };
 
@@ -33,14 +35,16 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
     return count;
 }
 
-/* Takes the first request of the owner with the fewest at work out of the queue; NULL: there is
- * none, or only such of owners that have their share. */
+/* Takes the first request of the owner with the fewest at work out of the queue, of several such
+ * owners not of the one served last; NULL: there is none, or only such of owners that have their
+ * share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
     struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;
-    unsigned fewest = threads->count > 1 ? threads->count - 1 : 1;
+    unsigned fewest = 2 * (threads->count > 1 ? threads->count - 1 : 1);
     for (; *at != NULL; before = *at, at = &(*at)->next) {
-        const unsigned busy = at_work_for(threads, (*at)->owner);
+        const unsigned busy =
+            2 * at_work_for(threads, (*at)->owner) + (strcmp(threads->served, (*at)->owner) == 0);
         if (busy < fewest) {
             fewest = busy;
             best = at;
@@ -53,6 +57,7 @@ static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
     struct umbj_request *request = *best;
     *best = request->next;
     threads->last = threads->last == request ? before_best : threads->last;
+    (void)snprintf(threads->served, sizeof threads->served, "%s", request->owner);
     return request;
 }
 

@@ -10,8 +10,9 @@
  *     umbj_file_threads_end(threads);                what waits is skipped
  *     umbj_file_threads_destroy(threads);
  *
- * Fairness: the next request is that of the owner with the fewest at work, and one owner never has
- * all threads, so that one owner's large bundles hold up nothing of the others.
+ * Fairness: the next request is that of the owner with the fewest at work, of several such owners
+ * not of the one served last, and one owner never has all threads where there are several. So one
+ * owner's large bundles, or many lists, hold up nothing of the others.
  *
  * Order: requests of one upload follow each other, because the next is posted when the one before
  * is done. Requests of different calls have no order.

@@ -94,6 +94,30 @@ static void one_owner_leaves_a_thread_to_the_others(void **state)
     umbj_file_threads_destroy(NULL);
 }
 
+static void a_single_thread_takes_owners_in_turn(void **state)
+{
+    static struct work ann[3], bob;
+    struct umbj_file_threads *threads = NULL;
+    struct umb_error error;
+    (void)state;
+    assert_int_equal(umbj_file_threads_create(1, NULL, &threads, &error), UMB_OK);
+    for (int i = 0; i < 3; i++) {
+        make_work(&ann[i], "ann");
+        umbj_file_threads_post(threads, &ann[i].request);
+    }
+    make_work(&bob, "bob");
+    umbj_file_threads_post(threads, &bob.request);
+    assert_true(becomes_true(&ann[0].began));
+    sem_post(&ann[0].go);
+    const int in_turn = becomes_true(&bob.began) && !atomic_load(&ann[1].began);
+    sem_post(&bob.go);
+    sem_post(&ann[1].go);
+    sem_post(&ann[2].go);
+    assert_true(becomes_true(&ann[2].began));
+    umbj_file_threads_destroy(threads);
+    assert_true(in_turn);
+}
+
 static void what_waits_at_the_end_is_skipped(void **state)
 {
     static struct work first, second, late;
@@ -238,6 +262,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_owner_leaves_a_thread_to_the_others),
+        cmocka_unit_test(a_single_thread_takes_owners_in_turn),
         cmocka_unit_test(what_waits_at_the_end_is_skipped),
         cmocka_unit_test_setup_teardown(a_list_waits_for_no_file_and_no_commit, setup, teardown),
         cmocka_unit_test_setup_teardown(what_is_posted_when_the_service_ends_is_done_all_the_same,
