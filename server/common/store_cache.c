@@ -146,9 +146,9 @@ static void read_records(struct umbs_cache *cache)
     struct umb_error error;
     size_t refused = 0;
     char *path = umbs__path_join(cache->path, "proven");
-    enum umb_status status =
-        path != NULL ? umbs__records_read(path, cache->key, &records, &refused, &error)
-                     : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
+    enum umb_status status = path != NULL
+                                 ? umbs__records_read(path, cache->key, &records, &refused, &error)
+                                 : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
     free(path);
     if (status == UMB_OK && refused > 0) {
         (void)umb_fail(&error, UMB_E_CORRUPT, "%zu lines were not written under this key", refused);
@@ -297,6 +297,14 @@ char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES])
     memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
     pthread_mutex_lock(&cache->mutex);
     char *path = umbs__path_join(cache->path, name);
+    pthread_mutex_unlock(&cache->mutex);
+    return path;
+}
+
+char *umbs__cache_own_folder(struct umbs_cache *cache)
+{
+    pthread_mutex_lock(&cache->mutex);
+    char *path = cache->lock.fd >= 0 ? strdup(cache->path) : NULL;
     pthread_mutex_unlock(&cache->mutex);
     return path;
 }

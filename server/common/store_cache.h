@@ -68,6 +68,10 @@ void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *re
 /* Makes these the records, and writes them if they are not what the file has; takes them over. */
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);
 
+/* Path of the folder, malloc, where this daemon may write to it; NULL: it may not, or out of
+ * memory. Another thread may make the cache ready meanwhile, which changes `path`. */
+char *umbs__cache_own_folder(struct umbs_cache *cache);
+
 /* Path of the mapped file of an id, malloc; NULL: out of memory. */
 char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]);
 

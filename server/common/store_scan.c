@@ -318,9 +318,9 @@ size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *tabl
         swept += sweep_folder(store, store->folders[i].path, NULL);
     }
     for (size_t i = 0; i < store->cache_count; i++) {
-        if (store->caches[i].lock.fd >= 0) { /* ours to write */
-            swept += sweep_folder(store, store->caches[i].path, table);
-        }
+        char *own = umbs__cache_own_folder(&store->caches[i]);
+        swept += own != NULL ? sweep_folder(store, own, table) : 0;
+        free(own);
     }
     return swept;
 }

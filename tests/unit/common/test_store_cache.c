@@ -3,12 +3,15 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdint.h>
 #include <cmocka.h>
 
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "common/store_internal.h"
 #include "common/store_record.h"
 #include "format/layout.h"
 #include "store_fixture.h"
@@ -369,6 +372,48 @@ static void second_store_reads_what_the_first_wrote_and_writes_nothing(void **st
     umbs_store_close(second);
 }
 
+/* A lane's thread that finds the cache's folder taken away again and again. */
+struct renewal {
+    struct fixture *f;
+    atomic_int stop;
+    int renewed;
+};
+
+static void *renew_the_cache(void *user)
+{
+    struct renewal *renewal = user;
+    struct umbs_cache *cache = &renewal->f->store->caches[0];
+    char lock[120];
+    struct umb_error error;
+    snprintf(lock, sizeof lock, "%s/lock", renewal->f->cache_path);
+    for (int i = 0; i < 300; i++) {
+        (void)unlink(lock);
+        renewal->renewed += umbs__cache_ready(cache, NULL, &error) == UMB_OK;
+    }
+    atomic_store(&renewal->stop, 1);
+    return NULL;
+}
+
+/* Sees its fault with a sanitizer. */
+static void cache_may_be_made_anew_while_a_scan_sweeps(void **state)
+{
+    struct fixture *f = *state;
+    struct renewal renewal = {.f = f};
+    pthread_t lane;
+    reopen(f);
+    folder_asset(&f->folder, "cache/.tmp.stray", 20, f->other);
+    folder_age(&f->folder, "cache/.tmp.stray", 2 * UMBS_STORE_TEMPORARY_AGE_S);
+    assert_int_equal(pthread_create(&lane, NULL, renew_the_cache, &renewal), 0);
+    size_t swept = 0;
+    while (!atomic_load(&renewal.stop)) {
+        swept += umbs__store_sweep(f->store, f->store->table);
+    }
+    pthread_join(lane, NULL);
+    swept += umbs__store_sweep(f->store, f->store->table);
+    assert_int_equal(swept, 1);
+    assert_int_equal(renewal.renewed, 300);
+}
+
 #define WITH_STORE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
@@ -383,6 +428,7 @@ int main(void)
         WITH_STORE(links_in_the_cache_are_not_followed),
         WITH_STORE(key_that_others_may_know_is_renewed),
         WITH_STORE(second_store_reads_what_the_first_wrote_and_writes_nothing),
+        WITH_STORE(cache_may_be_made_anew_while_a_scan_sweeps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
