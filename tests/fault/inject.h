@@ -3,11 +3,11 @@
 #define UMBRAGE_TESTS_INJECT_H
 /*
  * What the files of inject.so share: the decision about one call (inject.c), asked by the stand-ins
- * for file functions (inject_files.c), streams and processes (inject_process.c) and memory
- * (inject_memory.c), sockets and threads (inject_system.c); and the log of what was done to files (inject_record.c), which the stand-ins
- * of inject_files.c and inject_more.c write. All of it is async-signal-safe, but for a signal
- * handler that writes to a regular file while a log is kept, and sets errno only for a call that
- * fails.
+ * for file functions (inject_files.c), streams and processes (inject_process.c), memory
+ * (inject_memory.c), sockets and threads (inject_system.c); and the log of what was done to files
+ * (inject_record.c), which the stand-ins of inject_files.c and inject_more.c write. All of it is
+ * async-signal-safe, but for a signal handler that writes to a regular file while a log is kept,
+ * and sets errno only for a call that fails.
  */
 #include <limits.h>
 #include <stddef.h>
