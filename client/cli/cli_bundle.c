@@ -51,8 +51,8 @@ static enum umb_status open_text(const char *path, size_t most, int *fd, size_t 
         status = umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
     } else if ((uint64_t)info.st_size > most) {
         status = umb_fail(error, UMB_E_LIMIT,
-                          "'%.200s': %lld bytes, files of at most %zu are looked through", path,
-                          (long long)info.st_size, most);
+                          "'%.200s': %lld bytes, the limit of a file that names others is %zu",
+                          path, (long long)info.st_size, most);
     }
     if (status != UMB_OK) {
         (void)close(*fd);
@@ -77,7 +77,7 @@ static enum umb_status read_text(const char *path, size_t most, char **text, siz
     *text = malloc(wanted + 1);
     if (*text == NULL) {
         (void)close(fd);
-        return umb_fail(error, UMB_E_NO_MEMORY, "no memory to look through '%.200s'", path);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory to read '%.200s'", path);
     }
     ssize_t got = 1;
     while (*size < wanted && (got > 0 || (got < 0 && errno == EINTR))) {

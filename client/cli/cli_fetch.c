@@ -78,7 +78,7 @@ static enum umb_status check_size(struct fetch *fetch, uint64_t size)
     fetch->size = size;
     if (size > fetch->max_bytes) {
         return umb_fail(&fetch->error, UMB_E_TOO_LARGE,
-                        "asset: the server says %llu bytes, the limit is %llu (--max-bytes)",
+                        "asset: the server announces %llu bytes, the limit is %llu (--max-bytes)",
                         (unsigned long long)size, (unsigned long long)fetch->max_bytes);
     }
     if (size > fetch->at && fstatvfs(fetch->fd, &disk) == 0 && disk.f_blocks > 0 &&
@@ -110,8 +110,8 @@ static enum umb_status check_head(struct fetch *fetch)
     return length == fetch->size
                ? UMB_OK
                : umb_fail(&fetch->error, UMB_E_CORRUPT,
-                          "'%.200s': %llu bytes by its head, the server says %llu", fetch->part,
-                          (unsigned long long)length, (unsigned long long)fetch->size);
+                          "'%.200s': %llu bytes by its head, the server announces %llu",
+                          fetch->part, (unsigned long long)length, (unsigned long long)fetch->size);
 }
 
 static enum umb_status take(void *user, uint64_t offset, const void *bytes, size_t count,
@@ -287,7 +287,7 @@ int umbc_fetch(int argc, char **argv)
     struct fetch fetch = {.fd = -1, .part = part, .asset = asset, .max_bytes = MAX_BYTES_DEFAULT};
     const char *most = parsed.values[OPTION_MAX_BYTES];
     if (most != NULL && !umbc_parse_bytes(most, &fetch.max_bytes)) {
-        return umbc_usage_error("fetch: --max-bytes: '%s' is no number of bytes (64K, 2M, 1G)",
+        return umbc_usage_error("fetch: --max-bytes: '%s' is not a number of bytes (64K, 2M, 1G)",
                                 most);
     }
     code = umbc_connect_patiently(parsed.session, "fetch", parsed.values[OPTION_STALL], &client);

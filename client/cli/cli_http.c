@@ -83,7 +83,7 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
     if (http->stop_s > 0) {
         const double left_s = http->stop_s - umbc_clock_s();
         if (left_s <= 0) {
-            return umb_fail(error, UMB_E_DEADLINE, "'%.200s': the time is over", http->url);
+            return umb_fail(error, UMB_E_DEADLINE, "'%.200s': --timeout is over", http->url);
         }
         timeout_s = left_s < (double)timeout_s ? (uint64_t)left_s + 1 : timeout_s;
     }

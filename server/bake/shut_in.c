@@ -85,9 +85,10 @@ enum umb_status umbb_shut_in_calls(void *user, const struct umbs_importer *impor
 void umbb_shut_in_notice(const struct umbb_bake_sandbox *sandbox)
 {
     if (strcmp(umbb_bake_sandbox_level(sandbox), "reduced") == 0) {
-        fprintf(stderr,
-                "umbrage-bake: notice: sandbox: the bake is not fully shut in (Landlock %s, system "
-                "call filter %s); see umbrage-bake doctor\n",
-                sandbox->landlock_abi > 0 ? "yes" : "no", sandbox->seccomp ? "yes" : "no");
+        fprintf(
+            stderr,
+            "umbrage-bake: notice: sandbox: a layer is missing (Landlock %s, system call filter "
+            "%s); see umbrage-bake doctor\n",
+            sandbox->landlock_abi > 0 ? "yes" : "no", sandbox->seccomp ? "yes" : "no");
     }
 }

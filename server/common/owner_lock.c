@@ -96,9 +96,9 @@ static enum umb_status is_taken(const char *path, const struct line *line, struc
     char host[128];
     long pid = 0;
     if (sscanf(line->text, "%127s %*s %ld", host, &pid) != 2) {
-        return umb_fail(error, UMB_E_BUSY, "another daemon has '%.200s'", path);
+        return umb_fail(error, UMB_E_BUSY, "another daemon uses '%.200s'", path);
     }
-    return umb_fail(error, UMB_E_BUSY, "another daemon, pid %ld on host '%.100s', has '%.200s'",
+    return umb_fail(error, UMB_E_BUSY, "another daemon, pid %ld on host '%.100s', uses '%.200s'",
                     pid, host, path);
 }
 
@@ -130,10 +130,9 @@ static int stands_still(const char *path, const struct line *before, uint32_t wa
 static enum umb_status write_line(struct umbs_owner_lock *lock, struct umb_error *error)
 {
     char text[LINE_SIZE];
-    const int length =
-        snprintf(text, sizeof text, "%s %" PRIu64 "\n", lock->owner, ++lock->number);
-    if (pwrite(lock->fd, text, (size_t)length, 0) != length ||
-        ftruncate(lock->fd, length) != 0 || (lock->beats && fsync(lock->fd) != 0)) {
+    const int length = snprintf(text, sizeof text, "%s %" PRIu64 "\n", lock->owner, ++lock->number);
+    if (pwrite(lock->fd, text, (size_t)length, 0) != length || ftruncate(lock->fd, length) != 0 ||
+        (lock->beats && fsync(lock->fd) != 0)) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot write '%.200s'", lock->path);
     }
     return UMB_OK;

@@ -34,15 +34,22 @@ static enum umb_status check_one(const char *path, const char *folder, int is_la
     if (lstat(folder, &facts) != 0) {
         return umb_fail_errno(error, umb__open_status(errno), errno, "'%.150s'", folder);
     }
-    if (S_ISDIR(facts.st_mode) && is_ours(&facts) &&
-        (!others_may_write(&facts) || (!is_last && (facts.st_mode & S_ISVTX) != 0))) {
-        return UMB_OK;
+    if (!S_ISDIR(facts.st_mode)) {
+        return umb_fail_errno(error, umb__open_status(ENOTDIR), ENOTDIR, "'%.150s'", folder);
     }
-    return umb_fail(error, UMB_E_PERMISSION,
-                    "'%.150s' (uid %ld, mode %04o) lets other users change '%.150s'; it must "
-                    "belong to uid %ld or root, and neither group nor others may write to it",
-                    folder, (long)facts.st_uid, (unsigned)(facts.st_mode & 07777), path,
-                    (long)geteuid());
+    if (!is_ours(&facts)) {
+        return umb_fail(error, UMB_E_PERMISSION,
+                        "other users can change '%.100s': '%.150s' belongs to uid %ld; it must "
+                        "belong to uid %ld or root",
+                        path, folder, (long)facts.st_uid, (long)geteuid());
+    }
+    if (others_may_write(&facts) && (is_last || (facts.st_mode & S_ISVTX) == 0)) {
+        return umb_fail(error, UMB_E_PERMISSION,
+                        "other users can change '%.100s': '%.150s' has mode %04o; take write "
+                        "permission from group and others (chmod go-w)",
+                        path, folder, (unsigned)(facts.st_mode & 07777));
+    }
+    return UMB_OK;
 }
 
 /* Checks the folder of an absolute path without links, and all above it. */

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
 #define UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
 /*
- * Folders and files that no other user can change. "Ours" is what belongs to this process' user or
- * to root; POSIX ACLs that let others write show as write permission of the group.
+ * Folders and files that no other user can change. A file is "ours" if it belongs to this process'
+ * user or to root. POSIX ACLs that let others write show as write permission of the group.
  */
 #include <sys/stat.h>
 #include "umbrage/status.h"
@@ -14,7 +14,7 @@
  * same holds for all folders above, where a sticky one (/tmp) may be written to by all.
  *
  * Out:   resolved: its path without links, malloc; NULL on failure.
- * Fails: E_PERMISSION (names the folder at fault, its owner and mode), E_NO_INPUT, E_NO_MEMORY.
+ * Fails: E_PERMISSION (names the folder at fault and its owner or mode), E_NO_INPUT, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbs_private_folder(const char *path, char **resolved,
                                                 struct umb_error *error);

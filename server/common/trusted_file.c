@@ -15,14 +15,14 @@
 
 #define OTHERS_WRITE (S_IWGRP | S_IWOTH)
 
-/* What is wrong with owner and mode; NULL: nothing. */
+/* Fault of owner or mode; NULL: none. */
 static const char *find_fault(const struct stat *facts)
 {
     if (facts->st_uid != geteuid() && facts->st_uid != 0) {
         return "it belongs to another user; keep it in a folder of the user that bakes";
     }
     return (facts->st_mode & OTHERS_WRITE) != 0
-               ? "group or others can write it; take that right away (chmod go-w)"
+               ? "group or others can write to it; take that permission away (chmod go-w)"
                : NULL;
 }
 

@@ -134,9 +134,10 @@ int umbd_call_is_allowed(struct umbd_call *call)
     enum umb_status status = UMB_OK;
     const struct umbd_token *token = call->has_token ? find_token(call) : NULL;
     if (token == NULL) {
-        status =
-            umb_fail(&error, UMB_E_UNAUTHENTICATED, "authorization: %s",
-                     call->has_token ? "the token is not known" : "'Bearer TOKEN' is needed here");
+        status = umb_fail(&error, UMB_E_UNAUTHENTICATED, "authorization: %s",
+                          call->has_token ? "the token is not known"
+                                          : "this call needs 'Bearer TOKEN' (umbrage takes it from "
+                                            "UMBRAGE_TOKEN or --token-file)");
     } else if ((token->scopes & (unsigned)scope) == 0) {
         status = umb_fail(&error, UMB_E_PERMISSION,
                           "authorization: token '%s' does not have the scope %s", token->name,

@@ -344,7 +344,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
         umbd_count(&conn->loop->daemon->metrics.tls_failures, 1);
         umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "conn_revoked",
                        "peer=\"%s\" conn=%llu", conn->peer, (unsigned long long)conn->serial);
-        umbd_conn_close(conn, "its certificate is not admitted any more");
+        umbd_conn_close(conn, "its certificate is no longer accepted");
         return;
     }
     if (is_stalled(conn, now_ms)) {

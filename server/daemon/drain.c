@@ -62,7 +62,7 @@ static void end_open_calls(struct umbd_conn *conn)
 void umbd_conn_last_call(struct umbd_conn *conn)
 {
     if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
-        umbd_conn_close(conn, "server stops in its handshake");
+        umbd_conn_close(conn, "the server stopped during the handshake");
         return;
     }
     end_open_calls(conn);

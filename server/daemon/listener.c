@@ -175,7 +175,7 @@ static void log_listening(const struct umbd_listener *listener, const char *from
                    "address=\"%s\" from=%s", listener->text, from);
 }
 
-/* Fails: E_ARGUMENT (other machines could connect, and none would be asked who it is). */
+/* Fails: E_ARGUMENT (other machines could query without a token or a certificate). */
 static enum umb_status check_reach(const struct umbd_loop *loop, enum umbd_transport transport,
                                    const struct sockaddr_storage *address, struct umb_error *error)
 {
@@ -185,8 +185,8 @@ static enum umb_status check_reach(const struct umbd_loop *loop, enum umbd_trans
     }
     umbd_address_text(address, text, sizeof text);
     return umb_fail(error, UMB_E_ARGUMENT,
-                    "--listen: other machines can reach '%s', and any of them could ask: give "
-                    "--token-file, listen on 127.0.0.1, or allow it by --without-tokens",
+                    "--listen: '%s' lets other machines query without a token: give --token-file "
+                    "or --tls-client-ca, listen on 127.0.0.1, or allow it by --without-tokens",
                     text);
 }
 

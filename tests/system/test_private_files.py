@@ -87,7 +87,7 @@ with test.check("a member of the store's group cannot lay another asset under an
     cache = os.path.join(store, ".umbrage-cache")
     first = daemon_on(store)
     answers_right(first)
-    assert "event=cache_refused" in first.log() and "lets other users change" in first.log()
+    assert "event=cache_refused" in first.log() and "other users can change" in first.log()
     assert not os.path.exists(cache), "left where others may write"
     first.stop()
 

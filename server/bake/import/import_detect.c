@@ -111,8 +111,8 @@ enum umb_status umbb_import_detect(const char *name, const struct umbb_file *fil
     const char *extension = strrchr(name, '.');
     if (starts_with(file, UMBS_SCENE_FILE_MAGIC)) {
         return umb_fail(error, UMB_E_BAD_SCENE,
-                        "the file begins as a scene buffer of umbrage-bake import (UMBSCF1), which "
-                        "is no scene format; give one of your own with --scene-buffer");
+                        "the file is a scene buffer of umbrage-bake import (UMBSCF1), not a scene; "
+                        "if it is your own, give it by --scene-buffer");
     }
     for (size_t i = 0; extension != NULL && i < sizeof(known) / sizeof(known[0]); i++) {
         if (strcasecmp(extension, known[i].extension) != 0) {

@@ -56,9 +56,8 @@ static enum umb_status lacks(const char *what, struct umb_error *error)
 {
     return umb_fail_errno(
         error, UMB_E_UNAVAILABLE, errno,
-        "--sandbox required: the bake cannot shut itself in: %s (see umbrage-bake "
-        "doctor; --sandbox available, or umbraged --job-sandbox available, bakes "
-        "without)",
+        "--sandbox required: the bake's sandbox lacks a layer: %s (see umbrage-bake doctor; "
+        "--sandbox available, or umbraged --job-sandbox available, bakes without it)",
         what);
 }
 

@@ -281,7 +281,7 @@ static void cache_in_a_store_that_a_group_may_write_to_is_not_used(void **state)
     f->options.cache = NULL;
     assert_int_equal(chmod(f->store_path, 02775), 0);
     reopen(f);
-    assert_true(logged(f, "cache_refused", "other users change"));
+    assert_true(logged(f, "cache_refused", "other users can change"));
     city_answers_as_it_should(f, UMB_ENCODING_PACKED);
     assert_int_equal(chmod(f->store_path, 0755), 0);
     reopen(f);
