@@ -79,7 +79,9 @@ static void one_reply(struct input *input)
         } else if (what < 250) {
             const uint8_t *bytes = take(input, what - 99U, &size);
             if (umb__reply_data(&reply, bytes, size, &error) != UMB_OK) {
-                break;
+                FUZZ_DEMAND(error.message[0] != '\0');
+                umb__reply_finish(&reply); /* as in a session: the call ends without a verdict */
+                return;
             }
         } else {
             umb__reply_restart(&reply);
