@@ -73,7 +73,7 @@ static bool is_special(const char *path)
 static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files *files,
                                   struct umb_error *error)
 {
-    const char *const paths[] = {files->certificate, files->key, files->client_ca};
+    const char *const paths[] = {files->certificate, files->key, files->client_ca, files->crl};
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
         if (paths[i] != NULL && is_special(paths[i])) {
             return umb_fail(error, UMB_E_NO_INPUT, "TLS: '%.150s' is not a regular file", paths[i]);

@@ -262,6 +262,10 @@ with test.check("a certificate on --tls-crl is refused, and its open connections
     write("ca.crl", "ca.pem")  # no list at all: what was read before stays
     listing.signal(signal.SIGHUP)
     ut.wait_until(lambda: "not_reloaded what=tls" in listing.log(), 10, "the complaint")
+    os.unlink(test.path("ca.crl"))
+    os.mkfifo(test.path("ca.crl"))  # a pipe whose writer never comes must not stop the loop
+    listing.signal(signal.SIGHUP)
+    ut.wait_until(lambda: "ca.crl' is not a regular file" in listing.log(), 10, "the complaint")
     assert stays.call(LIST, NO_BYTES).status == 0
     listing.stop()
     done = subprocess.run([ut.program("umbraged"), "--store", store, "--tls-crl", test.path("ca.crl")],
