@@ -22,7 +22,8 @@
  * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
  *
  * One daemon a jobs folder and table: job_place.h. A daemon that learns that another one took over
- * starts no job and takes no submission any more; what it still reports is fenced by the epoch.
+ * starts no job, takes no submission and removes no file any more; what it still reports is fenced
+ * by the epoch.
  */
 #include <stdatomic.h>
 #include "common/log.h"

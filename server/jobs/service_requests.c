@@ -93,7 +93,7 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
-/* A daemon that another one took for dead must not promise anything. */
+/* A daemon that another one took for dead must not promise, nor remove, anything. */
 static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
 {
     return !service->lost ? UMB_OK
@@ -235,7 +235,10 @@ enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint
 enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
                                     const char *owner, struct umb_error *error)
 {
-    enum umb_status status = umbj_table_disown(service->table, asset, owner, error);
+    enum umb_status status = check_ours(service, error);
+    if (status == UMB_OK) {
+        status = umbj_table_disown(service->table, asset, owner, error);
+    }
     if (status == UMB_OK) {
         char id[UMB_ID_TEXT_SIZE], quoted[UMBS_LOG_QUOTE_SIZE];
         umb_id_to_text(asset, id);

@@ -143,7 +143,7 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
     int64_t users = 1;
     char gone[UMBJ_GONE_SIZE];
     struct umb_error error;
-    if (is_promised(service, key) ||
+    if (service->lost || is_promised(service, key) ||
         umbj_table_bundle_users(service->table, key, &users, &error) != UMB_OK || users != 0) {
         return;
     }
@@ -161,6 +161,9 @@ void umbj__collect_assets(struct umbj_service *service)
     char path[PATH_SIZE], id[UMB_ID_TEXT_SIZE];
     struct umb_error error;
     int removed = 0;
+    if (service->lost) {
+        return; /* files of the folder are another daemon's */
+    }
     while (umbj_table_unowned(service->table, asset, &error) == UMB_OK) {
         umbj_asset_path(service->assets_path, asset, path, sizeof path);
         if (unlink(path) != 0 && errno != ENOENT) {

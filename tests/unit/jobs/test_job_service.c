@@ -343,6 +343,28 @@ static void an_upload_given_up_at_the_end_is_freed_once(void **state)
     assert_true(giving_up.skipped && !giving_up.ran);
 }
 
+static void a_daemon_that_was_taken_over_removes_nothing(void **state)
+{
+    struct fixture *f = *state;
+    const struct umbj_service_options options = options_again(f);
+    uint8_t key[UMBJ_HASH_BYTES] = {3};
+    char name[128], id[UMB_ID_TEXT_SIZE];
+    umbj_service_destroy(f->service);
+    note_asset(f, key, "ann");
+    assert_int_equal(umbj__service_open(&options, &f->service, &f->error), UMB_OK);
+    umb_id_to_text(key, id);
+    snprintf(name, sizeof name, "bundles/%s", id);
+    put_in(f, name, 1);
+    f->service->lost = 1; /* both may be another daemon's by now */
+    assert_int_equal(umbj_service_delete(f->service, key, "ann", &f->error), UMB_E_UNAVAILABLE);
+    umbj__drop_bundle(f->service, key);
+    assert_int_equal(names_in(f, "bundles"), 1);
+    f->service->lost = 0;
+    umbj__drop_bundle(f->service, key);
+    assert_int_equal(names_in(f, "bundles"), 0);
+    assert_int_equal(umbj_service_delete(f->service, key, "ann", &f->error), UMB_OK);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -352,6 +374,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_start_sweeps_what_an_earlier_daemon_left, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(a_service_that_cannot_start_says_why, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_daemon_that_was_taken_over_removes_nothing, setup,
+                                        teardown),
         cmocka_unit_test_setup_teardown(an_upload_given_up_at_the_end_is_freed_once, setup,
                                         teardown),
     };
