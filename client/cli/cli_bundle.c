@@ -22,7 +22,7 @@
 struct gathering {
     struct umbc_bundle *bundle;
     char folder[PATH_SIZE]; /* the scene's, absolute, without the last slash */
-    size_t names;           /* looked up so far */
+    size_t names;           /* Number of names looked up */
     int quiet;
     struct umb_error *error;
 };
@@ -62,7 +62,7 @@ static enum umb_status open_text(const char *path, size_t most, int *fd, size_t 
     return UMB_OK;
 }
 
-/* Reads a text of at most so many bytes, ended by a NUL; free() it. Binary files too. */
+/* Reads a file of at most `most` bytes and ends it with a NUL; free() it. */
 static enum umb_status read_text(const char *path, size_t most, char **text, size_t *size,
                                  struct umb_error *error)
 {
@@ -170,8 +170,8 @@ static bool is_beneath(const struct gathering *g, const char *path)
     return beneath;
 }
 
-/* Adds what a scene names, if it is a file in its folder. Out: path: of one that is new, else "".
- */
+/* Adds a file that the scene names, if it is in the scene's folder. Out: path: path of a new file,
+ * else "". */
 static enum umb_status add_named(struct gathering *g, const char *name, char path[2 * PATH_SIZE])
 {
     struct stat info;
@@ -373,7 +373,7 @@ static enum umb_status take_obj_line(struct gathering *g, const char *line, size
         return UMB_OK;
     }
     enum umb_status status = add_named(g, name, path);
-    /* Only one that is sent, and once: a scene may name a library in every line. */
+    /* Libraries are read only if they are sent, and once: every line of a scene may name one. */
     return status == UMB_OK && path[0] != '\0' ? each_line(g, path, LIBRARY_BYTES, take_mtl_line)
                                                : status;
 }

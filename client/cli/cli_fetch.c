@@ -64,14 +64,14 @@ struct fetch {
     const char *part;
     const uint8_t *asset;
     uint64_t max_bytes; /* --max-bytes */
-    uint64_t size;      /* of the whole file, as the server said first; 0: not yet */
+    uint64_t size;      /* Size of the whole file, as the server first announced it; 0: unknown */
     bool head_checked;
     struct umbc_progress progress;
     struct umb_error error;
 };
 
-/* The size is the server's word, and what comes is proven at the end only: until then a liar gets
- * no more of the disk than --max-bytes, and none that is not there. */
+/* Checks the size that the server announces. The bytes are proven only at the end, so a lying
+ * server must not fill the disk: the limits are --max-bytes and the room on the disk. */
 static enum umb_status check_size(struct fetch *fetch, uint64_t size)
 {
     struct statvfs disk;
@@ -91,7 +91,8 @@ static enum umb_status check_size(struct fetch *fetch, uint64_t size)
     return UMB_OK;
 }
 
-/* As soon as the file's first bytes are here: they name the asset and the file's length. */
+/* Checks the file's first bytes once they have arrived: they name the asset and the file's length.
+ */
 static enum umb_status check_head(struct fetch *fetch)
 {
     uint8_t head[UMB__HEAD_SIZE];

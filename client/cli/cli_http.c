@@ -37,7 +37,7 @@ struct fetch {
 struct http {
     CURLM *multi;
     char *url;
-    double stop_s; /* of umbc_clock_s; 0: never */
+    double stop_s; /* Time of umbc_clock_s at which all requests end; 0: never */
     struct fetch fetches[AT_ONCE];
 };
 

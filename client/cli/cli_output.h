@@ -28,7 +28,7 @@ UMB_CHECKED enum umb_status umbc_output_commit(struct umbc_output *output, struc
 /* Removes the temporary. Harmless after commit and on a zeroed struct. */
 void umbc_output_abandon(struct umbc_output *output);
 
-/* Gives a file, which is synced, its name in the same folder, and syncs the folder. Fails: E_IO,
+/* Renames a synced file within its folder, and syncs the folder. Fails: E_IO,
  * E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbc_output_rename(const char *from, const char *to,
                                                struct umb_error *error);

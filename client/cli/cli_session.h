@@ -36,7 +36,7 @@ UMB_CHECKED enum umb_status umbc_connect(const char *const values[UMBC_SESSION_C
     }
 
 /* Opens a client with that option. In: command: its name; stall: the option's text, or NULL.
- * Returns -1 to go on, else the exit code: it has complained. */
+ * Returns -1 on success, else the exit code, after an error message. */
 int umbc_connect_patiently(const char *const values[UMBC_SESSION_COUNT], const char *command,
                            const char *stall, struct umb_client **client);
 

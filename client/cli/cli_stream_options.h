@@ -20,7 +20,7 @@ struct umbc_stream_options {
     size_t size[2];        /* of pictures, pixels */
     char up;               /* 'y' or 'z' */
     uint64_t limit, round; /* bytes, 0 = none */
-    uint32_t timeout_s;    /* 0 = none */
+    uint32_t timeout_s;    /* Limit of the whole command in seconds; 0 = none */
     struct umbc_stream_points points;
 };
 

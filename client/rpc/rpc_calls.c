@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum {
-    SLOWEST_BYTES_S = 1024, /* of a call that flows, once the stall time-out is over */
+    SLOWEST_BYTES_S = 1024, /* Least rate of a call that flows, after the stall time-out */
 };
 
 static void list_remove(struct umb__call *call)

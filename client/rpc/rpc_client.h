@@ -64,7 +64,8 @@ struct umb__call_plan {
     umb__feed_fn feed;                                             /* after the first request */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
-    bool flows; /* its messages come at once: it ends where they stop, see umb__call_moved */
+    bool flows; /* True for a call of many messages, which ends when they stop: see umb__call_moved
+                 */
 };
 
 struct umb__call {
@@ -79,7 +80,7 @@ struct umb__call {
     uint64_t deadline_ns; /* uv_hrtime's clock */
     uint32_t timeout_ms;
     bool flows;
-    uint64_t moved_bytes; /* of the messages of a call that flows, both ways */
+    uint64_t moved_bytes; /* Bytes of the messages of a call that flows, in both directions */
     uint64_t key;         /* of its asset */
     uint64_t started_ns;  /* uv_hrtime's clock */
     uint64_t ready_ns;    /* while it rests */
@@ -100,8 +101,9 @@ struct umb__call {
     char asset[]; /* "" if it is about none */
 };
 
-/* Puts the deadline of a call that flows off, since a message of so many bytes was sent or came: to
- * stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Others keep theirs. */
+/* Moves the deadline of a call that flows, after a message of `bytes` was sent or received. The new
+ * deadline is stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Other calls keep
+ * their deadline. */
 void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes);
 
 /* A replica: where it is, and the one connection to it that takes new calls. */

@@ -38,8 +38,8 @@ static ssize_t read_patiently(int fd, char *bytes, size_t most)
     return (ssize_t)count;
 }
 
-/* Reads a file, or a pipe from a program, that holds a token and nothing else. A pipe without a
- * writer has none. */
+/* Reads a token from a file or a pipe that holds nothing else. A pipe without a writer has no
+ * token. */
 static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
                                   struct umb_error *error)
 {

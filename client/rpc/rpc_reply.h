@@ -37,7 +37,7 @@ struct umb__reply {
     uint8_t *message; /* the one message, owned */
     size_t message_size;
     unsigned message_count;
-    uint64_t taken_bytes; /* of the messages that went to take */
+    uint64_t taken_bytes; /* Bytes of the messages that were handed to take */
     /* Of a call with many replies: gets each message, borrowed; false if it has no place. NULL: one
      * message is kept. */
     bool (*take)(void *user, const uint8_t *message, size_t size);

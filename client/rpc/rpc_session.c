@@ -296,7 +296,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
 {
     struct umb_client *client = connection->client;
     uint64_t now = uv_hrtime();
-    /* A call that flows has no end that the server should know. */
+    /* A call that flows sends no deadline to the server. */
     uint64_t left = call->flows               ? (uint64_t)call->timeout_ms * 1000000U
                     : call->deadline_ns > now ? call->deadline_ns - now
                                               : 0;

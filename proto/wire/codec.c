@@ -38,8 +38,8 @@ static void budget_free(void *user, void *block)
 }
 
 /*
- * Counts the fields that the descriptor does not know, in sub-messages too: protobuf-c keeps each
- * with an allocation of its own, so two bytes of a message become a hundred of memory.
+ * Counts the fields that the descriptor does not know, in sub-messages too. protobuf-c allocates
+ * memory for each, so two bytes of a message become a hundred bytes of memory.
  */
 static enum umb_status count_unknown(const ProtobufCMessageDescriptor *descriptor,
                                      const uint8_t *bytes, size_t size, size_t *count,

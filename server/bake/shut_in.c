@@ -33,7 +33,7 @@ static void add_place(struct places *places, const char *path, enum umbb_path_us
 static int collect(const struct umbb_options *o, struct places *places)
 {
     const int writes_tiles = o->task == UMBB_TASK_TILE;
-    add_place(places, o->scene, UMBB_PATH_READ); /* it may be a link out of its folder */
+    add_place(places, o->scene, UMBB_PATH_READ); /* the scene may be a link to a file elsewhere */
     if (!o->scene_buffer) {
         places->owned[0] = folder_of(o->scene);
         add_place(places, places->owned[0], UMBB_PATH_READ);

@@ -6,9 +6,9 @@
 #include "common/scene.h"
 
 /*
- * Sets the limits and takes away all paths but those of the options: the scene's folder to read (of
- * a scene buffer the file alone), the folders of output and tiles to write. A missing folder of
- * tiles is made first, because the bake may make none afterwards.
+ * Sets the limits and restricts paths to those of the options. The bake may read the scene's folder
+ * (of a scene buffer the file alone) and write the folders of output and tiles. A missing folder of
+ * tiles is created first, because the bake may not create one afterwards.
  *
  * Fails: as umbb_bake_sandbox_paths.
  */
@@ -16,11 +16,11 @@ UMB_CHECKED enum umb_status umbb_shut_in_paths(const struct umbb_options *option
                                                struct umbb_bake_sandbox *sandbox,
                                                struct umb_error *error);
 
-/* Takes away calls: for umbs_import_options.shut_in. In: user: the sandbox. */
+/* Loads the filter of system calls: for umbs_import_options.shut_in. In: user: the sandbox. */
 UMB_CHECKED enum umb_status umbb_shut_in_calls(void *user, const struct umbs_importer *importer,
                                                struct umb_error *error);
 
-/* Says on stderr which layer is missing, if one is. */
+/* Prints a missing layer on stderr. */
 void umbb_shut_in_notice(const struct umbb_bake_sandbox *sandbox);
 
 #endif

@@ -48,10 +48,10 @@ struct umbs_asset_map_options {
      * is checked now. */
     const struct umbs_stamp *known; /* not for copies: those are always checked whole */
     /* NULL, or the SHA-256 that the whole file must have: at every check but that of a known one */
-    const uint8_t *digest;          /* [UMB_ID_BYTES] */
-    int ours;                       /* 1 = refuse a file that other users may write to, or a link */
-    int copy;                       /* 1 = hold a copy in memory */
-    int warm;                       /* 1 = have the kernel read the file ahead */
+    const uint8_t *digest; /* [UMB_ID_BYTES] */
+    int ours;              /* 1 = refuse a file that other users may write to, or a link */
+    int copy;              /* 1 = hold a copy in memory */
+    int warm;              /* 1 = have the kernel read the file ahead */
 };
 
 /*
@@ -104,7 +104,7 @@ UMB_CHECKED enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map
 UMB_CHECKED enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map,
                                                  struct umb_error *error);
 
-/* Checks everything again: the digest, or without one checksums, structure and identity. Fails:
+/* Checks the whole file again: the digest, or without one checksums, structure and identity. Fails:
  * E_CORRUPT and the like, E_IO, E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
 UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,
                                                  struct umb_error *error);

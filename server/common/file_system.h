@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
 #define UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
 /*
- * What a file system is good for: locks and shared memory of files hold for all processes that see
- * a file only where one kernel has it. Sources: statfs(2), linux/magic.h.
+ * Reach of a file system. Locks and shared memory of a file work for all processes only if one
+ * kernel has the file system. Sources: statfs(2), linux/magic.h.
  */
 
 enum umbs_reach {

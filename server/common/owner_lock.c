@@ -80,7 +80,7 @@ static struct line read_line(int fd)
     return line;
 }
 
-/* Reads the line through a descriptor of its own: see close-to-open. */
+/* Reads the line through a new descriptor, for close-to-open (owner_lock.h). */
 static struct line read_anew(const char *path)
 {
     const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
@@ -102,8 +102,8 @@ static enum umb_status is_taken(const char *path, const struct line *line, struc
                     pid, host, path);
 }
 
-/* 1 if the line's owner ran on this machine since its last start, so that a lock that we got proves
- * its end. */
+/* 1 if the line's owner ran on this machine since its boot. Then holding the lock proves that the
+ * owner has ended. */
 static int is_of_this_boot(const struct line *line, const char *owner)
 {
     char theirs[64];
@@ -112,7 +112,7 @@ static int is_of_this_boot(const struct line *line, const char *owner)
            strcmp(ours, "-") != 0 && strcmp(theirs, ours) == 0;
 }
 
-/* Looks at the line until it changed (0) or stood still for so long (1). */
+/* Watches the line: 0 once it changes, 1 if it stands still for watch_ms. */
 static int stands_still(const char *path, const struct line *before, uint32_t watch_ms)
 {
     const struct timespec pause = {.tv_nsec = LOOK_MS * 1000000L};
@@ -147,7 +147,7 @@ static int is_at(int fd, const char *path)
            ours.st_ino == there.st_ino;
 }
 
-/* With the file open: locks it, or tells why not. */
+/* Locks the open file, or fails with the reason. */
 static enum umb_status take_open(struct umbs_owner_lock *lock, enum umbs_reach reach,
                                  uint32_t watch_ms, struct umb_error *error)
 {
@@ -163,7 +163,7 @@ static enum umb_status take_open(struct umbs_owner_lock *lock, enum umbs_reach r
         return is_taken(lock->path, &before, error);
     }
     const enum umb_status status = write_line(lock, error);
-    return lock->beats ? status : UMB_OK; /* else the line only says whose the locks are */
+    return lock->beats ? status : UMB_OK; /* else the line only names the owner of the locks */
 }
 
 enum umb_status umbs__owner_lock_take(const char *path, enum umbs_reach reach, uint32_t watch_ms,

@@ -2,21 +2,21 @@
 #ifndef UMBRAGE_SERVER_COMMON_OWNER_LOCK_H
 #define UMBRAGE_SERVER_COMMON_OWNER_LOCK_H
 /*
- * One process a folder or table: a lock file that its owner holds and in which it stands.
+ * Lock file that lets one process use a folder or table. It has the owner's name in it.
  *
  *     umbs_owner_lock_take("DIR/lock", &lock, &error);     E_BUSY names the host and the pid
  *     umbs_owner_lock_beat(&lock, &error);                 every few seconds: E_STATE = lost
  *     umbs_owner_lock_release(&lock);
  *
- * Two locks of the kernel are held on the file: flock, and a lock of the open file description by
- * fcntl, which network file systems forward where they do not forward flock. Where one kernel has
- * the file system they are enough, and what a crashed owner left is taken over at once.
+ * The owner holds two kernel locks on the file: flock, and a lock of the open file description by
+ * fcntl. Some network file systems forward only the second. On a local file system the locks are
+ * enough, and a crashed owner's file is taken over at once.
  *
- * Elsewhere locks may hold for one machine only, or not at all. There the owner also counts up a
- * number in the file every UMBS_BEAT_MS, and a file with an owner of another machine's, or one that
- * could not be locked, is taken over only after its number stood still for UMBS_TAKE_OVER_MS. The
- * readers open the file anew each time, so that NFS shows what was written (close-to-open). Two
- * processes that take over in the same moment find it out by their first beat.
+ * On other file systems locks may work on one machine only, or not at all. There the owner also
+ * increments a number in the file every UMBS_BEAT_MS. A file of another machine's owner, or one
+ * that cannot be locked, is taken over only after its number stood still for UMBS_TAKE_OVER_MS.
+ * Readers open the file anew each time, so that NFS shows the latest bytes (close-to-open). Two
+ * processes that take over at the same moment detect it by their first beat.
  *
  * Not detectable: machines that do not see each other's writes.
  * Threads: one at a time.
@@ -27,15 +27,15 @@
 
 #define UMBS_BEAT_MS       3000
 #define UMBS_TAKE_OVER_MS  15000
-#define UMBS_OWNER_SIZE    320  /* bytes of an owner's line, with its NUL */
+#define UMBS_OWNER_SIZE    320 /* bytes of an owner's line, with its NUL */
 #define UMBS_LOCK_PATH_MAX 4200
 
 struct umbs_owner_lock {
     int fd;                        /* -1 = not held */
     int beats;                     /* 1 = the locks alone are not enough */
-    uint64_t number;               /* of the last beat */
+    uint64_t number;               /* Number of the last beat */
     char owner[UMBS_OWNER_SIZE];   /* this process: host, boot, pid, a random word */
-    char path[UMBS_LOCK_PATH_MAX]; /* of the file */
+    char path[UMBS_LOCK_PATH_MAX]; /* Path of the file */
 };
 
 /* Takes a lock. Fails: E_BUSY (another process has it), E_CANNOT_CREATE, E_LIMIT. Cost: blocks for
@@ -56,7 +56,7 @@ UMB_CHECKED enum umb_status umbs_owner_lock_beat(struct umbs_owner_lock *lock,
 /* 1 if a held lock's file still has its path: it was not removed or replaced. */
 int umbs_owner_lock_is_there(const struct umbs_owner_lock *lock);
 
-/* Removes the owner from the file and lets it go. A lock that is not held is allowed. */
+/* Removes the owner from the file and unlocks it. A lock that is not held is allowed. */
 void umbs_owner_lock_release(struct umbs_owner_lock *lock);
 
 #endif

@@ -116,9 +116,9 @@ struct umbs_scene {
     size_t map_bytes;
 };
 
-/* What the caller still needs of the importer once that runs. */
+/* Handles of the running importer that the caller needs. */
 struct umbs_importer {
-    int process; /* its number, which is its group's as well */
+    int process; /* Number of its process, and of its process group */
     int files;   /* the caller's end of scene_broker.h */
 };
 

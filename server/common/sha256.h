@@ -26,7 +26,7 @@ void umbs_sha256_end(struct umbs_sha256_run *run, uint8_t out[UMB_ID_BYTES]);
 void umbs_hmac_sha256(const uint8_t key[UMBS_KEY_BYTES], const void *bytes, size_t size,
                       uint8_t out[UMB_ID_BYTES]);
 
-/* 1 if two digests are equal; takes the same time for all that differ. */
+/* 1 if two digests are equal; the time does not depend on the bytes. */
 int umbs_digest_equal(const uint8_t a[UMB_ID_BYTES], const uint8_t b[UMB_ID_BYTES]);
 
 #endif

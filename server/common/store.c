@@ -110,7 +110,7 @@ void umbs__reap_soon(struct umbs_store *store)
     }
 }
 
-/* Adds a cache at a path, and reads what was proven with it. Only one that was asked for by name
+/* Adds a cache at a path, and reads its list of proven files. Only a cache that the options name
  * must be usable. */
 static enum umb_status open_cache(struct umbs_store *store, const char *path, int is_asked_for,
                                   struct umb_error *error)
@@ -156,9 +156,9 @@ static enum umb_status open_folder(struct umbs_store *store, const char *path, c
     }
     folder->cache = &store->caches[store->cache_count];
     char *inside = umbs__path_join(path, UMBS_CACHE_FOLDER);
-    enum umb_status status =
-        inside != NULL ? open_cache(store, inside, 0, error)
-                       : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
+    enum umb_status status = inside != NULL
+                                 ? open_cache(store, inside, 0, error)
+                                 : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
     free(inside);
     return status;
 }

@@ -162,9 +162,9 @@ static void read_records(struct umbs_cache *cache)
     }
 }
 
-/* Takes the lock, if another daemon does not have it; without it the cache is only read. Two that
- * write at once, where a file system has no locks, do each other's work again and no harm: files
- * appear whole, and are believed by their digest. */
+/* Takes the lock unless another daemon has it; without the lock the cache is only read. On a file
+ * system without locks two daemons may write. That does no harm: files appear whole, and are
+ * checked by their digest. */
 static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *error)
 {
     char *path = umbs__path_join(cache->path, "lock");
@@ -179,7 +179,7 @@ static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *err
     return status == UMB_E_BUSY ? UMB_OK : status;
 }
 
-/* Looks whether the folder still is what it was when it was made ready. */
+/* Checks that the folder has not been replaced since it was made ready. */
 static enum umb_status look_again(struct umbs_cache *cache, struct umb_error *error)
 {
     char *resolved = NULL;
@@ -259,7 +259,7 @@ void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *re
 {
     pthread_mutex_lock(&cache->mutex);
     if (umbs__records_find(&cache->records, &record->packed) == NULL) {
-        /* Without memory it is proven once more another time. */
+        /* Without memory the file is verified again at the next start. */
         (void)!umbs__records_add(&cache->records, record);
         cache->unwritten = 1;
     }

@@ -6,16 +6,16 @@
  *
  *     key         32 random bytes, made once, mode 0600
  *     lock        owner_lock.h: one daemon writes, others only read
- *     proven      what is known of the mapped files, each line under the key (store_record.h)
+ *     proven      list of the mapped files, each line with a MAC by the key (store_record.h)
  *     ID.umbm     mapped forms
  *
  * The folder is used only if no other user can change it (private_folder.h), and a file in it only
  * if it belongs to this user or root, no other user may write to it, it has one name, and its
- * SHA-256 stands beside its id in the list, under the key. What fails that is made anew.
+ * SHA-256 is beside its id in the list. A file that fails a check is made anew.
  *
- * What this leaves open: a process of the daemon's own user, and root, can read the key. A file
- * whose device, inode, size and both times are those of the list is opened without reading it; the
- * time of change cannot be set by a user, only by root (through the clock) and by a failing disk.
+ * Remaining risks: processes of the daemon's user and of root can read the key. A file with the
+ * listed device, inode, size and times is opened without reading it. A user cannot set the time of
+ * change; root can (through the clock), and a failing disk can change bytes without it.
  *
  * Threads: any at once.
  */
@@ -30,12 +30,12 @@ struct umbs_cache {
     pthread_mutex_t mutex;       /* over all below */
     const struct umbs_log *log;  /* may be NULL */
     char *path;                  /* as configured; without links once it is ready */
-    int ready;                   /* its folder is ours alone, and the key is there */
-    int told_shared;             /* the log says that another daemon writes here */
-    struct umbs_owner_lock lock; /* held: this one may write */
+    int ready;                   /* 1 if the folder is ours alone and the key is read */
+    int told_shared;             /* 1 if the log has another daemon's pid already */
+    struct umbs_owner_lock lock; /* Lock of the folder; held by the daemon that may write */
     uint8_t key[UMBS_KEY_BYTES];
-    struct umbs_records records; /* of the last scan, and what this one found */
-    int unwritten;               /* there is something in them that the file has not */
+    struct umbs_records records; /* Records of the last scan, and new ones of this scan */
+    int unwritten;               /* 1 if the records differ from the file */
 };
 
 /* Sets up the object; nothing is read yet. Fails: E_NO_MEMORY. */

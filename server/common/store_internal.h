@@ -26,7 +26,7 @@ struct umbs_entry {
     atomic_uint_fast64_t checked_ms; /* of the last full check, umbs__now_ms; 0 = before */
     int has_id;                      /* item.id was read from its head */
     atomic_int faulted;              /* its map was cut or changed, error says so */
-    atomic_int replaced;             /* its file is replaced: umbs_store_replacing */
+    atomic_int replaced;             /* 1 if its file is being replaced: umbs_store_replacing */
     int retry; /* under store->scan: the failure was not the file's: try at each scan */
     struct umbs_entry *next_retired;
 };
@@ -38,7 +38,8 @@ struct umbs_table {
     struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
     struct umbs_entry **by_id;   /* [healthy], sorted by id */
     size_t healthy;
-    struct umbs_entry **damaged; /* [damaged_count], sorted by id: no asset, but an id */
+    struct umbs_entry *
+        *damaged; /* [damaged_count], sorted by id: entries with an id but no asset */
     size_t damaged_count;
     struct umbs_table *next_retired;
 };
@@ -71,12 +72,16 @@ struct umbs_lane {
     int running;         /* set before the first scan that uses it */
     uint64_t from_bytes; /* packed size of a file that is for the lane */
     struct umbs_entry *(*load)(struct umbs_store *store, const struct umbs_name *name, int rebuild);
-    enum { UMBS_LANE_IDLE, UMBS_LANE_LOADING, UMBS_LANE_DONE } state;
+    enum {
+        UMBS_LANE_IDLE,
+        UMBS_LANE_LOADING,
+        UMBS_LANE_DONE
+    } state;
     int stopping, ended;
-    struct umbs_name name; /* of the file; not changed while it loads */
+    struct umbs_name name; /* Name of the file; not changed while it loads */
     struct umbs_stamp stamp;
     int rebuild;
-    struct umbs_entry *entry; /* what came of it; NULL: out of memory */
+    struct umbs_entry *entry; /* Loaded entry; NULL: out of memory */
     uint64_t load_ms;
 };
 

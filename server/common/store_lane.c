@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The lane for large files: a thread beside the scan, so that a small new version never waits until
- * a huge one was expanded. One file at a time; the scan takes the result and asks for the next.
+ * The lane for large files: a thread beside the scan, so that small files do not wait for a large
+ * one. It loads one file at a time; the scan takes the result and gives it the next file.
  *
  * Invariants: only the lane's thread loads while it is UMBS_LANE_LOADING; only a scan, under
- * store->scan, gives it a file and takes what came of it.
+ * store->scan, gives it a file and takes the result.
  */
 #include <errno.h>
 #include <string.h>

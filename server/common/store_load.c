@@ -71,11 +71,10 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
         status =
             umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", entry->item.name);
     } else if ((uint64_t)stat_buffer.st_size > store->max_memory_bytes) {
-        status =
-            umb_fail(error, UMB_E_TOO_LARGE,
-                     "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)",
-                     entry->item.name, (long long)stat_buffer.st_size,
-                     (unsigned long long)store->max_memory_bytes);
+        status = umb_fail(error, UMB_E_TOO_LARGE,
+                          "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)",
+                          entry->item.name, (long long)stat_buffer.st_size,
+                          (unsigned long long)store->max_memory_bytes);
     } else {
         entry->stamp = umbs_stamp_of(&stat_buffer);
         packed->size = (size_t)stat_buffer.st_size;
@@ -85,16 +84,15 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
     return status;
 }
 
-/* Opens a packed image in memory, in what the limit leaves beside it. */
+/* Opens a packed image in memory, within the rest of the limit. */
 static enum umb_status expand(struct umbs_store *store, const struct packed *packed,
                               struct umb_asset **asset, struct umb_error *error)
 {
     struct umb_error cause;
-    struct umb_open_options options = {.trust = UMB_TRUST_NOTHING,
-                                       .max_memory_bytes = store->max_memory_bytes > packed->size
-                                                               ? store->max_memory_bytes -
-                                                                     packed->size
-                                                               : 1};
+    struct umb_open_options options = {
+        .trust = UMB_TRUST_NOTHING,
+        .max_memory_bytes =
+            store->max_memory_bytes > packed->size ? store->max_memory_bytes - packed->size : 1};
     enum umb_status status =
         umb_asset_open_bytes(packed->bytes, packed->size, &options, asset, &cause);
     if (status == UMB_E_TOO_LARGE) {
@@ -106,7 +104,7 @@ static enum umb_status expand(struct umbs_store *store, const struct packed *pac
     return status == UMB_OK ? UMB_OK : umb_fail(error, status, "%s", cause.message);
 }
 
-/* Opens a mapped file and checks that it is what was recorded: of that id, and with that digest. */
+/* Opens a mapped file and checks its id and its digest against the record. */
 static enum umb_status cache_try(struct umbs_store *store, const char *path,
                                  const struct umbs_record *record, const struct umbs_stamp *known,
                                  struct umbs_entry *entry, struct umb_error *error)
@@ -120,7 +118,7 @@ static enum umb_status cache_try(struct umbs_store *store, const char *path,
     return umbs_asset_map_open(path, &options, &entry->map, error);
 }
 
-/* A sink that hashes what it passes on. */
+/* Sink that hashes its bytes and passes them on. */
 struct hashing {
     struct umb_sink to;
     struct umbs_sha256_run run;
@@ -232,7 +230,7 @@ void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTE
         char *path = umbs__cache_file(store->folders[folder].cache, id);
         atomic_store(&entry->replaced, 1);
         if (path != NULL) {
-            (void)unlink(path); /* those who have it mapped keep it */
+            (void)unlink(path); /* processes that have mapped it keep it */
         }
         free(path);
     }
@@ -384,9 +382,8 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     uint64_t from_ms = umbs__now_ms();
     struct umbs_cache *cache = store->folders[name->folder].cache;
     struct umbs_record known;
-    struct umbs_entry *entry = cache != NULL && umbs__cache_find(cache, packed, &known)
-                                   ? entry_create(store, name)
-                                   : NULL;
+    struct umbs_entry *entry =
+        cache != NULL && umbs__cache_find(cache, packed, &known) ? entry_create(store, name) : NULL;
     if (entry == NULL) {
         return NULL;
     }
@@ -395,8 +392,8 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     entry->stamp = *packed;
     char *path = umbs__cache_file(cache, entry->item.id);
     struct umb_error error;
-    int good = path != NULL &&
-               cache_try(store, path, &known, &known.mapped, entry, &error) == UMB_OK;
+    int good =
+        path != NULL && cache_try(store, path, &known, &known.mapped, entry, &error) == UMB_OK;
     free(path);
     if (!good) {
         umbs_entry_release(entry);

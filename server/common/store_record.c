@@ -159,7 +159,7 @@ static void line_mac(const uint8_t key[UMBS_KEY_BYTES], const char *line, size_t
     umbs_hmac_sha256(key, text, sizeof TITLE - 1 + length, mac);
 }
 
-/* Takes a line, if it was written under the key and says what a line says. */
+/* Takes a line if its MAC is right and its fields are valid. */
 static int parse_line(const char *line, const uint8_t key[UMBS_KEY_BYTES],
                       struct umbs_record *record)
 {
@@ -182,8 +182,7 @@ static int parse_line(const char *line, const uint8_t key[UMBS_KEY_BYTES],
 
 /* Parses a whole file, which ends with a NUL and is changed. */
 static enum umb_status parse(char *text, const uint8_t key[UMBS_KEY_BYTES],
-                             struct umbs_records *records, size_t *refused,
-                             struct umb_error *error)
+                             struct umbs_records *records, size_t *refused, struct umb_error *error)
 {
     if (strncmp(text, TITLE, sizeof TITLE - 1) != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "no list of proven files of this version");
@@ -296,7 +295,7 @@ static void print_line(FILE *out, const struct umbs_record *record,
     memset(line, 0, sizeof line);
     FILE *text = fmemopen(line, sizeof line, "w");
     if (text == NULL) {
-        return; /* one proof more, another time */
+        return; /* the file is verified again at the next start */
     }
     (void)fprintf(text, "%s %s", id, digest);
     print_stamp(text, &record->packed);

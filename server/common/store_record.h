@@ -7,9 +7,8 @@
  * SHA-256. As long as both files still look so, opening the asset takes its head and nothing else.
  *
  * Kept as `proven` in the cache folder, one line a file. Each line ends with its HMAC-SHA256 under
- * the cache's key, so that only the daemon's own user and root can write one that is believed; a
- * line that is not is left out. The list is a memory, not a source of truth: what is missing costs
- * one more proof.
+ * the cache's key, so only the daemon's user and root can write a valid line; other lines are left
+ * out. The list only saves work: a missing line costs one more verification.
  *
  *     umbrage proven 2
  *     ID DIGEST  STAMP  STAMP  MAC

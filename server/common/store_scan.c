@@ -51,7 +51,7 @@ static int is_fresh(const struct stat *file)
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
 }
 
-/* What is known of an entry that is mapped; returns 0 if it is not. */
+/* Record of a mapped entry; returns 0 if the entry is not mapped. */
 static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
 {
     if (entry->map == NULL || umbs_asset_map_digest(entry->map) == NULL) {

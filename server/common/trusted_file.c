@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The proof of ownership, see trusted_file.h. The folder is opened first and the file below it, so
- * that no rename between the two proofs can pair a good folder with another's file. */
+/* Checks of ownership, see trusted_file.h. The folder is opened first and the file relative to it,
+ * so no rename between the checks can pair a good folder with another user's file. */
 #define _GNU_SOURCE /* O_PATH */
 #include "common/trusted_file.h"
 

@@ -189,7 +189,8 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
 }
 
-/* Who comes last is heard: silent clients would keep the probes out until their time is over. */
+/* A new client replaces the oldest one: else silent clients would keep probes out until their
+ * time-out. */
 static void close_oldest(struct umbd_admin *admin)
 {
     struct admin_client *oldest = admin->clients;

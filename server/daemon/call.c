@@ -202,9 +202,9 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
 #define OPEN_BYTES  1024 /* of a request without rights: a service's name of 255 bytes */
 #define SMALL_BYTES 4096 /* of a request that is a name or an id and a few numbers */
 
-/* Every method: its path, what it may have more than one of, who answers it, where the end of
- * the requests asks for more than the end of the replies, who does that, and the size of a request
- * message where it is not --max-message. */
+/* Every method: its path, whether it has several requests or replies, the function that answers it,
+ * the function for the end of the requests if that needs one, and the limit of a request message if
+ * it is not --max-message. */
 static const struct {
     const char *path;
     int takes_many, gives_many;
@@ -306,7 +306,7 @@ int umbd_call_is_open(const struct umbd_call *call)
            call->method == UMBD_METHOD_WATCH || call->method == UMBD_METHOD_UNKNOWN;
 }
 
-/* Its rights were looked at: the connection does real work. */
+/* The call's rights were checked: the connection does real work. */
 static void admit(struct umbd_call *call)
 {
     call->admitted = 1;

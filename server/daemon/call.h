@@ -71,7 +71,7 @@ struct umbd_call {
     int reset_early; /* cancelled by the peer before it was opened */
     int headers_whole, request_ended, discarding;
     enum umbd_method method;
-    int admitted; /* It needs rights, and had them when it began */
+    int admitted; /* 1 if it needs rights and had them when it began */
     enum umbd_refusal refusal;
     struct umbw_reader reader;
     uint64_t body_bytes;
@@ -195,8 +195,8 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 /* 1 if a batch or an errand of the call is under way: it serves no further message. */
 int umbd_call_is_busy(const struct umbd_call *call);
 
-/* 1 if the call needs no rights: health, and what is answered by a refusal. Such a call has little
- * time, never keeps its connection from eviction, and is not waited for by a drain. */
+/* 1 if the call needs no rights: health, and calls that are refused. Such a call has a short
+ * time-out, does not protect its connection from eviction, and does not delay a drain. */
 int umbd_call_is_open(const struct umbd_call *call);
 
 /* 1 if the method takes, or gives, more than one message. */

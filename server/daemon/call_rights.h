@@ -25,7 +25,7 @@ UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char
                                               struct umbs_entry **out, struct umb_error *error);
 int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES]);
 
-/* 1 if health may say what it knows of an asset: with a token file, to tokens that may query. */
+/* 1 if health may report an asset's state: with a token file only to tokens with `query`. */
 int umbd_call_may_name_assets(struct umbd_call *call);
 
 /* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
@@ -34,10 +34,11 @@ int umbd_call_may_name_assets(struct umbd_call *call);
 int umbd_call_take_points(struct umbd_call *call, uint64_t points);
 
 /*
- * Takes a call that needs no rights off its address's rate, UMBD_OPEN_CALLS_PER_SECOND, which is
- * apart from --address-rate: a client's debts do not make a balancer take the server for ill. Unix
- * sockets have none. Over it the call fails as above (_open), and a connection that has shown no
- * right is not read from for a moment. _refused: the same for a call that fails anyway.
+ * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
+ * is apart from --address-rate, so that a client over its rate does not fail a balancer's health
+ * check. Unix sockets have no rate. Beyond the rate the call fails as above (_open), and the daemon
+ * stops reading from a connection without rights for a moment. _refused: the same for a call that
+ * fails anyway.
  */
 int umbd_call_take_open(struct umbd_call *call);
 void umbd_call_refused(struct umbd_call *call);

@@ -177,14 +177,14 @@ static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, cons
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
     const struct sockaddr_storage *from = transport == UMBD_UNIX ? NULL : &address;
-    /* Who may open a Unix socket was let in by its mode, and is not told from others. */
+    /* The socket's mode admits the peers of a Unix socket; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
     return umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason) ||
            (umbd_conn_make_room_at(conn->loop, from) &&
             umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason));
 }
 
-/* Takes a TLS handshake off its address's rate. Returns 0 if there were too many. */
+/* Charges a TLS handshake to its address's rate. Returns 0 if that is exceeded. */
 static int may_shake_hands(struct umbd_conn *conn, const char **reason)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;

@@ -38,13 +38,14 @@ struct umbd_conn {
     nghttp2_session *session;
     struct umbd_call *calls;
     size_t call_count;
-    size_t buffered;  /* bytes of its calls and of its pending write */
+    size_t buffered;  /* Bytes of its calls and of its pending write */
     size_t allowance; /* Bytes that it may hold before it asks for more; see conn_room.c */
     size_t taken;     /* Part of the allowance that its address's share gave */
 
-    struct umbd_conn *next_stranger, *previous_stranger; /* of the loop's, oldest first */
-    int proven;            /* A call of it was allowed by its rights: no stranger */
-    size_t working;        /* Number of its calls that were allowed by their rights */
+    struct umbd_conn *next_stranger,
+        *previous_stranger; /* Neighbours in the loop's list, oldest first */
+    int proven;     /* 1 once a call of it was allowed by its rights; a stranger before that */
+    size_t working; /* Number of its calls that were allowed by their rights */
     uint64_t last_work_ms; /* uv_now when such a call last began or ended, or it was opened */
     unsigned watches;      /* Number of its health Watches: 0 or 1 */
 
@@ -88,10 +89,10 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport tra
 /*
  * Room for connections (conn_room.c).
  *
- *     umbd_conn_enter, _leave      for one that begins, a stranger, and for one that is closed
+ *     umbd_conn_enter, _leave      adds a new connection, a stranger; removes a closed one
  *     umbd_conn_prove              a call of it was allowed by its rights
  *     umbd_conn_doubt              its tokens were read again
- *     umbd_conn_evict              closes one that can be missed and has been for a second
+ *     umbd_conn_evict              closes a stranger or an idle connection, at least a second old
  *     umbd_conn_make_room          closes one if a newcomer needs its place; 1 if there is room
  *     umbd_conn_make_room_at       closes the oldest stranger of an address; 1 if there was one
  *     umbd_conn_relieve            closes strangers while they hold more than their share of
@@ -106,7 +107,7 @@ int umbd_conn_make_room(struct umbd_loop *loop);
 void umbd_conn_relieve(struct umbd_loop *loop);
 int umbd_conn_make_room_at(struct umbd_loop *loop, const struct sockaddr_storage *address);
 
-/* 1 if it came by a Unix socket: then its peer was let in by the file's mode. */
+/* 1 if it uses a Unix socket, whose mode has admitted the peer. */
 int umbd_conn_is_local(const struct umbd_conn *conn);
 
 /* Begins to read (conn_io.c); 0 or libuv's error. */
@@ -151,7 +152,8 @@ void umbd_conn_last_call(struct umbd_conn *conn);
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
 
 /* Counts bytes held for the connection's calls; 1, or 0 if a budget would be passed (*limit and
- * *option then name it). _hand_over: they are no longer the connection's, but still the daemon's.
+ * *option then name it). _hand_over: the bytes leave the connection's account and stay in the
+ * daemon's.
  */
 int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
 void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);

@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Room for connections and for their bytes, and what of both is kept for callers with rights.
+ * Room for connections and for their bytes, and the share reserved for callers with rights.
  *
- * A connection is a stranger until one of its calls is allowed (umbd_call_is_allowed): with a token
- * file by its token, without one by asking anything but health. Strangers may hold a quarter of
+ * A connection is a stranger until one of its calls is allowed (umbd_call_is_allowed). With a token
+ * file a good token allows a call; without one every call but health is allowed. Strangers may hold
+ * a quarter of
  * --max-buffer, a few KiB each, and with a token file three quarters of --max-connections. The
  * oldest one makes room for the next, however busy it is, so a newcomer always gets far enough to
  * show its rights.
  *
- * Without a token file everybody has rights, so what is kept is kept from single addresses: beyond
- * a stranger's allowance, which every connection keeps, an address may hold three times what it
- * leaves of the first three quarters of --max-buffer. Allowances of all connections fit into the
- * last one, so small calls are always answered; large ones share what is left with the greedy.
+ * Without a token file every caller has rights, so the limits apply to single addresses. Every
+ * connection keeps a stranger's allowance. Beyond that an address may hold three times what it
+ * leaves free of the first three quarters of --max-buffer. The allowances of all connections fit
+ * into the last quarter, so small calls are always answered; large calls share the rest.
  *
  * Invariants: the strangers of a loop are in its list, oldest first; their `buffered` add up to
  * the daemon's stranger_buffered; allowance is the stranger's one and `taken`, or SIZE_MAX; an
@@ -82,7 +83,7 @@ void umbd_conn_leave(struct umbd_conn *conn)
 {
     if (!conn->proven) {
         stranger_unlink(conn);
-        /* What is being written to it is the daemon's alone from now on. */
+        /* From here on bytes being written count for the daemon only. */
         atomic_fetch_sub(&conn->loop->daemon->stranger_buffered, conn->buffered);
         conn->proven = 1;
     }
@@ -117,7 +118,7 @@ void umbd_conn_doubt(struct umbd_conn *conn)
     }
 }
 
-/* Grants a connection with rights more of its address's share. */
+/* Gives a connection with rights more of its address's share. */
 static int grant(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;
@@ -136,7 +137,8 @@ static int grant(struct umbd_conn *conn, size_t bytes)
     return 1;
 }
 
-/* Counts bytes of a stranger; over the share of all, the oldest ones go when the event is over. */
+/* Counts bytes of a stranger. If all strangers exceed their share, the oldest are closed after the
+ * event. */
 static void stranger_charge(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;
@@ -235,7 +237,7 @@ static int evict(struct umbd_conn *conn)
     return 1;
 }
 
-/* Here a second counts for strangers, too: one that has just come may have asked already. */
+/* A stranger is safe for a second: a new one may already have sent its call. */
 void umbd_conn_evict(struct umbd_loop *loop)
 {
     struct umbd_conn *stranger = loop->oldest_stranger;

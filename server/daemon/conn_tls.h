@@ -31,8 +31,8 @@ int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
                        umbd_emit_fn emit, void *user);
 
 /*
- * 1 if its client would still be let in; 0 after a reload of --tls-client-ca or --tls-crl that does
- * not admit its certificate. Looks only after a reload, at some hundred connections in a tick.
+ * 0 if --tls-client-ca or --tls-crl, reloaded, no longer accepts the client's certificate; else 1.
+ * Checks only after a reload, at some hundred connections in a tick.
  */
 int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
 

@@ -120,8 +120,8 @@ enum umb_status umbd_daemon_check_apart(const struct umbd_options *options, cons
                                     store);
 }
 
-/* Where mapped files go: as the options say, else where systemd made a folder for that; NULL: in
- * each store. Several names in CACHE_DIRECTORY have colons between them. */
+/* Folder of mapped files: that of the options, else that of systemd; NULL: one in each store.
+ * Several names in CACHE_DIRECTORY have colons between them. */
 static const char *cache_folder(struct umbd_daemon *daemon)
 {
     const char *made = getenv("CACHE_DIRECTORY");

@@ -27,13 +27,13 @@ struct umbd_daemon {
     struct umbs_store *store;
     const char *folders[UMBS_STORE_FOLDERS_MAX]; /* the store's, NULL behind the last: */
     size_t store_count;                          /* the operator's, then */
-    char cache[4096];                            /* of mapped files, if systemd names it */
-    char job_assets[4096];                       /* the assets that jobs made */
+    char cache[4096];      /* Folder of mapped files that systemd names, or "" */
+    char job_assets[4096]; /* the assets that jobs made */
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
     struct umbd_calibrations *calibrations; /* of budgets */
     struct umbd_peer_table *peers;
-    struct umbd_tokens *tokens;             /* NULL = anybody may query */
+    struct umbd_tokens *tokens;             /* NULL = every caller may query */
     struct umbj_service *jobs;              /* NULL without --jobs, and after the loops have run */
     struct umbd_tls *tls;                   /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;          /* bytes of requests and replies held */

@@ -71,8 +71,8 @@ static enum umb_status check_folder(const char *option, const char *path, struct
                                                           : 0;
     }
     return code == 0 ? UMB_OK
-                     : umb_fail_errno(error, UMB_E_CANNOT_CREATE, code,
-                                      "%s: cannot use '%.150s'", option, path);
+                     : umb_fail_errno(error, UMB_E_CANNOT_CREATE, code, "%s: cannot use '%.150s'",
+                                      option, path);
 }
 
 /* A cache must also be out of other users' reach. */
@@ -89,7 +89,7 @@ static enum umb_status check_cache(const char *path, struct umb_error *error)
     return status;
 }
 
-/* Where the table goes. Of a jobs folder that is not there yet the start will tell. */
+/* Checks the table's place. The start checks a jobs folder that does not exist yet. */
 static enum umb_status check_table(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbj_place place;

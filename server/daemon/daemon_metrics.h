@@ -87,7 +87,7 @@ struct umbd_metrics {
     atomic_uint_fast64_t connections_retired;
     atomic_uint_fast64_t handshakes_refused;
     atomic_int_fast64_t connections; /* open now */
-    atomic_int_fast64_t strangers;   /* those of them that have shown no right */
+    atomic_int_fast64_t strangers;   /* Number of those without rights */
 };
 
 /* What only others know at the moment of a scrape. */

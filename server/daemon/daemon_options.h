@@ -60,12 +60,12 @@ struct umbd_options {
     const char *slurm_options;          /* of sbatch; may be NULL */
     uint32_t bake_tile;                 /* texels along its side: the unit of work */
     uint32_t owner_jobs;                /* unfinished ones of one owner */
-    uint32_t owner_history;             /* ones of one owner that are over */
+    uint32_t owner_history;             /* Number of finished jobs listed for one owner */
     uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */
     uint64_t bake_memory;               /* bytes, of one bake */
     uint64_t max_bundle, max_asset;     /* bytes */
     uint64_t owner_bytes, job_bytes;    /* of unfinished jobs' bundles: one owner's, all */
-    uint64_t owner_assets;              /* bytes of one owner's assets */
+    uint64_t owner_assets;              /* Bytes of one owner's assets */
     uint64_t job_time_ms, job_lease_ms; /* of one try */
     uint64_t job_keep_ms;               /* of jobs that are over */
     enum umb_log_level log_level;
@@ -90,8 +90,8 @@ UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umb
 void umbd_options_finish(struct umbd_options *options);
 
 /*
- * 1 if a listener on that address would serve other machines without asking who calls: no token
- * file, no client certificates, and no --without-tokens that says it is meant.
+ * 1 if a listener on that address would serve other machines without any check of callers: no token
+ * file, no client certificates, and no --without-tokens.
  */
 int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
                               const struct sockaddr_storage *address);

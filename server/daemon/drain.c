@@ -36,7 +36,7 @@ void umbd_conn_notice(struct umbd_conn *conn)
     nghttp2_submit_shutdown_notice(conn->session);
 }
 
-/* Calls without rights are not waited for: answered, then cut where the peer does not end them. */
+/* A drain does not wait for calls without rights: it answers them, then resets those still open. */
 static void end_open_calls(struct umbd_conn *conn)
 {
     int found = 0;

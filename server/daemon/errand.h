@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_SERVER_DAEMON_ERRAND_H
 #define UMBRAGE_SERVER_DAEMON_ERRAND_H
 /*
- * What a call of the Bakes service has to do with the job service, whose threads may block on the
- * disk. One errand a call; it is either at home, with the call, or away, with those threads:
+ * Request of a Bakes call to the job service, whose threads may block on the disk. A call has one
+ * errand. It is either at home, with the call, or away, with those threads:
  *
- *     umbd_errand_create(call, &error)              whose call it is
+ *     umbd_errand_create(call, &error)              for the owner of the call
  *     umbd_errand_send(call, files, work, answer)   files runs on a thread for files, then work on
  *                                                   the jobs' thread, then answer on the loop
  *     umbd_errand_drop(call)                        the call ends
@@ -81,9 +81,9 @@ void umbd_errand_send_reading(struct umbd_call *call, void (*reads)(struct umbd_
                               void (*answer)(struct umbd_errand *, struct umbd_call *));
 
 /*
- * Judges the call's rights again, since a reload may have changed them while it lasted. Returns 1,
+ * Checks the call's rights again, since a reload may have changed them during the call. Returns 1,
  * or 0 and fails the call: as umbd_call_is_allowed, or PERMISSION_DENIED if its token now has
- * another name, so that what it began is not its own.
+ * another name and so another owner.
  */
 int umbd_errand_is_allowed(struct umbd_call *call);
 

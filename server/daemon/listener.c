@@ -224,7 +224,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
     return UMB_OK;
 }
 
-/* What a socket of the service manager speaks. Fails: E_ARGUMENT (not a listening stream socket;
+/* Protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening stream socket;
  * check_reach's). */
 static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, int is_tls,
                                         enum umbd_transport *transport, struct umb_error *error)

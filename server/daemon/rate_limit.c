@@ -154,7 +154,7 @@ int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_stor
     return account != NULL;
 }
 
-/* 1 if a clock of the account is ahead: forgetting it would forgive a debt. */
+/* 1 if the account has a debt, which forgetting the account would cancel. */
 static int owes(struct umbd_peer_account *account, uint64_t now_ns)
 {
     return atomic_load(&account->paid_until_ns) > now_ns ||

@@ -44,8 +44,8 @@ struct umbd_peer_account {
 };
 
 /*
- * Writes what tells one customer from another: the family, then the IPv4 address or the first half
- * of the IPv6 one (a customer has a /64). IPv4 that comes as IPv6 (a dual-stack listener's
+ * Writes the key of an address's account: the family, then the IPv4 address or the first half of
+ * the IPv6 address (a customer has a /64). IPv4 that comes as IPv6 (a dual-stack listener's
  * ::ffff:a.b.c.d, NAT64's 64:ff9b::a.b.c.d) is keyed as IPv4; link-local addresses share one half
  * and are keyed by the other. NULL (a Unix socket): zeros.
  */

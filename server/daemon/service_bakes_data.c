@@ -91,8 +91,8 @@ static void data_written(struct umbd_errand *errand, struct umbd_call *call)
 }
 
 /*
- * What a submission costs, its files included: all of it is paid with the manifest, because an
- * upload that is refused midway must begin anew and would never end at a low rate.
+ * Price of a submission, with its files. It is charged at the manifest, because an upload that is
+ * refused midway must start again and would never end at a low rate.
  */
 static uint64_t price_of(const struct umbw_submit_request *request)
 {

@@ -101,7 +101,7 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
             sk_X509_NAME_pop_free(names, X509_NAME_free);
             return refuse(error, "--tls-crl", files->crl);
         }
-        /* Without a list of each authority, or with one past its time, nobody is let in. */
+        /* A missing or expired list of an authority refuses all of its clients. */
         X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);
     }
     /* A ticket would let a client in again without its certificate being looked at. */

@@ -33,13 +33,13 @@ UMB_CHECKED enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_err
  * out of memory. */
 SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation);
 
-/* Grows with every reload: a session made before may show a certificate that is not admitted now.
+/* Number that grows with every reload: certificates of older sessions may no longer be accepted.
  * One atomic read. */
 unsigned umbd_tls_generation(const struct umbd_tls *tls);
 
 /*
- * Verifies the certificate that a session's client showed by what is demanded now. Returns 1 if it
- * would be let in again, and what generation that was judged by. Cost: a handshake's verification.
+ * Verifies the certificate of a session's client by the current files. Returns 1 if it is accepted.
+ * Out: generation: of the files that were used. Cost: a handshake's verification.
  */
 int umbd_tls_admits(struct umbd_tls *tls, SSL *session, unsigned *generation);
 

@@ -6,7 +6,7 @@
  *
  * The file has a line for each token: NAME SCOPES TOKEN [POINTS_PER_SECOND]. SCOPES is a list of
  * query, submit, admin with commas; `#` behind a blank begins a comment, and is refused elsewhere.
- * Only hashes are kept, and all of them are compared whatever matches, so that time tells nothing.
+ * Only hashes are kept, and all are compared on each call, so the time reveals nothing.
  *
  * Threads: all functions from any thread. A set is immutable and counted: who holds one keeps its
  * tokens across a reload.

@@ -58,8 +58,8 @@ static enum umb_status entry_changed(const struct umb__page_entry *entry, struct
                     entry->page);
 }
 
-/* False if the compressed bytes of a page are not those of its entry. Some of their bits mean
- * nothing, so that only this tells a flip of them. */
+/* False if a page's compressed bytes do not match the checksum of its entry. The decoder ignores
+ * some of their bits, so no other check detects a flip of these. */
 static bool stored_as_written(const uint8_t *file, const struct umb__page_entry *entry)
 {
     return XXH3_64bits(file + entry->offset, entry->stored_length) == entry->check;

@@ -14,7 +14,7 @@
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
 
-/* Bounds of what a camera may say: squares of lengths stay finite and above 0. */
+/* Bounds of a camera's lengths: their squares stay finite and above 0. */
 #define LENGTH_MIN      1e-30
 #define LENGTH_MAX      1e30
 #define TANGENT_MIN     1e-6
@@ -111,9 +111,8 @@ static void slice_measure(struct fitting *fit, const struct umb_cascade_camera *
 }
 
 /*
- * Checks that the slice has an extent across the light that doubles can tell from its distance: an
- * eye so far from the scene that the slice's size is lost in its place would leave extents of 0,
- * which are divided by.
+ * Checks that doubles resolve the slice's extent across the light at its distance. Otherwise an eye
+ * far from the scene gives extents of 0, and these are divisors.
  */
 static enum umb_status slice_check(const struct fitting *fit,
                                    const struct umb_cascade_camera *camera, uint32_t index,

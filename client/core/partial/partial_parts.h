@@ -45,7 +45,7 @@ struct umb_partial {
     struct umb__held *pages; /* [head.page_count] */
     uint32_t *heap;          /* [heap_count] of [head.page_count]; see partial_worst.c */
     uint32_t heap_count;
-    bool heap_fresh; /* false: pages or benefits are not those of the heap */
+    bool heap_fresh; /* False if pages or benefits have changed since the heap was built */
     uint32_t held_count;
     uint64_t held_bytes;
     uint64_t dropped, builds;
@@ -55,8 +55,8 @@ struct umb_partial {
     struct umb_octree graph; /* without bricks; children may be UMB__ABSENT | page, as may roots */
     uint32_t *order;         /* [order_count] pages in the graph, ascending */
     uint32_t order_count;
-    float *seen[UMB__LEVELS];      /* greatest benefit of a whole cube of a node; see mark() */
-    uint64_t want_steps;           /* cubes and nodes that the last want looked at */
+    float *seen[UMB__LEVELS];      /* Greatest benefit of a whole cube of each node; see mark() */
+    uint64_t want_steps;           /* Number of cubes and nodes that the last want visited */
     struct umb_asset lower, upper; /* canonical and id are borrowed from here */
 };
 
@@ -80,7 +80,7 @@ void umb__partial_unbuild(struct umb_partial *p);
  * Cost: logarithmic, but for the first time after benefits have changed (heap_fresh = false). */
 uint32_t umb__partial_worst(struct umb_partial *p);
 
-/* Lets umb__partial_worst know of a page that came. */
+/* Adds a page that has arrived to the heap of umb__partial_worst. */
 void umb__partial_note_page(struct umb_partial *p, uint32_t page);
 
 /* The page a node of the graph stands in. */

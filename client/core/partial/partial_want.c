@@ -5,11 +5,10 @@
  * way, so that what is above is never worth less than what is below it. A node of which a whole
  * cube was seen is not walked again for one that is worth no more: everything below it was found.
  *
- * A graph stands for a tree that may be larger than it by any factor, so cubes are counted. Assets
- * of scenes take up to 11 cubes for each node here. Beyond STEPS_A_NODE the walk looks at no
- * further cube. It marks the nodes that it would have gone on with, and one pass over the graph,
- * from the top down and each node once, wants everything below them. That errs on the side of too
- * many pages.
+ * A graph represents a tree that may be larger by any factor, so the walk counts its cubes. Assets
+ * of scenes take up to 11 cubes for each node held. At STEPS_A_NODE the walk stops and marks the
+ * nodes that remain. One pass over the graph, from the top down and each node once, then wants
+ * everything below the marked nodes. The result may have too many pages, never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -29,16 +28,16 @@ struct walk {
     struct umb_partial *p;
     const struct umb__sight *sight;
     const struct umb__space *space;
-    uint64_t steps; /* cubes that may still be looked at */
+    uint64_t steps; /* Number of cubes that the walk may still visit */
 };
 
-/* Cubes that a walk may look at: a multiple of the nodes here, and some for small assets. */
+/* Limit of the cubes of a walk: a multiple of the nodes held, and some for small assets. */
 enum {
     STEPS_A_NODE = 64,
     STEPS_MIN = 1024,
 };
 
-/* Square of the edge over the distance of a root that the walk does not come to: any will do. */
+/* Benefit of a root that the walk does not reach: any value will do. */
 #define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
@@ -56,8 +55,8 @@ static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
                          cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
 }
 
-/* Marks a node below which everything is wanted, unless that was found for no less: its benefit
- * stands in `seen`, negated. */
+/* Marks a node below which everything is wanted, unless it is marked with at least this benefit.
+ * A marked node's benefit is negated in `seen`. */
 static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double benefit)
 {
     float *seen = &p->seen[level][node];
@@ -66,7 +65,7 @@ static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double be
     }
 }
 
-/* Wants a child and all below it without looking at it. */
+/* Wants a child and all below it without a visit. */
 static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
 {
     if ((child & UMB__ABSENT) || level == UMB_LEVEL_BRICK) {

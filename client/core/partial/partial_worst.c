@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The page here that matters least, found without looking at all of them: a heap, made anew when
- * benefits have changed. Entries of pages that were dropped stay until they come to the top.
+ * Finds the held page of least benefit without a scan, by a heap. The heap is rebuilt when benefits
+ * have changed. Entries of dropped pages stay in it until they reach the top.
  */
 #include "partial/partial_parts.h"
 
-/* True if page a goes before page b; of equal ones the last in the file does. */
+/* True if page a is dropped before page b; of equal pages the last in the file is first. */
 static bool is_worse(const struct umb_partial *p, uint32_t a, uint32_t b)
 {
     const double x = p->pages[a].benefit, y = p->pages[b].benefit;

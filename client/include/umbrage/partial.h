@@ -159,9 +159,9 @@ UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
  * pages of the last build tell. `add` keeps what earlier views said, for several lights or cameras.
  *
  * Fails: E_ARGUMENT (view, named), E_STATE (nothing built yet).
- * Cost:  linear in the nodes of the pages here, whatever they are: at most 65 steps for each, and
- *        1024. A view that needs more (its border cuts very many cubes of few nodes, as only a
- *        hostile server's do) gets pages beyond its border too.
+ * Cost:  linear in the nodes of the pages held: at most 65 steps for each, plus 1024. A view that
+ *        needs more gets pages beyond its border too. Only hostile assets need more: their border
+ *        cuts very many cubes of few nodes.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial,
                                                      const struct umb_partial_view *view, int add,

@@ -18,10 +18,10 @@ struct list {
     struct umb_frustum_info *frusta; /* [6 * lights] */
     uint32_t count;
     double voxel_min; /* metres, of spot and point lights */
-    /* The spot or point light that is being added. */
+    /* Spot or point light being added. */
     const double *direction; /* NULL: a point light */
     double cone_sine;
-    struct umbb_contact contact; /* the nearest of its faces */
+    struct umbb_contact contact; /* Nearest contact of all its faces */
     int has_contact;
 };
 
@@ -36,7 +36,7 @@ double umbb_light_reach(const struct umb_box *bounds, const double position[3])
     return sqrt(square);
 }
 
-/* How small voxels may be. */
+/* Least size of voxels. */
 static double least_voxel(const struct umb_box *bounds)
 {
     double half = 0.0;
@@ -74,7 +74,7 @@ static void look_for_contact(struct list *list, const struct umbb_eye *eye)
     }
 }
 
-/* Refuses a lamp that light would leak from. */
+/* Refuses a lamp whose light would leak through a surface. */
 static enum umb_status check_contact(const struct list *list, const struct umbb_eye *eye,
                                      const struct umb_light_info *light, uint32_t number,
                                      struct umb_error *error)
@@ -99,8 +99,8 @@ static enum umb_status check_contact(const struct list *list, const struct umbb_
                     number, light->name, p[0], p[1], p[2], least, 2.0 * least);
 }
 
-/* The face along eye->axes[2]; 1 if it sees a caster. It is taken into the list if so, or if
- * `always`. */
+/* Adds the face along eye->axes[2] if it sees a caster, or if `always`. Returns 1 if it sees one.
+ */
 static int add_face(struct list *list, uint32_t light, const struct umbb_eye *eye, int always)
 {
     struct umb_frustum_info frustum;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Nearly all triangles are told by their boxes; what is left is measured and cut to the face. */
+/* The boxes of triangles exclude nearly all of them; the others are measured and cut to the face.
+ */
 #include "bake/analysis/lamp_contact.h"
 
 #include <math.h>
@@ -21,7 +22,7 @@ static int is_near(const double corners[3][3], const double position[3], double 
     return 1;
 }
 
-/* The place of segment a, b that is nearest to 0. */
+/* Point of segment a, b nearest to 0. */
 static void nearest_on_edge(const double a[3], const double b[3], double out[3])
 {
     double way[3];
@@ -33,8 +34,8 @@ static void nearest_on_edge(const double a[3], const double b[3], double out[3])
     }
 }
 
-/* The place of a triangle that is nearest to 0: its foot point if that lies within, else one of its
- * edges. In: normal: unit. */
+/* Point of a triangle nearest to 0: the foot point if it is inside, else a point of an edge.
+ * In: normal: unit. */
 static void nearest_place(const double at[3][3], const double normal[3], double out[3])
 {
     const double height = umb__dot(normal, at[0]);
@@ -79,7 +80,7 @@ static int is_cut_away(const double at[3][3], const struct umbb_eye *eye, double
     return least < near;
 }
 
-/* The greatest coordinate, relative to the origin, that takes part in a distance. */
+/* Greatest coordinate in a distance, relative to the origin. */
 static double greatest(const struct umbb_contact_input *input, const double corners[3][3])
 {
     double most = 0;
@@ -92,7 +93,7 @@ static double greatest(const struct umbb_contact_input *input, const double corn
     return most;
 }
 
-/* Judges a triangle whose box is near; 1 if its light would go through. */
+/* Judges a triangle whose box is near; 1 if light would pass through it. */
 static int judge(const struct umbb_contact_input *input, double near, double tangent, size_t number,
                  struct umbb_contact *contact)
 {

@@ -2,17 +2,16 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LAMP_CONTACT_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LAMP_CONTACT_H
 /*
- * Lamps that stand too near to a surface.
+ * Lamps too near to a surface.
  *
- * A face leaves out what is nearer than UMBB_NEAR_SHARE of its reach (perspective_frame.h). A
- * surface there would let light through, so a lamp with such a surface in its light is refused,
- * but for one case: a spot light on a surface that its cone does not cross, as on a ceiling that it
- * shines down from.
+ * A face leaves out casters nearer than UMBB_NEAR_SHARE of its reach (perspective_frame.h). A
+ * surface there would let light through, so a lamp with such a surface in its light is refused. One
+ * case is allowed: a spot light on a surface that its cone does not cross, such as a ceiling.
  */
 #include "bake/analysis/perspective_frame.h"
 
-/* On a surface: nearer than this share of the greatest coordinate, which is what rounding can do to
- * the distance. */
+/* A lamp is on a surface if it is nearer than this share of the greatest coordinate, which is the
+ * rounding error of the distance. */
 #define UMBB_ON_SHARE 0x1p-47
 
 struct umbb_contact_input {
@@ -32,8 +31,8 @@ struct umbb_contact {
     double at[3];    /* nearest place of the surface, metres, world */
 };
 
-/* Finds the nearest such surface of one face; 0 if there is none. Triangles without an area are
- * none: they cast nothing. */
+/* Finds the nearest such surface of one face; 0 if there is none. Triangles without an area do not
+ * count: they cast nothing. */
 int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact);
 
 #endif

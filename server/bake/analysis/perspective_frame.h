@@ -23,9 +23,9 @@
 #define UMBB_GUARD_TEXELS 10
 
 /*
- * What lies closer to the light, along a face's axis, than this share of its reach is left out:
- * there a texel would have to be divided by next to nothing. lamp_contact.h refuses lamps to which
- * that would happen.
+ * Near distance of a face, as a share of its reach along the face's axis. Casters nearer than this
+ * are left out, because the division by their distance loses precision. lamp_contact.h refuses
+ * lamps with such casters.
  *
  * Why 2^-26. X of X / W is off by some 2^-52 of size times the reach, so a caster at the near
  * distance by 2^-26 size texels: 2^-8 of a texel at 2^18. Over a triangle that reaches from there

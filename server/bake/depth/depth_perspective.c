@@ -11,7 +11,7 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/triangle_bins.h"
 
-/* Texels over size^2: what is narrower is a sliver. */
+/* Greatest width of a sliver, in texels over size^2. */
 #define SLIVER 0x1p-49
 
 /* Nearest front face, back face and other face of a texel, each as `lit`. */

@@ -11,12 +11,12 @@
  * 2^26, so q is good to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth,
  * far below a voxel.
  *
- * Slivers: cutting a triangle to the frustum can leave corners that are the same but for rounding,
- * and so triangles of next to no width, whose area and gradients are rounding alone. One as long as
- * the frustum may run through thousands of texel centres (the diagonal of a floor below a lamp).
+ * Slivers: cutting a triangle to the frustum can leave corners that differ by rounding alone. The
+ * area and the gradients of such a triangle are rounding errors. One as long as the frustum may run
+ * through thousands of texel centres (the diagonal of a floor below a lamp).
  * umbb_perspective_prepare gives those narrower than 2^-49 size^2 texels the gradient along their
- * longest edge. Wider ones have theirs to an eighth of a voxel; across a sliver depth is off by its
- * slope times 2^-49 size^2 texels, 2^-21 at 16384.
+ * longest edge. Wider triangles have their gradients to an eighth of a voxel; across a sliver depth
+ * is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
  *
  * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
  */

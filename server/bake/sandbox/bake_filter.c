@@ -2,11 +2,11 @@
 /*
  * The bake's list of allowed system calls (bake_sandbox.h).
  *
- * Which files it may open is Landlock's; here are the calls that Landlock does not see. Allowed is
- * what a bake needs: files, memory, threads, clocks, and its importer until that has ended. Calls
- * that no bake makes and every intruder would (programs, sockets, other processes, rights) kill the
- * process. Any other call gets ENOSYS, as from a kernel that has none such: a C library or Embree
- * of another version then takes its older way.
+ * Landlock restricts the files; this filter restricts the calls that Landlock does not see. A bake
+ * may use files, memory, threads, clocks, and its importer until that has ended. Calls that no bake
+ * makes but an attacker would (programs, sockets, other processes, rights) kill the process. Any
+ * other call gets ENOSYS, as from an older kernel: another version of the C library or of Embree
+ * then falls back to older calls.
  */
 #define _GNU_SOURCE /* clone flags, fcntl commands */
 #include <errno.h>
@@ -27,14 +27,14 @@
 #define REFUSE       (SECCOMP_RET_ERRNO | EACCES)
 #define UNKNOWN      (SECCOMP_RET_ERRNO | ENOSYS)
 
-/* Flags of clone that every thread has, and those that no thread has. */
+/* Flags of clone: those of every thread, and those of no thread. */
 #define THREAD_FLAGS ((uint32_t)(CLONE_VM | CLONE_SIGHAND | CLONE_THREAD))
 #define SPACE_FLAGS                                                                                \
     ((uint32_t)(CLONE_NEWNS | CLONE_NEWCGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER |      \
                 CLONE_NEWPID | CLONE_NEWNET))
 
 static const uint16_t allowed[] = {
-/* files, as far as Landlock lets them be opened */
+/* files; Landlock restricts which */
 #if defined(__x86_64__) /* later architectures only have their younger forms */
     SYS_open,
     SYS_access,
@@ -191,12 +191,12 @@ static void allow_conditions(struct umbb_filter *filter, int importer, int files
     for (size_t i = 0; importer > 0 && i < COUNT(talk); i++) {
         umbb_filter_if(filter, &talk[i]);
     }
-    umbb_filter_if_null(filter, SYS_utimensat, 1); /* of an open file: a tile was used now */
+    umbb_filter_if_null(filter, SYS_utimensat, 1); /* for open files: marks a tile as used */
 }
 
 int umbb_bake_filter_enter(int importer, int files)
 {
-    /* Reached where their condition does not hold: libraries try to map more of themselves. */
+    /* The conditions above did not hold: libraries try to map more of themselves. */
     static const uint16_t refused[] = {SYS_mmap, SYS_mprotect};
     static const uint16_t stopped[] = {SYS_clone,   SYS_kill,    SYS_tgkill,
                                        SYS_sendmsg, SYS_recvmsg, SYS_recvfrom};

@@ -19,8 +19,8 @@
 #define SLACK_BYTES  ((uint64_t)2 << 30)  /* beside --memory: stacks, libraries, the allocator */
 #define THREAD_BYTES ((uint64_t)48 << 20) /* a stack and an arena of malloc */
 
-/* Tables of the system that the C library and Embree's threads look at: processors, pages, and
- * where the loader finds libraries. They hold nothing of any user. */
+/* Tables of the system that the C library and Embree's threads read: processors, pages, paths of
+ * libraries. They contain no user's data. */
 static const struct umbb_path_rule system_rules[] = {
     {"/etc/ld.so.cache", UMBB_PATH_READ},
     {"/sys/devices/system/cpu", UMBB_PATH_READ},
@@ -42,7 +42,7 @@ static void add_rule(struct rule_list *list, const char *path, enum umbb_path_us
     }
 }
 
-/* The program has no name in the loader's list, the kernel's own object no path. */
+/* In the loader's list the program has no name, and the kernel's vDSO has no path. */
 static int add_library(struct dl_phdr_info *info, size_t size, void *user)
 {
     (void)size;
@@ -97,7 +97,7 @@ enum umb_status umbb_bake_sandbox_calls(struct umbb_bake_sandbox *sandbox, int i
     if (is_out(sandbox)) {
         return UMB_OK;
     }
-    /* Other processes of the same user then cannot look into this one. */
+    /* Other processes of the same user cannot read the memory of this one. */
     const int hidden = prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) == 0;
     sandbox->seccomp = hidden && umbb_bake_filter_enter(importer, files);
     return sandbox->seccomp || sandbox->mode != UMBB_SANDBOX_REQUIRED

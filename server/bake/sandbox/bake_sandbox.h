@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_BAKE_SANDBOX_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_BAKE_SANDBOX_H
 /*
- * The sandbox of the bake itself: analysis, depth, build, self-check and publishing work on numbers
- * that a stranger chose, so they run with the rights of one bake and no more.
+ * The sandbox of the bake itself. Analysis, depth, build, self-check and publishing work on numbers
+ * of an untrusted scene, so they run with the rights of one bake only.
  *
  *     limits      no core files, few descriptors, memory in proportion to --memory.
  *     landlock    paths: the scene's folder can be read, the folders of output and tiles written,
@@ -12,8 +12,8 @@
  *     seccomp     the calls that Landlock does not see: no program, socket, other process or
  *                 executable page, no change of rights (bake_filter.c).
  *
- * Two steps, because the importer is started between them: paths first, calls when the importer
- * runs and before a byte of the scene or of the importer's answers is read
+ * There are two steps, because the importer starts between them. Paths are first. The calls follow
+ * when the importer runs, before a byte of the scene or of the importer's answers is read
  * (umbs_import_options.shut_in).
  *
  * Sanitizer builds need what the filter forbids and go without, as the importer does
@@ -25,7 +25,7 @@
 
 enum umbb_sandbox_mode {
     UMBB_SANDBOX_AVAILABLE = 0, /* the layers that the kernel has; a missing one is a notice */
-    UMBB_SANDBOX_REQUIRED = 1,  /* all layers, or nothing is baked */
+    UMBB_SANDBOX_REQUIRED = 1,  /* all layers; without one the bake fails */
     UMBB_SANDBOX_OFF = 2,
 };
 
@@ -39,9 +39,9 @@ struct umbb_bake_sandbox {
  * Enters the first layers with the calling thread, which must be the only one.
  *
  * In:    sandbox: mode set, the rest 0; rules: beside the program's own files.
- * Out:   sandbox: what was entered, also when it fails.
- * Fails: E_UNAVAILABLE if a layer is missing that mode requires: the message says which, and which
- *        option does without.
+ * Out:   sandbox: the layers that were entered, also on failure.
+ * Fails: E_UNAVAILABLE if a layer is missing that mode requires: the message names the layer, and
+ *        the option that bakes without it.
  */
 UMB_CHECKED enum umb_status umbb_bake_sandbox_paths(struct umbb_bake_sandbox *sandbox,
                                                     const struct umbb_path_rule *rules,

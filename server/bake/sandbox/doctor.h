@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
-/* `umbrage-bake doctor`: what this machine offers the bake, and whether its sandboxes hold. */
+/* `umbrage-bake doctor`: layers that this machine has, and tests of the sandboxes. */
 #include "bake/sandbox/bake_sandbox.h"
 #include "bake/sandbox/doctor_acts.h"
 #include "bake/sandbox/sandbox.h"
@@ -23,7 +23,7 @@ enum umbb_cage {
 };
 
 /*
- * Tries an act in a process of its own.
+ * Tries an act in a separate process.
  *
  * In:  ground: of the cages of the bake, else unused.
  * Out: the verdict, or -1 if no process could be started or entered the cage.
@@ -31,7 +31,7 @@ enum umbb_cage {
 int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,
                     const struct umbb_ground *ground);
 
-/* Enters the sandboxes in processes of their own, to learn their layers. Out: 0, or -1. */
+/* Enters the sandboxes in separate processes, to learn their layers. Out: 0, or -1. */
 int umbb_doctor_probe(struct umbb_sandbox *importer);
 int umbb_doctor_probe_bake(const struct umbb_ground *ground, struct umbb_bake_sandbox *bake);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_ACTS_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_ACTS_H
-/* What an importer or a bake taken over by its scene would try, each as one call to the kernel. */
+/* Actions of an importer or a bake that a scene controls, each as one call to the kernel. */
 #include <stddef.h>
 #include "bake/sandbox/doctor_ground.h"
 
@@ -26,7 +26,7 @@ extern const size_t umbb_act_count;
 extern const struct umbb_act umbb_bake_acts[];
 extern const size_t umbb_bake_act_count;
 
-/* What a bake needs: these must be let through, or nothing is proven. */
+/* Actions that a bake needs. They must be allowed, or the tests prove nothing. */
 extern const struct umbb_act umbb_bake_needs[];
 extern const size_t umbb_bake_need_count;
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a bake taken over by its scene would try with the files of a job service, and what it must
- * be able to do (doctor_acts.h). Each runs in a process of its own; one that is let through does no
- * harm beyond the doctor's own ground.
+ * Actions that a scene in control of a bake would try on the files of a job service, and actions
+ * that a bake needs (doctor_acts.h). Each runs in a separate process. An action that is allowed
+ * changes only the doctor's temporary folder.
  */
 #define _GNU_SOURCE /* O_TMPFILE and the like on old headers */
 #include "bake/sandbox/doctor_acts.h"

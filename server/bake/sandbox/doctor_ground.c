@@ -70,7 +70,7 @@ enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *e
     return UMB_OK;
 }
 
-/* A try that was let through leaves what it made: only known names are removed. */
+/* An allowed action leaves its files behind: only known names are removed. */
 void umbb_ground_remove(struct umbb_ground *ground)
 {
     static const char *const made[] = {"work/new", "work/stolen", "other/new", "other/mine",

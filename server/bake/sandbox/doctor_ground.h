@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_GROUND_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_GROUND_H
 /*
- * A folder as a job service has it, made for the doctor's tries and removed after them: a scene, a
- * work folder, and beside them what no bake may touch.
+ * Temporary folder for the doctor, arranged as a job service arranges it: a scene, a work folder,
+ * and beside them files that no bake may touch.
  *
  *     scene/scene.ply    may be read
  *     work/mine.umb      may be written; work/link leads to other/tokens
@@ -29,7 +29,7 @@ UMB_CHECKED enum umb_status umbb_ground_make(struct umbb_ground *ground, struct 
 
 void umbb_ground_remove(struct umbb_ground *ground);
 
-/* What a bake of the scene into the work folder may open. */
+/* Paths that a bake of the scene into the work folder may open. */
 void umbb_ground_rules(const struct umbb_ground *ground,
                        struct umbb_path_rule rules[UMBB_GROUND_RULES]);
 

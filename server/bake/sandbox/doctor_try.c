@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tries one act, or the layers, each in a process of its own (doctor.h). */
+/* Tries one act, or the layers, each in a separate process (doctor.h). */
 #include <errno.h>
 #include <signal.h>
 #include <string.h>
@@ -12,8 +12,8 @@
 
 #define EXIT_NO_CAGE 9 /* of the process that tries an act */
 
-/* Refused for want of a right, not because the call makes no sense. EXDEV is what Landlock says to
- * a rename or link between folders of different rights. */
+/* True for errors that mean a missing right, not a wrong call. Landlock refuses a rename or link
+ * between folders of different rights with EXDEV. */
 static int is_refusal(int code)
 {
     return code == EACCES || code == EPERM || code == ENOSYS || code == EXDEV;

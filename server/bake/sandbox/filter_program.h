@@ -10,9 +10,9 @@
  *     umbb_filter_if(&filter, &condition);
  *     inside = umbb_filter_load(&filter, SECCOMP_RET_KILL_PROCESS);
  *
- * They are made here because a filter must be whole or not there: libseccomp 2.5.4 allocates some
- * 800 times on the way and, where one of them fails, can load a filter that lacks rules (decision
- * 7). Sources: seccomp(2), bpf_insn in linux/filter.h.
+ * Why not libseccomp: a filter must be whole or absent. libseccomp 2.5.4 makes some 800 allocations
+ * and, if one fails, can load a filter that lacks rules (decision 7). Sources: seccomp(2), bpf_insn
+ * in linux/filter.h.
  */
 #include <linux/filter.h>
 #include <linux/seccomp.h>
@@ -21,7 +21,8 @@
 
 #define UMBB_FILTER_CODE_MAX 512
 
-/* A program in the making; `count` goes on beyond the room, which shows at the end. */
+/* Program under construction. `count` grows beyond the array's size, so that the load detects an
+ * overflow. */
 struct umbb_filter {
     struct sock_filter code[UMBB_FILTER_CODE_MAX];
     size_t count;
@@ -38,7 +39,7 @@ struct umbb_filter_condition {
 /* Kills a call of another architecture, whose numbers would mean other calls. */
 void umbb_filter_begin(struct umbb_filter *filter);
 
-/* What happens at each of these calls: SECCOMP_RET_*. */
+/* Sets the action of each of these calls: SECCOMP_RET_*. */
 void umbb_filter_calls(struct umbb_filter *filter, const uint16_t *calls, size_t count,
                        uint32_t action);
 
@@ -47,8 +48,8 @@ void umbb_filter_if(struct umbb_filter *filter, const struct umbb_filter_conditi
 /* Allows a call whose argument is a null pointer: all 64 bits are compared. */
 void umbb_filter_if_null(struct umbb_filter *filter, uint16_t call, uint8_t argument);
 
-/* Ends the program with what happens at every other call, and shuts all threads of the process in.
- * Out: 1, or 0 and errno: nothing changed. */
+/* Ends the program with the action of every other call, and loads it for all threads of the
+ * process. Out: 1, or 0 and errno: nothing changed. */
 int umbb_filter_load(struct umbb_filter *filter, uint32_t otherwise);
 
 #endif

@@ -2,8 +2,8 @@
 /*
  * Landlock: every path is denied that no rule allows. glibc has no functions for it.
  *
- * Rules are for what a path leads to when the rule is made. Rights that this kernel's Landlock does
- * not know are left out of the rules and of what is denied: the system call filter covers them.
+ * A rule applies to the file that its path leads to when the rule is made. Rights unknown to this
+ * kernel's Landlock are neither allowed nor denied: the system call filter covers them.
  * Source: landlock(7).
  */
 #define _GNU_SOURCE /* O_PATH, syscall */

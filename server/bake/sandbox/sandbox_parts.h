@@ -4,7 +4,7 @@
 /* The layers behind sandbox.h and bake_sandbox.h. */
 #include <stddef.h>
 
-/* What a rule allows of a file, or of everything beneath a folder. */
+/* Rights that a rule gives over a file, or over everything below a folder. */
 enum umbb_path_use {
     UMBB_PATH_READ = 0,
     UMBB_PATH_RUN = 1,   /* read and run as a program */
