@@ -98,9 +98,9 @@ static int compare_files(const void *a, const void *b)
     return strcmp((*left)->path, (*right)->path);
 }
 
-/* Letters of ASCII in either case are one: a file system that folds case has one file for both.
- * Other letters are compared byte by byte; where a file system folds them too, the second file is
- * found to be there already and refused when it is made (upload.c). Never by locale. */
+/* Compares names without the case of ASCII letters, never by locale: a file system that folds case
+ * has one file for both names. Other letters are compared byte by byte. If a file system folds them
+ * too, the second file exists already and is refused when it is created (upload.c). */
 static int fold(unsigned char letter)
 {
     return letter >= 'A' && letter <= 'Z' ? letter - 'A' + 'a' : letter;
@@ -136,8 +136,8 @@ static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *ma
     return sorted;
 }
 
-/* 1 if the components that both paths begin with are equal but for their case. Paths with such
- * components lie side by side in the folded order. */
+/* 1 if the first components of both paths differ only by case. Such paths are neighbours in the
+ * folded order. */
 static int differ_by_case(const char *one, const char *other)
 {
     int differ = 0, differ_here = 0;

@@ -58,10 +58,10 @@ UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manife
                                               uint8_t key[UMBJ_HASH_BYTES],
                                               struct umb_error *error);
 
-/* What the service needs of a manifest. */
+/* Fields of a manifest that the service needs. */
 struct umbj_prepared {
     uint8_t key[UMBJ_HASH_BYTES];
-    uint64_t bytes; /* of all files */
+    uint64_t bytes; /* Bytes of all files */
     char settings[UMBJ_SETTINGS_SIZE];
 };
 
@@ -72,8 +72,8 @@ UMB_CHECKED enum umb_status umbj_manifest_prepare(const struct umbj_manifest *ma
                                                   struct umbj_prepared *prepared,
                                                   struct umb_error *error);
 
-/* Checks what a table holds of a manifest: settings as umbj_settings_text writes them, the name of
- * a scene. Fails: E_ARGUMENT. */
+/* Checks a manifest's fields in a row of the table: settings as umbj_settings_text writes them, and
+ * the name of the scene. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_settings_check(const char *text, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_scene_check(const char *scene, struct umb_error *error);
 

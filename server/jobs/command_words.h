@@ -23,7 +23,7 @@ struct umbj_words {
 void umbj_words_add(struct umbj_words *words, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
-/* Adds --sandbox=MODE: of every umbrage-bake that works on a job. mode: NULL = required. */
+/* Adds --sandbox=MODE, for every umbrage-bake of a job. mode: NULL = required. */
 void umbj_words_add_sandbox(struct umbj_words *words, const char *mode);
 
 /* Adds a job's settings, lines of --name=value, and before them --tile=N with the given number of

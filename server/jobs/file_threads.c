@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One thread; owner: whose request it works on, NULL = it waits. Under the mutex. */
+/* One thread; owner: owner of its current request, NULL = it waits. Under the mutex. */
 struct file_thread {
     struct umbj_file_threads *home;
     pthread_t thread;
@@ -35,8 +35,8 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
     return count;
 }
 
-/* Takes the first request of the owner with the fewest at work out of the queue, of several such
- * owners not of the one served last; NULL: there is none, or only such of owners that have their
+/* Removes the first request of the owner with the fewest running requests from the queue; of several
+ * such owners not of the one served last. NULL: the queue is empty, or all its owners have their
  * share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {

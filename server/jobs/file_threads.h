@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_SERVER_JOBS_FILE_THREADS_H
 #define UMBRAGE_SERVER_JOBS_FILE_THREADS_H
 /*
- * Threads for the file work of calls: bundles are checked, written, synced and removed here, so
- * that the service's thread waits for nothing but its table.
+ * Threads for the file work of calls. They check, write, sync and remove bundles, so the service's
+ * thread waits only for its table.
  *
  *     umbj_file_threads_create(count, service, &threads, &error);
  *     umbj_file_threads_post(threads, &request);     request.files is called on one of them
- *     umbj_file_threads_end(threads);                what waits is skipped
+ *     umbj_file_threads_end(threads);                waiting requests are skipped
  *     umbj_file_threads_destroy(threads);
  *
- * Fairness: the next request is that of the owner with the fewest at work, of several such owners
- * not of the one served last, and one owner never has all threads where there are several. So one
- * owner's large bundles, or many lists, hold up nothing of the others.
+ * Fairness: the next request is that of the owner with the fewest running requests, of several such
+ * owners not of the one served last. One owner never has all threads where there are several. One
+ * owner's large bundles, or many lists, therefore do not delay other owners.
  *
  * Order: requests of one upload follow each other, because the next is posted when the one before
  * is done. Requests of different calls have no order.
@@ -29,10 +29,10 @@ UMB_CHECKED enum umb_status umbj_file_threads_create(unsigned count, struct umbj
 /* Any thread. After the end the request is skipped at once. */
 void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request);
 
-/* Flag that is 1 from the end on: long work looks at it and stops. */
+/* Flag that is 1 after the end: long work polls it and stops. */
 const atomic_int *umbj_file_threads_stop(const struct umbj_file_threads *threads);
 
-/* Stops the work, skips what waits, joins the threads. Later posts are skipped. */
+/* Stops the work, skips waiting requests, joins the threads. Later posts are skipped. */
 void umbj_file_threads_end(struct umbj_file_threads *threads);
 
 /* Ends them if need be. NULL is allowed. */

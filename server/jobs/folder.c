@@ -125,8 +125,8 @@ enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error 
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot create the folder '%.100s'", name);
     }
-    /* Also one that was there: a process that ended between the two left it unsynced. Then the
-     * folder above may be closed to us. */
+    /* Also for a folder that exists: a process may have ended between mkdir and sync. The folder
+     * above may then not be readable. */
     if (sync_parent(parent, name) != 0 && made) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot sync what holds the folder '%.100s'", name);

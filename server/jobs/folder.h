@@ -24,9 +24,9 @@ void umbj_folder_remove(int parent, const char *name);
 /* The same, ended early once *stop is 1. */
 void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop);
 
-/* The same as umbj_folder_remove for a folder that others may still write into: it is NAME.gone
- * first, in one step, so that they do not find it any more. What cannot be removed stays under that
- * name. */
+/* As umbj_folder_remove, for a folder that other processes may still write into. It is first
+ * renamed to NAME.gone, in one step, so that they no longer find it. Files that cannot be removed
+ * stay under that name. */
 void umbj_folder_drop(int parent, const char *name);
 
 /* Removes everything in a folder but not itself. */

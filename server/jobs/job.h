@@ -59,13 +59,13 @@ struct umbj_job {
     int64_t tries, hard_tries; /* claims that failed; those that took the worker down */
     int64_t submitted_ms, started_ms, ended_ms; /* Unix time; 0 = not yet */
     int64_t not_before_ms;
-    int64_t lease_until_ms; /* of the steady clock of the process that claimed it */
+    int64_t lease_until_ms; /* Time on the steady clock of the process that claimed it */
     int64_t bundle_bytes;
     int has_asset;
     uint8_t asset[UMBJ_HASH_BYTES]; /* id, when done */
     char cause[UMBJ_CAUSE_SIZE];    /* of the last failure, one sentence */
-    int64_t row;                    /* number in the table */
-    const char *damage;             /* column of the table's row that is not sound; NULL = none */
+    int64_t row;                    /* Number of its row in the table */
+    const char *damage;             /* Name of the damaged column of its row; NULL = none */
 };
 
 /* "queued"; "rejected". Never NULL. */

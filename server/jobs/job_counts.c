@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What is counted: jobs by state, and what each owner keeps. Triggers keep the counts with each
- * change, in its transaction, so that no change looks at all rows; a start counts anew.
+ * Counts: jobs by state, and the jobs and bytes kept for each owner. Triggers update them in the
+ * transaction of each change, so no change scans all rows; each start counts again.
  */
 #include "jobs/job_table_internal.h"
 
@@ -9,7 +9,7 @@
 
 const char *const umbj__count_schema[] = {
     "CREATE TABLE state_count(state INTEGER PRIMARY KEY, count INTEGER NOT NULL)",
-    /* jobs: those that are over; bytes: of the assets that are the owner's */
+    /* jobs: finished jobs; bytes: size of the owner's assets */
     "CREATE TABLE tally(owner TEXT PRIMARY KEY, jobs INTEGER NOT NULL DEFAULT 0,"
     " bytes INTEGER NOT NULL DEFAULT 0)",
     "CREATE INDEX job_over ON job(owner, seq) WHERE state > 1",
@@ -117,14 +117,15 @@ enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                         "ti", owner, kept.jobs - most);
 }
 
-/* Notes and tells which quota is full. */
+/* Counts a refusal, and fails with the name of the full quota. */
 static enum umb_status refuse(struct umbj_table *table, enum umbj_quota quota)
 {
     table->refused[quota]++;
     return UMB_E_BUSY;
 }
 
-/* What owners keep: at a submission it must not be full, at publishing the asset must fit. */
+/* Quota of an owner's assets: at a submission it must not be full, at publishing the asset must
+ * fit. */
 static enum umb_status check_assets(struct umbj_table *table, const char *owner, int64_t bytes,
                                     struct umb_error *error)
 {
@@ -150,7 +151,7 @@ enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *own
     return status != UMB_OK || owned ? status : check_assets(table, owner, bytes, error);
 }
 
-/* What the owner's unfinished jobs, and those of all, take. */
+/* Bytes and number of the owner's unfinished jobs, and bytes of all owners'. */
 static enum umb_status count_unfinished(struct umbj_table *table, const char *owner,
                                         struct umbj_pending *used, struct umb_error *error)
 {

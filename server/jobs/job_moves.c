@@ -256,7 +256,7 @@ enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady, str
     return umbj__found(status, job, "with a lease that is over", error);
 }
 
-/* All that ran is lost. */
+/* Every job that ran is lost. */
 static enum umb_status lose_running(struct umbj_table *table, int64_t now, int64_t *count,
                                     struct umb_error *error)
 {

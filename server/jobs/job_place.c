@@ -19,19 +19,19 @@ void umbj_place_init(struct umbj_place *place)
     *place = (struct umbj_place){.folder = {.fd = -1}, .table = {.fd = -1}};
 }
 
-/* The folder that a path's last name is in. */
+/* Parent folder of a path. */
 static enum umb_status folder_of(const char *path, char folder[4200], struct umb_error *error)
 {
     const char *slash = strrchr(path, '/');
     const int length = slash == NULL   ? snprintf(folder, 4200, ".")
                        : slash == path ? snprintf(folder, 4200, "/")
                                        : snprintf(folder, 4200, "%.*s", (int)(slash - path), path);
-    return length < 4200 ? UMB_OK
-                         : umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long",
-                                    length);
+    return length < 4200
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long", length);
 }
 
-/* Refuses a folder that other machines may have, too. */
+/* Refuses a folder on a network file system. */
 static enum umb_status check_reach(const char *folder, struct umb_error *error)
 {
     const char *name = "";
@@ -51,7 +51,7 @@ static enum umb_status check_reach(const char *folder, struct umb_error *error)
                     folder, name);
 }
 
-/* A table of its own: in a folder that other users cannot change, and with none left in DIR. */
+/* Checks a table outside DIR: other users cannot change its folder, and DIR has no other table. */
 static enum umb_status check_apart(const char *jobs, const char *table, const char *folder,
                                    struct umb_error *error)
 {

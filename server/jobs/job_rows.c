@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rows of the job table on their way in. The table is a file: a damaged page, or a hand with
- * sqlite3, may put anything into any column, so each is checked as a manifest is before it is used.
+ * Validation of rows of the job table. A damaged page, or a user with sqlite3, may put any value
+ * into any column, so each column is checked before use, as a manifest is.
  *
- * A row that is not sound becomes a job that failed, with the column's name as its cause; one whose
- * id or owner is not sound can be shown to no owner and is removed. Neither is ever run: nothing of
- * it gets into a path or a command line.
+ * A damaged row becomes a failed job, with the column's name as its cause. A row with a damaged id
+ * or owner has no owner to be shown to and is removed. Neither is run: no value of it gets into a
+ * path or a command line.
  */
 #include "jobs/job_table_internal.h"
 
@@ -18,7 +18,7 @@
 
 #define NUMBER_MAX ((int64_t)1 << 53) /* of times, epochs, bytes: exact in every language */
 
-/* A row being read: the first column that is not sound stays noted. */
+/* Row being read, with the name of its first damaged column. */
 struct reading {
     sqlite3_stmt *row;
     const char *damage;
@@ -65,7 +65,7 @@ static void take_names(struct reading *reading, struct umbj_job *job)
     }
     if (!take_text(reading, 1, job->owner, sizeof job->owner) ||
         !umbs_text_is_clean(job->owner, strlen(job->owner), 0)) {
-        job->id[0] = '\0'; /* it can be shown to no owner */
+        job->id[0] = '\0'; /* no owner may see it */
         job->owner[0] = '\0';
         blame(reading, 0, "owner");
     }
@@ -90,7 +90,7 @@ static void take_numbers(struct reading *reading, struct umbj_job *job)
     job->bundle_bytes = take_integer(reading, 14, "bundle_bytes", 0, NUMBER_MAX);
 }
 
-/* What is wrong between columns. */
+/* Checks columns against each other. */
 static void check_whole(struct reading *reading, const struct umbj_job *job)
 {
     const int has_asset = sqlite3_column_type(reading->row, 15) != SQLITE_NULL;
@@ -107,7 +107,7 @@ void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job)
     take_names(&reading, job);
     take_numbers(&reading, job);
     job->has_asset = umbj_sql_hash(row, 15, job->asset);
-    (void)take_text(&reading, 16, cause, sizeof cause); /* a sentence to be read, not used */
+    (void)take_text(&reading, 16, cause, sizeof cause); /* text for people only */
     umbs_text_clean(job->cause, sizeof job->cause, cause, strlen(cause));
     job->row = sqlite3_column_int64(row, 17);
     check_whole(&reading, job);
@@ -168,12 +168,12 @@ enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
-/* Damaged rows of one look, so many at most: retiring changes what is being read. */
+/* Limit of damaged rows of one scan: retiring a row changes the table that is being read. */
 #define LOOK_MOST 64
 struct look {
     struct umbj_job jobs[LOOK_MOST];
     size_t count;
-    int64_t last; /* seq of the last row that was seen */
+    int64_t last; /* seq of the last row read */
 };
 
 static enum umb_status look_at_row(void *user, sqlite3_stmt *row)
@@ -181,7 +181,7 @@ static enum umb_status look_at_row(void *user, sqlite3_stmt *row)
     struct look *look = user;
     struct umbj_job *job = &look->jobs[look->count < LOOK_MOST ? look->count : LOOK_MOST - 1];
     if (look->count == LOOK_MOST) {
-        return UMB_OK; /* seen again in the next look */
+        return UMB_OK; /* read again in the next scan */
     }
     umbj__read_job(row, job);
     look->last = job->row;

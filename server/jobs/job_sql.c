@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#define BUSY_MS     5000 /* somebody may be looking at the table with sqlite3 */
+#define BUSY_MS     5000 /* a user may have the table open in sqlite3 */
 #define ANSWER_SIZE 32
 
 /* A mode that the database must have. */
@@ -51,8 +51,8 @@ static enum umb_status take_answer(void *user, sqlite3_stmt *row)
 }
 
 /*
- * Sets one mode and asks for it: SQLite answers a mode that the file system or its build does not
- * allow with the one that it keeps, and no error.
+ * Sets one mode and reads it back: if the file system or SQLite's build does not allow a mode,
+ * SQLite keeps the old one without an error.
  */
 static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
                               struct umb_error *error)

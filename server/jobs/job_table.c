@@ -26,7 +26,7 @@ static const char *const schema[] = {
     /* When an owner was last served, in claims: their order is that of the clock, and never ties.
      */
     "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
-    "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* and what version 2 adds */
+    "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* and the columns of version 2 */
     ("CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
      " PRIMARY KEY(asset, owner))"),
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
@@ -54,7 +54,7 @@ enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job, 
     return status;
 }
 
-/* What version 2 has besides: sizes of assets, how many owners they have, and counts. */
+/* Additions of version 2: sizes of assets, their numbers of owners, and counts. */
 static const char *const sizes[] = {
     "ALTER TABLE asset ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0",
     "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",
@@ -113,7 +113,7 @@ static enum umb_status take_verdict(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
-/* Damaged pages are found now, not when a job is at stake. */
+/* Finds damaged pages at the start, before a job needs them. */
 static enum umb_status check_pages(struct umbj_sql *sql, const char *path, struct umb_error *error)
 {
     char verdict[200] = "ok";
@@ -242,7 +242,7 @@ static enum umb_status take_listed(void *user, sqlite3_stmt *row)
     }
     struct umbj_job *job = &list->jobs[list->count];
     umbj__read_job(row, job);
-    list->count += job->id[0] != '\0'; /* without an id it can be neither named nor shown */
+    list->count += job->id[0] != '\0'; /* a job without an id is not listed */
     return UMB_OK;
 }
 

@@ -42,8 +42,8 @@ struct umbj_limits {
     int64_t owner_bytes; /* of their bundles */
     int64_t total_bytes; /* of the bundles of all */
     int64_t lease_ms;
-    int64_t owner_assets;  /* bytes of one owner's assets; 0 = no limit */
-    int64_t owner_history; /* jobs of one owner that are over; 0 = no limit */
+    int64_t owner_assets;  /* Limit of the bytes of one owner's assets; 0 = none */
+    int64_t owner_history; /* Limit of the finished jobs of one owner; 0 = none */
 };
 
 /* Which quota refused. */
@@ -103,9 +103,9 @@ UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, con
 /* How often each quota refused since the table was opened. */
 int64_t umbj_table_refused(const struct umbj_table *table, enum umbj_quota quota);
 
-/* What an owner keeps (NULL: all owners together). */
+/* Jobs and bytes kept for an owner (NULL: for all owners together). */
 struct umbj_kept {
-    int64_t jobs;        /* that are over */
+    int64_t jobs;        /* Number of finished jobs */
     int64_t asset_bytes; /* an asset of two owners counts for both */
 };
 UMB_CHECKED enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner,
@@ -116,7 +116,7 @@ UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, con
                                                    const uint8_t *asset, int64_t bytes,
                                                    struct umb_error *error);
 
-/* Forgets an owner's oldest jobs that are over, beyond owner_history. */
+/* Forgets an owner's oldest finished jobs beyond owner_history. */
 UMB_CHECKED enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                                             struct umb_error *error);
 
@@ -124,7 +124,7 @@ UMB_CHECKED enum umb_status umbj_table_trim(struct umbj_table *table, const char
 UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
                                              struct umbj_job *job, struct umb_error *error);
 
-/* Reads what a worker needs. Fails: E_NOT_FOUND; E_CORRUPT (scene or settings are none of ours). */
+/* Reads the scene and settings for a worker. Fails: E_NOT_FOUND, E_CORRUPT (a damaged row). */
 UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
                                             char scene[UMBJ_SCENE_SIZE],
                                             char settings[UMBJ_SETTINGS_SIZE],
@@ -156,12 +156,12 @@ UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const ch
 UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady,
                                                struct umbj_job *job, struct umb_error *error);
 
-/* After a start: rows that are not sound are retired, running jobs are queued again as lost, and
- * all is counted anew. Out: count: how many were lost. */
+/* After a start: retires damaged rows, queues running jobs again as lost, and counts all rows.
+ * Out: count: number of lost jobs. */
 UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now,
                                                int64_t *count, struct umb_error *error);
 
-/* Rows that were not sound, since the table was opened. */
+/* Number of damaged rows since the table was opened. */
 int64_t umbj_table_damaged(const struct umbj_table *table);
 
 /* Before a planned end: running jobs are queued again, and it counts for nothing. */
@@ -196,8 +196,8 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 
 /* --- assets that jobs made (job_assets.c) --- */
 
-/* Notes an asset and its size before its file gets its name, so that a crash leaves no file nobody
- * knows. */
+/* Adds an asset and its size before its file gets its name, so that a crash leaves no unknown file.
+ */
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
                                                 int64_t bytes, struct umb_error *error);
 

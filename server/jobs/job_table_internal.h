@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 /* Between the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c owns,
- * job_rows.c checks what is read, job_counts.c counts. */
+ * job_rows.c validates rows, job_counts.c counts. */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
 
 struct umbj_table {
     struct umbj_sql sql;
     struct umbj_limits limits;
-    int64_t damaged; /* rows that were not sound */
+    int64_t damaged; /* Number of damaged rows */
     int64_t refused[UMBJ_QUOTA_COUNT];
 };
 
@@ -33,15 +33,15 @@ enum umb_status umbj__take_number(void *user, sqlite3_stmt *row);
 
 /* --- job_rows.c --- */
 
-/* Reads a row of UMBJ__JOB_COLUMNS. One that is not sound has `damage`, and is a failed job with
- * its cause; its id is empty if it can be shown to no owner. */
+/* Reads a row of UMBJ__JOB_COLUMNS. A damaged row has `damage` and is a failed job with a cause;
+ * its id is empty if it has no valid owner. */
 void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
 
 /* Makes a damaged row what umbj__read_job made of it, or removes it. */
 UMB_CHECKED enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job,
                                          int64_t now, struct umb_error *error);
 
-/* For loops: 1 if *job was damaged and is retired, so that the query is to be made again. */
+/* For loops: 1 if *job was damaged and is retired, so that the query must run again. */
 int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
                   int64_t now, struct umb_error *error);
 
@@ -49,11 +49,11 @@ int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj
 struct umbj__spec {
     int found;
     char *scene, *settings; /* [UMBJ_SCENE_SIZE], [UMBJ_SETTINGS_SIZE] */
-    const char *damage;     /* column that is not sound, NULL = none */
+    const char *damage;     /* Name of the damaged column, NULL = none */
 };
 enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row);
 
-/* Looks at every row once and retires what is not sound. */
+/* Reads every row once and retires damaged rows. */
 UMB_CHECKED enum umb_status umbj__mend(struct umbj_table *table, int64_t now,
                                        struct umb_error *error);
 

@@ -24,7 +24,7 @@
 #include "jobs/staging.h"
 
 #define LOOK_MS      1000    /* longest sleep: leases and pauses are looked at so often */
-#define SERVE_MS     20      /* between looks whether the daemon serves what was published */
+#define SERVE_MS     20      /* between checks whether the daemon serves a published asset */
 #define PRUNE_MS     3600000 /* between removals of old jobs */
 #define FILE_THREADS 4       /* for bundles; one owner has at most one less */
 #define REQUESTS_MS  100 /* of requests without a break: they must not keep jobs from starting */
@@ -166,7 +166,7 @@ static int64_t sleep_ms(struct umbj_service *service)
     return when > now ? when - now : 1;
 }
 
-/* Shows that this daemon is alive, and learns if another one took it for dead. */
+/* Increments the owner's counter, and learns whether another daemon has taken over. */
 static void beat(struct umbj_service *service)
 {
     struct umb_error error;
@@ -272,7 +272,7 @@ enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t si
     return status == UMB_OK ? umbj_folder_make(AT_FDCWD, assets, error) : status;
 }
 
-/* Says so where other users can change the folder, which a cluster's shared storage may need. */
+/* Logs that other users can change the folder; shared storage of a cluster may need this. */
 static void warn_if_shared(const struct umbj_service *service)
 {
     char *resolved = NULL;
@@ -467,7 +467,7 @@ enum umb_status umbj_service_create(const struct umbj_service_options *options,
     return status;
 }
 
-/* Uploads that calls still hold: what they have on the disk is swept at the next start. */
+/* Frees uploads that calls still hold; the next start removes their files. */
 static void leave_uploads(struct umbj_service *service)
 {
     while (service->promises != NULL) {
@@ -506,8 +506,7 @@ void umbj_service_destroy(struct umbj_service *service)
         request->done(request);
         request = next_request(service, 0);
     }
-    if (service->opened && !service->lost &&
-        umbj_table_release(service->table, &error) != UMB_OK) {
+    if (service->opened && !service->lost && umbj_table_release(service->table, &error) != UMB_OK) {
         umbj__log_error(service, "job_release", &error); /* then they are lost ones */
     }
     umbj_table_close(service->table);

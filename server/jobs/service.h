@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_JOBS_SERVICE_H
 /*
  * The job service: one thread that owns the table and the executor, threads for the files of calls
- * (file_threads.h), and the requests that others send them.
+ * (file_threads.h), and the requests to both.
  *
  *     umbj_service_create(&options, &service, &error);      recovers what an earlier daemon left
  *     umbj_service_post(service, &request);                 request.files, then request.run
@@ -22,8 +22,7 @@
  * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
  *
  * One daemon a jobs folder and table: job_place.h. A daemon that learns that another one took over
- * starts no job, takes no submission and removes no file any more; what it still reports is fenced
- * by the epoch.
+ * starts no job, takes no submission and removes no file; the epoch fences its late reports.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -35,9 +34,9 @@
 struct umbj_executor;
 struct umbj_service; /* opaque */
 
-/* Clocks, in milliseconds. Leases go by `steady`, which no step of the machine's time moves and
- * which stands still while the machine sleeps, as bakes do. `unix_ms` is what jobs show, and what
- * outlives the process: times of submission, start and end, pauses between tries. */
+/* Clocks, in milliseconds. Leases use `steady`, a monotonic clock that stands still while the
+ * machine sleeps, as bakes do. `unix_ms` is for times that are shown or outlive the process:
+ * submission, start, end, pauses between tries. */
 struct umbj_clocks {
     int64_t (*unix_ms)(void *user);
     int64_t (*steady_ms)(void *user);
@@ -63,13 +62,13 @@ struct umbj_service_options {
     const struct umbs_log *log;
     /* The store has a new file, or one less: called on the service's thread. */
     void (*store_changed)(void *user);
-    /* The asset's file gets its name now; there may be an equal one of other owners, which must not
-     * show in how long the rest takes. NULL: nothing to do. */
+    /* Called before the asset's file gets its name. An equal file of other owners must not change
+     * the time of the following steps. NULL: nothing to do. */
     void (*replacing)(void *user, const uint8_t *asset);
     /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
-    /* For tests; NULL: the system's clocks, and an executor made from what is above. */
+    /* For tests; NULL: the system's clocks, and an executor made from the options above. */
     const struct umbj_clocks *clocks;
     struct umbj_executor *executor; /* the service's, also if create fails */
 };
@@ -79,7 +78,7 @@ struct umbj_counters {
     atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
     atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
     atomic_uint_fast64_t task_failures[UMBJ_FAILURE_COUNT]; /* of a farm */
-    atomic_int_fast64_t owned_bytes;                /* of assets; one of two owners counts twice */
+    atomic_int_fast64_t owned_bytes; /* Bytes of assets; an asset of two owners counts twice */
     atomic_uint_fast64_t refused[UMBJ_QUOTA_COUNT]; /* submissions and assets, by quota */
     atomic_uint_fast64_t damaged_rows;              /* of the table */
     atomic_uint_fast64_t submitted, finished;
@@ -95,8 +94,8 @@ struct umbj_request {
     void (*files)(struct umbj_request *request);
     void (*run)(struct umbj_request *request, struct umbj_service *service);
     void (*done)(struct umbj_request *request);
-    const char *owner; /* whose files: owners share the threads fairly. Lives until done */
-    int reads;         /* `files` reads the table instead, on a thread of its own */
+    const char *owner; /* Owner of the files: owners share the threads fairly. Lives until done */
+    int reads;         /* 1 if `files` reads the table instead, on a separate thread */
     int skipped;
 };
 
@@ -139,8 +138,8 @@ UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, co
                                                 struct umbj_job *job, struct umbj_upload **upload,
                                                 struct umb_error *error);
 
-/* Gives an upload of _submit up, whatever became of it; NULL is allowed. What it has on the disk
- * was removed before, on a thread for files (umbj_upload_discard). */
+/* Frees an upload of _submit in any state; NULL is allowed. A thread for files has removed its
+ * files before (umbj_upload_discard). */
 void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload);
 
 /* Makes the job of an upload whose bundle is in its place (umbj_upload_accept, on a thread for

@@ -29,16 +29,16 @@ struct umbj_service {
     struct umbj_service_options options;
     char program[4096];
     char folder_path[4096], assets_path[4200],
-        work_path[4200]; /* absolute: workers run elsewhere */
+        work_path[4200];     /* absolute: workers run elsewhere */
     int folder;              /* descriptor */
-    struct umbj_place place; /* of the folder and the table: ours alone */
-    int lost;                /* another daemon took it over: this one starts nothing any more */
+    struct umbj_place place; /* Folder and table, with their locks */
+    int lost;                /* 1 after another daemon took over: this one starts no job */
     struct umbj_table *table;
     struct umbj_board *board;
     struct umbj_executor *executor;
     struct umbj_file_threads *file_threads;
     struct umbj_file_threads *reader; /* one thread, which alone uses read_table */
-    struct umbj_table *read_table;    /* its own connection: lists wait for no commit */
+    struct umbj_table *read_table;    /* Separate connection: lists wait for no commit */
     struct umbj_clocks clocks;
     struct umbj_counters counters;
     struct umbj_loading *loading;
@@ -54,12 +54,12 @@ struct umbj_service {
     int closing;
 };
 
-/* All of umbj_service_create but the thread; tests then take its turns themselves. */
+/* All of umbj_service_create but the thread; tests then run its turns. */
 UMB_CHECKED enum umb_status umbj__service_open(const struct umbj_service_options *options,
                                                struct umbj_service **out, struct umb_error *error);
 
-/* One turn of the thread: waits so long for a request, runs what is there, then looks at reports,
- * leases and what may start. */
+/* One turn of the thread: waits up to wait_ms for a request, runs the waiting requests, then
+ * handles reports, leases and jobs that may start. */
 void umbj__service_turn(struct umbj_service *service, int64_t wait_ms);
 
 int64_t umbj__unix_ms(const struct umbj_service *service);
@@ -95,10 +95,10 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
 /* A job's state changed: board, counters, one line in the log. */
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
 
-/* Takes the table's counts of refusals over. */
+/* Copies the table's counts of refusals. */
 void umbj__note_refusals(struct umbj_service *service);
 
-/* Takes the table's counts over. */
+/* Copies the table's counts. */
 void umbj__recount(struct umbj_service *service);
 
 void umbj__log_error(const struct umbj_service *service, const char *event,

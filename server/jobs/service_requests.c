@@ -93,13 +93,13 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
-/* A daemon that another one took for dead must not promise, nor remove, anything. */
+/* After another daemon took over, this one accepts no submission and removes nothing. */
 static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
 {
-    return !service->lost ? UMB_OK
-                          : umb_fail(error, UMB_E_UNAVAILABLE,
-                                     "jobs: another daemon has taken over '%.150s'",
-                                     service->options.folder);
+    return !service->lost
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNAVAILABLE, "jobs: another daemon has taken over '%.150s'",
+                          service->options.folder);
 }
 
 enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,

@@ -108,8 +108,8 @@ static void end_removal(struct umbj_request *request)
     free(removal);
 }
 
-/* Removes what was taken away, later; what is not removed for want of memory, or at an end, is
- * swept at the next start. */
+/* Removes a renamed folder on a thread for files. If memory is short or the service ends, the next
+ * start removes it. */
 static void remove_later(struct umbj_service *service, const char *gone)
 {
     struct removal *removal = calloc(1, sizeof *removal);
@@ -279,7 +279,7 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
     }
 }
 
-/* Now the owner may see the asset, if it is still the owner's, and hear of it. */
+/* Shows the asset to its owner, if it still has that owner, and notifies the watchers. */
 static void tell_served(struct umbj_service *service, const struct umbj_job *job)
 {
     struct umb_error error;
@@ -344,7 +344,7 @@ static enum umb_status check_there(struct umbj_service *service, const uint8_t *
                : umb_fail(error, UMB_E_IO, "the asset's file could not be published");
 }
 
-/* Size of what would be published. */
+/* Size of the file to be published. */
 static enum umb_status size_of(struct umbj_service *service, const struct umbj_report *report,
                                int64_t *bytes, struct umb_error *error)
 {
@@ -548,7 +548,7 @@ static void sweep_staged(struct umbj_service *service)
     close(assets);
 }
 
-/* Sizes of assets that an older program did not note. A file that is gone stays without. */
+/* Adds the sizes of assets of an older version. A missing file has none. */
 static void note_size(void *user, const uint8_t *asset)
 {
     struct unsized_assets *sizes = user;

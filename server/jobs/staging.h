@@ -13,7 +13,7 @@
  * Stages a file of at most so many bytes: a farm's machines have no limit of ours.
  *
  * Out:   staged: to be committed or abandoned by the caller, also if a file of that id is in the
- *        folder already: whose it is must not show in what is done. asset: the id.
+ *        folder already: the steps must not depend on other owners. asset: the id.
  * Fails: E_TOO_LARGE, E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE,
  * E_NO_MEMORY: staged is not begun. Cost:  reads the file twice, writes it once.
  */

@@ -38,7 +38,7 @@ struct umbj_upload {
     uint64_t written;
     uint8_t head[UMBJ_HEAD_BYTES]; /* of the current file */
     SHA256_CTX hash;
-    size_t folders; /* that were made below the bundle's */
+    size_t folders; /* Number of folders made below the bundle's */
     int accepted, left;
     atomic_int holders; /* who may still look at it: the call, and the service's promise */
 };
@@ -230,7 +230,7 @@ static enum umb_status write_all(int fd, const char *bytes, size_t count, const 
     return UMB_OK;
 }
 
-/* Looks at a file's first bytes once they are there. */
+/* Checks a file's first bytes once they have arrived. */
 static enum umb_status look_at_head(struct umbj_upload *upload, const char *bytes, size_t count,
                                     struct umb_error *error)
 {
@@ -292,7 +292,7 @@ static int sync_folders(int folder)
     return failed ? -1 : 0;
 }
 
-/* Makes the bundle durable, whatever of it is not yet. */
+/* Syncs the parts of the bundle that are not yet durable. */
 static int sync_bundle(const struct umbj_upload *upload)
 {
     if (upload->file_count > SYNC_EACH_MAX || upload->folders > SYNC_EACH_MAX) {
@@ -302,8 +302,8 @@ static int sync_bundle(const struct umbj_upload *upload)
     return copy >= 0 ? sync_folders(copy) : -1;
 }
 
-/* Syncs the folder of bundles: also for one that was there already, whose own upload may not have
- * come so far. */
+/* Syncs the folder of bundles, also for a bundle that exists: its upload may not have synced yet.
+ */
 static enum umb_status sync_names(const struct umbj_upload *upload, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;

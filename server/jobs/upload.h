@@ -7,13 +7,13 @@
  * folder get its name, the key.
  *
  * Durability: a bundle of a few files is synced file by file, a larger one by one syncfs for all.
- * Then come the folders, the rename and the folder of bundles; only then may a job stand for it.
+ * Then the folders, the rename and the folder of bundles are synced. Only then may a job use it.
  *
  *     umbj_upload_begin(folder, &manifest, key, stop, &upload, &error);
  *     umbj_upload_write(upload, bytes, count, &error);          as they come
  *     umbj_upload_accept(upload, &error);
- *     umbj_upload_discard(upload);                              removes what was not accepted
- *     umbj_upload_destroy(upload);
+ *     umbj_upload_discard(upload);                              removes an upload that was not
+ * accepted umbj_upload_destroy(upload);
  *
  * Folders of a jobs folder: incoming/RANDOM, bundles/KEY, work/JOB.EPOCH.
  * Threads: one at a time. All but begin block on the disk.
@@ -46,16 +46,16 @@ UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struc
  * the jobs folder. Returns 0, also if there is none, or -1 with errno: it stays whole. */
 int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES]);
 
-/* The first step of it alone. Out: gone: the path in the jobs folder that is then to be removed, ""
- * if there is none. Returns 0, or -1 with errno. */
+/* First step of the removal only. Out: gone: path in the jobs folder that the caller must remove,
+ * "" if there is none. Returns 0, or -1 with errno. */
 #define UMBJ_GONE_SIZE 128
 int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE]);
 
-/* Removes what was not accepted from the disk, unless it was stopped: the next start sweeps it.
+/* Removes the files of an upload that was not accepted. After a stop the next start removes them.
  * NULL is allowed. */
 void umbj_upload_discard(struct umbj_upload *upload);
 
-/* Forgets the stop flag and leaves what is on the disk to the next start. */
+/* Forgets the stop flag and leaves the files to the next start. */
 void umbj_upload_leave(struct umbj_upload *upload);
 
 /* A second holder: its memory stays until that one lets go, too, whatever is done with it. */

@@ -33,14 +33,14 @@ struct umbr_exact {
     double radius;  /* metres, around base */
 };
 
-/* What a ray is traced for. */
+/* Purpose of a ray. */
 enum wanted {
     WANT_ANY,
     WANT_NEAREST,
     WANT_WINDING
 };
 
-/* Embree's context with the ray in doubles and what it found. */
+/* Embree's context, with the ray in doubles and its nearest hit. */
 struct search {
     struct RTCIntersectContext context; /* first: Embree sees only this */
     const struct umbr_exact *exact;
@@ -94,7 +94,7 @@ static double largest(const double a[3])
 }
 
 /*
- * On which side of an edge a ray passes, twice the volume of both; 0 where rounding decides. The
+ * Side of an edge on which a ray passes: twice the volume of both, or 0 where rounding decides. The
  * Pluecker form of difference and sum errs by the length of the edge, not by its distance, and
  * changes its sign with the direction of the edge, bit for bit.
  */
@@ -110,8 +110,8 @@ static double side_of_edge(const double a[3], const double b[3], const double di
     return fabs(side) <= ROUNDING * largest(difference) * largest(sum) ? 0 : side;
 }
 
-/* Where a ray hits a triangle: 1 and the distance, the weights of its corners and whether it is
- * met from behind; or 0. */
+/* Hit of a ray with a triangle: returns 1 with the distance, the weights of the corners and whether
+ * the ray meets the back; else 0. */
 static int hit_triangle(const struct search *search, uint32_t triangle, double *distance,
                         double weight[3], int *leaving)
 {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_RAYS_EXACT_RAYS_H
 #define UMBRAGE_SERVER_RAYS_EXACT_RAYS_H
 /*
- * Ray tracing in doubles: the judge's second opinion where floats cannot tell (verify.h).
+ * Ray tracing in doubles, for verify.h where floats are too coarse.
  *
  * Embree's hierarchy only names triangles whose padded boxes a ray meets; each is then tested in
  * doubles, relative to the ray's start. Watertight: the side of an edge that a ray passes on is
@@ -25,14 +25,14 @@ struct umbr_exact_ray {
     const double *origin; /* [3] metres, world */
     double from[3];       /* metres, relative to origin */
     double direction[3];  /* unit */
-    double far_m;         /* may be infinite */
+    double far_m;         /* Length of the ray in metres; may be infinite */
 };
 
 /* The nearest hit. */
 struct umbr_exact_hit {
     double distance;   /* metres; negative if nothing was hit */
     uint32_t triangle; /* UINT32_MAX if nothing was hit */
-    int leaving;       /* 1: it is the back of the triangle, by its winding */
+    int leaving;       /* 1 if the ray meets the back of the triangle, by its winding */
 };
 
 /*

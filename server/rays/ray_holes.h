@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_RAYS_RAY_HOLES_H
 #define UMBRAGE_SERVER_RAYS_RAY_HOLES_H
-/* What rays go through: holes of cut-out triangles, those that cast nothing, translucent ones. */
+/* Triangles that rays pass through: holes of cut-outs, triangles that cast nothing, translucent
+ * ones. */
 #include "common/scene_alpha.h"
 
 /* 1 if a ray goes on at these weights of a triangle's second and third corner. */

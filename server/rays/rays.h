@@ -6,8 +6,8 @@
  * Independent of the bake's coverage predicate: Embree intersects the triangles itself.
  *
  * Precision: Embree works in float; triangles are handed over relative to the centre of the scene,
- * so that a ray misses by some 2^-22 of the scene's radius and by umbr_rays_error_m at most. Where
- * that is too coarse, umbr_rays_exact has rays in doubles.
+ * so a ray is off by some 2^-22 of the scene's radius, at most by umbr_rays_error_m. Where that is
+ * too coarse, umbr_rays_exact has rays in doubles.
  * Threads: a built scene is immutable; any thread may trace.
  */
 #include <stddef.h>
@@ -56,7 +56,8 @@ void umbr_rays_destroy(struct umbr_rays *rays);
 double umbr_rays_error_m(const struct umbr_rays *rays);
 
 /*
- * The same triangles for rays in doubles. Built at the first call, by any thread; the rays' own.
+ * Hierarchy of the same triangles for rays in doubles. The first call, on any thread, builds it; it
+ * belongs to the rays.
  *
  * Fails: as umbr_exact_create; then *exact is NULL.
  */

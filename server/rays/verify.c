@@ -26,7 +26,7 @@ struct crew {
     const struct umbr_exact *exact; /* NULL: no frame needs it */
     uint64_t points, block_count;
     atomic_uint_least64_t next_block;
-    atomic_int stopped, failed; /* failed: memory for rays in doubles was refused */
+    atomic_int stopped, failed; /* Flags; failed: no memory for rays in doubles */
     pthread_mutex_t lock;       /* guards total, worst_block and calls of progress */
     struct umbr_verify_result total;
     uint64_t worst_block;
@@ -144,9 +144,9 @@ static void run(struct crew *crew)
     }
 }
 
-/* Makes the light local, and finds how near to a lamp nothing casts: what a bake leaves out is
- * nearer than 2^-26 of the way to the farthest corner of the casters' box, or a surface that the
- * lamp stands on (bake/analysis/lamp_contact.h). */
+/* Makes the light local, and finds the distance from a lamp within which nothing casts. A bake
+ * leaves out casters nearer than 2^-26 of the distance to the farthest corner of the casters' box,
+ * and a surface that the lamp is on (bake/analysis/lamp_contact.h). */
 static void place_light(struct umbr_verify_job *job, const struct umb_asset_info *info)
 {
     double square = 0;

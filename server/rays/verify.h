@@ -15,10 +15,10 @@
  * Of lamps, as many places again as a quarter of the points are drawn anywhere in the casters' box:
  * those that no face covers must be lit, and are counted only if they are not.
  *
- * Floats and doubles: rays of a frustum whose voxels are smaller than what rays in floats can miss
- * by (umbr_rays_error_m), or that has casters near its lamp, are traced in doubles (exact_rays.h),
- * drawing, truth and band alike. Elsewhere what rays in floats call wrong is judged once more in
- * doubles. So the band is one voxel everywhere.
+ * Floats and doubles: a frustum needs doubles (exact_rays.h) for all its rays if its voxels are
+ * smaller than the error of float rays (umbr_rays_error_m), or if it has casters near its lamp. In
+ * other frusta, a point that float rays judge wrong is judged again in doubles. The band is
+ * therefore one voxel everywhere.
  *
  * Assets baked under the static rule know of points on surfaces only: all points are such, found by
  * rays along the light from anywhere in the box and moved by the automatic bias of one tap, on the

@@ -15,7 +15,7 @@
 
 #define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
 
-/* What all blocks share; immutable while they run. Places are local (verify_frame.h). */
+/* Data of all blocks; immutable while they run. Places are local (verify_frame.h). */
 struct umbr_verify_job {
     const struct umb_asset *asset;
     const struct umbr_rays *rays;
@@ -24,7 +24,7 @@ struct umbr_verify_job {
     struct umbr_frame *frames;   /* [light.frustum_count] */
     double origin[3];            /* of the asset, world */
     struct umb_box bounds;       /* of the casters, world */
-    double free_m;               /* before a lamp: nothing in it casts */
+    double free_m;               /* Distance from a lamp within which nothing casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
     int is_static;            /* baked under the static rule */
@@ -81,8 +81,8 @@ void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umb
 int umbr_verify_trace(const struct umbr_verify_block *block, const double local[3], int *buried);
 
 /*
- * Turns a block to rays in doubles, to judge once more what rays in floats call wrong. Returns 0 if
- * it has them already, or memory is refused (then status says so). The caller puts exact back.
+ * Switches a block to rays in doubles, to judge a point again that float rays judge wrong. Returns
+ * 0 if it uses them already, or if memory is refused (status). The caller restores `exact`.
  */
 int umbr_verify_look_again(struct umbr_verify_block *block);
 

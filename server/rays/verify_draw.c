@@ -187,7 +187,8 @@ static void ask_row(const struct umbr_verify_block *block, const struct row *row
         double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]};
         voxel[row->axis] = at[i] + 0.5;
         if (!umbr_frame_local(block->frame, voxel, local[i])) {
-            memset(local[i], 0, sizeof local[i]); /* voxels behind a lamp: no place, any answer */
+            memset(local[i], 0,
+                   sizeof local[i]); /* voxels behind a lamp have no place; any answer is right */
         }
     }
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);

@@ -5,8 +5,7 @@
  * From voxels back to the world, and from there to the light.
  *
  * Places are local: metres relative to the asset's origin. A voxel next to a lamp may be smaller
- * than what a double resolves at a coordinate of 1e7 m, and is not smaller than what it resolves at
- * the scene's extent.
+ * than the resolution of doubles at a coordinate of 1e7 m, but not at the scene's extent.
  */
 #include "umbrage/asset.h"
 

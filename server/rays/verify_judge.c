@@ -13,8 +13,8 @@
 
 #include "base/vec.h"
 
-/* Rays in floats leave out what is nearer to a lamp than 2^-16 of a point's distance, which is up
- * to twice W: casters beyond 2^-12 of the last W are surely not left out. */
+/* Float rays leave out casters nearer to a lamp than 2^-16 of a point's distance, which is up to
+ * twice W. Casters beyond 2^-12 of the last W are never left out. */
 #define FLOATS_REACH 0x1p-12
 
 enum {
@@ -270,10 +270,10 @@ int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct um
     return in_band(block, sample, truth) || is_inside_by_vote(block, sample->centre);
 }
 
-/* What an answer is worth. */
+/* Verdict on an answer. */
 enum verdict {
     AGREES,
-    SAYS_NOTHING, /* inside a closed solid, where anything would do */
+    SAYS_NOTHING, /* inside a closed solid, where any answer is right */
     IN_BAND,
     WRONG,
 };
@@ -297,7 +297,7 @@ static enum verdict judge_answer(const struct umbr_verify_block *block,
                : WRONG;
 }
 
-/* The same, and what rays in floats call wrong is judged once more in doubles. */
+/* The same, and judges a point again in doubles if float rays judge it wrong. */
 static enum verdict judge_sample(struct umbr_verify_block *block, const struct umbr_sample *sample,
                                  int lit)
 {

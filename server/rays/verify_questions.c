@@ -268,7 +268,7 @@ static size_t list_voxels(const struct umbr_verify_block *block, const struct um
     return count;
 }
 
-/* What a box's answer is worth. */
+/* Verdict on a box's answer. */
 enum box_verdict {
     BOX_RIGHT,
     BOX_SAYS_NOTHING,
