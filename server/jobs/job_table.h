@@ -10,11 +10,11 @@
  *     umbj_table_claim(table, now, steady, &job, &error);   the next in fair order
  *     umbj_table_renew / _finish / _fail (table, id, epoch, ...);
  *
- * What a call acknowledged survives kill -9 and power cuts (job_sql.h). Time is an argument, so
- * that tests own the clocks: `now` is in Unix milliseconds, `steady` in those of a clock that no
- * step of the machine's time moves. Leases are of `steady` and of this process; after a start none
- * counts: what ran then has lost its worker. A pause is of `now`, and one that seems longer than
- * any pause is means that the clock was set back: then it is over.
+ * Acknowledged changes survive kill -9 and power cuts (job_sql.h). Time is an argument, so that
+ * tests control the clocks: `now` is in Unix milliseconds, `steady` in milliseconds of a monotonic
+ * clock. Leases use `steady` and end with the process: after a start, jobs that ran have lost their
+ * worker. Pauses use `now`. A pause that seems longer than the longest one means that the clock was
+ * set back; it is over.
  *
  * Order: owners take turns. The owner with the fewest running jobs comes first, then the one whose
  * last start is longest ago; among one owner's jobs the higher priority, then the older. Nobody
@@ -24,7 +24,7 @@
  * again after a pause that doubles, UMBJ_TRIES_MAX times; then temporary and io are failed, lost is
  * poison. Crash, memory and sandbox are tried once more, then they are poison.
  *
- * Rows are checked when they are read (job_rows.c): one that is not sound is a failed job.
+ * Rows are checked when they are read (job_rows.c): a damaged row is a failed job.
  *
  * Threads: one at a time.
  */

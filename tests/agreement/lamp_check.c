@@ -6,16 +6,16 @@
  *
  * SCENE is text: `light X Y Z` of a point light, or `light X Y Z DX DY DZ DEGREES` of a spot light
  * (half its cone), then a line `t CLOSED` and nine numbers for each triangle, CLOSED 1 where it
- * belongs to a solid baked under the closed rule. ASSET may be `-`: only distances are told.
+ * belongs to a solid baked under the closed rule. ASSET may be `-`: only distances are printed.
  *
  * Points are drawn next to surfaces (1e-9 of the scene's size and up, on both sides), in the air
  * and around the lamp, and asked with one tap and no bias. The truth is the segment to the lamp
- * against every triangle, by determinants; what is nearer to the lamp than 2^-27 of its reach is no
- * caster. A disagreement is in the band if the truth differs at a voxel's centre or on a grid of
+ * against every triangle, by determinants; parts nearer to the lamp than 2^-27 of its reach cast
+ * nothing. A disagreement is in the band if the truth differs at a voxel's centre or on a grid of
  * quarter voxels within one voxel. A point in no frustum has no band: it must be lit. Points in
  * closed solids, and outside of a spot's cone, are left out.
  *
- * Prints one JSON object. Exit 0: nothing is wrong; 1: something is; 65: a file cannot be used.
+ * Prints one JSON object. Exit 0: no wrong answer; 1: wrong answers; 65: a file cannot be used.
  */
 #include <math.h>
 #include <stdio.h>

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Records what a run does to files, for power_cut.py to replay. All processes of the run append to
- * one mapped file, so that nothing here needs a descriptor or a folder that a sandbox has closed.
+ * Records a run's operations on files, for power_cut.py to replay. All processes of the run append
+ * to one mapped file, so that nothing here needs a descriptor or a folder that a sandbox has
+ * closed.
  *
  *     UMBRAGE_FAULT_RECORD  the log; it must be there, with as many bytes as it may take (sparse).
  *                           Operations below UMBRAGE_FAULT_UNDER are recorded, and writes by inode
  *
  * Invariants: an operation and its entry are made under one lock of all processes, so the order of
  * entries is that in which operations took effect; an entry is written before `used` counts it; a
- * log that is full says so, since half a recording would prove nothing. What is sent to sockets is
- * noted before it is sent: what a client knows is known no earlier than that.
+ * full log is marked, since half a recording proves nothing. Bytes for sockets are recorded before
+ * they are sent, so no client knows them before their entry.
  *
  * The layout is that of struct entry below; power_cut.py reads it.
  */

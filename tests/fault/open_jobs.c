@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Opens the job service on one folder after another as a daemon does, recovery included, without a
- * worker, and prints what it finds. For test_power_cuts.py.
+ * worker, and prints the jobs. For test_power_cuts.py.
  *
  *     open_jobs UMBRAGE-BAKE <names of folders, one a line
  *

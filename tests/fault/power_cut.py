@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Power cuts: what a disk may hold after one, worked out from a recording of a run (inject_record.c).
+Power cuts: the states of a disk after one, derived from a recording of a run (inject_record.c).
 
     with power_cut.recorded(test, root) as recording: ...programs run...; recording.mark("done")
     run = power_cut.Run(recording, root_before)
@@ -18,7 +18,7 @@ CrashMonkey (Mohan et al., OSDI 2018), for a file system that promises no more t
   combination; of changes to one name later ones win.
 - A rename within a folder is atomic. One between folders may leave both names, never none.
 
-Not in the model: what a disk does that lies about a flush; sectors that are themselves torn; damage
+Not in the model: disks that report a flush falsely; torn sectors; damage
 to bytes that were certain; maps that are written (SQLite's -shm is left out of images: it is not
 read after a crash). Recorded processes must not be killed while they write.
 

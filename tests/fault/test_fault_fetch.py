@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 umbrage fetch shows the old file or the new one: each call on the output's folder fails in turn,
-while a server of our own serves an asset. The file is synced before it gets its name, the folder
-after; what came stays as FILE.part, from which the next fetch goes on.
+while a test server serves an asset. The file is synced before its rename, the folder after it. The
+bytes that arrived stay as FILE.part, from which the next fetch continues.
 """
 import os
 

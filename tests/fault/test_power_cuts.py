@@ -6,12 +6,12 @@ after a cut at any moment of it (power_cut.py has the model and its limits) is w
 and opened again. Then:
 
 - an output of `umbrage-bake`, `umbrage pack` and `umbrage fetch` is the old one or the new one, and
-  the new one once the program has ended with 0;
+  the new one after exit code 0;
 - a bake on the tiles that a cut left makes the right asset;
 - a mapped file in a daemon's cache is whole or absent, and a daemon on it answers right;
-- a job whose submission was answered is known: with its whole bundle, or done, or over; a job that
-  was told to be done is done; a done job's asset is there and whole; no asset is half under its
-  name; no job that may still run is without its bundle. Nor after a second cut, in the recovery.
+- an acknowledged job exists: with its whole bundle, or finished;
+- a job that was reported as done is done, and its asset is whole; no asset is incomplete under its
+  name; no unfinished job is without its bundle. All this holds after a second cut, in the recovery.
 
 FAULT=short makes fewer images of each.
 """

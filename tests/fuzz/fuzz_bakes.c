@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Messages of the Bakes service, bundle manifests, reflection and compressed messages. The first
- * byte picks which. What a decoder took it writes again so that it reads the same.
+ * byte selects the kind. A decoded message, encoded again, must decode to the same.
  */
 #include <string.h>
 #include <zlib.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The files that `umbrage submit` gathers for a scene from a stranger, and the guard before the
- * glTF importer. The first byte picks: .obj with a material library (split at a zero byte), .gltf,
+ * Files that `umbrage submit` collects for an untrusted scene, and the guard before the glTF
+ * importer. The first byte picks: .obj with a material library (split at a zero byte), .gltf,
  * .glb, or the guard. Whatever the scene names, only regular files beneath its folder are sent.
  */
 #define _XOPEN_SOURCE 700 /* realpath, symlink */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files that an operator writes: tokens, and the daemon's config. The first byte picks which. */
+/* Files that an operator writes: tokens, and the daemon's config. The first byte selects the kind.
+ */
 #include <fcntl.h>
 #include <string.h>
 #include <sys/stat.h>

@@ -5,8 +5,8 @@
  * mostly well formed, calls of every method with and without a right, and raw bytes. The first byte
  * picks that, or the filter of frames alone.
  *
- * Properties: what the daemon sends are frames that a server may send; when the peer has gone, no
- * connection, call or byte is held; the filter passes the same bytes however they are cut.
+ * Properties: the daemon sends only HTTP/2 frames that a server may send; after the peer's end no
+ * connection, call or byte is held; the filter passes the same bytes however they are split.
  */
 #include <errno.h>
 #include <fcntl.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What comes to the job service from beside: rows of jobs.db that another hand wrote, and the
- * lines that Slurm's squeue prints. The first byte picks which. Slurm's reader is part of this
+ * Untrusted input of the job service besides calls: rows of jobs.db that another program wrote, and
+ * lines of Slurm's squeue. The first byte selects the kind. Slurm's reader is part of this
  * program, so that lines can be fed without a process.
  */
 #define _XOPEN_SOURCE 700

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Hostile scene buffers behind the validator: what it accepts must be safe to analyse, cut and
- * bake.
+ * Hostile scene buffers: those that the validator accepts must be safe to analyse, cut and bake.
  *
  * An input is two bytes that choose lights and effects, then a scene buffer (scene_buffer.h). The
  * bake has 64 voxels a side, one thread and one tile, so that an execution stays short.

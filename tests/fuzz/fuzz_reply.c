@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a hostile server sends to libumbrage: headers and DATA of one call, cut anywhere, then the
+ * Replies of a hostile server to libumbrage: headers and DATA of one call, cut anywhere, then the
  * decoders of job replies and region replies as the client calls them. The two client files are
  * part of this program, so that their call-backs can be fed without a socket.
  */

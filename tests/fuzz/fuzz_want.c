@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Views of assets of few nodes that stand for huge trees: what a want looks at is bounded by the
- * nodes here, what is listed is missing, and a view that nothing is missing of is answered exactly.
+ * Views of assets of few nodes that represent huge trees. The nodes held bound the steps of a want;
+ * listed pages are missing ones; a view with no missing page is answered exactly.
  * Ten bytes make the asset (deep_asset.h) and choose the pages that are here at first; each further
  * eight make a view.
  */

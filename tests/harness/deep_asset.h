@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_TESTS_DEEP_ASSET_H
 #define UMBRAGE_TESTS_DEEP_ASSET_H
 /*
- * Packed assets of few nodes that stand for a huge tree, as only a hostile server makes them: each
+ * Packed assets of few nodes that represent a huge tree, as only a hostile server makes them: each
  * of the nodes of a level has children drawn from all nodes of the level below, so that 2^60 voxels
  * take a kilobyte.
  */
@@ -18,7 +18,7 @@ enum {
     DEEP_WIDTH_MAX = 2048
 };
 
-/* What a deep asset is made of. */
+/* Parameters of a deep asset. */
 struct deep {
     uint32_t log2_size; /* 6 to UMB_LEVEL_MAX */
     uint32_t width;     /* nodes of a level below the root, 1 to DEEP_WIDTH_MAX */

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A server of Bakes.Fetch and Submit by python3-grpcio that does what a test says, however wrong:
+A server of Bakes.Fetch and Submit by python3-grpcio, whose replies the test defines:
 
     server = fake_bakes.Server(messages)          # at server.address
     server.fetch = lambda request, context: ...   # yields FetchReply messages

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A packed asset in which a page lies and every XXH3 is right, as a hostile server makes it:
+A packed asset with a false page and right XXH3s, as a hostile server makes it:
 
     lie = forged_pages.forge(whole, 3)   # page 3 has a cube lit that is shadowed, or the other way round
 
-The id and all SHA-256s are those of the true asset: what gives the lie away is the page's own.
+The id and all SHA-256s are those of the true asset: only the page's SHA-256 detects the forgery.
 """
 import ctypes
 import struct

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-run_mutants.py [--short] [--jobs N] [--table FILE] [NAME...]: takes guards out of the program one at
-a time and runs the tests that must notice. A mutant that no test notices (a survivor) is a guard
+run_mutants.py [--short] [--jobs N] [--table FILE] [NAME...]: removes guards from the program, one at
+a time, and runs the tests that must then fail. A mutant with no failed test (a survivor) is a guard
 without a test.
 
 The table (mutants.toml beside this file) has a block for each mutant:

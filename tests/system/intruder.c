@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * intruder.so: a bake that was taken over by its scene. Preloaded, never linked.
+ * intruder.so: imitates a bake that its scene controls. Preloaded, never linked.
  *
  *     LD_PRELOAD=intruder.so INTRUDER_FILES=/a:/b umbrage-bake ...
  *
- * When the bake syncs a file for the first time, all of its own work is done and its sandbox has
- * long been entered; each file of the list is then opened, to read and to write, and what came of
- * it is said as a notice: "intruder: PATH read=ERRNO write=ERRNO", 0 for a success.
+ * The bake's first sync of a file comes after its work and inside its sandbox. At that moment each
+ * file of the list is opened to read and to write. The result is a notice: "intruder: PATH
+ * read=ERRNO write=ERRNO", 0 for a success.
  */
 #define _GNU_SOURCE /* syscall */
 #include <errno.h>

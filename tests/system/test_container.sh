@@ -1,7 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The container as deploy/Containerfile says it: what is pinned, who it runs as, whom it serves, and
-# that its start and its health check do what they promise. Builds no image.
+# deploy/Containerfile: pinned base, user, callers, start and health check. Builds no image.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$root" || exit 1
 file=deploy/Containerfile

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the job table may be: not on a network file system, and one daemon only. Other file systems are
-pretended by a library that answers fstatfs for one folder; other machines by what they would write.
+Place of the job table: not on a network file system, and used by one daemon only. A preloaded library
+imitates other file systems (fstatfs of one folder). The test writes the lock files of other machines.
 """
 import os
 import re

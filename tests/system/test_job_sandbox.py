@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-What a submitter's bytes can reach: a scene buffer is refused under every name, no process reads
-them outside of a sandbox, and a bake that was taken over opens nothing that is not its own.
+Reach of a submitter's bytes: a scene buffer is refused under every name, no process reads the bytes
+outside a sandbox, and a bake that an attacker controls opens only its own files.
 """
 import ctypes.util
 import errno

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Lamps near surfaces: right voxels are never refused, and no light gets through a floor. The tables of the review, and
-random lamps in the short form of `make lamps` (lamps.py): every bake is held against brute force in long double.
+Lamps near surfaces: right voxels are never refused, and no light passes through a floor. Fixed cases, and random lamps
+in the short form of `make lamps` (lamps.py): every bake is compared with brute force in long double.
 """
 import os
 import subprocess

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A thin client and servers that lie within an asset whose id is known: every checksum is right, and a
-page is not the asset's. A web server and a daemon's Regions serve such files.
+A thin client with a known id, and servers with a false page: every checksum is right, but the page is
+not the asset's. A web server and a daemon's Regions serve such files.
 """
 import concurrent.futures
 import os

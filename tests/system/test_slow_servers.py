@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-What umbrage fetch, submit and stream read and wait for is bounded: servers that say nothing, drip,
-lie about sizes; scenes and options that name pipes, devices and sockets.
+Limits of umbrage fetch, submit and stream: servers that are silent, send slowly or announce false
+sizes; scenes and options that name pipes, devices and sockets.
 """
 import os
 import socket

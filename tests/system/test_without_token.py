@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Callers without rights against a daemon with a token file (and single addresses against one without):
-what they can hold of memory, connections, streams, Watches, processor and drain time. Whatever they
+the memory, connections, streams, Watches, processor and drain time that they can use. Whatever they
 do, from one address or many, a new client with a good token connects and is answered.
 """
 import os

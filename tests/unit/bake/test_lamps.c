@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lamps and the surfaces around them: which are refused for standing too near to one, how deep
- * voxels of flat faces are, and that the faces of a cube leave no gap.
+ * Lamps and the surfaces around them: lamps too near to a surface are refused, flat faces have
+ * voxels of the least depth, and the faces of a cube leave no gap.
  */
 #include <stdarg.h>
 #include <stddef.h>

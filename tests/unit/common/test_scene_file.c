@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scene buffers in files: whose files are taken, and what is refused in them. */
+/* Scene buffers in files: their owners, and the content that is refused. */
 #define _DEFAULT_SOURCE /* chown, mkdtemp */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The folder of mapped files: nothing in it is believed that the daemon did not write. */
+/* Folder of mapped files: only files that the daemon wrote are used. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Assets of few nodes that stand for huge trees: what a view asks for is found in few steps. */
+/* Assets of few nodes that represent huge trees: the pages of a view are found in few steps. */
 #include "partial_fixture.h"
 
 #include "deep_asset.h"

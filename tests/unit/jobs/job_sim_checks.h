@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_JOB_SIM_CHECKS_H
 #define UMBRAGE_TESTS_JOB_SIM_CHECKS_H
-/* What must hold of a simulated bake service after each step. Included once, by the program. */
+/* Invariants of a simulated bake service after each step. Included once, by the program. */
 #include "job_simulation.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"

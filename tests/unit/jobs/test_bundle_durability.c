@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What is on the disk when a job is acknowledged: syncs, renames and commits of the process are
- * caught by their names and written down in their order. A power cut keeps what was synced.
+ * State of the disk when a job is acknowledged. Syncs, renames and commits of the process are
+ * intercepted by name and recorded in their order. A power cut keeps synced bytes.
  */
 #define _GNU_SOURCE /* RENAME_NOREPLACE, syscall */
 #include <setjmp.h>

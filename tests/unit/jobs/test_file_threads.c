@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The threads for files: fair between owners, out of the way of the table, soon at their end. */
+/* Threads for files: fair between owners, independent of the table, quick to stop. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

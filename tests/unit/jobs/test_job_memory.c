@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Each allocation of the job service refused in turn: what is asked fails with a status, or works
- * without; nothing is left half made. Sanitizers have allocators of their own: there it is skipped.
+ * Each allocation of the job service is refused in turn: a call fails with a status or works
+ * without the memory, and leaves nothing half made. Sanitizers have allocators of their own: there
+ * it is skipped.
  */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where the job table may be, and that one daemon has it. */
+/* Place of the job table, and its one daemon. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A job table that is not as the program wrote it: every column with every kind of wrong value, and
- * files with wrong bytes. Nothing wrong is run, shown as sound, or read past its end (ASan).
+ * Damaged job tables: every column with every kind of wrong value, and files with wrong bytes. No
+ * wrong value is run, shown as valid, or read past its end (ASan).
  */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -2,8 +2,8 @@
 /*
  * The bake service in a drawn world: table, service, leases and files are the daemon's; clocks,
  * executor, owners, failing calls and the moments of death are drawn from a seed. One thread, so
- * that a seed is a run. Each life is a process; what was acknowledged before its death is held
- * against what the next life finds.
+ * that a seed is a run. Each life is a process; the next life must find everything that was
+ * acknowledged before its death.
  */
 #define _GNU_SOURCE /* MAP_ANONYMOUS, syscall */
 #include <setjmp.h>

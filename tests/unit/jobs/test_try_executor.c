@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The executor on this machine with a program of this file's own in place of umbrage-bake: what
- * each way to end means, what is told meanwhile, and that nothing of a try stays. */
+/* The executor on this machine with a program of this file's own in place of umbrage-bake: the
+ * meaning of each way to end, the reports meanwhile, and that nothing of a try stays. */
 #define _GNU_SOURCE /* struct rlimit on old headers */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Verification of lamps next to a surface, where voxels are smaller than what floats resolve: right
- * voxels are never called wrong, and wrong ones are found.
+ * Verification of lamps next to a surface, where voxels are smaller than the resolution of floats:
+ * right voxels are never judged wrong, and wrong ones are found.
  */
 #include <stdarg.h>
 #include <stddef.h>
