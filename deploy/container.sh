@@ -16,13 +16,13 @@ case $hex in
 "$digest" | *[!0-9a-f]*) hex= ;;
 esac
 if [ ${#hex} -ne 64 ]; then
-    echo "container: BASE_DIGEST: '$digest' is not sha256: and 64 digits 0-9a-f; ask for it by" >&2
+    echo "container: BASE_DIGEST: '$digest' is not sha256: and 64 digits 0-9a-f; get it by" >&2
     echo "  skopeo inspect --format '{{.Digest}}' docker://docker.io/library/debian:12-slim" >&2
     exit 2
 fi
 builder=${BUILDER:-podman}
 if ! command -v "$builder" >/dev/null; then
-    echo "container: $builder is not installed (BUILDER names another)" >&2
+    echo "container: $builder is not installed; install it, or set BUILDER to another builder" >&2
     exit 69
 fi
 # OCI images have no health checks; docker's format has.

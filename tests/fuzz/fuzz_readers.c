@@ -3,7 +3,7 @@
  * One asset, four readers: packed, mapped, partial and the explanation of a point must agree to the
  * bit, and a part of the pages must give bounds around it. The first byte chooses the pages that
  * are missing, the second the points; then raw pages (fuzz_pages.h), in a file whose checks are all
- * right. Files that the packed reader refuses are no business of this target.
+ * right. Files that the packed reader refuses are skipped.
  */
 #include <string.h>
 
