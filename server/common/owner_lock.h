@@ -49,7 +49,7 @@ UMB_CHECKED enum umb_status umbs__owner_lock_take(const char *path, enum umbs_re
                                                   struct umb_error *error);
 
 /* Shows that the owner is alive; does nothing where the locks are enough. Fails: E_STATE (another
- * process took the file over: stop using what it guards), E_IO (not written; try again). */
+ * process took the file over: stop using the guarded files), E_IO (not written; try again). */
 UMB_CHECKED enum umb_status umbs_owner_lock_beat(struct umbs_owner_lock *lock,
                                                  struct umb_error *error);
 

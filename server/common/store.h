@@ -20,10 +20,9 @@
  *
  * Every packed file is proven (SHA-256 of head and pages against the id it carries) before its
  * first answer, then mapped from a cache file ID.umbm that the store makes itself and that no other
- * user can change (store_cache.h). The cache is only a faster form: a file in it that is missing,
- * damaged, or not what was recorded for its id under the cache's key is made anew, and where the
- * cache cannot be used the packed file is expanded in memory, with a notice. A known asset opens in
- * milliseconds.
+ * user can change (store_cache.h). The cache is only a faster form. A file in it that is missing,
+ * damaged or different from its record is made anew. If the cache cannot be used, the packed file
+ * is expanded in memory, with a notice. A known asset opens in milliseconds.
  *
  * A damaged file stays in the list with its reason: asking for it gives E_CORRUPT, and nothing else
  * is affected. A changed file (inode, size, time of change) is loaded and proven first, then takes
@@ -58,11 +57,11 @@ struct umbs_entry; /* opaque: one version of one asset */
 struct umbs_store_options {
     const char *folders[UMBS_STORE_FOLDERS_MAX]; /* at least one; the first NULL ends the list */
     const char *cache; /* folder of mapped files (store_cache.h); NULL = `.umbrage-cache` in each */
-    uint64_t max_memory_bytes; /* packed and expanded size of one asset; 0 = 64 GiB */
-    const struct umbs_log *log;                  /* NULL = silent; must outlive the store */
-    int no_cache;                                /* 1 = never write cache files, expand in memory */
-    int copy; /* 1 = hold copies in memory, so that files may be changed */
-    int warm; /* 1 = read mapped files ahead when they are opened */
+    uint64_t max_memory_bytes;  /* packed and expanded size of one asset; 0 = 64 GiB */
+    const struct umbs_log *log; /* NULL = silent; must outlive the store */
+    int no_cache;               /* 1 = never write cache files, expand in memory */
+    int copy;                   /* 1 = hold copies in memory, so that files may be changed */
+    int warm;                   /* 1 = read mapped files ahead when they are opened */
     /* Called when a retired version waits to be freed, from whatever thread released it: must not
      * wait. The owner then calls umbs_store_reap where blocking is allowed. NULL: it is freed at
      * once. */

@@ -64,8 +64,8 @@ static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
     }
     if (status == UMB_OK && strcmp(answer, mode->answer) != 0) {
         status = umb_fail(error, UMB_E_UNSUPPORTED,
-                          "job table: '%s' gives '%.20s', not '%s': what was acknowledged would "
-                          "not survive a power cut; put it on a local disk (--jobs-db)",
+                          "job table: '%s' gives '%.20s', not '%s', so acknowledged jobs would not "
+                          "survive a power cut; put the table on a local disk (--jobs-db)",
                           mode->set, answer, mode->answer);
     }
     return status;

@@ -140,7 +140,7 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *ass
  * Proves the identity of a packed asset in memory: the id in its header equals
  * SHA-256(canonical block, block hashes), each block of the directory hashes to its entry there,
  * and with check_pages each page's uncompressed bytes to its entry in the block, and its stored
- * bytes to their checksum, so that what is proven also opens. A mapped file is a cache and proves
+ * bytes to their checksum, so that a proven file also opens. A mapped file is a cache and proves
  * nothing: E_UNSUPPORTED.
  */
 UMB_API UMB_CHECKED enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
