@@ -92,16 +92,17 @@ static void data_written(struct umbd_errand *errand, struct umbd_call *call)
 
 /*
  * Price of a submission, with its files. It is charged at the manifest, because an upload that is
- * refused midway must start again and would never end at a low rate.
+ * refused midway must start again and would never end at a low rate. A bundle over --max-bundle
+ * costs the call alone: a claimed size costs nothing to write, and the address may be shared.
  */
-static uint64_t price_of(const struct umbw_submit_request *request)
+static uint64_t price_of(const struct umbw_submit_request *request, uint64_t max_bundle)
 {
     uint64_t bytes = 0;
     for (size_t i = 0; i < request->manifest.file_count; i++) {
         const uint64_t size = request->manifest.files[i].size;
         bytes = size < UINT64_MAX - bytes ? bytes + size : UINT64_MAX;
     }
-    return UMBD_CALL_POINTS + bytes / BYTES_A_POINT;
+    return UMBD_CALL_POINTS + (bytes <= max_bundle ? bytes / BYTES_A_POINT : 0);
 }
 
 static void take_manifest(struct umbd_call *call, struct umbw_submit_request *request)
@@ -131,7 +132,9 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     enum umb_status status =
         umbw_decode_submit_request(call->message, call->message_size, &request, &error);
     const int begins = call->errand == NULL;
-    if (begins ? !umbd_call_take_points(call, price_of(&request)) : !umbd_errand_is_allowed(call)) {
+    const uint64_t most = call->conn->loop->daemon->options.max_bundle;
+    if (begins ? !umbd_call_take_points(call, price_of(&request, most))
+               : !umbd_errand_is_allowed(call)) {
         umbw_manifest_finish(&request.manifest);
         return;
     }

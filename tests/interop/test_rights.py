@@ -236,6 +236,16 @@ with test.check("Submit pays its token's rate, whatever it says, and with the ma
                 codes.append(error.code())
         assert set(codes) <= {Code.INVALID_ARGUMENT, Code.RESOURCE_EXHAUSTED}, codes
         assert codes[-1] == Code.RESOURCE_EXHAUSTED, codes
+    vast = B.Manifest(scene="box.ply")  # refused whatever its rate: it pays for the call alone
+    vast.files.add(path="box.ply", size=1 << 60, sha256=bytes(32))
+    deadline, said = time.monotonic() + 60, ""
+    while "--max-bundle" not in said and time.monotonic() < deadline:
+        try:
+            client.raw_submit(iter([B.SubmitRequest(manifest=vast)]), timeout=30, metadata=bearer(SLOW))
+        except grpc.RpcError as error:
+            said = error.details()
+            time.sleep(pushback(error) / 1000 if "rate" in said else 0)
+    assert "--max-bundle" in said, said
     huge = B.Manifest(scene="box.ply")  # a mebibyte is 87381 points: 1365 s of that rate
     huge.files.add(path="box.ply", size=1 << 20, sha256=bytes(32))
     deadline, answer = time.monotonic() + 60, None
