@@ -173,12 +173,18 @@ static int refuse_rate(struct umbd_call *call, const char *whose, const char *wh
     return 0;
 }
 
-/* 1 if the address's rate of such calls holds with this one. */
+/*
+ * 1 if the connection's own rate of such calls, or its address's, holds with this one. The first is
+ * for probes: behind a balancer all clients have its address, and one that asks without end would
+ * have the balancer take the server for ill.
+ */
 static int open_rate_holds(struct umbd_call *call, uint64_t *wait_ns)
 {
     struct umbd_conn *conn = call->conn;
+    const uint64_t now_ns = umbd_now_ns();
     if (umbd_conn_is_local(conn) ||
-        umbd_rate_take(&conn->account->open_until_ns, UMBD_OPEN_CALLS_PER_SECOND, 1, umbd_now_ns(),
+        umbd_rate_take(&conn->open_until_ns, UMBD_OPEN_CALLS_OF_ONE, 1, now_ns, wait_ns) ||
+        umbd_rate_take(&conn->account->open_until_ns, UMBD_OPEN_CALLS_PER_SECOND, 1, now_ns,
                        wait_ns)) {
         return 1;
     }

@@ -49,9 +49,10 @@ struct umbd_conn {
     uint64_t last_work_ms; /* uv_now when such a call last began or ended, or it was opened */
     unsigned watches;      /* Number of its health Watches: 0 or 1 */
 
-    struct umbd_peer_account *account; /* of its address */
-    struct umbd_token_set *tokens;     /* the set that `token` was found in */
-    struct umbd_token *token;          /* of the last call that had one */
+    struct umbd_peer_account *account;  /* of its address */
+    atomic_uint_fast64_t open_until_ns; /* calls without rights: UMBD_OPEN_CALLS_OF_ONE */
+    struct umbd_token_set *tokens;      /* the set that `token` was found in */
+    struct umbd_token *token;           /* of the last call that had one */
     unsigned token_generation;
 
     struct umbd_h2_filter filter;

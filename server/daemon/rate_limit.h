@@ -18,6 +18,7 @@
 #define UMBD_RATE_AHEAD_NS         1000000000U
 #define UMBD_CALL_POINTS           64  /* what a call costs beside its points */
 #define UMBD_OPEN_CALLS_PER_SECOND 200 /* of one address: health, and calls refused for rights */
+#define UMBD_OPEN_CALLS_OF_ONE     1   /* and of each of its connections, whatever the others ask */
 
 /*
  * Takes `points` at `per_second` (0 = no limit).

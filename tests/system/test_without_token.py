@@ -127,6 +127,33 @@ with test.check("a health request that does not end is given up after two second
     assert [reply.status for reply in replies] == [LATE, LATE], replies
     assert time.monotonic() - begin < 20  # --body-timeout is 30 s
     connection.close()
+with test.check("a balancer's probe on a connection of its own is answered, whatever others of its address ask"):
+    # Behind a balancer all clients have its address, and their calls share connections with rights.
+    balancer = "127.0.9.9"
+    flood, stop, refused = connect(daemon, balancer), threading.Event(), []
+    assert flood.call(QUERY, body(), extra=bearer(GOOD)).status == OK
+
+    def ask_on():
+        while not stop.is_set():
+            streams = []
+            for _ in range(50):
+                streams.append(flood.open(CHECK))
+                flood.data(streams[-1], health(), end=True)
+            refused.append(sum(flood.reply(stream).status == EXHAUSTED for stream in streams))
+            flood.replies.clear()
+    asking = threading.Thread(target=ask_on)
+    asking.start()
+    ut.wait_until(lambda: sum(refused) > 0, 60, "the address is at its rate")
+    probes = []
+    for _ in range(25):
+        connection = connect(daemon, balancer)
+        probes.append(connection.call(CHECK, health()).status)
+        connection.close()
+    stop.set()
+    asking.join()
+    flood.close()
+    assert probes == [OK] * 25, probes
+    assert refused[-1] > 0, "the rate was not at its limit all the time"
 with test.check("health tells callers without rights nothing of assets, by Check or Watch"):
     job = "0" * 64
     for extra, known in (([], False), (bearer("x" * 20), False), (bearer(OTHER), False), (bearer(GOOD), True)):
