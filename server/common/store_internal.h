@@ -81,6 +81,7 @@ struct umbs_lane {
     struct umbs_name name; /* Name of the file; not changed while it loads */
     struct umbs_stamp stamp;
     int rebuild;
+    int yielded;              /* 1: the file loaded last has asked again and lets others go first */
     struct umbs_entry *entry; /* Loaded entry; NULL: out of memory */
     uint64_t load_ms;
 };

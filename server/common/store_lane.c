@@ -108,6 +108,17 @@ static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *nam
            umbs_stamp_equal(was, stamp);
 }
 
+/* 1 if a file may have the free lane: the one that had it last only at its second asking, so that a
+ * file that changes whenever it was loaded does not keep the others out. Under the mutex. */
+static int is_its_turn(struct umbs_lane *lane, const struct umbs_name *name)
+{
+    const int had_it =
+        lane->name.folder == name->folder && strcmp(lane->name.text, name->text) == 0;
+    const int waited = lane->yielded;
+    lane->yielded = had_it && !waited;
+    return !lane->yielded;
+}
+
 enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs_name *name,
                                      const struct umbs_stamp *stamp, int rebuild,
                                      struct umbs_entry **entry, uint64_t *load_ms)
@@ -124,7 +135,7 @@ enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs
         lane->entry = NULL;
         lane->state = UMBS_LANE_IDLE;
         answer = UMBS_LANE_TAKE;
-    } else if (lane->state == UMBS_LANE_IDLE) {
+    } else if (lane->state == UMBS_LANE_IDLE && is_its_turn(lane, name)) {
         lane->name = *name;
         lane->stamp = *stamp;
         lane->rebuild = rebuild;

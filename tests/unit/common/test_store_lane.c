@@ -208,6 +208,34 @@ static void file_that_went_or_changed_while_it_loaded_holds_up_no_other(void **s
     assert_int_equal(height_of(f, "other"), 24); /* read as it was when its turn came */
 }
 
+static void file_that_changes_without_end_leaves_the_lane_to_others(void **state)
+{
+    struct fixture *f = *state;
+    put(f, "always.umb", 20);
+    put(f, "other.umb", 44);
+    start_lane(f);
+    rescan(f);
+    wait_until_one_loads();
+    assert_string_equal(f->store->lane.name.text, "always");
+    set_open(1);
+    wait_until_told(1);
+    put(f, "always.umb", 28); /* what was loaded is stale */
+    set_open(0);
+    rescan(f);
+    wait_until_one_loads();
+    assert_string_equal(f->store->lane.name.text, "other");
+    set_open(1);
+    wait_until_told(2);
+    rescan(f);
+    assert_int_equal(height_of(f, "other"), 40);
+    wait_until_told(3); /* now it has its turn, and another when nothing else waits */
+    put(f, "always.umb", 36);
+    rescan(f);
+    wait_until_told(4);
+    rescan(f);
+    assert_int_equal(height_of(f, "always"), 32);
+}
+
 static void lane_that_loads_is_not_waited_for_without_end(void **state)
 {
     struct fixture *f = *state;
@@ -250,6 +278,7 @@ int main(void)
         LANE_TEST(scan_goes_on_while_a_large_file_loads),
         LANE_TEST(large_files_load_one_after_the_other),
         LANE_TEST(file_that_went_or_changed_while_it_loaded_holds_up_no_other),
+        LANE_TEST(file_that_changes_without_end_leaves_the_lane_to_others),
         LANE_TEST(lane_that_loads_is_not_waited_for_without_end),
         LANE_TEST(asset_beyond_the_memory_of_a_load_is_refused_with_the_option),
     };
