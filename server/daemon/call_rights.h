@@ -36,9 +36,9 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points);
 /*
  * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
  * is apart from --address-rate, so that a client over its rate does not fail a balancer's health
- * check. Each connection has UMBD_OPEN_CALLS_OF_ONE of its own beside it. Unix sockets have no rate.
- * Beyond the rate the call fails as above (_open), and the daemon stops reading from a connection
- * without rights for a moment. _refused: the same for a call that fails anyway.
+ * check. Each connection has UMBD_OPEN_CALLS_OF_ONE of its own beside it. Unix sockets have no
+ * rate. Beyond the rate the call fails as above (_open), and the daemon stops reading from a
+ * connection without rights for a moment. _refused: the same for a call that fails anyway.
  */
 int umbd_call_take_open(struct umbd_call *call);
 void umbd_call_refused(struct umbd_call *call);

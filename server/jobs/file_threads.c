@@ -35,9 +35,9 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
     return count;
 }
 
-/* Removes the first request of the owner with the fewest running requests from the queue; of several
- * such owners not of the one served last. NULL: the queue is empty, or all its owners have their
- * share. */
+/* Removes the first request of the owner with the fewest running requests from the queue; of
+ * several such owners not of the one served last. NULL: the queue is empty, or all its owners have
+ * their share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
     struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;

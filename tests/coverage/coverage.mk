@@ -4,7 +4,8 @@
 #   COVERAGE=daemon   unit tests of the daemon and the tests of COVERAGE_daemon alone
 #
 # EXEMPT=1 lets bakes and importers run without their sandbox, as in sanitizer builds: its filter kills
-# a process that writes its counts. Processes that are killed leave no counts; those that drain do.
+# a process that writes its counts. Processes that are killed leave no counts; those that drain do, and
+# those that call __gcov_dump before they end at once (test_simulation.c).
 COVERAGE ?= all
 COVERAGE_BUILD := build/cov
 COVERAGE_CFLAGS := --coverage -fprofile-update=atomic -DEXEMPT=1
@@ -19,7 +20,7 @@ COVERAGE_UNITS_daemon = $(UNIT_BIN_daemon)
 
 coverage: ## lines and branches that the tests run (COVERAGE=daemon: its part): half an hour
 	@$(MAKE) --no-print-directory -j$(CORES) config=debug werror= BUILD=$(COVERAGE_BUILD) \
-		CFLAGS="$(CFLAGS) $(COVERAGE_CFLAGS)" LDFLAGS="$(LDFLAGS) --coverage" coverage-one
+		CFLAGS="$(CFLAGS) $(COVERAGE_CFLAGS)" LDFLAGS="$(LDFLAGS) --coverage -Wl,-u,__gcov_dump" coverage-one
 
 coverage-one: $(COVERAGE_UNITS_$(COVERAGE)) $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/inject.so \
 		$(BUILD)/open_jobs $(BUILD)/oracle_check $(BUILD)/light_products $(BUILD)/interop/umbraged
