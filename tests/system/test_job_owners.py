@@ -84,8 +84,10 @@ with test.check("a damaged asset of another owner is as little there as a whole 
 
 with test.check("the same scene of two owners is one asset, if it takes longer than the lease too"):
     settings = {"resolution": 1024, "sun": "120,40", "verify": 4000000}
+    bakes = 1  # bob's
     while True:
         first = bake("ann", **settings)
+        bakes += 1
         assert first.state == B.JOB_DONE, first
         if first.ended_ms - first.started_ms > 2000:
             break  # twice as long as the lease, or it proves nothing
@@ -97,7 +99,7 @@ with test.check("the same scene of two owners is one asset, if it takes longer t
 with test.check("what another owner has is loaded once more, as if it were the first"):
     loads = [line for line in daemon.log().splitlines()
              if "asset_loaded" in line and f"id={asset}" in line]
-    assert len(loads) == 2 and all("how=proven" in line for line in loads), loads
+    assert len(loads) == bakes and all("how=proven" in line for line in loads), (bakes, loads)
     assert "cache_rebuilt" not in daemon.log()
 
 with test.check("an asset that its other owner deletes meanwhile is there at the end"):

@@ -154,7 +154,7 @@ static void settings_are_printed_as_a_file_would_have_them(void **state)
     assert_int_equal(PARSE("--store=x", "--store=y", "--cache=; odd", "--copy",
                            "--log-format=json", "--socket-mode=600", "--idle-timeout=2s"),
                      UMB_OK);
-    static const char *const lines[] = {"\nstore = x\nstore = y\n", "\ncache =; odd\n",
+    static const char *const lines[] = {"\nstore = x\nstore = y\n", "\ncache=; odd\n",
                                         "\ncopy = true\n",          "\nwarm-up = false\n",
                                         "\nlog-format = json\n",    "\nsocket-mode = 0600\n",
                                         "\nidle-timeout = 2000ms\n", "\n; admin = \n"};
