@@ -150,9 +150,11 @@ UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const c
  * umbs_entry_is_replaced tells. It goes on answering until the next scan.
  *
  * In:    folder: number of the folder whose file it is; nothing happens if the asset is not served
- *        from there. Cost: blocks on the disk.
+ *        from there. yes: 0 = the replacement failed and the version in use stays.
+ *        Cost: blocks on the disk.
  */
-void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder);
+void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder,
+                          int yes);
 int umbs_entry_is_replaced(const struct umbs_entry *entry);
 
 /*

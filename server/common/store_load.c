@@ -220,19 +220,28 @@ static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *e
     return status;
 }
 
-void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder)
+/* Removes the mapped form of an asset, if there is one. */
+static void forget_mapped(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES])
+{
+    char *path = cache != NULL ? umbs__cache_file(cache, id) : NULL;
+    if (path != NULL) {
+        (void)unlink(path); /* processes that have mapped it keep it */
+    }
+    free(path);
+}
+
+void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder,
+                          int yes)
 {
     char text[UMB_ID_TEXT_SIZE];
     struct umbs_entry *entry = NULL;
     struct umb_error error;
     umb_id_to_text(id, text);
     if (umbs_store_acquire(store, text, &entry, &error) == UMB_OK && entry->folder == folder) {
-        char *path = umbs__cache_file(store->folders[folder].cache, id);
-        atomic_store(&entry->replaced, 1);
-        if (path != NULL) {
-            (void)unlink(path); /* processes that have mapped it keep it */
+        atomic_store(&entry->replaced, yes);
+        if (yes) {
+            forget_mapped(store->folders[folder].cache, id);
         }
-        free(path);
     }
     umbs_entry_release(entry);
 }

@@ -33,10 +33,10 @@ static void jobs_changed_store(void *user)
     umbd_store_watch_kick(daemon->watch);
 }
 
-static void jobs_replacing(void *user, const uint8_t *asset)
+static void jobs_replacing(void *user, const uint8_t *asset, int yes)
 {
     struct umbd_daemon *daemon = user;
-    umbs_store_replacing(daemon->store, asset, daemon->store_count);
+    umbs_store_replacing(daemon->store, asset, daemon->store_count, yes);
 }
 
 static int jobs_is_served(void *user, const uint8_t *asset)

@@ -62,9 +62,10 @@ struct umbj_service_options {
     const struct umbs_log *log;
     /* The store has a new file, or one less: called on the service's thread. */
     void (*store_changed)(void *user);
-    /* Called before the asset's file gets its name. An equal file of other owners must not change
-     * the time of the following steps. NULL: nothing to do. */
-    void (*replacing)(void *user, const uint8_t *asset);
+    /* Called before the asset's file gets its name, and again with yes = 0 if it then does not get
+     * it. An equal file of other owners must not change the time of the following steps. NULL:
+     * nothing to do. */
+    void (*replacing)(void *user, const uint8_t *asset, int yes);
     /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;

@@ -357,6 +357,21 @@ static enum umb_status size_of(struct umbj_service *service, const struct umbj_r
     return failed ? umb_fail_errno(error, UMB_E_IO, errno, "the asset's file is gone") : UMB_OK;
 }
 
+/* Gives the staged file its name. */
+static enum umb_status give_name(struct umbj_service *service, struct umbj_report *report,
+                                 struct umb_error *error)
+{
+    const struct umbj_service_options *options = &service->options;
+    if (options->replacing != NULL) {
+        options->replacing(options->user, report->asset, 1);
+    }
+    enum umb_status status = umbs_file_commit(&report->staged, error);
+    if (status != UMB_OK && options->replacing != NULL) {
+        options->replacing(options->user, report->asset, 0);
+    }
+    return status;
+}
+
 /* The steps of publishing, in the order that service.h argues. */
 static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
                                struct umbj_report *report, struct umb_error *error)
@@ -372,10 +387,7 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
     if (status != UMB_OK) {
         return status;
     }
-    if (report->staged.temporary != NULL && service->options.replacing != NULL) {
-        service->options.replacing(service->options.user, report->asset);
-    }
-    status = report->staged.temporary != NULL ? umbs_file_commit(&report->staged, error)
+    status = report->staged.temporary != NULL ? give_name(service, report, error)
                                               : check_there(service, report->asset, error);
     if (status == UMB_OK) {
         status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,

@@ -610,6 +610,43 @@ static void store_open_fails_without_a_folder(void **state)
     assert_non_null(strstr(error.message, "umbrage-no-such-folder"));
 }
 
+static int is_replaced(const struct fixture *f)
+{
+    struct umbs_entry *entry = NULL;
+    assert_int_equal(umbs_store_acquire(f->store, "a", &entry, NULL), UMB_OK);
+    const int replaced = umbs_entry_is_replaced(entry);
+    umbs_entry_release(entry);
+    return replaced;
+}
+
+static void store_takes_a_replacement_back_that_failed(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t id[UMB_ID_BYTES];
+    folder_asset(&f->folder, "a.umb", 20, id);
+    rescan(f);
+    assert_false(is_replaced(f));
+    umbs_store_replacing(f->store, id, 1, 1); /* another folder's */
+    assert_false(is_replaced(f));
+    umbs_store_replacing(f->store, id, 0, 1);
+    assert_true(is_replaced(f));
+    umbs_store_replacing(f->store, id, 0, 0);
+    assert_false(is_replaced(f));
+}
+
+static void store_without_a_cache_can_replace_a_file(void **state)
+{
+    struct fixture *f = *state;
+    struct umbs_store_options options = {.folders = {f->folder.path}, .no_cache = 1};
+    uint8_t id[UMB_ID_BYTES];
+    umbs_store_close(f->store);
+    assert_int_equal(umbs_store_open(&options, &f->store, NULL), UMB_OK);
+    folder_asset(&f->folder, "a.umb", 20, id);
+    rescan(f);
+    umbs_store_replacing(f->store, id, 0, 1);
+    assert_true(is_replaced(f));
+}
+
 int main(void)
 {
 #define WITH_STORE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
@@ -634,6 +671,8 @@ int main(void)
         WITH_STORE(store_retired_version_waits_for_the_reaper),
         WITH_STORE(store_swaps_under_readers_never_fail_a_look_up),
         WITH_STORE(store_sets_a_cut_cache_aside_and_makes_it_anew),
+        WITH_STORE(store_takes_a_replacement_back_that_failed),
+        WITH_STORE(store_without_a_cache_can_replace_a_file),
         cmocka_unit_test(store_open_fails_without_a_folder),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

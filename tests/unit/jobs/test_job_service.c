@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <stdatomic.h>
@@ -16,6 +17,7 @@
 #include "common/sha256.h"
 #include "jobs/folder.h"
 #include "jobs/service_internal.h"
+#include "jobs/staging.h"
 
 #define CONTENT "v 0 0 0\n"
 #define STEP_MS 10
@@ -365,9 +367,60 @@ static void a_daemon_that_was_taken_over_removes_nothing(void **state)
     assert_int_equal(umbj_service_delete(f->service, key, "ann", &f->error), UMB_OK);
 }
 
+/* What the service tells of files that get their names. */
+struct naming {
+    int begun, failed;
+};
+
+static void note_naming(void *user, const uint8_t *asset, int yes)
+{
+    struct naming *naming = user;
+    assert_int_equal(asset[0], 5);
+    naming->begun += yes;
+    naming->failed += !yes;
+}
+
+/* Ends a running job with a staged file, whose commit fails with system_error, 0 = does not. */
+static void publish(struct fixture *f, uint8_t key, int system_error)
+{
+    const uint8_t keys[UMBJ_HASH_BYTES] = {key};
+    const struct umbj_submission submission = {
+        .owner = "ann", .key = keys, .scene = "a.obj", .settings = "", .bundle_bytes = 1};
+    struct umbj_report report = {.kind = UMBJ_REPORT_ENDED, .asset = {5}};
+    struct umbj_job job;
+    char path[4200];
+    int is_new;
+    assert_int_equal(
+        umbj_table_submit(f->service->table, &submission, 1, &job, &is_new, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_claim(f->service->table, 2, 2, &job, &f->error), UMB_OK);
+    memcpy(report.job, job.id, sizeof report.job);
+    report.epoch = job.epoch;
+    umbj_asset_path(f->service->assets_path, report.asset, path, sizeof path);
+    assert_int_equal(umbs_file_begin(path, &report.staged, &f->error), UMB_OK);
+    report.staged.system_error = system_error;
+    umbj__take_report(f->service, &report);
+}
+
+static void a_file_that_gets_no_name_replaces_nothing(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_service_options options = options_again(f);
+    struct naming naming = {0, 0};
+    options.replacing = note_naming;
+    options.user = &naming;
+    umbj_service_destroy(f->service);
+    assert_int_equal(umbj__service_open(&options, &f->service, &f->error), UMB_OK); /* no thread */
+    publish(f, 1, ENOSPC);
+    assert_true(naming.begun == 1 && naming.failed == 1);
+    publish(f, 2, 0);
+    assert_true(naming.begun == 2 && naming.failed == 1);
+    assert_int_equal(names_in(f, "assets"), 1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(a_file_that_gets_no_name_replaces_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(uploads_on_their_way_count_for_the_quotas, setup, teardown),

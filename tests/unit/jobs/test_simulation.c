@@ -122,9 +122,9 @@ static int world_serves(void *user, const uint8_t *asset)
     return draw(sim->world, 40) == 0 ? -1 : draw(sim->world, 3) == 0;
 }
 
-static void world_replaces(void *user, const uint8_t *asset)
+static void world_replaces(void *user, const uint8_t *asset, int yes)
 {
-    CHECK(user != NULL && asset != NULL);
+    CHECK(user != NULL && asset != NULL && (yes == 0 || yes == 1));
 }
 
 static void world_kicked(void *user)
