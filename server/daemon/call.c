@@ -32,7 +32,7 @@ struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
     call->conn = conn;
     call->stream_id = stream_id;
     call->started_ns = umbd_now_ns();
-    call->started_ms = call->message_ms = uv_now(&conn->loop->uv);
+    call->started_ms = call->message_ms = call->looked_ms = uv_now(&conn->loop->uv);
     call->method = UMBD_METHOD_UNKNOWN;
     call->watch_last = -1;
     umbw_reader_init(&call->reader, (size_t)conn->loop->daemon->options.max_message);
@@ -548,6 +548,21 @@ static uint64_t body_limit_ms(const struct umbd_call *call)
     return call->conn->loop->daemon->options.body_timeout_ms + bytes / UMBD_BODY_BYTES_PER_MS;
 }
 
+/*
+ * Adds the time since the last look, in which the server waited for the stream. Returns 1 for a
+ * Submit whose files come too slowly: its claimed sizes count against quotas, and a byte now and
+ * then must not hold them.
+ */
+static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
+{
+    const struct umbd_options *options = &call->conn->loop->daemon->options;
+    call->waited_ms += now_ms - call->looked_ms;
+    call->looked_ms = now_ms;
+    return call->method == UMBD_METHOD_BAKES_SUBMIT &&
+           call->waited_ms > options->idle_timeout_ms + options->body_timeout_ms +
+                                 call->data_bytes / UMBD_DATA_BYTES_PER_MS;
+}
+
 /* 1 if the request is overdue. A stream may pause between its messages, as long as a connection
  * may that has no calls. */
 static int is_body_late(struct umbd_call *call, uint64_t now_ms)
@@ -563,8 +578,11 @@ static int is_body_late(struct umbd_call *call, uint64_t now_ms)
         return now_ms - call->started_ms > body_limit_ms(call);
     }
     if (umbd_call_is_busy(call) || call->queue_first != NULL || umbd_call_unsent(call) > 0) {
-        call->message_ms = now_ms;
+        call->message_ms = call->looked_ms = now_ms;
         return 0;
+    }
+    if (is_upload_slow(call, now_ms)) {
+        return 1;
     }
     return now_ms - call->message_ms > (umbw_reader_at_boundary(&call->reader)
                                             ? options->idle_timeout_ms

@@ -28,6 +28,7 @@
 #define UMBD_HEADERS_MS        10000 /* for a header block to become whole */
 #define UMBD_OPEN_BODY_MS      2000  /* for the request of a call that needs no rights */
 #define UMBD_BODY_BYTES_PER_MS 64    /* slower uploads than this eat up --body-timeout */
+#define UMBD_DATA_BYTES_PER_MS 16    /* slower files than this eat up the pauses of an upload */
 #define UMBD_PATH_SIZE         128   /* longer paths are unknown methods anyway */
 #define UMBD_CALL_BYTES        5120  /* counted for a call itself: struct, kept block, nghttp2's */
 #define UMBD_KEPT_BYTES        2048  /* a stream's block of at most this is kept between replies */
@@ -85,6 +86,9 @@ struct umbd_call {
     size_t queue_bytes, queue_count;
     size_t window_held;  /* bytes that flow control may give back when the queue is shorter */
     uint64_t message_ms; /* uv_now when the message under way began, or the last one ended */
+    uint64_t waited_ms;  /* time in all that a Submit let the server wait for data, */
+    uint64_t looked_ms;  /* uv_now of the last look at that, */
+    uint64_t data_bytes; /* and bytes of its files that came */
     int last_call;       /* a drain: end after what has been received */
 
     /* work */

@@ -162,6 +162,7 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     }
     errand->data = errand->message + at;
     errand->data_size = request.data_size;
+    call->data_bytes += request.data_size;
     umbd_errand_send(call, write_data, NULL, data_written);
 }
 

@@ -206,4 +206,25 @@ with test.check("a deleted asset is gone"):
     client.refused(fetch, Code.NOT_FOUND)
 
 client.close()
+daemon.stop()
+
+with test.check("an upload of a byte now and then is ended, a steady one is not"):
+    daemon = test.daemon("--jobs", JOBS, "--bake-threads", 1, "--idle-timeout", "1s",
+                         "--body-timeout", "1s")
+    client = test.client(daemon.grpc_unix)
+    SIZES = {"a byte": (1, 200, Code.DEADLINE_EXCEEDED),  # 10 bytes a second
+             "steady": (1 << 16, 40, Code.INVALID_ARGUMENT)}  # to its end: the hash is wrong
+    for name, (size, count, code) in SIZES.items():
+        manifest = client.manifest({"scene.glb": bytes(size * count)}, "scene.glb", resolution=512)
+        manifest.files[0].sha256 = bytes(32)
+
+        def pieces():
+            yield B.SubmitRequest(manifest=manifest)
+            for _ in range(count):
+                time.sleep(0.1)
+                yield data(bytes(size))
+        client.refused(lambda: client.raw_submit(pieces(), timeout=60), code)
+    ut.wait_until(lambda: not leftovers(), 10, "the uploads to be removed")
+    client.close()
+
 test.finish()
