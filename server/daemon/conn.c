@@ -195,8 +195,25 @@ static int may_shake_hands(struct umbd_conn *conn, const char **reason)
         return 1;
     }
     umbd_count(&daemon->metrics.handshakes_refused, 1);
-    umbd_peers_release(daemon->peers, conn->account, umbd_now_ns());
     return 0;
+}
+
+/* Checks the address's limits, then finds room: a newcomer that is refused closes no connection of
+ * another address. Returns 0 with the reason; the account is then released. */
+static int admit(struct umbd_conn *conn, enum umbd_transport transport, const char **reason)
+{
+    if (!know_peer(conn, transport, reason)) {
+        return 0;
+    }
+    int admitted = transport != UMBD_TLS || may_shake_hands(conn, reason);
+    if (admitted && !umbd_conn_make_room(conn->loop)) {
+        *reason = "too many connections";
+        admitted = 0;
+    }
+    if (!admitted) {
+        umbd_peers_release(conn->loop->daemon->peers, conn->account, umbd_now_ns());
+    }
+    return admitted;
 }
 
 static void refuse(struct umbd_conn *conn, const char *reason)
@@ -229,13 +246,8 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
 {
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
-    const char *reason = "";
-    if (code != 0 || loop->drain >= UMBD_DRAIN_LAST || !umbd_conn_make_room(loop)) {
-        refuse(conn, code != 0 ? uv_strerror(code) : "too many connections");
-        return;
-    }
-    if (!know_peer(conn, transport, &reason) ||
-        (transport == UMBD_TLS && !may_shake_hands(conn, &reason))) {
+    const char *reason = code != 0 ? uv_strerror(code) : "the server ends";
+    if (code != 0 || loop->drain >= UMBD_DRAIN_LAST || !admit(conn, transport, &reason)) {
         refuse(conn, reason);
         return;
     }

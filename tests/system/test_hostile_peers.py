@@ -240,6 +240,19 @@ with test.check("peers who only connect do not lock others out"):
         connection.pump(0.1)
     assert any(connection.goaway == 0 for connection in squatters)
     daemon.stop()
+with test.check("a newcomer that its address's limit refuses closes no connection of others"):
+    daemon = test.daemon("--max-connections", 8, "--loops", 1, "--max-address-connections", 1)
+    only = h2.Connection(port=daemon.port)  # not a stranger, which would make room for its address
+    assert only.call(QUERY, query(8)).status == OK
+    others = [connect(daemon) for _ in range(7)]
+    for _ in range(3):
+        socket.create_connection(("127.0.0.1", daemon.port)).close()
+    ut.wait_until(lambda: daemon.metric("umbrage_connections_refused_total") == 3, 10,
+                  "the newcomers to be refused")
+    assert daemon.metric("umbrage_connections_evicted_total") == 0
+    for connection in others:
+        assert connection.call(QUERY, query(8)).status == OK
+    daemon.stop()
 
 # --- the end ---------------------------------------------------------------------------------
 
