@@ -10,6 +10,8 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
+#include <xxhash.h>
 
 #define BUCKETS     1024   /* a power of 2 */
 #define COST_MAX_NS 3.6e12 /* an hour: no single batch closes an address for longer */
@@ -49,15 +51,19 @@ void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, 
 
 struct umbd_peer_table {
     pthread_mutex_t mutex;
+    uint64_t seed; /* Secret of the hash */
     struct umbd_peer_account *chains[BUCKETS];
 };
 
 struct umbd_peer_table *umbd_peers_create(void)
 {
     struct umbd_peer_table *table = calloc(1, sizeof *table);
-    if (table != NULL) {
-        pthread_mutex_init(&table->mutex, NULL);
+    if (table == NULL ||
+        getrandom(&table->seed, sizeof table->seed, 0) != (ssize_t)sizeof table->seed) {
+        free(table);
+        return NULL;
     }
+    pthread_mutex_init(&table->mutex, NULL);
     return table;
 }
 
@@ -110,15 +116,17 @@ void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER
     }
 }
 
-/* FNV-1a: chains need no more, since who fills one only slows its own accepting. */
+/* All loops wait for the walk through a chain, and a peer may choose among many IPv6 addresses. The
+ * secret seed keeps it from choosing those of one chain. */
+size_t umbd_peers_chain(const struct umbd_peer_table *table, const uint8_t key[UMBD_PEER_KEY_BYTES])
+{
+    return (size_t)XXH3_64bits_withSeed(key, UMBD_PEER_KEY_BYTES, table->seed) & (BUCKETS - 1);
+}
+
 static struct umbd_peer_account **chain_of(struct umbd_peer_table *table,
                                            const uint8_t key[UMBD_PEER_KEY_BYTES])
 {
-    uint32_t hash = 2166136261U;
-    for (size_t i = 0; i < UMBD_PEER_KEY_BYTES; i++) {
-        hash = (hash ^ key[i]) * 16777619U;
-    }
-    return &table->chains[hash & (BUCKETS - 1)];
+    return &table->chains[umbd_peers_chain(table, key)];
 }
 
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,

@@ -54,9 +54,13 @@ void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER
 
 struct umbd_peer_table; /* opaque */
 
-/* NULL: out of memory. */
+/* NULL: out of memory, or no random bytes. */
 struct umbd_peer_table *umbd_peers_create(void);
 void umbd_peers_destroy(struct umbd_peer_table *table);
+
+/* Number of the chain that an address's account is in. Each table has an order of its own. */
+size_t umbd_peers_chain(const struct umbd_peer_table *table,
+                        const uint8_t key[UMBD_PEER_KEY_BYTES]);
 
 /*
  * Counts a connection of an address (NULL: Unix socket) and gives its account, valid until the

@@ -150,6 +150,27 @@ static void customers_are_told_apart_by_what_each_has(void **state)
     assert_false(same_customer(v6_text("::1"), v4(1)));
 }
 
+static void a_peer_cannot_know_the_addresses_of_one_chain(void **state)
+{
+    (void)state;
+    struct umbd_peer_table *one = umbd_peers_create(), *two = umbd_peers_create();
+    size_t elsewhere = 0, spread = 0, first = 0;
+    assert_true(one != NULL && two != NULL);
+    for (uint32_t host = 0; host < 64; host++) { /* by chance each is alike once in 1024 */
+        struct sockaddr_storage address = v4(host);
+        uint8_t key[UMBD_PEER_KEY_BYTES];
+        umbd_peer_key(&address, key);
+        const size_t chain = umbd_peers_chain(one, key);
+        first = host == 0 ? chain : first;
+        spread += chain != first;
+        elsewhere += chain != umbd_peers_chain(two, key);
+        assert_int_equal(chain, umbd_peers_chain(one, key));
+    }
+    assert_true(elsewhere > 32 && spread > 32);
+    umbd_peers_destroy(one);
+    umbd_peers_destroy(two);
+}
+
 static void each_clock_of_an_account_outlives_its_connections(void **state)
 {
     (void)state;
@@ -314,6 +335,7 @@ int main(void)
         cmocka_unit_test(rate_gives_back_exactly_what_it_took),
         cmocka_unit_test(peers_are_counted_by_address_and_v6_by_its_half),
         cmocka_unit_test(customers_are_told_apart_by_what_each_has),
+        cmocka_unit_test(a_peer_cannot_know_the_addresses_of_one_chain),
         cmocka_unit_test(each_clock_of_an_account_outlives_its_connections),
         cmocka_unit_test(debts_outlive_the_connections),
         WITH_FILE(tokens_are_found_by_their_hash_and_reloaded),
