@@ -158,7 +158,7 @@ static int64_t sleep_ms(struct umbj_service *service)
     if (service->loading_count > 0) {
         return SERVE_MS;
     }
-    if (service->executor->free_slots(service->executor) == 0 ||
+    if (service->lost || service->executor->free_slots(service->executor) == 0 ||
         umbj_table_next_start(service->table, now, &when, &error) != UMB_OK ||
         when > now + LOOK_MS) {
         return LOOK_MS;
@@ -185,13 +185,14 @@ static void housekeeping(struct umbj_service *service)
     beat(service);
     const int64_t now = umbj__steady_ms(service);
     umbj__look_at_loading(service);
+    if (service->lost) {
+        return; /* jobs of the table are another daemon's, and its clock may be another */
+    }
     if (now >= service->look_at_ms) {
         service->look_at_ms = now + LOOK_MS;
         expire(service);
     }
-    if (!service->lost) {
-        claim(service);
-    }
+    claim(service);
     if (now >= service->prune_at_ms) {
         service->prune_at_ms = now + PRUNE_MS;
         const int64_t before = umbj__unix_ms(service) - (int64_t)service->options.keep_ms;

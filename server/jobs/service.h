@@ -22,7 +22,8 @@
  * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
  *
  * One daemon a jobs folder and table: job_place.h. A daemon that learns that another one took over
- * starts no job, takes no submission and removes no file; the epoch fences its late reports.
+ * starts no job, takes no submission, publishes nothing and removes no file. It cancels its tries
+ * at their next report; the epoch fences reports from before that.
  */
 #include <stdatomic.h>
 #include "common/log.h"

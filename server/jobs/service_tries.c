@@ -440,6 +440,13 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
 {
     struct umbj_job job;
     struct umb_error error = {0};
+    if (service->lost) { /* another daemon runs the job: this try ends and publishes nothing */
+        if (report->kind != UMBJ_REPORT_ENDED) {
+            service->executor->cancel(service->executor, report->job, report->epoch);
+        }
+        umbs_file_abandon(&report->staged);
+        return;
+    }
     enum umb_status status = umbj_table_get(service->table, report->job, NULL, &job, &error);
     const int counts = status == UMB_OK && job.state == UMBJ_RUNNING && job.epoch == report->epoch;
     if (counts && report->kind == UMBJ_REPORT_ENDED) {

@@ -380,19 +380,25 @@ static void note_naming(void *user, const uint8_t *asset, int yes)
     naming->failed += !yes;
 }
 
-/* Ends a running job with a staged file, whose commit fails with system_error, 0 = does not. */
-static void publish(struct fixture *f, uint8_t key, int system_error)
+/* Makes a job of the key that runs. */
+static void run_job(struct fixture *f, uint8_t key, struct umbj_job *job)
 {
     const uint8_t keys[UMBJ_HASH_BYTES] = {key};
     const struct umbj_submission submission = {
         .owner = "ann", .key = keys, .scene = "a.obj", .settings = "", .bundle_bytes = 1};
+    int is_new;
+    assert_int_equal(umbj_table_submit(f->service->table, &submission, 1, job, &is_new, &f->error),
+                     UMB_OK);
+    assert_int_equal(umbj_table_claim(f->service->table, 2, 2, job, &f->error), UMB_OK);
+}
+
+/* Ends a running job with a staged file, whose commit fails with system_error, 0 = does not. */
+static void publish(struct fixture *f, uint8_t key, int system_error)
+{
     struct umbj_report report = {.kind = UMBJ_REPORT_ENDED, .asset = {5}};
     struct umbj_job job;
     char path[4200];
-    int is_new;
-    assert_int_equal(
-        umbj_table_submit(f->service->table, &submission, 1, &job, &is_new, &f->error), UMB_OK);
-    assert_int_equal(umbj_table_claim(f->service->table, 2, 2, &job, &f->error), UMB_OK);
+    run_job(f, key, &job);
     memcpy(report.job, job.id, sizeof report.job);
     report.epoch = job.epoch;
     umbj_asset_path(f->service->assets_path, report.asset, path, sizeof path);
@@ -417,9 +423,74 @@ static void a_file_that_gets_no_name_replaces_nothing(void **state)
     assert_int_equal(names_in(f, "assets"), 1);
 }
 
+/* An executor that only counts. */
+struct counting {
+    struct umbj_executor base;
+    int cancelled;
+};
+
+static enum umb_status count_start(struct umbj_executor *self, const struct umbj_work *work,
+                                   struct umb_error *error)
+{
+    (void)self;
+    (void)work;
+    return umb_fail(error, UMB_E_BUSY, "it runs nothing");
+}
+
+static void count_cancel(struct umbj_executor *self, const char *job, int64_t epoch)
+{
+    assert_true(job[0] != '\0' && epoch > 0);
+    ((struct counting *)self)->cancelled++;
+}
+
+static int count_slots(struct umbj_executor *self)
+{
+    (void)self;
+    return 0;
+}
+
+static void count_destroy(struct umbj_executor *self)
+{
+    (void)self;
+}
+
+/* Long after the lease of a job that was claimed at 2. */
+static int64_t late_ms(void *user)
+{
+    (void)user;
+    return 1000000000;
+}
+
+static void a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing(void **state)
+{
+    struct fixture *f = *state;
+    static struct counting counting; /* the service's until the teardown */
+    static const struct umbj_clocks clocks = {late_ms, late_ms, NULL};
+    struct umbj_service_options options = options_again(f);
+    struct umbj_job job;
+    counting = (struct counting){{count_start, count_cancel, count_slots, count_destroy}, 0};
+    options.executor = &counting.base;
+    options.clocks = &clocks;
+    umbj_service_destroy(f->service);
+    assert_int_equal(umbj__service_open(&options, &f->service, &f->error), UMB_OK); /* no thread */
+    f->service->lost = 1;
+    publish(f, 1, 0);
+    assert_int_equal(names_in(f, "assets"), 0);
+    run_job(f, 2, &job);
+    struct umbj_report report = {.kind = UMBJ_REPORT_PROGRESS, .epoch = job.epoch};
+    memcpy(report.job, job.id, sizeof report.job);
+    umbj__take_report(f->service, &report);
+    assert_int_equal(counting.cancelled, 1);
+    umbj__service_turn(f->service, 0); /* the lease is another daemon's */
+    assert_int_equal(umbj_table_get(f->service->table, job.id, NULL, &job, &f->error), UMB_OK);
+    assert_int_equal(job.state, UMBJ_RUNNING);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(
+            a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(a_file_that_gets_no_name_replaces_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
                                         teardown),
