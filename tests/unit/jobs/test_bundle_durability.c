@@ -322,6 +322,20 @@ static void a_bundle_that_is_there_already_is_synced_by_name_all_the_same(void *
     umbj_upload_destroy(second);
 }
 
+static void a_new_folder_is_synced_in_the_one_above(void **state)
+{
+    struct fixture *f = *state;
+    char path[100];
+    snprintf(path, sizeof path, "%s/new", f->folder);
+    call_count = syncs = 0;
+    assert_int_equal(umbj_folder_make(AT_FDCWD, path, &f->error), UMB_OK);
+    assert_true(find(0, SYNC, f->folder) < CALLS_MOST);
+    snprintf(path, sizeof path, "%s/lost", f->folder);
+    syncs = 0;
+    fail_at = 1;
+    assert_int_equal(umbj_folder_make(AT_FDCWD, path, &f->error), UMB_E_CANNOT_CREATE);
+}
+
 int main(void)
 {
 #define DURABILITY_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -331,6 +345,7 @@ int main(void)
         DURABILITY_TEST(a_sync_that_fails_is_no_acknowledgement),
         DURABILITY_TEST(a_folder_that_cannot_be_opened_is_no_acknowledgement),
         DURABILITY_TEST(a_bundle_that_is_there_already_is_synced_by_name_all_the_same),
+        DURABILITY_TEST(a_new_folder_is_synced_in_the_one_above),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
