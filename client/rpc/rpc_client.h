@@ -81,7 +81,7 @@ struct umb__call {
     uint32_t timeout_ms;
     bool flows;
     uint64_t moved_bytes; /* Bytes of the messages of a call that flows, in both directions */
-    uint64_t key;         /* of its asset */
+    uint64_t key;         /* Hash of its asset */
     uint64_t started_ns;  /* uv_hrtime's clock */
     uint64_t ready_ns;    /* while it rests */
     uint64_t tried;       /* bits of the replicas that were no good */

@@ -135,7 +135,7 @@ struct umbs_import_options {
      * importer: NULL where none runs (umbs_scene_load). A failure ends the import with it. */
     enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
                                struct umb_error *error);
-    void *user; /* of shut_in */
+    void *user; /* Argument of shut_in */
 };
 
 /*

@@ -29,7 +29,7 @@
 struct umbs_cache {
     pthread_mutex_t mutex;       /* over all below */
     const struct umbs_log *log;  /* may be NULL */
-    char *path;                  /* as configured; without links once it is ready */
+    char *path;                  /* Path as configured; without links once it is ready */
     int ready;                   /* 1 if the folder is ours alone and the key is read */
     int told_shared;             /* 1 if the log has another daemon's pid already */
     struct umbs_owner_lock lock; /* Lock of the folder; held by the daemon that may write */

@@ -211,7 +211,7 @@ def wrap(own):
 
 
 LIST, NO_BYTES = "/umbrage.v1.Shadows/List", h2.prefixed(b"")
-certificate("second", "ca", "somebody else")
+certificate("second", "ca", "another client")
 
 
 def clients_of(to, *owns):

@@ -156,7 +156,7 @@ with test.check("lists are as long as they are asked to be"):
     assert len(client.list_jobs(B.ListJobsRequest(limit=1), timeout=60, metadata=ANN).jobs) == 1
     assert len(client.list_jobs(B.ListJobsRequest(), timeout=60, metadata=BOB).jobs) == 0
 
-with test.check("an owner who takes pieces slowly gets them all; one who leaves is no harm"):
+with test.check("a slow reader gets all pieces; one that leaves does no harm"):
     slow = test.client(daemon.grpc_unix, [("grpc.http2.lookahead_bytes", 1024),
                                           ("grpc.http2.max_frame_size", 16384)])
     got = b""

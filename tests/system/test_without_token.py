@@ -298,7 +298,7 @@ with test.check("one Watch a connection, --max-watches in all, for those without
     refused = [r for c in attackers for r in c.replies.values() if not r.body]
     assert {r.status for r in refused} == {EXHAUSTED}, refused[:3]
     assert any("--max-watches" in r.header("grpc-message") for r in refused)
-    connection = connect(small)  # who has rights is not one of the 64
+    connection = connect(small)  # a connection with rights is not one of the 64
     assert connection.call(QUERY, body(), extra=bearer(GOOD)).status == OK
     for expected in (True, False):
         stream = connection.open(WATCH)

@@ -28,7 +28,7 @@ extern "C" {
 struct umb_cascade_camera {
     double eye[3];                      /* metres, world space; within 1e30 */
     double right[3], up[3], forward[3]; /* orthonormal */
-    double tan_x, tan_y;                /* of half the fields of view, 1e-6 .. 1000 */
+    double tan_x, tan_y;                /* Tangents of half the fields of view, 1e-6 .. 1000 */
     double near_m, far_m;               /* along forward, 1e-30 <= near < far <= 1e30 */
 };
 

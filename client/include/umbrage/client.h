@@ -64,7 +64,7 @@ struct umb_client_stream; /* opaque */
 struct umb_client_options {
     uint32_t connect_timeout_ms; /* until the server's first frame, or sign of life; 0 = 5000 */
     uint32_t call_timeout_ms;    /* 0 = 60000; sent as grpc-timeout */
-    uint32_t stall_timeout_ms;   /* of calls with many messages (a fetch, a submission): until the
+    uint32_t stall_timeout_ms;   /* Wait of calls with many messages (fetch, submission) until the
                                     next one, and a second more in all for each KiB; 0 = 120000 */
     uint32_t keepalive_ms;       /* silence of a server that owes answers before it is asked for a
                                     sign of life; 0 = 10000 */
