@@ -23,12 +23,6 @@ static enum umb_status no_memory(struct umb_error *error, const char *what)
                     what);
 }
 
-enum umb_status umb_partial_head_length(const void *front, size_t size, uint64_t *length,
-                                        struct umb_error *error)
-{
-    return umb__head_measure(front, size, length, error);
-}
-
 struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
 {
     struct umb__held *held = &p->pages[page];
@@ -417,11 +411,6 @@ void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint6
     *length = umb__block_bytes(p->head.page_count, block);
 }
 
-const uint8_t *umb_partial_stored(const struct umb_partial *p, uint32_t page)
-{
-    return page < p->head.page_count ? p->pages[page].stored : NULL;
-}
-
 const uint8_t *umb_partial_head(const struct umb_partial *p)
 {
     return p->head_bytes;
@@ -430,11 +419,6 @@ const uint8_t *umb_partial_head(const struct umb_partial *p)
 const struct umb_asset *umb_partial_lower(const struct umb_partial *p)
 {
     return p->built ? &p->lower : NULL;
-}
-
-const struct umb_asset *umb_partial_upper(const struct umb_partial *p)
-{
-    return p->built ? &p->upper : NULL;
 }
 
 void umb_partial_get_stats(const struct umb_partial *p, struct umb_partial_stats *stats)

@@ -27,12 +27,13 @@ static void reopen(bool with_block)
     const struct umb_partial_options options = {.sha256 = &test_digest};
     const size_t head = (size_t)umb__load64(f.file.data + UMB__HEAD_LENGTH);
     struct umb_error error = {0};
-    uint64_t front;
-    assert_int_equal(umb_partial_head_length(f.file.data, 128, &front, &error), UMB_OK);
+    struct umb_file_head facts;
+    assert_int_equal(umb_file_read_head(f.file.data, UMB_FILE_HEAD_BYTES, &facts, &error), UMB_OK);
+    const size_t front = (size_t)facts.front_bytes;
     assert_int_equal(front, head + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY);
     umb_partial_close(f.partial);
-    if (umb_partial_open(f.file.data, with_block ? (size_t)front : head, &options, &f.partial,
-                         &error) != UMB_OK) {
+    if (umb_partial_open(f.file.data, with_block ? front : head, &options, &f.partial, &error) !=
+        UMB_OK) {
         fail_msg("%s", error.message);
     }
 }
