@@ -154,7 +154,7 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_stream_opt
 
 static void set_pixels(struct umb_partial_view *view, size_t height)
 {
-    view->max_error_rad *= view->fov_y / (double)height;
+    view->max_error_rad *= view->camera.fov_y / (double)height;
 }
 
 /* Boxes and cameras. Returns -1 to go on, else the exit code. */

@@ -5,10 +5,11 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
+#include "maps/map_view.h"
 #include "base/vec.h"
 
 /* Gradients of pixel coordinates, per metre; 0 behind the camera. */
-static int pixel_gradients(const struct umb_cascade_camera *camera, const double size[2],
+static int pixel_gradients(const struct umb__map_view *camera, const double size[2],
                            const double world[3], double gradient[2][3], double *distance)
 {
     const double *axes[2] = {camera->right, camera->up};
@@ -81,7 +82,7 @@ static void all_infinite(struct umb_aliasing *a)
     *a = (struct umb_aliasing){INFINITY, INFINITY, {INFINITY, INFINITY}, INFINITY, INFINITY};
 }
 
-int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_cascade_camera *camera,
+int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_camera *camera,
                     uint32_t width, uint32_t height, const double world[3], const double normal[3],
                     struct umb_aliasing *aliasing)
 {
@@ -89,8 +90,10 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_casc
     double n[3] = {normal[0], normal[1], normal[2]}, light[3], eye[3], distance = 0.0;
     double pixel[2][3], axes[2][3], a[2][2], b[2][2], m[2][2];
     struct umb__map_point point;
+    struct umb__map_view view;
     memset(aliasing, 0, sizeof *aliasing);
-    if (!umb__unit(n) || !pixel_gradients(camera, size, world, pixel, &distance) ||
+    if (umb__map_view_make(camera, &view, NULL) != UMB_OK || !umb__unit(n) ||
+        !pixel_gradients(&view, size, world, pixel, &distance) ||
         !umb__frustum_map(frustum, world, &point)) {
         return 0;
     }
@@ -121,7 +124,7 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_casc
         aliasing->along[k] = hypot(m[0][k], m[1][k]);
     }
     const double pixels_a_metre =
-        0.5 * sqrt(size[0] * size[1] / (camera->tan_x * camera->tan_y)) / distance;
+        0.5 * sqrt(size[0] * size[1] / (view.tan_x * view.tan_y)) / distance;
     const double texels_a_metre =
         sqrt(umb__length(point.gradient[0]) * umb__length(point.gradient[1]));
     aliasing->perspective = pixels_a_metre / texels_a_metre;

@@ -58,11 +58,7 @@ struct umb_partial_view {
     int has_box;        /* only what answers points in `box` */
     struct umb_box box; /* finite, min <= max */
     int has_camera;     /* only what answers points in the camera's pyramid; nearer is better */
-    double eye[3];
-    double forward[3], up[3]; /* need not be unit length; 1e-9 rad apart or more */
-    double fov_y;             /* of the picture's height, 0 < fov_y < pi */
-    double aspect;            /* width / height, > 0 */
-    double far_m;             /* 0: no limit */
+    struct umb_camera camera; /* near_m is not read; far_m: distance from the eye, 0 = no limit */
     double max_error_m;       /* cells this small need not be looked into; 0: exact */
     double max_error_rad;     /* the same, as seen from the eye: half a pixel, say; 0: exact */
     uint32_t taps;            /* widest window that will be asked; 0 = UMB_TAPS_MAX */

@@ -93,14 +93,13 @@ static void every_texel_is_the_first_occluder_of_its_column(void **state)
     }
 }
 
-static const struct umb_cascade_camera camera = {.eye = {1000016.5, 10, 20},
-                                                 .right = {0.6, 0.8, 0},
-                                                 .up = {0, 0, 1},
-                                                 .forward = {0.8, -0.6, 0},
-                                                 .tan_x = 0.8,
-                                                 .tan_y = 0.5,
-                                                 .near_m = 0.5,
-                                                 .far_m = 30};
+static const struct umb_camera camera = {.eye = {1000016.5, 10, 20},
+                                         .forward = {4, -3, 0},
+                                         .up = {0, 0, 2},
+                                         .fov_y = 0.927, /* a tangent of half of it of 0.5 */
+                                         .aspect = 1.6,
+                                         .near_m = 0.5,
+                                         .far_m = 30};
 
 static void cascades_hold_the_columns_of_their_texels(void **state)
 {
@@ -349,8 +348,8 @@ static void lights_with_a_position_are_refused_with_and_without_a_camera(void **
     for (int with_camera = 0; with_camera < 2; with_camera++) {
         const struct umb_derive_settings settings = {.width = 8,
                                                      .height = 8,
-                                                     .camera = with_camera ? &camera : NULL,
-                                                     .cascades = {.count = 1}};
+                                                     .camera = &camera,
+                                                     .cascades = {.count = (uint32_t)with_camera}};
         struct umb_derived *derived;
         struct umb_error error = {.message = ""};
         assert_int_equal(umb_derive(f.asset, &settings, NULL, &derived, &error), UMB_E_UNSUPPORTED);
@@ -396,6 +395,7 @@ static void what_cannot_be_derived_is_named(void **state)
          UMB_E_ARGUMENT,
          "8 x 4",
          0},
+        {{.width = 8, .height = 8, .cascades = {.count = 2}}, UMB_E_ARGUMENT, "camera: NULL", 0},
         {{.width = 8, .height = 8, .camera = &camera, .cascades = {.count = 9}},
          UMB_E_ARGUMENT,
          "cascades.count is 9",
