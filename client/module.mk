@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # libumbrage-core (pure), libumbrage (rpc) and the umbrage command.
-INC_client = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 CORE_SRC := $(wildcard client/core/*/*.c)
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)

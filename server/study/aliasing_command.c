@@ -21,6 +21,7 @@
 #include "study/study_vec.h"
 #include "study/view_options.h"
 #include "umbrage/aliasing.h"
+#include "tool/exit_code.h"
 
 #define BINS     12 /* of log2 of pixels a texel: below -4, .., 6 and above */
 #define BIN_LOW  (-5)
@@ -389,7 +390,7 @@ int umbt_aliasing_command(int argc, char **argv)
     struct aliasing *a = calloc(1, sizeof *a); /* plans and summaries: too large for a stack */
     if (a == NULL) {
         fputs("umbrage aliasing: out of memory\n", stderr);
-        return umb_status_exit(UMB_E_NO_MEMORY);
+        return umbu_exit_code(UMB_E_NO_MEMORY);
     }
     enum umb_status status = options_parse(argc, argv, a, &error);
     const int help_wanted = status == UMB_OK && a->help;
@@ -413,5 +414,5 @@ int umbt_aliasing_command(int argc, char **argv)
     umbt_gbuffer_finish(&a->buffer);
     umbt_view_close(&a->view);
     free(a);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

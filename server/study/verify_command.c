@@ -18,6 +18,7 @@
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_scene.h"
+#include "tool/exit_code.h"
 
 static const char help[] =
     "usage: umbrage verify FILE --scene SCENE [options]\n"
@@ -377,7 +378,7 @@ int umbt_verify_command(int argc, char **argv)
     umb_asset_close(verify.asset);
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage verify: %s\n", error.message);
-        return umb_status_exit(status);
+        return umbu_exit_code(status);
     }
     return verify.outside_band > 0 ? 1 : 0;
 }

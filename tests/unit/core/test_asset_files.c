@@ -13,6 +13,7 @@
 #include "base/open_status.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
+#include "tool/exit_code.h"
 
 static const double far_origin[3] = {84616.5, 447423.25, -3};
 
@@ -307,10 +308,10 @@ static void opening_tells_missing_from_forbidden_from_exhausted(void **state)
     enum umb_status status = umb_asset_open_file("/tmp", NULL, &asset, &error);
     assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
     assert_int_equal(status, UMB_E_LIMIT);
-    assert_int_equal(umb_status_exit(umb__open_status(EACCES)), 77);
-    assert_int_equal(umb_status_exit(umb__open_status(EIO)), 74);
-    assert_int_equal(umb_status_exit(umb__open_status(ELOOP)), 74);
-    assert_int_equal(umb_status_exit(umb__open_status(ENOENT)), 66);
+    assert_int_equal(umbu_exit_code(umb__open_status(EACCES)), 77);
+    assert_int_equal(umbu_exit_code(umb__open_status(EIO)), 74);
+    assert_int_equal(umbu_exit_code(umb__open_status(ELOOP)), 74);
+    assert_int_equal(umbu_exit_code(umb__open_status(ENOENT)), 66);
 }
 
 int main(void)
