@@ -256,7 +256,7 @@ int umbc_fetch(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (!umb_id_from_text(parsed.words[0], asset)) {
+    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
         return umbc_usage_error("fetch: '%s' is not an id of 64 hexadecimal digits",
                                 parsed.words[0]);
     }

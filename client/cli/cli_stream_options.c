@@ -139,7 +139,7 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_stream_opt
         return umbc_usage_error("stream: --memory '%s', no number of bytes", v[OPTION_MEMORY]);
     }
     if (v[OPTION_ID]) {
-        if (!umb_id_from_text(v[OPTION_ID], o->id)) {
+        if (umb_id_from_text(v[OPTION_ID], o->id) != UMB_OK) {
             return umbc_usage_error("stream: --id '%s', must be 64 hexadecimal digits",
                                     v[OPTION_ID]);
         }

@@ -74,8 +74,8 @@ static enum umb_status add_front_pages(struct umb_region *region, const struct f
     for (uint32_t page = 0; page < stats.page_count; page++) {
         uint64_t offset;
         uint32_t length;
-        umb_partial_locate(region->partial, page, &offset, &length);
-        if (length == 0 || offset + length > front->size) {
+        if (umb_partial_locate(region->partial, page, &offset, &length) != UMB_OK ||
+            offset + length > front->size) {
             break;
         }
         enum umb_status status =
@@ -199,7 +199,7 @@ static void locate(const struct umb_region *region, enum item_kind kind, uint32_
     if (kind == ITEM_BLOCK) {
         umb_partial_locate_block(region->partial, item, offset, length);
     } else {
-        umb_partial_locate(region->partial, item, offset, length);
+        (void)umb_partial_locate(region->partial, item, offset, length);
     }
 }
 

@@ -223,7 +223,7 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
             slice++;
         }
         const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->options.width,
-                                          a->options.height, position, normal, &result);
+                                          a->options.height, position, normal, &result) == UMB_OK;
         if (only < 0 && way == a->way_index) {
             a->most[i] = known ? (float)fmin(result.most, 1e30) : NAN;
         }

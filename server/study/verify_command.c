@@ -333,7 +333,8 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
     }
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-        const size_t count = umb_curve_get(verify->asset, verify->first_light + i, rows);
+        size_t count;
+        (void)umb_asset_get_curve(verify->asset, verify->first_light + i, rows, &count);
         for (size_t k = 0; k < count && status == UMB_OK; k++) {
             status = row_check(verify, &points, verify->first_light + i, &rows[k], error);
         }

@@ -89,7 +89,7 @@ static void try_pages(const uint8_t *data, size_t size)
             const uint32_t page = (i * (1 + 2U * (data[0] & 3)) + data[0] / 4) % stats.page_count;
             uint64_t offset;
             uint32_t length;
-            umb_partial_locate(partial, page, &offset, &length);
+            (void)umb_partial_locate(partial, page, &offset, &length);
             (void)!umb_partial_add(partial, page, file.data + offset, length, NULL);
             if (umb_partial_build(partial, NULL) == UMB_OK) {
                 query_everywhere(partial);

@@ -56,7 +56,7 @@ static void add_page(struct umb_partial *partial, const struct bytes *file, uint
 {
     uint64_t offset;
     uint32_t length;
-    umb_partial_locate(partial, page, &offset, &length);
+    (void)umb_partial_locate(partial, page, &offset, &length);
     FUZZ_DEMAND(umb_partial_add(partial, page, file->data + offset, length, NULL) == UMB_OK);
 }
 

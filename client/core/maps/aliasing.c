@@ -82,9 +82,10 @@ static void all_infinite(struct umb_aliasing *a)
     *a = (struct umb_aliasing){INFINITY, INFINITY, {INFINITY, INFINITY}, INFINITY, INFINITY};
 }
 
-int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_camera *camera,
-                    uint32_t width, uint32_t height, const double world[3], const double normal[3],
-                    struct umb_aliasing *aliasing)
+enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
+                                const struct umb_camera *camera, uint32_t width, uint32_t height,
+                                const double world[3], const double normal[3],
+                                struct umb_aliasing *aliasing)
 {
     const double size[2] = {(double)width, (double)height};
     double n[3] = {normal[0], normal[1], normal[2]}, light[3], eye[3], distance = 0.0;
@@ -95,13 +96,13 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_came
     if (umb__map_view_make(camera, &view, NULL) != UMB_OK || !umb__unit(n) ||
         !pixel_gradients(&view, size, world, pixel, &distance) ||
         !umb__frustum_map(frustum, world, &point)) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     to_light(frustum, world, light);
     umb__subtract(camera->eye, world, eye);
     const double cos_a = umb__dot(n, eye) / distance, cos_b = umb__dot(n, light);
     if (!(cos_a > 0.0 && cos_b >= 0.0)) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     plane_axes(n, axes);
     along_plane(point.gradient, axes, a);
@@ -110,7 +111,7 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_came
     /* Patches above 1e300 pixels have no end that a double knows. */
     if (!(cos_b > 0.0 && fabs(determinant) > 1e-300)) {
         all_infinite(aliasing);
-        return 1;
+        return UMB_OK;
     }
     const double inverse[2][2] = {{a[1][1] / determinant, -a[0][1] / determinant},
                                   {-a[1][0] / determinant, a[0][0] / determinant}};
@@ -129,5 +130,5 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_came
         sqrt(umb__length(point.gradient[0]) * umb__length(point.gradient[1]));
     aliasing->perspective = pixels_a_metre / texels_a_metre;
     aliasing->projection = cos_a / cos_b;
-    return 1;
+    return UMB_OK;
 }

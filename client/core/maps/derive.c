@@ -212,8 +212,8 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
 {
     for (uint32_t x = 0; x < frustum->width; x++) {
         double end[3];
-        if (!umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) ||
-            !umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end)) {
+        if (umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) != UMB_OK ||
+            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end) != UMB_OK) {
             memset(row->begin[x], 0, sizeof row->begin[x]);
             row->length_m[x] = 0.0;
             continue;

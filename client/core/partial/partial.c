@@ -395,13 +395,14 @@ int umb_partial_has(const struct umb_partial *p, uint32_t page)
     return page < p->head.page_count && p->pages[page].stored;
 }
 
-void umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
-                        uint32_t *length)
+enum umb_status umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
+                                   uint32_t *length)
 {
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
     const bool known = umb__partial_knows(p, page);
     *offset = known ? entry.offset : 0;
     *length = known ? entry.stored_length : 0;
+    return known ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
 void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint64_t *offset,

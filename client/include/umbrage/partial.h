@@ -137,10 +137,10 @@ UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
 /* 1 if a page is here. */
 UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
 
-/* Where a page stands in the file; 0 and 0 if its block of the directory is not here. In: page:
- * below page_count. */
-UMB_API void umb_partial_locate(const struct umb_partial *partial, uint32_t page, uint64_t *offset,
-                                uint32_t *length);
+/* Says where a page stands in the file. In: page: below page_count. Fails: E_NOT_FOUND, and zeros
+ * (its block of the directory is not here). */
+UMB_API enum umb_status umb_partial_locate(const struct umb_partial *partial, uint32_t page,
+                                           uint64_t *offset, uint32_t *length);
 
 /* The head's bytes: uint8[head_bytes], borrowed until close. */
 UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);

@@ -9,6 +9,10 @@
  * no hidden last error. Slow paths also take a struct umb_error (may be NULL) and fill it with one
  * sentence that names the field, the value and the limit.
  *
+ * "Not there" is UMB_E_NOT_FOUND of such a function. An int is the answer to a yes-or-no question.
+ * A name with `get` fills in a struct or an array of the caller's; a function that returns what it
+ * is asked for has none.
+ *
  * Threads: everything here is a pure function of its arguments.
  * Stability: values are pinned for ever; new ones are added at the end of their group.
  */
@@ -18,7 +22,7 @@
 extern "C" {
 #endif
 
-#define UMB_API __attribute__((visibility("default")))
+#define UMB_API     __attribute__((visibility("default")))
 #define UMB_CHECKED __attribute__((warn_unused_result))
 #define UMB_PRINTF(format_index, first_index)                                                      \
     __attribute__((format(printf, format_index, first_index)))
@@ -89,8 +93,7 @@ UMB_API enum umb_status umb_fail(struct umb_error *error, enum umb_status status
 
 /* The same with the errno of a failed system call; its text is appended to the message. */
 UMB_API enum umb_status umb_fail_errno(struct umb_error *error, enum umb_status status,
-                                       int system_error, const char *format, ...)
-    UMB_PRINTF(4, 5);
+                                       int system_error, const char *format, ...) UMB_PRINTF(4, 5);
 
 #ifdef __cplusplus
 }

@@ -70,7 +70,7 @@ static void a_step_of_one_texel_is_lloyds_m(void **state)
         struct umb_map_frustum frustum;
         struct umb_aliasing a;
         assert_int_equal(umb_map_frustum_spot(&spot, TEXELS, TEXELS, &frustum, NULL), UMB_OK);
-        if (!umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a)) {
+        if (umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a) != UMB_OK) {
             continue;
         }
         const long double m = lloyd(&camera, spot.position, spot.tangent, point, normal);
@@ -107,7 +107,7 @@ static void under_a_light_from_above_it_is_the_simplified_formula(void **state)
         const double point[3] = {0, y, 0}, normal[3] = {0, 0, 1};
         struct umb_aliasing a;
         assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a),
-                         1);
+                         UMB_OK);
         /* A texel is 100 m / 510 deep. On the ground 2 m below the eye, dv/dy = f 2 / y^2 pixels;
          * dp/ds takes the distance r along the ray for y, and cos a = 2 / r. */
         const double texel_m = 100.0 / 510.0, f = 0.5 * PIXELS_Y / tan(camera.fov_y / 2),
@@ -143,7 +143,7 @@ static void patches_equal_finite_differences(void **state)
                        0.5 + random_unit(&seed)};
         struct umb_aliasing a;
         assert_true(umb__unit(n));
-        if (!umb_aliasing_at(&plan.frusta[0], &camera, PIXELS_X, PIXELS_Y, world, n, &a) ||
+        if (umb_aliasing_at(&plan.frusta[0], &camera, PIXELS_X, PIXELS_Y, world, n, &a) != UMB_OK ||
             a.most > 1e4) {
             continue;
         }
@@ -155,10 +155,12 @@ static void patches_equal_finite_differences(void **state)
         for (int side = 0; side < 2; side++) {
             const double step = side == 0 ? -1e-4 : 1e-4;
             double p0[3], p1[3], hit[3], d[3], to[3];
-            assert_true(
-                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 0, p0));
-            assert_true(
-                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 1, p1));
+            assert_int_equal(
+                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 0, p0),
+                UMB_OK);
+            assert_int_equal(
+                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 1, p1),
+                UMB_OK);
             umb__subtract(p1, p0, d);
             umb__subtract(world, p0, to);
             const double t = umb__dot(n, to) / umb__dot(n, d);
@@ -191,7 +193,8 @@ static void a_grazing_light_is_infinite_and_nothing_is_nan(void **state)
         struct umb_aliasing a;
         assert_int_equal(umb_map_frustum_fit(to_light, &box, TEXELS, TEXELS, &frustum, NULL),
                          UMB_OK);
-        assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), 1);
+        assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a),
+                         UMB_OK);
         assert_true(a.most > before && !isnan(a.least));
         before = a.projection;
     }
@@ -199,11 +202,13 @@ static void a_grazing_light_is_infinite_and_nothing_is_nan(void **state)
     struct umb_map_frustum frustum;
     struct umb_aliasing a;
     assert_int_equal(umb_map_frustum_fit(to_light, &box, TEXELS, TEXELS, &frustum, NULL), UMB_OK);
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), 1);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), UMB_OK);
     assert_true(isinf(a.most) && isinf(a.along[0]) && isinf(a.projection));
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, down, &a), 0);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, down, &a),
+                     UMB_E_NOT_FOUND);
     const double behind[3] = {0, -10, 0};
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, behind, up, &a), 0);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, behind, up, &a),
+                     UMB_E_NOT_FOUND);
     assert_true(a.most == 0.0);
 }
 
