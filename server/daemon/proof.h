@@ -17,7 +17,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "common/store.h"
+#include "store/store.h"
 #include "wire/messages.h"
 
 #define UMBD_OWED_MAX 4 /* versions at once; more are settled early */

@@ -9,9 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "../../../client/rpc/rpc_address.h"
-#include "../../../client/rpc/rpc_reply.h"
-#include "../../../client/rpc/rpc_sha256.h"
+#include "rpc/rpc_address.h"
+#include "rpc/rpc_reply.h"
+#include "rpc/rpc_sha256.h"
 #include "umbrage/client.h"
 
 static void address_forms_are_told_apart(void **state)
