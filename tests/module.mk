@@ -72,9 +72,9 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
-QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
-questions: $(QUESTIONS) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
-	@for t in $(QUESTIONS); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
+VOLUME_QUERIES := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
+volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
+	@for t in $(VOLUME_QUERIES); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && for scene in "city 12" "bridge 30"; do \
 		file=$$folder/$${scene% *} && \
 		$(BUILD)/scenegen $${scene% *} --size $${scene#* } --format ply -o $$file.ply && \
@@ -212,7 +212,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check questions accuracy system sanitize sanitize-one test layers lint format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-one test layers lint format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)
