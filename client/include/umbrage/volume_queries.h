@@ -2,10 +2,11 @@
 #ifndef UMBRAGE_VOLUME_QUERIES_H
 #define UMBRAGE_VOLUME_QUERIES_H
 /*
- * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in batches. The
- * answers are those that umb_volume_segments and its like give for the same asset, bit for bit.
+ * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in
+ * batches. The answers are those that umb_volume_segments and its like give for the same asset,
+ * bit for bit.
  *
- *     const struct umb_volume_query question = {.asset = "city"};
+ *     const struct umb_volume_query volume_query = {.asset = "city"};
  *     umb_client_columns(client, &volume_query, &points, &answers, &reply, NULL, &error);
  *
  * With async NULL they block until answered. All are tried again as umb_client_query is. What the
