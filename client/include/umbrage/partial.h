@@ -5,7 +5,7 @@
  * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
  * them.
  *
- *     umb_file_read_head(front, size, &head, &error);            read head.occluder_depth_bytes of the file
+ *     umb_file_read_head(front, size, &head, &error);            read head.open_bytes of the file
  *     umb_partial_open(front, size, &options, &partial, &error);
  *     umb_partial_want(partial, &view, 0, &error);               which pages matter, and how much
  *     count = umb_partial_missing(partial, list, room, budget);  the best first
