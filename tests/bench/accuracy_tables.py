@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/accuracy.md between its markers: accuracy curves of generated and real scenes,
+"""The tables of docs/explained/accuracy.md between its markers: accuracy curves of generated and real scenes,
 and how many of how many points broke a bound. `make accuracy` runs it; real scenes come from
 UMBRAGE_SCENES (default ../shared/scenes) and are left out, by name, where they are not there."""
 
@@ -13,7 +13,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 SCENES = os.environ.get("UMBRAGE_SCENES", os.path.join(ROOT, "..", "shared", "scenes"))
-PAGE = os.path.join(ROOT, "docs", "accuracy.md")
+PAGE = os.path.join(ROOT, "docs", "explained", "accuracy.md")
 BEGIN, END = "<!-- accuracy tables: make accuracy -->\n", "<!-- end of accuracy tables -->\n"
 RESOLUTION, POINTS, SUN = 4096, 1000000, "135,40"
 GENERATED = (("generated city", "city", 12), ("generated terrain", "terrain", 128))

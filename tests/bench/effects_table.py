@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/effects.md: what the plan of every real scene says, and what each effect costs
+"""The tables of docs/explained/effects.md: what the plan of every real scene says, and what each effect costs
 with the plan's state and with the other one. `make effects-table` runs it (RESOLUTION=2048); scenes
 come from UMBRAGE_SCENES (default ../shared/scenes).
 

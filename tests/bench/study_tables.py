@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The study's tables of docs/accuracy.md, between their markers: what accuracy costs on generated and
+"""The study's tables of docs/explained/accuracy.md, between their markers: what accuracy costs on generated and
 real scenes, beside a shadow map, a NanoVDB grid and rays. `make accuracy` runs it. A study is taken
 from UMBRAGE_STUDIES/FILE-NAME if it lies there, for those who measure a scene at a time on a machine that
 is seldom quiet; else it is made. Times that were too unsteady stand as -."""
