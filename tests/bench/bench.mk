@@ -122,6 +122,6 @@ $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 
-streaming-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/guide/thin-clients.md: bytes and seconds until a view is known (SIZE=quick|full)
+streaming-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/results/paging.md: bytes and seconds until a view is known (SIZE=quick|full)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/streaming_figures.py --size $(SIZE)
 .PHONY: streaming-figures

@@ -128,7 +128,7 @@ enum {
 #define UMB__PAGE_ENCODING   2U /* 1: every reference written, numbers of whole bytes */
 #define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
 /* Estimated bytes at which the writer closes a page: a thin client needs a few nodes of each
- * (docs/guide/thin-clients.md has what other sizes cost). */
+ * (docs/results/paging.md has what other sizes cost). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)

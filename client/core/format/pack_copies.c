@@ -11,7 +11,7 @@
 #include "base/memory.h"
 
 /* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
- * quarter larger (docs/guide/thin-clients.md), as references, which copies make unnecessary, take
+ * quarter larger (docs/results/paging.md), as references, which copies make unnecessary, take
  * much.
  * That is asked of 16384 roots or a few more, in runs of neighbours. */
 #define COPIES_MAX_FIFTHS 12U
