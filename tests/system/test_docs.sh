@@ -76,6 +76,9 @@ same "tables hold together" "" "$(cat "$folder/tables")"
 /usr/bin/python3 "$root/tests/harness/page_links.py" "$root" >"$folder/links" 2>&1
 same "every link and every page that is named exists" "" "$(cat "$folder/links")"
 
+# The API index has every public function.
+same "the API index is that of the headers" "" "$(/usr/bin/python3 "$root/tests/harness/api_index.py")"
+
 # Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
 /usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
 import re
