@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prints each relative link of a page that leads to no file or to no heading, and each page named in a
-source that does not exist. The argument is the root of the repository."""
+"""Prints what is wrong with the pages, one finding a line: a relative link that leads to no file or to
+no heading, a page named in a source that does not exist, a line of prose over 100 columns, a page
+that is too long. The argument is the root of the repository."""
 
 import pathlib
 import re
@@ -8,6 +9,9 @@ import subprocess
 import sys
 
 root = pathlib.Path(sys.argv[1]).resolve()
+WORDS = {"README.md": 900, "docs/reference/umb-format.md": 7000, "docs/reference/operations.md": 10000}
+WORDS_OF_OTHERS = 3000
+COLUMNS = 100
 
 
 def files(*patterns):
@@ -36,19 +40,27 @@ def anchors(page):
 pages = files("*.md")
 assert len(pages) > 20, pages
 for page in pages:
+    name = str(page.relative_to(root))
+    words = len(page.read_text(encoding="utf-8").split())
+    if words > WORDS.get(name, WORDS_OF_OTHERS):
+        print(f"{name}: {words} words, at most {WORDS.get(name, WORDS_OF_OTHERS)}")
+    for line in prose(page).split("\n"):
+        # A table's row is one line; indented code, pictures and long words cannot be wrapped.
+        if len(line) > COLUMNS and " " in line[:COLUMNS] and not line.startswith(("|", "    ", "!")):
+            print(f"{name}: over {COLUMNS} columns: {line[:60]}")
     for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
         if re.match(r"[a-z]+:", link):
             continue
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page
         if not target.exists() or root not in target.parents:
-            print(f"{page.relative_to(root)}: {link}: no such file")
+            print(f"{name}: {link}: no such file")
         elif anchor and anchor not in anchors(target):
-            print(f"{page.relative_to(root)}: {link}: no such heading")
+            print(f"{name}: {link}: no such heading")
 for source in files():
     if source.suffix in (".png", ".gz") or "fuzz" in source.parts:
         continue
     text = source.read_text(encoding="utf-8", errors="replace")
-    for name in set(re.findall(r"(?<![\w/.-])docs/[\w./-]+\.(?:md|png)", text)):
-        if not (root / name).exists():
-            print(f"{source.relative_to(root)}: {name} does not exist")
+    for named in set(re.findall(r"(?<![\w/.-])docs/[\w./-]+\.(?:md|png)", text)):
+        if not (root / named).exists():
+            print(f"{source.relative_to(root)}: {named} does not exist")
