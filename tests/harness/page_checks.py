@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prints what is wrong with the pages, one finding a line: a relative link that leads to no file or to
-no heading, a page named in a source that does not exist, a line of prose over 100 columns, a page
-that is too long. The argument is the root of the repository."""
+no heading, a page named in a source that does not exist, a file named in a page that is not in the
+tree, a line of prose over 100 columns, a page that is too long. The argument is the repository's
+root."""
 
+import fnmatch
 import pathlib
 import re
 import subprocess
@@ -57,6 +59,18 @@ for page in pages:
             print(f"{name}: {link}: no such file")
         elif anchor and anchor not in anchors(target):
             print(f"{name}: {link}: no such heading")
+tree = [str(file.relative_to(root)) for file in files()]
+for page in pages:
+    for named in set(re.findall(r"`([\w./*-]+)`", prose(page))):
+        # A path of the tree, or a source by its name alone; * stands for any characters.
+        if re.match(r"(?:client|proto|server|tests|deploy)/", named):
+            there = fnmatch.filter(tree, named.rstrip("/")) or fnmatch.filter(tree, named.rstrip("/") + "[/.]*")
+        elif re.fullmatch(r"[\w*]+\.(?:c|h|cc|py|sh|mk|toml|proto)", named):
+            there = fnmatch.filter(tree, "*/" + named)
+        else:
+            continue
+        if not there:
+            print(f"{page.relative_to(root)}: no {named} in the tree")
 for source in files():
     if source.suffix in (".png", ".gz") or "fuzz" in source.parts:
         continue
