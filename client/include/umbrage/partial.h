@@ -212,7 +212,7 @@ UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
                                    struct umb_partial_stats *stats);
 
 /*
- * Writes what is here as a partial file (docs/umb-format.md, section 7).
+ * Writes what is here as a partial file (docs/reference/umb-format.md, section 7).
  *
  * Fails: E_NO_MEMORY, or what the sink returns.
  */
