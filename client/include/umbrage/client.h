@@ -9,38 +9,40 @@
  *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
  *     umb_client_close(client);
  *
- * A client owns one loop thread and a connection to each server it was given, opened at the first
- * call for it and again after it was lost. A connection on which a call met its deadline, or whose
- * server owes answers and is silent for keepalive_ms, is asked for a sign of life and given up
- * after connect_timeout_ms without one.
+ * A client owns one loop thread and one connection to each server of its address. A connection
+ * opens at the first call for its server, and again after a loss. The client sends an HTTP/2 PING
+ * when a call meets its deadline, or when a server that owes answers is silent for keepalive_ms.
+ * Without a reply within connect_timeout_ms the connection counts as lost.
  *
- * Trying again: a call that the server has not begun goes on at once. All calls here only ask, so
- * one whose connection was lost, or that the server refused with UNAVAILABLE or "come again after",
- * is asked again after a pause, max_retries times at most, within its deadline, and not while most
- * calls fail. A server that was there and is gone (restarted) is waited for, connect_timeout_ms at
- * most; one that never was fails the call at once.
+ * Retries: a call that the server has not begun is sent again at once. A call whose connection was
+ * lost, or that the server refused with UNAVAILABLE or with retry pushback ("retry after"), is sent
+ * again after a pause. This is safe, because queries change nothing. A call is retried at most
+ * max_retries times, within its deadline, and not while most calls fail. A server that was
+ * connected before and is gone (restarted) is awaited for at most connect_timeout_ms. A server
+ * that was never reached fails the call at once.
  *
  * Several servers: "tcp:a:7420,tcp:b:7420" are replicas with the same assets, 64 at most. Each
- * asset has its own order of them (rendezvous hashing), the same for every client: a call goes to
- * the first that can be reached, and a try to the next.
- * The asynchronous face returns at once and
- * calls back on the client's own thread; the blocking face is the asynchronous one and a wait. The
- * library never aborts, exits or prints.
+ * asset has its own order of them (rendezvous hashing), the same for every client. A call goes to
+ * the first replica that can be reached, and a retry to the next.
+ * Asynchronous functions return at once and call back on the client's own thread. Blocking ones
+ * start the asynchronous call and wait for it. The library never aborts, exits or prints.
  *
  * Addresses: "tcp:HOST:PORT" (HOST may be [::1]), "tls:HOST:PORT" and "unix:PATH".
  * TLS: 1.2 or 1.3; the server's certificate is always verified. A token is sent with every call,
- * over whatever address was given: in the clear on tcp:, so use tls: or a Unix socket.
+ * whatever the address. On tcp: it travels in the clear, so use tls: or a Unix socket.
  * Ownership: requests are copied before a call returns; a callback's reply and error are borrowed
  * during the callback.
  * Threads: every function may be called from any thread at once on one client, but for
- * umb_client_close. Blocking calls refuse to run in a callback (E_STATE): they would wait for
+ * umb_client_close. Blocking calls fail with E_STATE in a callback: they would wait for
  * themselves. A callback that takes long delays all other calls of its client.
- * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
- * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
- * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-retry-pushback.md).
+ * Trust: every message of a server is bounded and checked. A hostile server can only fail calls or
+ * give wrong answers.
+ * Errors: the server's gRPC status becomes the status of the same meaning. RESOURCE_EXHAUSTED
+ * becomes E_BUSY if the server says when to retry, and E_TOO_LARGE if it does not
+ * (docs/decisions/0005-retry-pushback.md).
  * Limits: one connection to each server.
- * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
- * umb_client_close then waits for it.
+ * Caveat: the system's resolver looks up names and cannot be interrupted. umb_client_close waits
+ * for a look-up that is under way.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -57,100 +59,101 @@ extern "C" {
 struct umb_client;        /* opaque */
 struct umb_client_stream; /* opaque */
 
-/* As max_retries: a call is sent once and not again, unless the server said that it did not begin
- * it. For whoever measures, or tries again by himself. */
+/* Value of max_retries for no retries, unless the server says that it did not begin the call. For
+ * measurements, and for programs with retries of their own. */
 #define UMB_CLIENT_NEVER UINT32_MAX
 
 struct umb_client_options {
-    uint32_t connect_timeout_ms; /* until the server's first frame, or sign of life; 0 = 5000 */
-    uint32_t call_timeout_ms;    /* 0 = 60000; sent as grpc-timeout */
+    uint32_t connect_timeout_ms; /* Wait for the server's first frame or PING reply; 0 = 5000 */
+    uint32_t call_timeout_ms;    /* Deadline of a call, sent as grpc-timeout; 0 = 60000 */
     uint32_t stall_timeout_ms;   /* Wait of calls with many messages (fetch, submission) until the
                                     next one, and a second more in all for each KiB; 0 = 120000 */
-    uint32_t keepalive_ms;       /* silence of a server that owes answers before it is asked for a
-                                    sign of life; 0 = 10000 */
-    uint32_t max_retries;        /* of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */
-    uint32_t max_calls;          /* under way and waiting; 0 = 1024; further ones get E_BUSY */
-    uint64_t max_request_bytes;  /* of those calls together; 0 = 256 MiB; likewise, but one call
-                                    alone may have more */
-    uint64_t max_reply_bytes;    /* of one reply; 0 = 64 MiB, at most 4 GiB */
-    umb_log_fn log;              /* NULL = silent; called on the client's thread */
-    void *log_user;
-    /* Of tls: addresses alone: PEM files, read by umb_client_open and not again. */
-    const char *ca_file;          /* authorities to trust; NULL = those of the system */
-    const char *certificate_file; /* our chain, for mutual TLS; NULL = none */
-    const char *key_file;         /* its private key, without a password; NULL = the same file */
-    const char *server_name;      /* that the server's certificate must have; NULL = HOST */
-    const char *token; /* bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
-    const char *token_file; /* or a file that holds it alone; a line's end behind it is cut off */
+    uint32_t keepalive_ms;       /* Silence of a server that owes answers before the client sends a
+                                    PING; 0 = 10000 */
+    uint32_t max_retries;        /* Retries of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */
+    uint32_t max_calls;          /* Calls under way and waiting; 0 = 1024; beyond: E_BUSY */
+    uint64_t max_request_bytes;  /* Bytes of those calls' requests together; 0 = 256 MiB; beyond:
+                                    E_BUSY. A call that is alone may have more */
+    uint64_t max_reply_bytes;    /* Bytes of one reply; 0 = 64 MiB, at most 4 GiB */
+    umb_log_fn log;              /* Log callback, called on the client's thread; NULL = silent */
+    void *log_user;              /* First argument of `log` */
+    /* For tls: addresses only: PEM files, read by umb_client_open and not again. */
+    const char *ca_file;          /* Authorities to trust; NULL = those of the system */
+    const char *certificate_file; /* Client's certificate chain, for mutual TLS; NULL = none */
+    const char *key_file;         /* Its private key, without a password; NULL = the same file */
+    const char *server_name;      /* Name that the server's certificate must have; NULL = HOST */
+    const char *token; /* Bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
+    const char *token_file; /* File that holds only the token; a newline at its end is cut off */
 };
 
 struct umb_client_query_request {
-    const char *asset; /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
+    const char *asset; /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
-    /* Chooses taps and level, which must be 0, on the server; zeroed: nothing is chosen. budget_ns
-     * is of one of the server's cores, calibrated there on points like these. */
+    /* Dial by which the server chooses taps and level, which must then be 0; zeroed: no choice.
+     * budget_ns is for one of the server's cores, calibrated there on points like these. */
     struct umb_dial dial;
-    struct umb_points points; /* that they are finite is checked by the server alone */
-    /* Instead of points, whose count and positions are then not looked at: a point for each pixel
-     * (umbrage/picture.h). NULL: points. */
+    struct umb_points points; /* Batch of points; only the server checks that they are finite */
+    /* Depth picture with a point for each pixel (umbrage/picture.h), instead of `points`, whose
+     * count and positions are then ignored. NULL: points. */
     const struct umb_picture *picture;
-    int pack; /* 1: answers travel packed; they are unpacked here */
-    /* With pack: answers to an earlier packed query of the same stream, as many bytes as this one's
-     * have: a server that has them too sends only what changed. Copied. NULL: none. */
+    int pack; /* 1: answers travel packed; the client unpacks them */
+    /* With pack: answers to an earlier packed query of the same stream, as many bytes as this
+     * query's. A server that still has them sends only the changes. Copied. NULL: none. */
     const void *base;
-    int want_stats;                   /* 0 or 1 */
-    uint32_t timeout_ms;              /* 0 = the client's */
-    struct umb_client_stream *stream; /* of the same client; NULL: a call of its own */
+    int want_stats;                   /* 1: the reply carries stats; else 0 */
+    uint32_t timeout_ms;              /* Deadline of this call; 0 = the client's */
+    struct umb_client_stream *stream; /* Stream of the same client; NULL: a call of its own */
 };
 
 struct umb_client_query_reply {
-    const void *values;             /* in settings.format, one a point, in their order */
-    size_t value_bytes;             /* always umb_answer_bytes(format, count) */
-    uint8_t asset_id[UMB_ID_BYTES]; /* the asset that answered */
-    struct umb_query_stats stats;   /* if asked for, else 0 */
-    uint64_t nanoseconds;           /* server CPU of the query, if asked for, else 0 */
-    /* The setting that answered and what it gives, if stats are asked for; from a server that does
-     * not say 0. The last two: 0 if the asset carries no accuracy curve. */
+    const void *values;             /* Answers in settings.format, in the order of the points */
+    size_t value_bytes;             /* Length in bytes: umb_answer_bytes(format, count) */
+    uint8_t asset_id[UMB_ID_BYTES]; /* Id of the asset that answered */
+    struct umb_query_stats stats;   /* Counts of the run; 0 without want_stats */
+    uint64_t nanoseconds;           /* CPU time on the server; 0 without want_stats */
+    /* Settings that answered, with want_stats, and their accuracy and cost as in struct
+     * umb_curve_row. 0 if the server does not say; the last two also if the asset carries no
+     * accuracy curve. */
     uint32_t level, taps;
     double bound_m, visibility_error, lines;
-    double expected_ns;    /* with a budget and stats: nanoseconds a point; else 0 */
-    uint64_t packed_bytes; /* that the answers took on the wire, if they were packed, else 0 */
+    double expected_ns;    /* Expected nanoseconds a point, with a budget and stats; else 0 */
+    uint64_t packed_bytes; /* Bytes of the answers on the wire, if they were packed; else 0 */
     int changes_only;      /* 1: they were packed against `base` */
 };
 
 struct umb_client_asset {
     char name[256]; /* UTF-8, NUL-terminated */
     uint8_t id[UMB_ID_BYTES];
-    uint64_t packed_bytes; /* of its file */
-    uint64_t memory_bytes; /* that queries read */
+    uint64_t packed_bytes; /* Length of the packed file */
+    uint64_t memory_bytes; /* Bytes that queries read */
     uint32_t light_count;
 };
 
 struct umb_client_light {
     struct umb_light_info info; /* first_frustum and frustum_count are 0: not on the wire */
-    uint64_t resolution;        /* voxels a side */
-    double voxel_m[3];          /* metres a voxel along the frustum's x, y, z */
-    int closed;                 /* baked under the closed rule */
-    size_t curve_count;         /* rows; 0: the asset carries no curve, or the server tells none */
+    uint64_t resolution;        /* Voxels a side */
+    double voxel_m[3];          /* Edges of a voxel along the frustum's x, y, z, metres */
+    int closed;                 /* 1: baked under the closed rule */
+    size_t curve_count;         /* Number of rows; 0: the asset or the server gives no curve */
     struct umb_curve_row curve[UMB_CURVE_ROWS_MAX];
-    /* Nanoseconds a point of a row on one of the server's cores, for points all over the scene and
-     * for such as lie next to each other; 0 until a budget was asked of points of that kind. */
+    /* Nanoseconds a point of each row on one of the server's cores: for points scattered over the
+     * scene, and for points next to each other. 0 until a query of that kind has had a budget. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
 };
 
-/* Numbers are as the server sent them, not checked for being finite. */
+/* Description of an asset. Numbers are as the server sent them: they may be infinite or NaN. */
 struct umb_client_description {
     struct umb_client_asset asset;
     uint32_t light_count;
     struct umb_client_light *lights;  /* [light_count] */
-    double origin[3];                 /* metres, world space */
-    struct umb_box bounds;            /* metres, world space, of the casters */
+    double origin[3];                 /* Scene origin, metres, world space */
+    struct umb_box bounds;            /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
-    char *plan, *settings;            /* UTF-8 */
+    char *plan, *settings;            /* Texts as in struct umb_asset_info, UTF-8 */
 };
 
 /*
- * Takes the end of a query.
+ * Called at the end of a query.
  *
  * In:    status UMB_OK: reply is set and error NULL; else reply is NULL and error is set.
  * Owns:  both are borrowed during the call.
@@ -160,34 +163,36 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
 
-/* Takes the end of a call: error is NULL if status is UMB_OK, else borrowed during the call.
+/* Called at the end of a call: error is NULL if status is UMB_OK, else borrowed meanwhile.
  * Threads: called exactly once for each started call, on the client's thread. May start calls. */
 typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
                                    const struct umb_error *error);
 
 /*
- * How a call goes on by itself. Functions that take one return at once; NULL instead makes them
- * wait for the end.
+ * An asynchronous call. A function that takes one returns at once; with NULL instead the function
+ * waits for the end of the call.
  *
- * Memory that such a function writes to is the caller's, must stay until `done` is called, and is
- * written by then. What it only reads is copied, unless its description says otherwise. If the
- * function fails at once, `done` is not called.
+ * Ownership: output memory is the caller's and must stay until `done` is called; by then it is
+ * written. Inputs are copied, unless the function's description says otherwise. If the function
+ * fails at once, `done` is not called.
  */
 struct umb_client_async {
     umb_client_done_fn done;
     void *user;    /* First argument of `done` */
-    uint64_t call; /* Out: the call's number, for umb_client_cancel */
+    uint64_t call; /* Out: number of the call, for umb_client_cancel */
 };
 
 /*
  * Makes a client. Does not connect yet.
  *
  * In:    address: one, or several with commas between; copied. options: copied, strings too; NULL
- * for the defaults. Out:   out: the client, or NULL on failure. Owns:  the caller closes it with
- * umb_client_close. Fails: E_ARGUMENT (address, token, a file that cannot be used, files without a
- * tls: address), E_NO_INPUT, E_PERMISSION or E_IO (a file that cannot be read), E_NO_MEMORY,
- * E_INTERNAL (no lock, loop or thread to be had). Cost:  one thread with all signals blocked, about
- * 0.3 MiB.
+ *        for the defaults.
+ * Out:   out: the client, or NULL on failure.
+ * Owns:  the caller closes it with umb_client_close.
+ * Fails: E_ARGUMENT (address, token, a file with unusable content, files without a tls: address),
+ *        E_NO_INPUT, E_PERMISSION or E_IO (a file that cannot be read), E_NO_MEMORY, E_INTERNAL
+ *        (the system gives no lock, loop or thread).
+ * Cost:  one thread with all signals blocked, about 0.3 MiB.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
                                                     const struct umb_client_options *options,
@@ -195,25 +200,25 @@ UMB_API UMB_CHECKED enum umb_status umb_client_open(const char *address,
                                                     struct umb_error *error);
 
 /*
- * Cancels what is under way (its callbacks get E_CANCELLED), waits for the thread, frees the
- * client.
+ * Cancels all calls under way (their callbacks get E_CANCELLED), waits for the client's thread and
+ * frees the client.
  *
  * In:    client: may be NULL.
- * Threads: nobody else may use the client, or begin to; never from a callback.
+ * Threads: no other thread may use the client, or begin to. Never call it from a callback.
  */
 UMB_API void umb_client_close(struct umb_client *client);
 
 /*
- * Starts a query; its end comes to `done`.
+ * Starts a query and returns; `done` is called at its end.
  *
  * In:    request: copied whole, points included. user: handed to done.
  * Out:   call: the query's number, for umb_client_cancel; may be NULL.
- * Fails: at once, and then done is not called: E_ARGUMENT (what the server would refuse without
+ * Fails: at once, without calling done: E_ARGUMENT (a request that the server would refuse without
  *        looking at the points), E_TOO_LARGE (over 4 GiB of points), E_BUSY (max_calls),
- *        E_CANCELLED (closing), E_NO_MEMORY. To done: E_UNAVAILABLE (no connection, or lost),
- *        E_UNAUTHENTICATED (a certificate or token that is not accepted),
- *        E_DEADLINE, E_CANCELLED, E_TOO_LARGE (reply over max_reply_bytes), E_PROTOCOL (no proper
- *        gRPC), E_NO_MEMORY, and what the server said.
+ *        E_CANCELLED (closing), E_NO_MEMORY.
+ *        Through done: E_UNAVAILABLE (no connection, or a lost one), E_UNAUTHENTICATED (the
+ *        certificate or token is not accepted), E_DEADLINE, E_CANCELLED, E_TOO_LARGE (reply over
+ *        max_reply_bytes), E_PROTOCOL (malformed gRPC), E_NO_MEMORY, and the server's own status.
  * Cost:  one copy of the points.
  */
 UMB_API UMB_CHECKED enum umb_status
@@ -222,12 +227,12 @@ umb_client_query_start(struct umb_client *client, const struct umb_client_query_
                        struct umb_error *error);
 
 /*
- * Cancels a call by its number: its callback gets E_CANCELLED, soon, unless the call has ended by
- * then, and comes once in any case. The server is told, and gives up what it has not begun. Of a
- * stream, what else was sent and is not answered yet is asked again.
+ * Cancels a call by its number. Its callback soon gets E_CANCELLED, unless the call has ended by
+ * then; it is called once in any case. The server is told, and drops work it has not begun. The
+ * other unanswered queries of the call's stream are sent again.
  *
- * In:    call: as umb_client_query_start or struct umb_client_async gave it. A number whose call
- *        has ended, and 0, cancel nothing: numbers are not used again.
+ * In:    call: number from umb_client_query_start or struct umb_client_async. 0 and the numbers of
+ *        ended calls cancel nothing; numbers are not used again.
  * Fails: E_NO_MEMORY: nothing was cancelled.
  * Threads: any, callbacks too.
  */
@@ -235,11 +240,11 @@ UMB_API UMB_CHECKED enum umb_status umb_client_cancel(struct umb_client *client,
                                                       struct umb_error *error);
 
 /*
- * Asks and waits.
+ * Sends a query and waits for its answers.
  *
- * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes, not where
- *        request->base is; written on success only, or with pack without meaning on failure.
- *        reply: may be NULL; zeroed on failure; reply->values then points to values.
+ * Out:   values: answers in settings.format, umb_answer_bytes(format, count) bytes, not
+ *        overlapping request->base. On failure unchanged, or with pack unspecified.
+ *        reply: may be NULL; zeroed on failure; on success reply->values points to values.
  * Fails: as umb_client_query_start, at once or later; E_STATE in a callback.
  */
 UMB_API UMB_CHECKED enum umb_status
@@ -247,29 +252,29 @@ umb_client_query(struct umb_client *client, const struct umb_client_query_reques
                  void *values, struct umb_client_query_reply *reply, struct umb_error *error);
 
 /*
- * Makes a stream: queries that name it are answered in the order in which they were started, at a
- * fraction of a call's cost. For whoever asks again and again, as a frame loop. Nothing is sent
- * before the first query; a stream that the server or the network ended is opened again by the
- * next one. A query that meets its deadline or is refused fails alone.
+ * Makes a stream, for programs that query again and again, such as a frame loop. Queries that name
+ * the stream are answered in the order in which they were started, at a fraction of a call's cost.
+ * Nothing is sent before the first query. If the server or the network ends the stream, the next
+ * query opens it again. A query that meets its deadline or is refused fails alone.
  *
  * Owns:  the caller closes it with umb_client_stream_close before it closes the client.
  * Fails: E_NO_MEMORY.
- * Threads: any; several may ask over one stream.
+ * Threads: any; several threads may query over one stream.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_stream_open(struct umb_client *client,
                                                            struct umb_client_stream **out,
                                                            struct umb_error *error);
 
-/* Cancels what is under way on a stream (call-backs get E_CANCELLED, soon) and frees it. NULL is
- * allowed. Nobody else may use the stream; a call-back may close it. */
+/* Cancels the queries under way on a stream (their callbacks soon get E_CANCELLED) and frees it.
+ * NULL is allowed. Threads: no other thread may use the stream; a callback may close it. */
 UMB_API void umb_client_stream_close(struct umb_client_stream *stream);
 
 /*
- * Lists the server's assets, by name, and waits for the answer.
+ * Lists the server's assets in the order of their names, and waits for the answer.
  *
- * Out:   assets: [count], NULL and 0 on failure.
+ * Out:   assets: [count]; NULL and count 0 on failure.
  * Owns:  the caller frees them with umb_free.
- * Fails: as umb_client_query but for the points.
+ * Fails: as umb_client_query, except for the errors about points.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_list_assets(struct umb_client *client,
                                                            struct umb_client_asset **assets,
@@ -280,7 +285,7 @@ UMB_API UMB_CHECKED enum umb_status umb_client_list_assets(struct umb_client *cl
  *
  * In:    asset: name or id. async: NULL: waits for the answer.
  * Out:   description: NULL on failure.
- * Owns:  the caller frees it and all it points to with umb_free.
+ * Owns:  the caller frees it with one umb_free, which frees its lights and texts too.
  * Fails: as umb_client_list_assets; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8),
  *        E_NOT_FOUND.
  */
@@ -291,14 +296,14 @@ UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *clien
                                                         struct umb_error *error);
 
 /*
- * Has the server derive maps of an asset, and receives the KTX 2.0 file that umb_derived_ktx2
+ * Makes the server derive maps from an asset, and receives the KTX 2.0 file that umb_derived_ktx2
  * makes. A texel counts as a point in the server's limits and rates.
  *
- * In:    asset: name or id. settings: as umb_derive takes them; cancelled is not looked at.
- * Out:   bytes: [size], NULL on failure; asset_id: of the version that answered.
+ * In:    asset: name or id. settings: as for umb_derive; `cancelled` is ignored.
+ * Out:   bytes: [size], NULL on failure. asset_id: id of the asset that answered.
  * Owns:  the caller frees bytes with umb_free.
- * Fails: as umb_client_describe; what umb_derive fails with, as the server says it; E_TOO_LARGE
- *        (over max_reply_bytes).
+ * Fails: as umb_client_describe, and as umb_derive on the server; E_TOO_LARGE (over
+ *        max_reply_bytes).
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
                                                       const struct umb_derive_settings *settings,
@@ -307,21 +312,21 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
                                                       struct umb_client_async *async,
                                                       struct umb_error *error);
 
-/* What a server takes in one call; docs/reference/protocol.md has all of it. */
+/* Limits of a server for one call; docs/reference/protocol.md has the full list. */
 struct umb_client_limits {
-    uint64_t max_points; /* points times lights, texels of derived maps */
-    uint64_t max_message_bytes;
-    uint64_t max_segments; /* with up to 64 intervals each; 0: the server takes none */
+    uint64_t max_points;        /* Points times lights; texels of derived maps */
+    uint64_t max_message_bytes; /* Bytes of one message */
+    uint64_t max_segments; /* Segments with up to 64 intervals each; 0: the server takes none */
     uint64_t max_columns;
     uint64_t max_boxes;
-    uint64_t max_box_steps; /* of one box (umbrage/volume.h) */
-    uint32_t max_targets;   /* assets and lights of one query */
+    uint64_t max_box_steps; /* Steps to count one box (umbrage/volume.h) */
+    uint32_t max_targets;   /* Assets and lights of one query */
     uint32_t max_taps;
-    char version[32]; /* of the server */
+    char version[32]; /* Version of the server */
 };
 
 /*
- * Asks what the server takes and waits for the answer.
+ * Asks for the server's limits and waits for the answer.
  *
  * Out:   limits: zeroed on failure.
  * Fails: as umb_client_list_assets.
@@ -334,8 +339,8 @@ UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *cli
  * Asks the health service and waits for the answer.
  *
  * In:    service: "umbrage.v1.Shadows"; "" or NULL for the server as a whole.
- * Out:   serving: 1 if it said SERVING, else 0.
- * Fails: as umb_client_list_assets; E_NOT_FOUND (a service it does not know).
+ * Out:   serving: 1 if the answer is SERVING, else 0.
+ * Fails: as umb_client_list_assets; E_NOT_FOUND (the server does not know the service).
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
                                                       const char *service, int *serving,

@@ -9,9 +9,9 @@
  * no hidden last error. Slow paths also take a struct umb_error (may be NULL) and fill it with one
  * sentence that names the field, the value and the limit.
  *
- * "Not there" is UMB_E_NOT_FOUND of such a function. An int is the answer to a yes-or-no question.
- * A name with `get` fills in a struct or an array of the caller's; a function that returns what it
- * is asked for has none.
+ * A missing thing is UMB_E_NOT_FOUND. A function that returns int answers a yes-or-no question. A
+ * function with `get` in its name fills in the caller's struct or array; a function without it
+ * returns its result.
  *
  * Threads: everything here is a pure function of its arguments.
  * Stability: values are pinned for ever; new ones are added at the end of their group.
@@ -28,8 +28,7 @@ extern "C" {
     __attribute__((format(printf, format_index, first_index)))
 
 /*
- * X(name, value, text). One list makes the enum, the names and the texts, so that they cannot drift
- * apart.
+ * X(name, value, text). The enum, the names and the texts are made from this one list.
  */
 #define UMB_STATUS_LIST(X)                                                                         \
     X(OK, 0, "ok")                                                                                 \
@@ -71,9 +70,9 @@ enum umb_status {
 
 /* Detail of one failure; lives with the caller, holds no pointers, needs no destroy. */
 struct umb_error {
-    enum umb_status status; /* the code the function also returned */
+    enum umb_status status; /* Code that the function also returned */
     int system_error;       /* errno of the failing system call, or 0 */
-    char message[320];      /* one sentence, UTF-8, no newline: field, value, limit */
+    char message[320];      /* One sentence, UTF-8, no newline: field, value, limit */
 };
 
 /* Returns the symbolic name ("E_CORRUPT"), never NULL. */
@@ -85,13 +84,14 @@ UMB_API const char *umb_status_text(enum umb_status status);
 /*
  * Fills error (if not NULL) and returns status, so that `return umb_fail(...)` reads well.
  *
- * In:  format: printf format of one sentence; cut at 319 bytes. Control characters become blanks,
- *      malformed UTF-8 '?', so that what a stranger wrote may be put in. system_error is set to 0.
+ * In:  format: printf format of one sentence; cut at 319 bytes. Control characters become blanks
+ *      and malformed UTF-8 becomes '?', so untrusted text is safe in it.
+ * Out: error: with system_error 0.
  */
 UMB_API enum umb_status umb_fail(struct umb_error *error, enum umb_status status,
                                  const char *format, ...) UMB_PRINTF(3, 4);
 
-/* The same with the errno of a failed system call; its text is appended to the message. */
+/* As umb_fail, with the errno of a failed system call; its text is appended to the message. */
 UMB_API enum umb_status umb_fail_errno(struct umb_error *error, enum umb_status status,
                                        int system_error, const char *format, ...) UMB_PRINTF(4, 5);
 
