@@ -2,8 +2,7 @@
 #ifndef UMBRAGE_PARTIAL_H
 #define UMBRAGE_PARTIAL_H
 /*
- * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
- * them.
+ * Partial assets: queries on some pages of a packed file, each proven by its hash.
  *
  *     umb_file_read_head(front, size, &head, &error);            read head.open_bytes of the file
  *     umb_partial_open(front, size, &options, &partial, &error);
@@ -17,18 +16,18 @@
  *
  * umbrage/region.h does all of that over a source of byte ranges.
  *
- * How a missing page is answered. What is there is laid out twice: in the lower asset every subtree
- * that is not there is all shadowed, in the upper one all lit. Both are ordinary assets, so that
- * every query runs on them as it is, and since a window counts lit voxels the truth lies between
- * the two answers. Where they are equal, the answer is exact, bit for bit that of the whole file.
- * Elsewhere it is the occupancy of the deepest node that is there, put between the two.
+ * Answers without a page: the held pages are laid out twice. In the lower asset every missing
+ * subtree is all shadowed, in the upper asset all lit. Both are ordinary assets, so every query
+ * runs on them unchanged. A window counts lit voxels, so the truth lies between the two answers.
+ * Where they are equal, the answer is exact: bit for bit that of the whole file. Elsewhere the
+ * answer is the occupancy of the deepest node held, clamped to the two.
  *
- * Trust: head, directory and canonical block are checked against the id, each page against its
- * SHA-256 in the directory, its structure and its links to the pages that are there. Safe on
- * hostile bytes; what is wrong is refused with the page named, and the rest stays as it was.
- * Memory: everything, stored pages included, stays within options.max_memory_bytes: a build that
- * does not fit drops the pages that matter least and tries again. zstd's working memory (about 0.2
- * MiB) comes from malloc on top. A dropped page is missing again.
+ * Trust: safe on hostile bytes. Head, directory and canonical block are checked against the id.
+ * Each page is checked against its SHA-256 in the directory, for its structure, and for its links
+ * to the held pages. A wrong page is refused by its number, and the held ones stay.
+ * Memory: everything, stored pages included, stays within options.max_memory_bytes. A build that
+ * does not fit drops the pages of the least benefit, which are then missing again, and is retried.
+ * zstd's working memory (about 0.2 MiB) comes from malloc on top.
  * Threads: one at a time; but between two builds any number may query.
  * Space: voxels and boxes as in umbrage/geom.h.
  */
@@ -47,109 +46,110 @@ struct umb_partial_options {
     const struct umb_sha256 *sha256; /* Hash that proves pages: umb_sha256_openssl() of libumbrage,
                                         or the caller's (umbrage/file.h); needed; borrowed until
                                         close */
-    const uint8_t *id;               /* uint8[UMB_ID_BYTES] that was asked for; NULL: any */
-    uint64_t max_memory_bytes;       /* 0 = 1 GiB; less than the head takes: E_TOO_LARGE */
-    const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial */
+    const uint8_t *id;               /* uint8[UMB_ID_BYTES], the id to require; NULL: any */
+    uint64_t max_memory_bytes;       /* Memory budget; 0 = 1 GiB; too little for the head:
+                                        E_TOO_LARGE */
+    const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial asset */
 };
 
-/* What one wants to see. World space, metres, radians. */
+/* The points that a program will ask about, and how exactly. World space, metres, radians. */
 struct umb_partial_view {
-    uint32_t light;     /* UINT32_MAX: all lights */
-    int has_box;        /* only what answers points in `box` */
-    struct umb_box box; /* finite, min <= max */
-    int has_camera;     /* only what answers points in the camera's pyramid; nearer is better */
+    uint32_t light;     /* Index of the light; UINT32_MAX: all lights */
+    int has_box;        /* 1: only pages that answer points in `box` */
+    struct umb_box box; /* Box: finite, min <= max */
+    int has_camera;     /* 1: only pages that answer points in the camera's view; near ones first */
     struct umb_camera camera; /* near_m is not read; far_m: distance from the eye, 0 = no limit */
-    double max_error_m;       /* cells this small need not be looked into; 0: exact */
-    double max_error_rad;     /* the same, as seen from the eye: half a pixel, say; 0: exact */
-    uint32_t taps;            /* widest window that will be asked; 0 = UMB_TAPS_MAX */
-    double bias_m;            /* longest bias that will be asked beyond UMB_BIAS_AUTO's */
+    double max_error_m;       /* Edge of cells that need no finer pages; 0: exact */
+    double max_error_rad;     /* The same as an angle at the eye, such as half a pixel; 0: exact */
+    uint32_t taps;            /* Widest window of the queries to come; 0 = UMB_TAPS_MAX */
+    double bias_m;            /* Longest bias of the queries to come, beyond UMB_BIAS_AUTO's */
 };
 
 struct umb_partial_stats {
-    uint32_t page_count, pages_held;          /* of the asset; here */
-    uint64_t asset_bytes;                     /* of the packed file */
-    uint64_t head_bytes;                      /* of its head */
-    uint64_t held_bytes;                      /* stored bytes of the pages here */
-    uint64_t memory_bytes, memory_peak_bytes; /* taken now and at most */
-    uint64_t pages_dropped;                   /* by the budget, since open */
-    uint64_t builds;
-    uint32_t block_count, blocks_held; /* of the directory; here */
+    uint32_t page_count, pages_held;          /* Pages of the asset; pages held */
+    uint64_t asset_bytes;                     /* Length of the packed file */
+    uint64_t head_bytes;                      /* Length of its head */
+    uint64_t held_bytes;                      /* Stored bytes of the pages held */
+    uint64_t memory_bytes, memory_peak_bytes; /* Memory in use now and at most */
+    uint64_t pages_dropped;                   /* Pages that the budget dropped since open */
+    uint64_t builds;                          /* Number of builds */
+    uint32_t block_count, blocks_held; /* Blocks of the directory; blocks held */
 };
 
 /*
- * Opens the front of a packed file: its head at least. If the first block of the directory follows
- * whole, it is taken too; what comes behind is not looked at.
+ * Opens the front of a packed file: its head at least. If the whole first block of the directory
+ * follows, it is taken too. Bytes beyond it are ignored.
  *
- * In:    front: uint8[size], copied. options: copied, but for what it borrows.
- * Out:   out: the partial asset without a page, or NULL.
- * Fails: as umb_asset_open_bytes; E_UNSUPPORTED (a mapped file), E_CORRUPT (not the id that was
- *        asked for, or not what its own id says), E_TOO_LARGE (head or directory beyond the
- *        budget).
+ * In:    front: uint8[size], copied. options: copied, except what it borrows.
+ * Out:   out: the partial asset without a page, or NULL on failure.
+ * Fails: as umb_asset_open_bytes; E_UNSUPPORTED (a mapped file), E_CORRUPT (not the required id, or
+ *        a content that its id does not name), E_TOO_LARGE (head or directory beyond the budget).
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_open(const void *front, size_t size,
                                                      const struct umb_partial_options *options,
                                                      struct umb_partial **out,
                                                      struct umb_error *error);
 
-/* Frees it. NULL is allowed. */
+/* Frees a partial asset. NULL is allowed. */
 UMB_API void umb_partial_close(struct umb_partial *partial);
 
 /*
- * Takes one block of the directory as it stands in the file: where some pages stand, and their
- * hashes. A page can be added once its block is here.
+ * Adds one block of the directory as it stands in the file: the places and hashes of some pages. A
+ * page can be added once its block is held.
  *
  * In:    bytes: uint8[size], copied.
- * Fails: E_ARGUMENT (no such block), E_EXISTS (it is here), E_CORRUPT (length, checksum, SHA-256,
- *        or pages that are not in the file), E_VERSION. The block is then not here.
+ * Fails: E_ARGUMENT (no such block), E_EXISTS (the block is held), E_CORRUPT (length, checksum,
+ *        SHA-256, or pages beyond the file), E_VERSION. The block is then not held.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_add_block(struct umb_partial *partial,
                                                           uint32_t block, const void *bytes,
                                                           size_t size, struct umb_error *error);
 
-/* Where a block stands in the file. In: block: below block_count. */
+/* Fills in where a block stands in the file, in bytes. In: block: below block_count. */
 UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_t block,
                                       uint64_t *offset, uint32_t *length);
 
 /*
- * Lists blocks that are not here: those of pages that matter and are missing or, with `all`, every
- * one. In the order of the file. Returns how many; at most room.
+ * Lists missing blocks in the order of the file: with `all` every one, else those of missing pages
+ * that matter. Returns their number, at most room.
  */
 UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
                                           uint32_t *list, size_t room);
 
 /*
- * Takes one page as it stands in the file.
+ * Adds one page as it stands in the file. Beyond the memory budget, pages of less benefit are
+ * dropped for it.
  *
  * In:    stored: uint8[size], copied.
- * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is not here), E_EXISTS (it
- *        is here), E_CORRUPT (length, checksum, SHA-256,
- *        structure, or links to or from pages that are here), E_VERSION, E_NO_MEMORY (beyond the
- *        budget, and no page here matters less: those are dropped first). The page is then not
- * here.
+ * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is missing), E_EXISTS (the
+ *        page is held), E_CORRUPT (length, checksum, SHA-256, structure, or links to or from held
+ *        pages), E_VERSION, E_NO_MEMORY (beyond the budget, and no held page is of less benefit).
+ *        The page is then not held.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial, uint32_t page,
                                                     const void *stored, size_t size,
                                                     struct umb_error *error);
 
-/* Forgets a page; it can be added again. The last build stays as it is. */
+/* Drops a page; it can be added again. The last build stays as it is. */
 UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
 
-/* 1 if a page is here. */
+/* Returns 1 if a page is held, else 0. */
 UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
 
-/* Says where a page stands in the file. In: page: below page_count. Fails: E_NOT_FOUND, and zeros
- * (its block of the directory is not here). */
+/* Fills in where a page stands in the file, in bytes. In: page: below page_count. Fails:
+ * E_NOT_FOUND (its block of the directory is missing); offset and length are then 0. */
 UMB_API enum umb_status umb_partial_locate(const struct umb_partial *partial, uint32_t page,
                                            uint64_t *offset, uint32_t *length);
 
-/* The head's bytes: uint8[head_bytes], borrowed until close. */
+/* Returns the head's bytes: uint8[head_bytes], borrowed until close. */
 UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
 
 /*
- * Says what matters from now on: gives every page that a view leads to a benefit, as far as the
- * pages of the last build tell. `add` keeps what earlier views said, for several lights or cameras.
+ * Sets which pages matter from now on: every page that the view needs gets a benefit, as far as the
+ * pages of the last build show. `add` keeps the benefits of earlier views, for several lights or
+ * cameras.
  *
- * Fails: E_ARGUMENT (view, named), E_STATE (nothing built yet).
+ * Fails: E_ARGUMENT (view; the field is named), E_STATE (nothing built yet).
  * Cost:  linear in the nodes of the pages held: at most 65 steps for each, plus 1024. A view that
  *        needs more gets pages beyond its border too. Only hostile assets need more: their border
  *        cuts very many cubes of few nodes.
@@ -162,45 +162,46 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial
  * Lists missing pages that matter and whose place is known, the greatest benefit per stored byte
  * first.
  *
- * In:    room: of list. budget_bytes: stop before more stored bytes than this; 0 = no limit.
- * Out:   list: page numbers. Returns how many; 0: all that the view needs is here, or too large.
+ * In:    room: length of list. budget_bytes: most stored bytes to list; 0 = no limit.
+ * Out:   list: page numbers. Returns their number; 0: no needed page is missing, or all are too
+ *        large.
  */
 UMB_API size_t umb_partial_missing(const struct umb_partial *partial, uint32_t *list, size_t room,
                                    uint64_t budget_bytes);
 
 /*
- * Lays out what is there for queries. Within the memory budget: drops pages of no benefit first,
- * then those of least.
+ * Lays out the held pages for queries. To keep within the memory budget, it drops pages without
+ * benefit first, then those of the least benefit.
  *
- * Fails: E_NO_MEMORY (not even without pages), E_CORRUPT.
+ * Fails: E_NO_MEMORY (the budget is too small even without pages), E_CORRUPT.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_build(struct umb_partial *partial,
                                                       struct umb_error *error);
 
-/* The lower asset of the last build, in which every missing subtree is shadowed. It also says what
- * the whole asset is: info, lights, frusta. Borrowed until the next build; NULL before the first.
- */
+/* Returns the lower asset of the last build, in which every missing subtree is shadowed. Its info,
+ * lights and frusta are those of the whole asset. Borrowed until the next build; NULL before the
+ * first. */
 UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *partial);
 
 /* Answers of a partial asset. Arrays of points->count; only values is needed. */
 struct umb_partial_answers {
-    float *values;     /* best guess, within [low, high] */
-    float *low, *high; /* the truth lies between; equal where it is known */
-    float *error_m;    /* 0 where exact, else the widest edge of a cube that is not there, metres:
-                          its far side's, where rays part */
-    uint64_t exact;    /* out: points whose low and high are equal */
-    double worst_error_m;         /* out: greatest of error_m */
-    struct umb_query_stats stats; /* of the lower asset, added to */
+    float *values;     /* Best estimates, within [low, high] */
+    float *low, *high; /* Bounds of the true answer; equal where it is known */
+    float *error_m;    /* 0 where exact, else the widest edge of the missing cubes, metres; of a
+                          spot or point light that of the cube's far side */
+    uint64_t exact;    /* Out: number of points whose low and high are equal */
+    double worst_error_m;         /* Out: greatest error_m */
+    struct umb_query_stats stats; /* Counts of the run on the lower asset, added to */
 };
 
 /*
- * Answers points as umb_query_run does, as well as the pages at hand allow.
+ * Answers points as umb_query_run does, as exactly as the held pages allow.
  *
- * In:    settings: format is ignored; answers are floats. want: 1 gives the pages that inexact
- *        points miss a benefit of 1 a point (umb_partial_missing then lists them); needs that no
- *        other thread queries.
+ * In:    settings: format is ignored; answers are floats.
+ *        want: 1 adds a benefit of 1 to each page that an inexact point needs, so that
+ *        umb_partial_missing lists it; no other thread may then query.
  * Fails: as umb_query_prepare and umb_points_check; E_STATE (nothing built yet), E_NO_MEMORY,
- *        E_UNSUPPORTED (penumbras: their answers at the bounds do not enclose the truth).
+ *        E_UNSUPPORTED (penumbras and footprints, which no two bounds enclose).
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_query(struct umb_partial *partial,
                                                       const struct umb_query_settings *settings,
@@ -208,11 +209,12 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_query(struct umb_partial *partia
                                                       struct umb_partial_answers *answers,
                                                       struct umb_error *error);
 
+/* Fills in stats. Never fails. */
 UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
                                    struct umb_partial_stats *stats);
 
 /*
- * Writes what is here as a partial file (docs/reference/umb-format.md, section 7).
+ * Writes the held blocks and pages as a partial file (docs/reference/umb-format.md, section 7).
  *
  * Fails: E_NO_MEMORY, or what the sink returns.
  */
@@ -222,6 +224,9 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_save(const struct umb_partial *p
 
 /*
  * Opens a partial file from memory, and builds it.
+ *
+ * In:    bytes: uint8[size], copied.
+ * Owns:  the caller closes it with umb_partial_close.
  * Fails: as umb_partial_open, umb_partial_add and umb_partial_build; E_FORMAT, E_TRUNCATED.
  */
 UMB_API UMB_CHECKED enum umb_status

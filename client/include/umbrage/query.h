@@ -15,17 +15,18 @@
  * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
  * closed rule an answer is unspecified ("defined space", docs/explained/accuracy.md).
  *
- * Spot and point lights: the answer is whether anything stands between point and light; how the
- * light fades with distance and towards its cone is the caller's. What a spot light's frusta do not
- * cover is lit and counted as outside.
+ * Spot and point lights: an answer says whether an occluder stands between the point and the light.
+ * The caller computes how the light fades with distance and towards its cone. Points that no
+ * frustum of a spot light covers are lit and counted as outside.
  *
- * Outside: a texel beyond the frustum in x or y is lit, a point before z = 0 is lit, one behind
- * the last voxel takes the last voxel's answer. All are counted.
+ * Outside: a texel beyond the frustum in x or y is lit. A point before z = 0 is lit, and a point
+ * behind the last voxel takes the last voxel's answer. All are counted.
  *
- * Assets baked under the static rule know of points on surfaces only. Elsewhere an answer means
- * nothing; farther from every surface than the plan says it is counted as undefined. Not so beyond
- * the frustum in x or y and before z = 0, where nothing casts and the answer is known: such points
- * are counted as said above, though a window that reaches in from there counts what it meets.
+ * Static rule: assets baked under it answer for points on surfaces only. Elsewhere an answer is
+ * meaningless. A point farther from every surface than the plan's distance is counted as
+ * undefined. Beyond the frustum in x or y and before z = 0 nothing casts, so those points are
+ * answered and counted as said above. Where their window reaches into the frustum, it counts the
+ * texels there.
  *
  * Precision: a point becomes a voxel index in doubles (53 bits; a coordinate of 1e7 m resolves
  * 2e-9 m). The window is counted in integers. Answers are bit-equal for every batch size, split,
@@ -46,56 +47,57 @@ extern "C" {
 #define UMB_TAPS_MAX 17  /* widest window, in texels */
 #define UMB_BIAS_MAX 1e6 /* longest bias, in voxels or metres */
 
-/* How a point is moved before the look-up, so that a surface does not shadow itself. */
+/* Offset of a point before the look-up, so that a surface does not shadow itself. */
 enum umb_bias_mode {
-    /* Just enough for the filter: s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the
-     * normal n, where ex, ey, ez are the world vectors of one voxel: the window at the moved
-     * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
-     * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
-     * (1,1,1)/sqrt(3) in voxels, towards the light. Spot and point lights: with the voxels at the
-     * point, which grow with the distance from the light. */
+    /* Automatic: s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the normal n, where ex, ey,
+     * ez are the world vectors of one voxel. The window at the moved point's depth then lies wholly
+     * on the light's side of the surface's plane. For one tap this is half of (|nx| + |ny| + |nz|)
+     * voxels. Without normals: the same length for the normal (1,1,1)/sqrt(3) in voxels, towards
+     * the light. Spot and point lights: with the voxel size at the point, which grows with the
+     * distance from the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
     UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */
-    UMB_BIAS_NONE = 3,   /* look up the point as it is */
+    UMB_BIAS_NONE = 3,   /* No offset */
 };
 
-/* How the texels of the window are weighed. */
+/* Weights of the texels of a window. */
 enum umb_filter {
-    UMB_FILTER_BOX = 0,
-    /* Falls off linearly on both axes: texel (i, j) from the centre weighs (m - |i|) (m - |j|) with
-     * m = (taps + 1) / 2. No step when the window moves by a texel; half as wide in effect. In
-     * `umb_answer_format`, count is then the sum of the lit texels' weights, and m^4 stands for
-     * taps * taps. Directional lights only. */
+    UMB_FILTER_BOX = 0, /* Equal weights */
+    /* Weights that fall off linearly on both axes: texel (i, j) from the centre weighs
+     * (m - |i|) (m - |j|) with m = (taps + 1) / 2. The answer has no step when the window moves by
+     * a texel, and the filter acts half as wide. In `umb_answer_format`, count is then the sum of
+     * the lit texels' weights, and m^4 replaces taps * taps. Directional lights only. */
     UMB_FILTER_TENT = 1,
-    /* Half shadows of a light that is no point: what blocks the light is searched in the cone of
-     * its rays to the point, its distance gives the width of the penumbra, and a box of that width
-     * the answer (percentage closer soft shadows); continuous in that width. `taps` is the least
-     * width. Directional lights that have an extent; under the closed rule assets with the effect
-     * `front`. The widest penumbra is UMB_PENUMBRA_TAPS_MAX texels. */
+    /* Penumbras of a light that has an extent (percentage closer soft shadows). A search in the
+     * cone of its rays to the point finds the blockers; their distance gives the width of the
+     * penumbra, and a box of that width gives the answer. The answer is continuous in the width.
+     * `taps` is the least width, UMB_PENUMBRA_TAPS_MAX texels the widest. Directional lights that
+     * have an extent; under the closed rule assets with the effect `front`. */
     UMB_FILTER_PENUMBRA = 2,
-    /* As much of the receiver's surface as a pixel sees, or as each point says: up to `taps` texels
-     * the box; wider ones are squares of the surface around the point, looked up by 32 taps a level
-     * of detail and interpolated between two levels, each twice as wide as the one below. So far
-     * points neither sparkle nor switch: answers of footprints f1 < f2 differ by at most
-     * 2 (f2 - f1) / f1. With automatic bias the square is lifted towards the light by half its
-     * side, so that what the surface does within a pixel casts no shadow. */
+    /* Area of the receiver's surface that a pixel sees, or that each point gives. Up to `taps`
+     * texels wide it is the box. A wider one is a square of the surface around the point, looked up
+     * by 32 taps a level of detail and interpolated between two levels, each twice as wide as the
+     * one below. Far points neither sparkle nor switch: answers of footprints f1 < f2 differ by at
+     * most 2 (f2 - f1) / f1. Automatic bias lifts the square towards the light by half its side, so
+     * that relief smaller than a pixel casts no shadow. */
     UMB_FILTER_FOOTPRINT = 3,
 };
 
-#define UMB_FILTERS 4 /* how many enum umb_filter has */
+#define UMB_FILTERS 4 /* Number of filters in enum umb_filter */
 
-/* "box", "tent", "penumbra", "footprint"; "auto", "voxels", "metres", "none"; "unknown" else.
- * Static strings. */
+/* Return the name as a static string: "box", "tent", "penumbra", "footprint"; "auto", "voxels",
+ * "metres", "none"; "unknown" for any other number. */
 UMB_API const char *umb_filter_name(enum umb_filter filter);
 UMB_API const char *umb_bias_mode_name(enum umb_bias_mode mode);
 
-#define UMB_FOOTPRINT_MAX       1e6 /* metres: what is wider counts as this wide */
-#define UMB_FOOTPRINT_LEVEL_MAX 40  /* levels of detail above the window */
+#define UMB_FOOTPRINT_MAX       1e6 /* Widest footprint, metres; wider ones count as this wide */
+#define UMB_FOOTPRINT_LEVEL_MAX 40  /* Levels of detail above the window */
 
-#define UMB_PENUMBRA_TAPS_MAX 2047 /* texels: a light wider makes penumbras as wide as this */
-#define UMB_EXTENT_MAX        1.0  /* radians: widest light, 57.3 degrees */
+#define UMB_PENUMBRA_TAPS_MAX 2047 /* Widest penumbra, texels; wider ones are cut to it */
+#define UMB_EXTENT_MAX        1.0  /* Largest extent of a light, radians: 57.3 degrees */
 
+/* Format of an answer; count is the number of lit texels in the window. */
 enum umb_answer_format {
     UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
     UMB_ANSWER_U8 = 1,  /* 0..255, round(255 * count / (taps * taps)), ties up */
@@ -109,33 +111,34 @@ enum umb_point_format {
 };
 
 struct umb_query_settings {
-    uint32_t light; /* index in the asset */
-    uint32_t taps;  /* window width in texels: odd, 1..17; 0 means 1 */
+    uint32_t light; /* Index of the light in the asset */
+    uint32_t taps;  /* Width of the window in texels: odd, 1..17; 0 means 1 */
     enum umb_bias_mode bias_mode;
-    double bias; /* for VOXELS and METRES: finite, 0..1e6 */
+    double bias; /* Length of the bias for VOXELS and METRES: finite, 0..1e6 */
     enum umb_answer_format format;
     enum umb_filter filter;
-    /* Of the box and the tent: width of the window in metres across the light, instead of taps:
-     * takes the odd number of texels nearest to it. 0: taps decides. Directional lights only.
-     * UMB_FILTER_FOOTPRINT: side of the square of surface around each point, metres, 0 to
-     * UMB_FOOTPRINT_MAX, beside taps; of points that have no footprint of their own. */
+    /* Box and tent: width of the window in metres across the light, instead of taps; it is rounded
+     * to an odd number of texels. 0: taps decides. Directional lights only. UMB_FILTER_FOOTPRINT:
+     * side in metres of the square of surface around each point without a footprint of its own, 0
+     * to UMB_FOOTPRINT_MAX; taps is given too. */
     double footprint_m;
-    /* Where look-ups stop: 0 at the voxel, else at cells of 1 << level voxels a side, which answer
-     * 0, 1 or, where a boundary runs through them, one half. Fewer nodes are read, and the answer
-     * may be off by the size of a cell (umb_query_bound_m). Odd, 3 to umb_level_max of the frustum;
-     * one tap, no footprint. The automatic bias is that of two cells. Directional lights only. */
+    /* Octree level at which look-ups stop. 0: at the voxel; else at cells of 1 << level voxels a
+     * side, which answer 0, 1 or, where a boundary runs through them, one half. Fewer nodes are
+     * read, and the answer may be off by the size of a cell (umb_query_bound_m). Odd, 3 to
+     * umb_level_max of the frustum; one tap, no footprint. The automatic bias is that of two cells.
+     * Directional lights only. */
     uint32_t level;
-    /* For UMB_FILTER_PENUMBRA: the light's angular diameter in radians, up to UMB_EXTENT_MAX;
+    /* Angular diameter of the light in radians for UMB_FILTER_PENUMBRA, up to UMB_EXTENT_MAX;
      * 0: the asset's. */
     double light_extent;
-    /* 1: translucent casters of assets with the effect `transmittance` take nothing. 0: answers are
-     * multiplied by the light that they leave, a mean over a box as wide as the window, but no
-     * narrower than their map's texels (docs/explained/effects.md). */
+    /* 1: ignores the translucent casters of assets with the effect `transmittance`. 0: answers are
+     * multiplied by their transmittance, a mean over a box as wide as the window, at least as wide
+     * as the texels of their map (docs/explained/effects.md). */
     int opaque_only;
-    /* For UMB_FILTER_FOOTPRINT instead of footprint_m: an eye in world space, metres, and the angle
-     * of its pixels in radians, up to 1; 0: none. A point's square then has the area that a pixel
-     * covers of its surface: side = pixel_rad * distance / sqrt(c), c the cosine between normal and
-     * the way to the eye, at least 1/16 (1 without a normal). */
+    /* Eye in world space, metres, and the angle of its pixels in radians, up to 1, for
+     * UMB_FILTER_FOOTPRINT instead of footprint_m; 0: none. A point's square then has the area of
+     * the surface that a pixel covers: side = pixel_rad * distance / sqrt(c), with c the cosine
+     * between the normal and the direction to the eye, at least 1/16 (1 without a normal). */
     double eye[3], pixel_rad;
 };
 
@@ -147,36 +150,36 @@ struct umb_points {
     const void *positions; /* scalar[3*count], x y z interleaved, metres, world space minus origin,
                               little-endian, any alignment, finite */
     enum umb_point_format format;
-    double origin[3];    /* metres, world space, added to every position; finite */
-    const void *normals; /* float[3*count], world space, unit length or longer than 0; or NULL.
-                            A zero or not finite normal counts as no normal for that point. */
+    double origin[3];    /* Origin added to every position, metres, world space; finite */
+    const void *normals; /* float[3*count], world space, any length above 0; or NULL. A normal that
+                            is zero or not finite counts as no normal for that point. */
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
-                                UMB_FILTER_FOOTPRINT reads them; they come before the settings'. */
+                                UMB_FILTER_FOOTPRINT reads them, and they override footprint_m. */
 };
 
-/* What a run adds up; zero it before the first run. */
+/* Counts of a run; zero them before the first. */
 struct umb_query_stats {
     uint64_t points;
-    uint64_t outside;     /* centre beyond the frustum in x or y: lit there */
-    uint64_t before;      /* before the first voxel in z: lit */
-    uint64_t behind;      /* behind the last voxel in z: clamped */
-    uint64_t facing_away; /* shadowed by their normal */
-    uint64_t undefined; /* of assets baked under the static rule: too far from any surface, so that
-                         * the answer means nothing */
-    /* What was read. Points of a run that lie together share what they read, so that these two
-     * depend on how a batch is cut; the others and the answers do not. */
-    uint64_t nodes; /* cells, columns and nodes; 1 for a window that the grid settles */
+    uint64_t outside;     /* Points whose centre is beyond the frustum in x or y: lit there */
+    uint64_t before;      /* Points before the first voxel in z: lit */
+    uint64_t behind;      /* Points behind the last voxel in z: clamped to it */
+    uint64_t facing_away; /* Points shadowed by their normal */
+    uint64_t undefined; /* Points too far from any surface of an asset baked under the static rule:
+                         * their answers are meaningless */
+    /* Reads. Neighbouring points of a run share reads, so these two counts depend on how a batch is
+     * split; the other counts and the answers do not. */
+    uint64_t nodes; /* Cells, columns and nodes; 1 for a window that the grid settles */
     uint64_t bricks;
 };
 
-/* Adds what one run counted to what others did: for who splits a batch himself. */
+/* Adds the counts of one run to a total, for programs that split a batch themselves. */
 UMB_API void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
 
 struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */
-    struct umb_query_stats stats; /* added to */
+    struct umb_query_stats stats; /* Counts, added to */
 };
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
@@ -185,13 +188,13 @@ struct umb_query {
 };
 
 /*
- * Checks settings against an asset and makes them ready to run.
+ * Checks settings against an asset and prepares them for runs.
  *
  * In:    asset: borrowed as long as the query is used. settings: copied.
  * Out:   query: zeroed on failure, and then must not be run.
- * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range
- *        whatever the mode, unknown mode or format), E_UNSUPPORTED (the light or the asset lacks
- *        what it takes).
+ * Fails: E_NOT_FOUND (light), E_ARGUMENT (taps even or above 17, bias not finite or out of range in
+ *        any mode, unknown mode or format), E_UNSUPPORTED (settings that the light or the asset
+ *        does not support).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */
@@ -200,16 +203,15 @@ UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *as
                                                       struct umb_query *query,
                                                       struct umb_error *error);
 
-/* Returns the width of a prepared query's window in texels: what was asked, or what the footprint
- * comes to. */
+/* Returns the width of a prepared query's window in texels, as set by taps or footprint_m. */
 UMB_API uint32_t umb_query_taps(const struct umb_query *query);
 
 /*
  * Checks that a batch may be run: every position and the origin finite, footprints finite and not
  * below 0.
  *
- * In:    points: count * 12 or count * 24 bytes of positions, which must be there. Normals are not
- *        looked at: any bits are safe.
+ * In:    points: with count * 12 or count * 24 readable bytes of positions. Normals are not
+ *        checked: any bits are safe.
  * Fails: E_ARGUMENT, naming the index and the value of the first bad coordinate or footprint.
  * Threads: any.
  * Cost:  one pass over the positions, no allocation.
@@ -220,12 +222,12 @@ UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *po
 /*
  * Answers points first .. first + count - 1 of a batch.
  *
- * In:    first: any; for UMB_ANSWER_BIT a multiple of 8, so that two runs never share a byte (or
- *        runs that follow one another in order on one thread: a run keeps the bits before its first
- *        and clears those behind its last).
+ * In:    first: any; for UMB_ANSWER_BIT a multiple of 8, so that two runs never share a byte. On
+ *        one thread, runs in order may begin at any bit: a run keeps the bits before its first and
+ *        clears those behind its last.
  * Out:   answers->values at the same indices, answers->stats added to.
- * Not guaranteed: a batch that umb_points_check refuses is answered without harm, but those
- *        answers mean nothing.
+ * Not guaranteed: a batch that umb_points_check refuses is answered safely, but its answers are
+ *        meaningless.
  * Threads: disjoint ranges may run at once, each with its own struct umb_answers whose values
  *        point to the same array.
  * Source: Sintorn et al. 2014, section 6.2; masked popcounts over 8x8x1 leaf masks.
@@ -233,14 +235,14 @@ UMB_API UMB_CHECKED enum umb_status umb_points_check(const struct umb_points *po
 UMB_API void umb_query_run(const struct umb_query *query, const struct umb_points *points,
                            size_t first, size_t count, struct umb_answers *answers);
 
-/* Points in a slice of a batch of this query, for threads that share it: a multiple of 512, so that
- * slices of answers that begin at a multiple of 64 bytes share no cache line, in any format. */
+/* Returns the number of points in a slice of a batch, for threads that share it: a multiple of 512.
+ * If the answers begin at a multiple of 64 bytes, no two slices of them share a cache line. */
 UMB_API size_t umb_query_slice(const struct umb_query *query);
 
 /*
- * Answers a whole batch with the caller's threads, slice by slice.
+ * Answers a whole batch on the caller's threads, slice by slice.
  *
- * In:    workers: a batch of one slice is answered by the calling thread alone.
+ * In:    workers: threads to run on; the calling thread alone answers a batch of one slice.
  * Out:   as umb_query_run for all points, bit for bit, whatever the threads and their order.
  * Threads: those of the workers, which read query and points and write disjoint slices of
  *        answers->values; answers->stats is added to once a slice. No allocation.
@@ -248,25 +250,25 @@ UMB_API size_t umb_query_slice(const struct umb_query *query);
 UMB_API void umb_query_run_split(const struct umb_query *query, const struct umb_points *points,
                                  const struct umb_workers *workers, struct umb_answers *answers);
 
-/* Returns the bytes that `count` answers take in a format; 0 for an unknown one. In: count: at most
+/* Returns the bytes of `count` answers in a format; 0 for an unknown format. In: count: at most
  * SIZE_MAX / 4. */
 UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 
 /* Answers of several queries; see umb_query_run_lights. */
 struct umb_light_answers {
     void *const *values; /* [query_count], an array for each light as umb_answers.values */
-    struct umb_query_stats *stats; /* [query_count], added to */
+    struct umb_query_stats *stats; /* [query_count], counts, added to */
 };
 
 /*
- * Answers points first .. first + count - 1 of a batch for several lights, or several settings: for
- * many suns, or the lamps of a room.
+ * Answers points first .. first + count - 1 of a batch for several lights or settings, such as many
+ * suns, or the lamps of a room.
  *
  * In:    queries: [query_count], each prepared; of one asset or of several. The rules of
  *        umb_query_run hold for each.
  * Out:   what umb_query_run gives for each query, bit for bit.
- * Cost:  the sum of the single runs but for the points, which are read from memory once: blocks of
- *        them stay in the nearest cache while all lights are asked.
+ * Cost:  the sum of the single runs, but points are read from memory once: a block of them stays in
+ *        the L1 cache for all lights.
  */
 UMB_API void umb_query_run_lights(const struct umb_query *queries, size_t query_count,
                                   const struct umb_points *points, size_t first, size_t count,
@@ -276,34 +278,34 @@ UMB_API void umb_query_run_lights(const struct umb_query *queries, size_t query_
 struct umb_explanation {
     int facing_away, outside, before, behind; /* 0 or 1 each */
     int undefined;        /* 1: too far from any surface of an asset baked under the static rule */
-    double bias_m;        /* metres moved */
-    double moved[3];      /* metres, world space: where the look-up happened */
-    double voxel[3];      /* the same in voxel space, before flooring */
-    int64_t cell[3];      /* voxel index after flooring and clamping of z */
-    double voxel_size_m;  /* mean edge of the voxel (cell) that answered, m */
+    double bias_m;        /* Length of the bias, metres */
+    double moved[3];      /* Position of the look-up, metres, world space */
+    double voxel[3];      /* The same in voxel space, before flooring */
+    int64_t cell[3];      /* Voxel index after flooring and clamping of z */
+    double voxel_size_m;  /* Mean edge of the voxel (cell) that answered, metres */
     double answer;        /* 0..1 */
-    double transmittance; /* what translucent casters left, a factor of the answer; 1: all */
-    uint32_t level;       /* where the look-up stopped; 0: at the voxel */
-    uint32_t lit_taps, taps; /* of taps * taps; of coarse look-ups 1 if all lit */
+    double transmittance; /* Factor of the answer for translucent casters, 0..1; 1: none */
+    uint32_t level;       /* Level at which the look-up stopped; 0: at the voxel */
+    uint32_t lit_taps, taps; /* Lit texels of taps * taps; of coarse look-ups 1 if all lit */
     enum umb_bias_mode bias_mode;
     int has_normal;    /* 1: the point moved along its normal; 0: towards the light */
-    double cosine;     /* of the angle between normal and light, -1..1; 0 without a normal */
-    int64_t window[2]; /* voxel x, y of the window's first texel */
+    double cosine;     /* Cosine of the angle between normal and light; 0 without a normal */
+    int64_t window[2]; /* Voxel x, y of the window's first texel */
     enum umb_filter filter;
-    double footprint_m; /* of UMB_FILTER_FOOTPRINT: the point's; the rest tells of its window */
+    double footprint_m; /* UMB_FILTER_FOOTPRINT: the point's; the other fields are its window's */
     uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
-    uint32_t nodes, bricks; /* read */
+    uint32_t nodes, bricks; /* Nodes and bricks read */
     uint32_t step_count;
     struct {
-        uint32_t level; /* octree level of the node, its side is 1 << level voxels */
-        uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: went on */
-        uint64_t index; /* offset or brick number */
-    } steps[16];        /* path of the centre tap */
+        uint32_t level; /* Octree level of the node; its side is 1 << level voxels */
+        uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: the path goes on */
+        uint64_t index; /* Offset or brick number */
+    } steps[16];        /* Path of the centre tap through the octree */
 };
 
 /* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few
- * look-ups of that point; for people, not for batches. */
+ * look-ups of that point: not for batches. */
 UMB_API void umb_query_explain(const struct umb_query *query, const struct umb_points *points,
                                size_t index, struct umb_explanation *explanation);
 

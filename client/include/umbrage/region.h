@@ -2,22 +2,23 @@
 #ifndef UMBRAGE_REGION_H
 #define UMBRAGE_REGION_H
 /*
- * libumbrage: streaming the part of an asset that one needs, and evaluating it here.
+ * libumbrage: regions. A program fetches the part of an asset that it needs, and answers queries
+ * from it locally.
  *
  *     umb_region_open(&source, &options, &region, &error);      32 KiB: coarse answers everywhere
  *     umb_region_update(region, &request, &error);              fetches what a camera sees
  *     umb_region_query(region, &settings, &points, &answers, &error);
  *     umb_region_close(region);
  *
- * A source gives ranges of a packed file: a local file, a web server, a daemon. Pages come coarse
- * first, the greatest benefit a byte first, each proven against the id (umbrage/partial.h says how
- * answers and bounds come about). No page is fetched twice unless the memory budget dropped it.
+ * A source gives ranges of a packed file: a local file, a web server, a daemon. Coarse pages come
+ * first, then those of the greatest benefit a byte, each proven against the id. umbrage/partial.h
+ * explains answers and their bounds. No page is fetched twice unless the memory budget dropped it.
  *
- * Ownership: a region copies what it is given, but for the source, which must live as long.
+ * Ownership: a region copies its arguments. The source behind `user` must outlive it.
  * Threads: one at a time; between two updates any number may query (with want = 0).
  * Blocking: open and update wait for the source.
- * Trust: a hostile source can fail calls and waste time, not crash or lie: what it sends is proven
- * against options.id; without an id only against what it says of itself.
+ * Trust: a hostile source can fail calls and waste time, but not crash the program or change
+ * answers: every page is proven against options.id. Without an id the source chooses the asset.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -36,63 +37,67 @@ struct umb_range {
 };
 
 /*
- * Takes one range that came.
+ * Called with the bytes of one range.
  *
- * In:    index: into the ranges that were asked for. bytes: uint8[size], borrowed; shorter than
- *        asked only where the file ends.
- * Returns UMB_OK to go on, else the source stops and hands it back.
+ * In:    index: position in the requested ranges. bytes: uint8[size], borrowed; shorter than
+ *        requested only at the end of the file.
+ * Returns UMB_OK to go on; any other status makes the source stop and return it.
  */
 typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *bytes, size_t size);
 
 struct umb_region_source {
     /*
-     * Reads ranges, in their order or any other, several at once if it likes, and gives each to
-     * `got` exactly once; on failure those that came whole, which are then not asked for again.
+     * Reads ranges, in any order or several at once, and calls `got` exactly once for each. A
+     * failing read may first call `got` for the complete ranges: they are not requested again.
      *
-     * Fails: E_UNAVAILABLE, E_NO_INPUT, E_IO, E_PROTOCOL, E_DEADLINE, or what got returned.
+     * Fails: E_UNAVAILABLE, E_NO_INPUT, E_IO, E_PROTOCOL, E_DEADLINE, or the status that got
+     *        returned.
      */
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
-    void *user;
+    void *user; /* First argument of `read` */
 };
 
 struct umb_region_options {
-    const uint8_t *id;         /* uint8[UMB_ID_BYTES] to insist on; NULL: any */
-    uint64_t max_memory_bytes; /* of everything the region keeps; 0 = 1 GiB */
-    uint64_t first_bytes;      /* how much to read at first; 0 = 32 KiB */
+    const uint8_t *id;         /* uint8[UMB_ID_BYTES], the id to require; NULL: any */
+    uint64_t max_memory_bytes; /* Memory budget of the whole region; 0 = 1 GiB */
+    uint64_t first_bytes;      /* Length of the first read; 0 = 32 KiB */
 };
 
-/* What has come so far; see umb_region_request. */
+/* Counts since the region was opened. */
 struct umb_region_stats {
     struct umb_partial_stats partial;
-    uint64_t received_bytes; /* from the source, head included */
-    uint64_t requests;       /* ranges asked for */
-    uint64_t rounds;         /* times the source was asked and waited for */
+    uint64_t received_bytes; /* Bytes from the source, head included */
+    uint64_t requests;       /* Ranges requested */
+    uint64_t rounds;         /* Reads of the source that the region waited for */
     uint64_t pages_received;
 };
 
 /*
- * Called whenever new pages have been laid out; the region may be queried in it.
- * Returns UMB_OK to go on, anything else to stop the update, which returns it.
+ * Called after new pages have been laid out; it may query the region.
+ * Returns UMB_OK to go on; any other status stops the update, which returns it.
  */
 typedef enum umb_status (*umb_region_fn)(void *user, struct umb_region *region);
 
 struct umb_region_request {
-    const struct umb_partial_view *views; /* [view_count] all of which are wanted */
+    const struct umb_partial_view *views; /* [view_count], the views to fetch, all of them */
     size_t view_count;
-    uint64_t max_bytes;   /* stop after receiving as many; 0 = no limit */
-    uint64_t round_bytes; /* at most about as many before pages are laid out; 0 = chosen: a quarter
-                             of what is here, at least 512 KiB */
-    umb_region_fn progress; /* may be NULL */
-    void *progress_user;
+    uint64_t max_bytes;   /* Bytes to receive before the update stops; 0 = no limit */
+    uint64_t round_bytes; /* Bytes to receive before pages are laid out, about; 0 = a quarter of
+                             the bytes held, at least 512 KiB */
+    umb_region_fn progress; /* Called after each round; may be NULL */
+    void *progress_user;    /* First argument of `progress` */
 };
 
 /*
  * Opens the asset of a source: reads its head, and the coarse pages behind it as far as the first
  * read reaches.
  *
- * Out:   out: the region, laid out: it answers every point, with bounds; NULL on failure.
- * Fails: what the source fails with, as umb_partial_open and umb_partial_add.
+ * In:    source: copied; its `user` must outlive the region. options: copied; NULL for the
+ *        defaults.
+ * Out:   out: the region, which answers every point with bounds; NULL on failure.
+ * Owns:  the caller closes it with umb_region_close.
+ * Fails: as the source, umb_partial_open and umb_partial_add.
  * Cost:  one read, two if the head is longer than first_bytes.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_open(const struct umb_region_source *source,
@@ -101,9 +106,11 @@ UMB_API UMB_CHECKED enum umb_status umb_region_open(const struct umb_region_sour
                                                     struct umb_error *error);
 
 /*
- * Opens a partial file that umb_partial_save wrote, to go on from; nothing is read from the source
- * until umb_region_update, whose first read (128 bytes) finds out whether it is the same asset's:
- * else E_CORRUPT. bytes: uint8[size], copied.
+ * Opens a region from a partial file that umb_partial_save wrote. The first umb_region_update reads
+ * 128 bytes of the source to compare the asset; another asset is E_CORRUPT there.
+ *
+ * In:    bytes: uint8[size], copied; the rest as umb_region_open.
+ * Fails: as umb_partial_open_saved.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_resume(const void *bytes, size_t size,
                                                       const struct umb_region_source *source,
@@ -115,43 +122,52 @@ UMB_API UMB_CHECKED enum umb_status umb_region_resume(const void *bytes, size_t 
 UMB_API void umb_region_close(struct umb_region *region);
 
 /*
- * Fetches what the views need and is not here, until nothing is missing, the limit is reached or
- * what is missing does not fit the memory budget.
+ * Fetches missing pages that the views need. Stops when none is missing, when max_bytes is reached,
+ * or when the missing pages do not fit the memory budget.
  *
- * In:    view_count 0: what queries with want = 1 have missed since the last update.
- * Fails: E_ARGUMENT (views), what the source or progress fails with, E_CORRUPT (the page is named).
- *        What came before stays, laid out.
+ * In:    request: view_count 0 fetches the pages that queries with want = 1 missed since the last
+ *        update.
+ * Fails: E_ARGUMENT (views), as the source or progress, E_CORRUPT (the page is named). Pages
+ *        received before stay and are laid out.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_update(struct umb_region *region,
                                                       const struct umb_region_request *request,
                                                       struct umb_error *error);
 
-/* Answers points from what is here; see umb_partial_query. */
+/* Answers points from the held pages; see umb_partial_query. */
 UMB_API UMB_CHECKED enum umb_status umb_region_query(struct umb_region *region,
                                                      const struct umb_query_settings *settings,
                                                      const struct umb_points *points, int want,
                                                      struct umb_partial_answers *answers,
                                                      struct umb_error *error);
 
+/* Fills in stats. Never fails. */
 UMB_API void umb_region_get_stats(const struct umb_region *region, struct umb_region_stats *stats);
 
-/* The partial asset inside, borrowed until close: for saving. */
+/* Returns the region's partial asset, to save it; borrowed until close. */
 UMB_API struct umb_partial *umb_region_partial(struct umb_region *region);
 
-/* A SHA-256 without state, by OpenSSL, for umbrage/partial.h and umbrage/file.h. Threads: any. */
+/* Returns a SHA-256 by OpenSSL, for umbrage/partial.h and umbrage/file.h. It has no state: any
+ * number of threads may use it. */
 UMB_API const struct umb_sha256 *umb_sha256_openssl(void);
 
-/* A source that reads a local packed file. Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY. Close it
- * after the regions that use it. */
+/*
+ * Opens a source that reads a local packed file.
+ *
+ * Owns:  the caller closes it with umb_region_file_close, after the regions that use it.
+ * Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY.
+ */
 UMB_API UMB_CHECKED enum umb_status
 umb_region_file_open(const char *path, struct umb_region_source *source, struct umb_error *error);
 UMB_API void umb_region_file_close(struct umb_region_source *source);
 
 /*
- * A source that asks a daemon (Regions.Stream). A round of pages takes one round trip.
+ * Opens a source that reads from a daemon (Regions.Stream). A round of pages takes one round trip.
  *
- * In:    client: borrowed until close. asset: name or id, copied; by name, the version that answers
- *        first is the one that must answer then: E_STATE if it was replaced.
+ * In:    client: borrowed until close.
+ *        asset: name or id, copied. A name stands for the asset that answers first: when the
+ *        daemon replaces it, later reads fail with E_STATE.
+ * Owns:  the caller closes it with umb_region_daemon_close, after the regions that use it.
  * Fails: E_ARGUMENT, E_NO_MEMORY. Its reads fail as umb_client_query does.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_daemon_open(struct umb_client *client,

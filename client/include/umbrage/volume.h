@@ -2,34 +2,34 @@
 #ifndef UMBRAGE_VOLUME_H
 #define UMBRAGE_VOLUME_H
 /*
- * Questions about the space between surfaces: which intervals of a segment a light reaches (light
- * shafts, fog integrals, lines of sight to a sun), how deep the first occluder of a column lies,
- * and which share of a box is lit.
+ * Volume queries, about the space between surfaces: which intervals of a segment a light reaches
+ * (light shafts, fog integrals, lines of sight to a sun), how deep the first occluder of a column
+ * lies, and which share of a box is lit.
  *
  *     struct umb_volume volume;
  *     umb_volume_prepare(asset, light, &volume, &error);     once
  *     umb_segments_check(&segments, &error);                  checks the batch
  *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);   cannot fail
  *
- * All three answer for voxels as the asset holds them, exactly: they equal a march through every
- * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
- * Translucent casters (effect `transmittance`) are no voxels and take no part:
- * umb_volume_ignores_translucent tells.
+ * All three are exact for the voxels that the asset stores: they equal a march through every single
+ * voxel. There is no filter and no bias; a segment that starts at a surface must be moved off it by
+ * the caller. Translucent casters (effect `transmittance`) are not voxels and are ignored; see
+ * umb_volume_ignores_translucent.
  *
- * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
+ * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stored as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
- * inside they answer for what is stored. A column's first occluder needs the depth of front faces,
- * which such an asset holds only if it was baked with the effect `front`; else
- * umb_volume_check_columns refuses it.
+ * inside, answers are those of the stored voxels. A column's first occluder needs the depth of
+ * front faces, which such an asset holds only with the effect `front`; without it
+ * umb_volume_check_columns fails.
  *
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
  *
- * Spot and point lights: segments and columns are answered in the voxels of the face that looks at
- * each place, as points are; boxes are not, since those voxels have no one size.
+ * Spot and point lights: a segment or a column is answered, as points are, by the frustum (face)
+ * that covers each place. Boxes are not supported, since those voxels differ in size.
  *
- * Precision: ends become voxel coordinates in doubles; where a line crosses the boundary of a voxel
- * is right to some 4 units in the last place of its parameter (2^-50). Answers are bit-equal for
+ * Precision: ends become voxel coordinates in doubles. The parameter at which a line crosses the
+ * boundary of a voxel is right to some 4 units in the last place (2^-50). Answers are bit-equal for
  * every batch size, split, thread count and machine.
  * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
@@ -44,25 +44,25 @@
 extern "C" {
 #endif
 
-/* A light's voxels made ready for questions: caller's storage, no pointer into itself, may be
- * copied. Filled by umb_volume_prepare. */
+/* A light prepared for volume queries: caller's storage, no pointer into itself, may be copied.
+ * Filled by umb_volume_prepare. */
 struct umb_volume {
     uint64_t opaque[48];
 };
 
-/* What runs add up; zero it before the first. */
+/* Counts of runs; zero them before the first. */
 struct umb_volume_stats {
-    uint64_t nodes;  /* grid cells and nodes read */
-    uint64_t bricks; /* bricks read */
+    uint64_t nodes;  /* Grid cells and nodes read */
+    uint64_t bricks; /* Bricks read */
 };
 
 /*
- * Makes a light of an asset ready.
+ * Prepares a light of an asset for volume queries.
  *
  * In:    asset: borrowed as long as the volume is used. light: index in the asset.
  * Out:   volume: zeroed on failure, and then must not be run.
- * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (a spot or point light whose depth does not grow with
- *        the distance: no bake makes such; an asset baked under the static rule).
+ * Fails: E_NOT_FOUND (light), E_UNSUPPORTED (an asset baked under the static rule; a spot or point
+ *        light whose depth does not grow with the distance, which no bake makes).
  * Threads: any.
  * Cost:  O(1), no allocation.
  */
@@ -70,13 +70,12 @@ UMB_API UMB_CHECKED enum umb_status umb_volume_prepare(const struct umb_asset *a
                                                        uint32_t light, struct umb_volume *volume,
                                                        struct umb_error *error);
 
-/* Checks that all voxels are of one size, as boxes need it. Fails: E_UNSUPPORTED (a spot or point
- * light). */
+/* Checks that all voxels have the same size, which boxes need. Fails: E_UNSUPPORTED (a spot or
+ * point light). */
 UMB_API UMB_CHECKED enum umb_status umb_volume_check_parallel(const struct umb_volume *volume,
                                                               struct umb_error *error);
 
-/* Returns 1 if translucent casters stand before the light, of which answers know nothing; else 0.
- */
+/* Returns 1 if the light has translucent casters, which volume queries ignore; else 0. */
 UMB_API int umb_volume_ignores_translucent(const struct umb_volume *volume);
 
 /* A batch of segments; borrowed while it runs. */
@@ -84,7 +83,7 @@ struct umb_segments {
     const void *ends; /* scalar[6*count], x0 y0 z0 x1 y1 z1 a segment, metres, world space minus
                          origin, little-endian, any alignment, finite */
     enum umb_point_format format;
-    double origin[3]; /* metres, world space, added to every end; finite */
+    double origin[3]; /* Origin added to every end, metres, world space; finite */
     size_t count;
 };
 
@@ -94,45 +93,45 @@ struct umb_interval {
 };
 
 struct umb_segment_answer {
-    double lit;              /* share of the segment that is lit, 0..1: the sum of its intervals */
-    double lit_m;            /* the same in metres */
-    uint64_t interval_count; /* lit intervals, also those that did not fit */
+    double lit;              /* Share of the segment that is lit, 0..1: the sum of its intervals */
+    double lit_m;            /* The same in metres */
+    uint64_t interval_count; /* Number of lit intervals, with those beyond interval_max */
 };
 
 struct umb_segment_answers {
     struct umb_segment_answer *segments; /* [count], indexed like the segments */
     struct umb_interval *intervals;      /* [count * interval_max], those of segment i in order from
                                             i * interval_max on; NULL if interval_max is 0 */
-    size_t interval_max;                 /* intervals kept of each segment; later ones are counted
-                                            and added up, not kept */
-    struct umb_volume_stats stats;       /* added to */
+    size_t interval_max;                 /* Most intervals to store of each segment; later ones are
+                                            only counted and added to `lit` */
+    struct umb_volume_stats stats;       /* Counts, added to */
 };
 
-/* Checks that segments may be run: every number finite. Fails: E_ARGUMENT, naming the first bad
- * one. Cost: one pass, no allocation. */
+/* Checks that segments may be run: every number must be finite. Fails: E_ARGUMENT, naming the first
+ * bad one. Cost: one pass, no allocation. */
 UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments *segments,
                                                        struct umb_error *error);
 
 /*
  * Finds the lit intervals of segments first .. first + count - 1.
  *
- * An interval is half open, as long as possible, and begins and ends where the segment enters a
- * voxel of the other state, or at 0 and 1. A segment of no length has the state of its point: 1 or
- * 0 of it is lit. With d the segment's direction in voxels, it crosses the plane k of an axis at
+ * An interval is half open and as long as possible. It begins and ends where the segment enters a
+ * voxel of the other state, or at 0 and 1. A segment without length has the state of its point: its
+ * `lit` is 1 or 0. With d the segment's direction in voxels, it crosses the plane k of an axis at
  * (k - start) * (1 / d), evaluated in doubles; at that parameter it is in the voxel behind the
  * plane. On an axis with d = 0 (or so small that 1 / d is infinite) it stays in floor(start).
  *
- * Before a spot or point light a segment is cut where another face looks at it: with Wf its
- * distance along face f's axis, linear from W0f to W1f, face g of greater slope takes over at
- * (W0f - W0g) / ((W1g - W0g) - (W1f - W0f)); ahead of a face's frustum it is lit. In the piece from
- * t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above, that of z at
- * s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then t = a + (b - a) s Wa / (Wb - s (Wb - Wa)),
- * or a + (b - a) s if Wa = Wb, and b at most. Wk = c k + (w3 - c z3), c = w.w / w.z, with the third
- * and fourth row of the frustum's transform, (z, z3) and (w, w3). An interval that vanishes there
- * by rounding is left out.
+ * Under a spot or point light a segment is cut where it passes from one face to another. With Wf
+ * its distance along face f's axis, linear from W0f to W1f, face g of greater slope takes over at
+ * (W0f - W0g) / ((W1g - W0g) - (W1f - W0f)). Before the near plane of a face it is lit. In the
+ * piece from t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above,
+ * that of z at s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then
+ * t = a + (b - a) s Wa / (Wb - s (Wb - Wa)), or a + (b - a) s if Wa = Wb, and b at most. Here
+ * Wk = c k + (w3 - c z3), c = w.w / w.z, with the third and fourth row of the frustum's transform,
+ * (z, z3) and (w, w3). An interval that rounding makes empty is left out.
  *
- * Not guaranteed: a batch that umb_segments_check refuses is answered without harm, but those
- * answers mean nothing. A segment whose voxel coordinates overflow a double is lit.
+ * Not guaranteed: a batch that umb_segments_check refuses is answered safely, but its answers are
+ * meaningless. A segment whose voxel coordinates overflow a double is lit.
  * Threads: disjoint ranges at once, each with its own struct umb_segment_answers and stats.
  * Cost:  a few node reads for each uniform cube and brick that the segment passes; at most
  *        3 << log2_size steps a segment.
@@ -143,33 +142,33 @@ UMB_API void umb_volume_segments(const struct umb_volume *volume,
                                  struct umb_segment_answers *answers);
 
 struct umb_column_answer {
-    uint32_t lit;     /* voxels before the first shadowed one: the first occluder lies within half
-                         a voxel of this depth; 1 << log2_size if there is none */
+    uint32_t lit;     /* Number of voxels before the first shadowed one: the first occluder lies
+                         within half a voxel of this depth; 1 << log2_size if there is none */
     uint32_t outside; /* 1: the column is beyond the frustum in x or y, and lit to its end */
     double
-        distance_m; /* from the point along the light's direction to depth `lit`, metres; negative
-                       if the occluder lies between light and point; infinite without one */
+        distance_m; /* Distance from the point along the light's direction to depth `lit`, metres;
+                       negative if the occluder lies between light and point; infinite if none */
 };
 
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
-    struct umb_volume_stats stats;     /* added to */
+    struct umb_volume_stats stats;     /* Counts, added to */
 };
 
-/* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
- * a frustum baked under the closed rule without the effect `front`. */
+/* Checks that the first shadowed voxel of a column is its first occluder. Fails: E_UNSUPPORTED (a
+ * frustum baked under the closed rule without the effect `front`). */
 UMB_API UMB_CHECKED enum umb_status umb_volume_check_columns(const struct umb_volume *volume,
                                                              struct umb_error *error);
 
 /*
  * Finds the first occluder in the columns of voxels that points first .. first + count - 1 lie in.
  *
- * In:    points: checked by umb_points_check; their normals are not looked at.
+ * In:    points: checked by umb_points_check; their normals are ignored.
  * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
- *        Spot and point lights: columns are those of the face that looks at the point, and
- *        distances are along the ray from the light through it.
+ *        Spot and point lights: columns are those of the face that covers the point, and distances
+ *        are along the ray from the light through the point.
  * Not guaranteed: in a volume that umb_volume_check_columns refuses, `lit` is the first voxel
- *        stored as shadowed: nowhere before the first occluder, possibly behind it.
+ *        stored as shadowed: never before the first occluder, possibly behind it.
  * Threads: as umb_volume_segments.
  */
 UMB_API void umb_volume_columns(const struct umb_volume *volume, const struct umb_points *points,
@@ -181,30 +180,31 @@ struct umb_voxel_box {
 };
 
 struct umb_box_answer {
-    uint64_t lit;    /* of these voxels */
-    uint64_t voxels; /* inside the box and the frustum; 0 if the box holds no voxel's centre */
+    uint64_t lit;    /* Number of lit voxels among `voxels` */
+    uint64_t voxels; /* Number of voxels inside the box and the frustum */
 };
 
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
-    struct umb_volume_stats stats; /* added to */
+    struct umb_volume_stats stats; /* Counts, added to */
 };
 
-#define UMB_BOX_STEPS 65536 /* between two looks at a box under way: a few milliseconds at most */
+#define UMB_BOX_STEPS 65536 /* Steps between two calls of go_on: a few milliseconds at most */
 
 /*
- * A look at boxes under way, for callers that bound the time of one. A step is a node, a cell or a
- * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all machines.
+ * Callback during long boxes, for callers that bound the time of one. A step is a node, a cell or a
+ * brick inside the box; a brick that the box's faces cut counts as 64. Steps are the same on all
+ * machines.
  */
 struct umb_box_watch {
-    /* Called after every UMB_BOX_STEPS steps of a box, with its steps so far; its answer then holds
-     * what is counted so far. Returns 0 to leave the box: its `voxels` becomes UINT64_MAX. */
+    /* Called after every UMB_BOX_STEPS steps of a box, with its steps so far; the box's answer then
+     * holds the counts so far. Returns 0 to leave the box: its `voxels` becomes UINT64_MAX. */
     int (*go_on)(void *user, uint64_t steps);
     void *user; /* First argument of go_on */
 };
 
-/* Makes boxes of pairs of opposite corners, in either order on each axis: of the pairs first ..
- * first + count - 1. Out: boxes: [count]. */
+/* Makes boxes from pairs first .. first + count - 1 of opposite corners, in either order on each
+ * axis. Out: boxes: [count]. */
 UMB_API void umb_boxes_from_corners(const struct umb_segments *corners, size_t first, size_t count,
                                     struct umb_box *boxes);
 
@@ -213,8 +213,8 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
                                                     struct umb_error *error);
 
 /*
- * Counts the lit voxels of boxes in world space; for volumes that umb_volume_check_parallel lets
- * pass. In others no box holds a voxel.
+ * Counts the lit voxels of boxes in world space, in volumes that umb_volume_check_parallel accepts.
+ * In other volumes no box holds a voxel.
  *
  * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel
  *        is in the box if its centre is, min <= centre < max, so that boxes side by side share no
@@ -232,7 +232,8 @@ UMB_API void umb_volume_boxes(const struct umb_volume *volume, const struct umb_
                               size_t first, size_t count, const struct umb_box_watch *watch,
                               struct umb_box_answers *answers);
 
-/* Counts the lit voxels of boxes of voxels, likewise. A box with min >= max on an axis is empty. */
+/* Counts the lit voxels of boxes of voxels, as umb_volume_boxes. A box with min >= max on an axis
+ * is empty. */
 UMB_API void umb_volume_voxel_boxes(const struct umb_volume *volume,
                                     const struct umb_voxel_box *boxes, size_t first, size_t count,
                                     const struct umb_box_watch *watch,

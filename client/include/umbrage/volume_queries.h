@@ -2,16 +2,17 @@
 #ifndef UMBRAGE_VOLUME_QUERIES_H
 #define UMBRAGE_VOLUME_QUERIES_H
 /*
- * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in
- * batches. The answers are those that umb_volume_segments and its like give for the same asset,
- * bit for bit.
+ * Volume queries (umbrage/volume.h) over a daemon: batches of segments, columns and boxes. The
+ * answers equal those of umb_volume_segments, umb_volume_columns and umb_volume_boxes for the same
+ * asset, bit for bit.
  *
  *     const struct umb_volume_query volume_query = {.asset = "city"};
  *     umb_client_columns(client, &volume_query, &points, &answers, &reply, NULL, &error);
  *
- * With async NULL they block until answered. All are tried again as umb_client_query is. What the
- * server takes in one call: Limits (docs/reference/protocol.md). A segment counts as 64 points or
- * as its intervals, a column as 1, a box as 256.
+ * With async NULL the functions block until answered. Ownership, threads and retries are as in
+ * umbrage/client.h.
+ * Limits: umb_client_get_limits has the server's limits for one call. Against them a segment counts
+ * as 64 points or as its intervals, a column as 1 point, a box as 256.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"
@@ -21,13 +22,13 @@ extern "C" {
 #endif
 
 struct umb_volume_query {
-    const char *asset;   /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
-    uint32_t light;      /* index */
-    uint32_t timeout_ms; /* 0 = the client's */
+    const char *asset;   /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
+    uint32_t light;      /* Index of the light */
+    uint32_t timeout_ms; /* Deadline of this call; 0 = the client's */
 };
 
 struct umb_volume_query_reply {
-    uint8_t asset_id[UMB_ID_BYTES]; /* the asset that answered */
+    uint8_t asset_id[UMB_ID_BYTES]; /* Id of the asset that answered */
     struct umb_volume_stats stats;
     uint64_t nanoseconds;    /* CPU time on the server */
     int ignores_translucent; /* as umb_volume_ignores_translucent */
@@ -36,11 +37,11 @@ struct umb_volume_query_reply {
 /*
  * Asks for the lit intervals of segments.
  *
- * In:    segments: that they are finite is checked by the server alone.
+ * In:    segments: only the server checks that they are finite.
  *        async: NULL: waits for the answer.
  * Out:   answers: as umb_volume_segments fills it for all segments; unspecified on failure.
  *        reply: may be NULL; zeroed on failure.
- * Fails: as umb_client_query; E_UNSUPPORTED (a light that cannot be asked).
+ * Fails: as umb_client_query; E_UNSUPPORTED (as umb_volume_prepare).
  * Threads: as umb_client_query.
  */
 UMB_API UMB_CHECKED enum umb_status
@@ -49,16 +50,22 @@ umb_client_segments(struct umb_client *client, const struct umb_volume_query *vo
                     struct umb_volume_query_reply *reply, struct umb_client_async *async,
                     struct umb_error *error);
 
-/* Asks for the first occluders of columns; likewise. Out: as umb_volume_columns fills it. */
+/* Asks for the first occluders of columns, as umb_client_segments. Out: answers: as
+ * umb_volume_columns fills it. Fails also: E_UNSUPPORTED (as umb_volume_check_columns). */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_columns(struct umb_client *client, const struct umb_volume_query *volume_query,
                    const struct umb_points *points, struct umb_column_answers *answers,
                    struct umb_volume_query_reply *reply, struct umb_client_async *async,
                    struct umb_error *error);
 
-/* Counts the lit voxels of boxes; likewise. In: boxes: [count], min <= max on each axis, which only
- * the server checks. Out: answers: as umb_volume_boxes fills it. Fails too: E_TOO_LARGE (a box
- * whose counting takes the server too many steps). */
+/*
+ * Counts the lit voxels of boxes, as umb_client_segments.
+ *
+ * In:    boxes: [count], min <= max on each axis, which only the server checks.
+ * Out:   answers: as umb_volume_boxes fills it.
+ * Fails also: E_UNSUPPORTED (as umb_volume_check_parallel), E_TOO_LARGE (a box takes more steps
+ *        than the server's max_box_steps).
+ */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_boxes(struct umb_client *client, const struct umb_volume_query *volume_query,
                  const struct umb_box *boxes, size_t count, struct umb_box_answers *answers,
