@@ -2,18 +2,20 @@
 #ifndef UMBRAGE_ALIASING_H
 #define UMBRAGE_ALIASING_H
 /*
- * How well the texels of a shadow map fit the pixels of a camera, at a point of a surface.
+ * Aliasing of a shadow map: how well its texels fit the pixels of a camera, at a point of a
+ * surface.
  *
- * A texel covers a patch of the surface, and the patch a few pixels, or a part of one. Both ways
- * are linear near the point: with A the change of texel coordinates and B that of pixel coordinates
- * along the surface, one texel covers the parallelogram B A^-1 of pixels. Above 1 pixel the
- * map is undersampled there and its edges show steps.
+ * A texel covers a patch of the surface, and the patch covers a few pixels or a part of one. Both
+ * maps are linear near the point. With A the derivative of texel coordinates along the surface and
+ * B that of pixel coordinates, one texel covers the parallelogram B A^-1 of pixels. Where it is
+ * longer than 1 pixel the map is undersampled and its edges show steps.
  *
- * Along one axis of the map that is Lloyd's m; under a light from above and for a surface in the
- * plane of view it is Stamminger and Drettakis' dp/ds, the product of a perspective factor, which
- * another parametrisation (cascades, warps) can lower, and a projection factor, which it cannot.
+ * Along one axis of the map this is Lloyd's m. Under a light from above and for a surface in the
+ * plane of view it is dp/ds of Stamminger and Drettakis: a perspective factor, which another
+ * parametrisation (cascades, warps) can lower, times a projection factor, which it cannot.
  *
- * Sources: Stamminger, Drettakis 2002; Lloyd 2007, chapter 3 (seed 004).
+ * Sources: Stamminger, Drettakis: Perspective shadow maps, 2002; Lloyd: Logarithmic perspective
+ * shadow maps, 2007, chapter 3.
  * Threads: pure functions.
  */
 #include "umbrage/cascades.h"
@@ -23,10 +25,10 @@ extern "C" {
 #endif
 
 struct umb_aliasing {
-    double most;     /* pixels that a texel covers in its longest direction */
-    double least;    /* and across it */
-    double along[2]; /* pixels that a step of one texel in x, and in y, covers: Lloyd's m */
-    double perspective, projection; /* factors of dp/ds, pixels a texel: (pixels a metre at the
+    double most;     /* Pixels that a texel covers in its longest direction */
+    double least;    /* Pixels that it covers across that direction */
+    double along[2]; /* Pixels that a step of one texel in x, and in y, covers: Lloyd's m */
+    double perspective, projection; /* Factors of dp/ds, pixels a texel: (pixels a metre at the
                                        point's distance) x (metres a texel), and cos a / cos b */
 };
 
@@ -35,10 +37,10 @@ struct umb_aliasing {
  *
  * In:    camera: near_m and far_m are not read. width, height: pixels. normal: of any length above
  *        0, towards the camera.
- * Out:   all infinite where the light grazes the surface (cos b = 0) and the texel's patch has no
- *        end; never NaN.
- * Fails: E_NOT_FOUND, and zeros: the point lies behind the camera or the light, or faces away from
- *        either; or the camera spans no picture.
+ * Out:   aliasing: all infinite where the light grazes the surface (cos b = 0), since a texel's
+ *        patch is unbounded there; never NaN; zeros on failure.
+ * Fails: E_NOT_FOUND (the point lies behind the camera or the light, or faces away from either; or
+ *        the camera has an empty picture).
  */
 UMB_API UMB_CHECKED enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
                                                     const struct umb_camera *camera, uint32_t width,

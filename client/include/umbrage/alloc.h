@@ -2,13 +2,14 @@
 #ifndef UMBRAGE_ALLOC_H
 #define UMBRAGE_ALLOC_H
 /*
- * The allocator that opening and building take; queries allocate nothing.
+ * The allocator for opening and building. Queries allocate nothing.
  *
- * A NULL allocator means malloc, realloc and free. Passing one's own is how a host bounds memory,
- * and how the tests make the n-th allocation fail. zstd's working memory, a few MiB while a packed
- * file is opened or written, comes from malloc all the same.
- * Threads: an asset uses its allocator while it is opened, exported, calibrated (umbrage/curve.h)
- * and closed only. Who calibrates on several threads at once passes one that takes that.
+ * A NULL allocator means malloc, realloc and free. A program passes its own to bound memory; tests
+ * pass one whose n-th allocation fails. zstd's working memory, a few MiB while a packed file is
+ * opened or written, always comes from malloc.
+ * Threads: an asset uses its allocator only while it is opened, exported, calibrated
+ * (umbrage/curve.h) and closed. If you calibrate from several threads at once, the allocator must
+ * be thread-safe.
  */
 #include <stddef.h>
 #include "umbrage/status.h"
@@ -18,14 +19,15 @@ extern "C" {
 #endif
 
 struct umb_alloc {
-    /* realloc semantics: (NULL, n) allocates, (p, 0) frees and returns NULL, NULL on failure with
-     * the old block left alone. Alignment as malloc's. Called from the thread that called us. */
+    /* Works as realloc: (NULL, n) allocates; (p, 0) frees and returns NULL; NULL means failure,
+     * with the old block unchanged. Aligned as by malloc. Called on the thread that calls the
+     * library. */
     void *(*resize)(void *user, void *block, size_t bytes);
-    void *user; /* handed back unchanged */
+    void *user; /* First argument of `resize` */
 };
 
-/* Frees a block that an umbrage function handed over and says to free so: lists, descriptions,
- * files in memory. NULL is allowed. */
+/* Frees a block of memory whose function names umb_free: lists, descriptions, files in memory. NULL
+ * is allowed. */
 UMB_API void umb_free(void *block);
 
 #ifdef __cplusplus

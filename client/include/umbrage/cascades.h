@@ -3,17 +3,18 @@
 #define UMBRAGE_CASCADES_H
 /*
  * Cascades: several maps of a directional light for one camera, each for a slice of the view (PSSM,
- * parallel-split shadow maps), so that texels lie where pixels are.
+ * parallel-split shadow maps), so that texels are dense where pixels are.
  *
  *     umb_cascades_plan(&camera, to_light, &scene_box, &settings, &plan, &error);
  *     ... for each plan.frusta[i]: a layer of depths, umb_map_build, umb_map_prepare ...
  *     umb_cascades_run(&plan, queries, &points, 0, count, values);
  *
- * Each map is built and filtered as any other (umbrage/maps.h): a VSM or EVSM a layer is PSSM +
- * VSM. Where layers meet, texels change their size, so a filter of n texels changes its width: a
- * seam. It is softened by `blend`, or by the contrast C of the coarser layer (umb_cascades_match).
+ * Each map (layer) is built and filtered as any other (umbrage/maps.h); with VSM or EVSM layers
+ * this is PSSM + VSM. Where two layers meet, texels change their size, so a filter of n texels
+ * changes its width and shows a seam. `blend` softens the seam, and so does the contrast C of the
+ * coarser layer (umb_cascades_match).
  *
- * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM a layer, C a
+ * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM and C for each
  * layer); Wimmer, Scherzer, Purgathofer 2004 (LiSPSM).
  * Threads, ownership, stability: as umbrage/maps.h.
  */
@@ -26,29 +27,28 @@ extern "C" {
 #define UMB_CASCADES_MAX 8
 
 enum umb_cascade_fit {
-    UMB_CASCADE_SLICE = 0, /* the sphere around the slice, whatever the scene: its size stays when
-                              the camera turns, and its texels stay on a grid of the world when it
+    UMB_CASCADE_SLICE = 0, /* Sphere around the slice, for any scene. Its size stays when the camera
+                              turns, and its texels stay on a grid of the world when the camera
                               moves (texel snapping), so that shadows do not swim */
-    UMB_CASCADE_SCENE,     /* what slice and scene have in common: finer, but moves with both */
-    UMB_CASCADE_LISPSM,    /* the same, warped so that texels are finer near the eye */
+    UMB_CASCADE_SCENE,     /* Intersection of slice and scene: finer, but moves with both */
+    UMB_CASCADE_LISPSM,    /* The same, warped so that texels are finer near the eye */
 };
 
 struct umb_cascade_settings {
-    uint32_t count; /* slices, 1..8 */
-    double weight;  /* of logarithmic against uniform splits, 0..1 */
+    uint32_t count; /* Number of slices, 1..8 */
+    double weight;  /* Weight of logarithmic against uniform splits, 0..1 */
     enum umb_cascade_fit fit;
-    uint32_t resolution[UMB_CASCADES_MAX]; /* texels a side of each, 4..16384 */
-    double blend; /* share of a slice, 0..0.5, at its far end that fades into the next */
+    uint32_t resolution[UMB_CASCADES_MAX]; /* Texels a side of each layer, 4..16384 */
+    double blend; /* Share of a slice at its far end that fades into the next, 0..0.5 */
 };
 
 struct umb_cascade_plan {
     double eye[3], forward[3]; /* Origin and unit vector of distances along the view */
     uint32_t count;
     double blend;
-    double splits[UMB_CASCADES_MAX + 1]; /* metres along forward: near .. far */
+    double splits[UMB_CASCADES_MAX + 1]; /* Distances along forward, metres: near .. far */
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
-    int warped[UMB_CASCADES_MAX]; /* 1 where LISPSM warped; it does not when looking along the light
-                                   */
+    int warped[UMB_CASCADES_MAX]; /* 1: warped by LISPSM; 0 e.g. for a view along the light */
 };
 
 /*
@@ -74,8 +74,8 @@ umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
                   struct umb_cascade_plan *plan, struct umb_error *error);
 
 /*
- * Answers points, each by the map of the slice it lies in (nearer than near: the first; beyond far:
- * the last), in the blend's part of a slice by both.
+ * Answers points, each by the map of its slice. Points nearer than near use the first slice, points
+ * beyond far the last. In the blended part of a slice both maps answer.
  *
  * In:    queries: struct umb_map_query[plan->count], prepared on maps of plan->frusta.
  */
@@ -83,17 +83,17 @@ UMB_API void umb_cascades_run(const struct umb_cascade_plan *plan,
                               const struct umb_map_query *queries, const struct umb_points *points,
                               size_t first, size_t count, float *values);
 
-/* A seam: the maps on both sides of it, asked with their filters. */
+/* A seam: the maps on both sides of it, with their filters. */
 struct umb_cascade_seam {
     const struct umb_map *fine, *coarse;
     struct umb_map_filter fine_filter, coarse_filter;
-    double contrast;   /* out: C for the coarse filter, 1/1024..1024 */
-    double difference; /* out: root mean square of coarse - fine with C = 1 */
-    double after;      /* out: the same with `contrast` */
+    double contrast;   /* Out: C for the coarse filter, 1/1024..1024 */
+    double difference; /* Out: root mean square of coarse - fine with C = 1 */
+    double after;      /* Out: the same with `contrast` */
 };
 
 /*
- * Finds the contrast C of the coarser layer with which it differs least from the finer one.
+ * Finds the contrast C at which the coarser layer differs least from the finer one.
  *
  * In:    points: along the seam, at least one. scratch: float[2 * points->count].
  * Fails: as umb_map_prepare.

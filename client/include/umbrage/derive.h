@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_DERIVE_H
 #define UMBRAGE_DERIVE_H
 /*
- * Maps for GPUs, made from an asset alone: no scene, no rays. Any rectangle of a light's voxels, or
- * the cascades of a camera, as depth, VSM, ESM, EVSM or MSM, filtered beforehand, with mip levels.
+ * Shadow maps for GPUs, made from an asset alone, without the scene and without rays. A map covers
+ * a rectangle of a light's voxels, or a cascade of a camera. It holds depth, VSM, ESM, EVSM or MSM,
+ * prefiltered, with mip levels.
  *
  *     struct umb_derive_settings settings = {.width = 1024, .height = 1024,
  *                                            .map = {.technique = UMB_MAP_EVSM}};
@@ -13,19 +14,19 @@
  *     umb_derived_destroy(derived);
  *
  * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns
- * finds it: depth is right to half a voxel along the light for the ray through that column's
- * centre, which lies within half a voxel of the texel's on each axis across. A map rendered from
- * the scene with the same frustum differs by no more, but where a silhouette runs between the two
- * rays. A texel wider than a voxel samples its centre only, as a rendered map does; derive finer
- * and take a mip level for averages.
+ * finds it. Its depth is right to half a voxel along the light for the ray through that column's
+ * centre, which lies within half a voxel of the texel's centre on each axis. A map rendered from
+ * the scene with the same frustum differs by no more, except where a silhouette runs between the
+ * two rays. A texel wider than a voxel samples its centre only, as a rendered map does; for
+ * averages derive a finer map and use a mip level.
  *
- * Assets: directional lights. Under the closed rule the depth of first occluders is there only with
- * the effect `front`.
+ * Assets: directional lights. Assets baked under the closed rule need the effect `front`, which
+ * stores the depth of first occluders.
  * Precision: texel centres become voxel coordinates in doubles (2^-50 of the frustum); depth is
  * rounded once to the format.
  * Threads: derive from one asset on any number of threads; a derived map is immutable.
  * Stability: experimental; may change before version 1.0.
- * Sources: seed 000 (the DAG); seeds 001, 002, 004 (the techniques); KTX 2.0 (Khronos).
+ * Sources: docs/explained/sources.md has the publications of each technique; KTX 2.0 (Khronos).
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -37,46 +38,46 @@
 extern "C" {
 #endif
 
-#define UMB_DERIVE_TEXELS_MAX (UINT64_C(1) << 26) /* of all maps of one call */
+#define UMB_DERIVE_TEXELS_MAX (UINT64_C(1) << 26) /* Texels of all maps of one call */
 
 struct umb_derive_settings {
-    uint32_t light;
-    uint32_t width, height; /* texels, 1..16384; powers of two with mips; equal for cascades */
-    double rect[4]; /* x0 y0 x1 y1 in voxels of the light's frustum, may reach beyond it, where
-                       nothing casts; all 0: the whole frustum. Not with cascades */
-    /* technique: PCF (depth), VSM, ESM, EVSM or MSM; format: F32, F16 or U16; access: BASE or MIPS.
-     * ESM and EVSM: exponent 0 = as large as the format allows, at most 80 and 40, and for EVSM
-     * negative_exponent likewise, at most 5; `linear` is taken as 1: exponentials, as GPUs filter.
+    uint32_t light;         /* Index of the light */
+    uint32_t width, height; /* Texels, 1..16384; powers of two with mips; equal for cascades */
+    double rect[4]; /* Rectangle x0 y0 x1 y1 in voxels of the light's frustum. It may reach beyond
+                       the frustum, where nothing casts; all 0: the whole. Not for cascades */
+    /* Settings of the maps. technique: PCF (depth), VSM, ESM, EVSM or MSM; format: F32, F16 or U16;
+     * access: BASE or MIPS. Exponents: 0 = as large as the format allows, at most 80 for ESM, 40
+     * for EVSM, and 5 for its negative_exponent. `linear` counts as 1, as GPUs filter exponentials.
      */
     struct umb_map_settings map;
-    const struct umb_camera *camera;      /* The view that cascades divide; else not read */
+    const struct umb_camera *camera;      /* View that cascades divide; without them not read */
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
-    int (*cancelled)(void *user);         /* NULL, or asked for each row: nonzero gives up */
-    void *cancel_user;
+    int (*cancelled)(void *user);         /* Called for each row; nonzero stops. May be NULL */
+    void *cancel_user;                    /* First argument of `cancelled` */
 };
 
-/* Maps that belong together: one, or a cascade each. Made by umb_derive alone. */
+/* The maps of one call: one map, or one for each cascade. Made by umb_derive only. */
 struct umb_derived {
     uint32_t count;
     struct umb_map *maps[UMB_CASCADES_MAX];
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
-    double splits[UMB_CASCADES_MAX + 1]; /* cascades: metres along the view */
-    struct umb_derive_settings settings; /* with what was filled in; pointers NULL */
+    double splits[UMB_CASCADES_MAX + 1]; /* Splits of cascades, metres along the view */
+    struct umb_derive_settings settings; /* Settings, defaults filled in; pointers are NULL */
     uint8_t asset_id[UMB_ID_BYTES];
-    double texel_error_m; /* half a voxel along the light: the stated error of depth */
+    double texel_error_m; /* Stated error of depth, metres: half a voxel along the light */
 };
 
 /*
- * Derives maps.
+ * Derives maps from an asset.
  *
  * In:    alloc: NULL = malloc; must outlive the result.
  * Out:   out: NULL on failure.
  * Owns:  the caller frees it with umb_derived_destroy.
  * Fails: E_ARGUMENT naming the field (sizes, rect, camera, settings), E_NOT_FOUND (light),
  *        E_UNSUPPORTED (a light that is not directional, a closed asset without front, a technique
- *        or format that GPUs have none for), E_TOO_LARGE (texels), E_NO_MEMORY, E_CANCELLED.
- * Cost:  a column query a texel, 0.05 to 1 us, and the map's build; about 40 bytes a texel
- * meanwhile.
+ *        or format without a GPU format), E_TOO_LARGE (texels), E_NO_MEMORY, E_CANCELLED.
+ * Cost:  a column query a texel, 0.05 to 1 us, and the map's build; about 40 bytes a texel during
+ *        the call.
  */
 UMB_API UMB_CHECKED enum umb_status umb_derive(const struct umb_asset *asset,
                                                const struct umb_derive_settings *settings,
@@ -86,17 +87,17 @@ UMB_API UMB_CHECKED enum umb_status umb_derive(const struct umb_asset *asset,
 /* Frees maps and file. NULL is allowed. */
 UMB_API void umb_derived_destroy(struct umb_derived *derived);
 
-/* Most bytes that umb_derive and umb_derived_ktx2 hold at once for these settings. */
+/* Returns the most bytes that umb_derive and umb_derived_ktx2 hold at once for these settings. */
 UMB_API uint64_t umb_derive_bytes(const struct umb_derive_settings *settings);
 
 /*
- * Lays the maps out as a KTX 2.0 file: a 2D texture, or an array with a layer for each cascade, its
- * mip levels, and under the key "umbrage.map" a JSON text that tells the asset, the technique and
- * how to get from world space to a texel (docs/guide/gpu-maps.md). The same maps give the same
+ * Lays the maps out as a KTX 2.0 file: a 2D texture, or an array with a layer for each cascade, and
+ * its mip levels. Under the key "umbrage.map" stands a JSON text with the asset, the technique and
+ * the transform from world space to texels (docs/guide/gpu-maps.md). The same maps give the same
  * bytes.
  *
- * Out:   bytes: uint8[size], borrowed until umb_derived_destroy; NULL on failure. Later calls give
- *        the same ones.
+ * Out:   bytes: uint8[size], borrowed until umb_derived_destroy; NULL on failure. Later calls
+ *        return the same block.
  * Fails: E_NO_MEMORY.
  * Threads: one at a time.
  */

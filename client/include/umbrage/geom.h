@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_GEOM_H
 #define UMBRAGE_GEOM_H
 /*
- * The few geometric types that cross an interface.
+ * Geometric types of several interfaces.
  *
- * World space is the scene's own coordinates (metres unless the scene says otherwise), right
- * handed. Voxel space is one frustum's: x and y across the light, z along it, one unit a voxel,
- * integer voxel i covers [i, i+1). Doubles everywhere: a national-grid coordinate of 1e7 m keeps
- * 2e-9 m, far below any voxel.
+ * World space has the scene's own coordinates (metres unless the scene says otherwise), right
+ * handed. Voxel space belongs to one frustum: x and y across the light, z along it, one unit a
+ * voxel; voxel i covers [i, i+1). All numbers are doubles: a national-grid coordinate of 1e7 m
+ * keeps 2e-9 m, far below any voxel.
  */
 
 #ifdef __cplusplus

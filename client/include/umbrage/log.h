@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_LOG_H
 #define UMBRAGE_LOG_H
 /*
- * The log callback of the libraries. They never write to stdout or stderr by themselves; without a
- * callback they are silent.
+ * The log callback of the libraries. They never write to stdout or stderr; without a callback they
+ * are silent.
  */
 
 #ifdef __cplusplus
@@ -11,13 +11,13 @@ extern "C" {
 #endif
 
 enum umb_log_level {
-    UMB_LOG_ERROR = 0, /* an operator must act */
-    UMB_LOG_WARN = 1,  /* degraded */
-    UMB_LOG_INFO = 2,  /* once in an object's life */
-    UMB_LOG_DEBUG = 3, /* once a request */
+    UMB_LOG_ERROR = 0, /* An operator must act */
+    UMB_LOG_WARN = 1,  /* Degraded service */
+    UMB_LOG_INFO = 2,  /* Events at most once in an object's life */
+    UMB_LOG_DEBUG = 3, /* Events of each request */
 };
 
-/* message: one line, UTF-8, valid during the call only. May be called from the library's thread. */
+/* Takes one line of UTF-8 text, valid during the call only. May run on a thread of the library. */
 typedef void (*umb_log_fn)(void *user, enum umb_log_level level, const char *message);
 
 #ifdef __cplusplus

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_PICTURE_H
 #define UMBRAGE_PICTURE_H
 /*
- * Frame loops: a point for each pixel of a depth picture, and answers packed so that a frame costs
- * only what changed since an earlier one.
+ * Frame loops: a point for each pixel of a depth picture, and packed answers of which only the
+ * changes since an earlier picture are sent.
  *
  *     umb_picture_check(&picture, &error);
  *     umb_picture_points(&picture, first, count, points);   floats relative to the eye
@@ -12,7 +12,8 @@
  *     umb_picture_pack(values, base, size, out, &packed, &error);
  *     umb_picture_unpack(packed bytes, base, values, size, &error);
  *
- * Client and server run the same code. Nothing here keeps state.
+ * Client and server run the same code.
+ * Threads: the functions have no state; any number of threads may call them.
  * Trust: unpacking is safe on hostile bytes.
  */
 #include <stddef.h>
@@ -23,49 +24,50 @@
 extern "C" {
 #endif
 
-/* Depths beyond this, metres, are taken for pixels with nothing in them. */
+/* Largest depth in metres; beyond it a pixel counts as empty. */
 #define UMB_DEPTH_MAX 1e9
 
-/* What a camera sees: pixel x + y * width, from the upper left corner. */
+/* A depth picture of a camera: pixel x + y * width, from the upper left corner. */
 struct umb_picture {
     struct umb_camera camera; /* aspect, near_m and far_m are not read */
     uint32_t width, height;   /* Numbers of pixels, at least 1; pixels are square */
-    const void *depth; /* float[width * height], little-endian, any alignment: along `forward`, not
-                          along the pixel's ray. Not positive, not finite or beyond UMB_DEPTH_MAX:
-                          nothing is there */
+    const void *depth; /* Depths in metres along `forward` (not along the pixel's ray), float[width
+                          * height], little-endian, any alignment. A pixel whose depth is not
+                          positive, not finite or beyond UMB_DEPTH_MAX is empty */
 };
 
-/* Fails: E_ARGUMENT (what is wrong is named). */
+/* Checks a picture. Fails: E_ARGUMENT (the field is named). */
 UMB_API UMB_CHECKED enum umb_status umb_picture_check(const struct umb_picture *picture,
                                                       struct umb_error *error);
 
 /*
- * Where the pixels first .. first + count - 1 are.
+ * Computes the points that the pixels first .. first + count - 1 show.
  *
- * In:  picture: one that umb_picture_check takes.
- * Out: points: float[3 * count], relative to picture->camera.eye; 0 where nothing is there. Through
- *      the pixel's centre, in double precision, rounded once; the tangent of fov_y is the C
- *      library's.
+ * In:  picture: one that umb_picture_check accepts.
+ * Out: points: float[3 * count], metres, relative to picture->camera.eye, through the pixels'
+ *      centres; 0 for empty pixels. Computed in double precision and rounded once; tan(fov_y / 2)
+ *      is the C library's.
  */
 UMB_API void umb_picture_points(const struct umb_picture *picture, size_t first, size_t count,
                                 float *points);
 
-/* Answers of those pixels that have nothing in them become 1. In: first: a multiple of 8; values:
- * of the whole picture, in `format`. */
+/* Sets the answers of the empty pixels among first .. first + count - 1 to 1. In: first: a multiple
+ * of 8; values: answers of the whole picture, in `format`. */
 UMB_API void umb_picture_fill(const struct umb_picture *picture, size_t first, size_t count,
                               enum umb_answer_format format, void *values);
 
-/* Bytes that a packed frame of `size` bytes takes at most. */
+/* Returns the largest packed size of `size` bytes of answers. */
 UMB_API size_t umb_picture_room(size_t size);
 
-/* A mark of a frame's answers, never 0: who has a frame says so by it. */
+/* Returns the mark of a picture's answers: a hash, never 0, that names them as the base of later
+ * ones. */
 UMB_API uint64_t umb_picture_mark(const void *values, size_t size);
 
 /*
- * Packs answers: one zstd frame of their bytes, each XORed with the base's if there is one.
+ * Packs answers into one zstd frame; with a base, each byte is first XORed with the base's.
  *
  * In:    values, base: uint8[size]; base NULL: none. scratch: uint8[size], needed with a base.
- * Out:   packed: uint8[umb_picture_room(size)]; packed_size.
+ * Out:   packed: uint8[umb_picture_room(size)]. packed_size: length in bytes.
  * Fails: E_NO_MEMORY.
  */
 UMB_API UMB_CHECKED enum umb_status umb_picture_pack(const void *values, const void *base,
@@ -73,10 +75,11 @@ UMB_API UMB_CHECKED enum umb_status umb_picture_pack(const void *values, const v
                                                      size_t *packed_size, struct umb_error *error);
 
 /*
- * The way back.
+ * Unpacks answers.
  *
- * In:    packed: uint8[packed_size]. base: uint8[size] that was packed against, or NULL.
- * Out:   values: uint8[size], not the base itself; without meaning on failure.
+ * In:    packed: uint8[packed_size]. base: uint8[size], the base that they were packed with, or
+ *        NULL.
+ * Out:   values: uint8[size], not the base itself; unspecified on failure.
  * Fails: E_CORRUPT (not a frame of `size` bytes), E_NO_MEMORY.
  */
 UMB_API UMB_CHECKED enum umb_status umb_picture_unpack(const void *packed, size_t packed_size,

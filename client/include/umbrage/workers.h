@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_WORKERS_H
 #define UMBRAGE_WORKERS_H
 /*
- * Threads that the core may use; it has none of its own.
+ * Threads of the caller, for the core, which has none of its own.
  */
 #include <stdint.h>
 
@@ -11,12 +11,12 @@ extern "C" {
 #endif
 
 /*
- * run: calls job(job_user, number, worker) once for each number below `jobs`, on any threads and in
- * any order, and returns when all are done; what they wrote is then visible to the caller. worker
- * is below `count`; no two calls under way have the same.
+ * A set of threads. `run` calls job(job_user, number, worker) once for each number below `jobs`, on
+ * any threads and in any order. It returns when all calls are done; their writes are then visible
+ * to the caller. worker is below `count`, and differs between calls that run at the same time.
  */
 struct umb_workers {
-    unsigned count; /* 1.. */
+    unsigned count; /* Number of threads, at least 1 */
     void (*run)(void *user, void (*job)(void *job_user, uint32_t number, unsigned worker),
                 void *job_user, uint32_t jobs);
     void *user;
