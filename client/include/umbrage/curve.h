@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CURVE_H
 #define UMBRAGE_CURVE_H
 /*
- * What accuracy costs: how far an answer may be off, the accuracy curve that an asset carries, and
- * the dial that turns a wanted accuracy or a budget into settings.
+ * Accuracy and its cost: the bound of an answer's error, the accuracy curve that an asset carries,
+ * and the dial that turns a required accuracy or a budget into settings.
  *
  *     struct umb_dial dial = {.max_error_m = 0.05};
  *     struct umb_curve_row row;
@@ -11,18 +11,17 @@
  *     umb_query_prepare(asset, &settings, &query, &error);
  *
  * The bound. A voxel's value is the true visibility of its centre (docs/reference/umb-format.md,
- * section 1), so an answer that differs from the truth at a point looked at a place on the other
- * side of a true shadow boundary. How far a look-up is from its point follows from the geometry
- * alone: the bias, and half the diagonal of the window (of a whole cell where look-ups stop at
- * one). The bound is the sum: whatever a query answers, a true boundary is no farther from the
- * point than that, or the answer is true. It holds in defined space, for windows that do not reach
- * into closed solids.
+ * section 1). So an answer is wrong only if the look-up was on the other side of a true shadow
+ * boundary than the point. The distance of a look-up from its point follows from the geometry: the
+ * bias, plus half the diagonal of the window (of a whole cell where look-ups stop at one). This sum
+ * is the bound: an answer is true, or a true boundary is no farther from the point than the bound.
+ * It holds in defined space, for windows that do not reach into closed solids.
  *
- * The curve. For each level and filter that an asset answers with, measured by the bake on points
- * on the scene's surfaces: how much the answer depends on where in a voxel the point lies, and what
- * it reads. Costs are counts, the same on every machine; nanoseconds come from umb_calibrate.
+ * The curve. The bake measures each level and filter of an asset on points of the scene's surfaces:
+ * how much the answer depends on the place of the point within a voxel, and how much it reads.
+ * Costs are counts, the same on every machine; umb_calibrate measures nanoseconds.
  *
- * Threads: everything here may be called at once; only struct umb_calibration is written to.
+ * Threads: any number of threads may call these functions at once. An asset is only read.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -36,12 +35,12 @@ extern "C" {
 
 #define UMB_CURVE_ROWS_MAX 24 /* rows a light */
 
-/* Returns the highest level that look-ups in a frustum of 1 << log2_size voxels a side can stop at:
- * the least odd number that is not below log2_size - 7, nor below 3. */
+/* Returns the highest level at which look-ups in a frustum of 1 << log2_size voxels a side can
+ * stop: the least odd number that is at least log2_size - 7, and at least 3. */
 UMB_API uint32_t umb_level_max(uint32_t log2_size);
 
 /*
- * Returns how far from a point a look-up with automatic bias can be, in metres.
+ * Returns the largest distance of a look-up with automatic bias from its point, metres.
  *
  * In:    level, taps: as in struct umb_query_settings.
  * Spot and point lights: at the frustum's far end, where voxels are largest.
@@ -49,21 +48,21 @@ UMB_API uint32_t umb_level_max(uint32_t log2_size);
 UMB_API double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint32_t level,
                                    uint32_t taps);
 
-/* Returns the bound of settings that umb_query_prepare accepts, whatever their bias; the largest of
- * a light's frusta. 0 for a light that the asset does not have, and for penumbras and footprints:
- * they are as wide as each point needs, and no bound is stated. */
+/* Returns the bound in metres of settings that umb_query_prepare accepts, with their bias: the
+ * largest of the light's frusta. 0 if the asset has no such light, and for penumbras and
+ * footprints: their width differs from point to point, and no bound is stated. */
 UMB_API double umb_query_bound_m(const struct umb_asset *asset,
                                  const struct umb_query_settings *settings);
 
-/* One setting and what it gives, of one light. */
+/* One setting of a light, with its accuracy and cost. */
 struct umb_curve_row {
     uint32_t level, taps;
-    double bound_m; /* with automatic bias; follows from the frusta, not stored */
+    double bound_m; /* Bound with automatic bias, metres; follows from the frusta, not stored */
     /* Root mean square difference of the answer, 0..1, when the point is moved by up to half a
-     * voxel across the light; of coarse rows, to a full look-up there. */
+     * voxel across the light; of coarse rows, the difference from a full look-up. */
     double visibility_error;
-    double nodes; /* mixed octree nodes above bricks that a point's look-up goes through */
-    double lines; /* cache lines it reads: grid, wide nodes, bricks */
+    double nodes; /* Mixed octree nodes above bricks on a point's path, on average */
+    double lines; /* Cache lines that a point reads: grid, wide nodes, bricks; on average */
 };
 
 /*
@@ -76,17 +75,16 @@ UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint3
                                             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX],
                                             size_t *count);
 
-/* What rows cost on this machine; umb_calibrate or umb_calibrate_points fills it in. */
+/* Costs of a curve's rows on this machine; umb_calibrate or umb_calibrate_points fills it in. */
 struct umb_calibration {
-    size_t count;                  /* rows, in the order of umb_asset_get_curve */
-    double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
+    size_t count;                  /* Number of rows, in the order of umb_asset_get_curve */
+    double ns[UMB_CURVE_ROWS_MAX]; /* Nanoseconds a point on one core */
 };
 
 /*
- * Measures what the rows of a light's curve cost here: asks the asset about points of its own, some
- * that lie anywhere and some where the light first meets a caster, and goes as far from the ones to
- * the others as the curve's points do. For points spread over the scene, on one core that does
- * nothing else.
+ * Measures the costs of a light's curve on this machine, for points spread over the scene and one
+ * idle core. It queries points of its own, scattered ones and ones where the light first meets a
+ * caster, and interpolates between the two kinds to the counts of the curve's points.
  *
  * In:    now_s: a clock in seconds that does not go back.
  * Out:   calibration: costs that do not fall where the counts of the curve rise.
@@ -99,14 +97,13 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
                                                   struct umb_error *error);
 
 /*
- * Measures what the rows of a light's curve cost for points like these: as near to each other, as
- * hard, as often facing away. Costs depend on all of that, up to tenfold; so a budget for points at
- * hand is best calibrated on them, or on a fair sample: intervals of a few thousand consecutive
- * points from all over them.
+ * Measures the costs of a light's curve for points like these. Costs vary up to tenfold with the
+ * distance between points, their place and their normals. So calibrate a budget on the points to
+ * come, or on a fair sample: runs of a few thousand consecutive points from all over them.
  *
- * In:    points: as umb_points_check accepts them, at least one; 10^5 and more spread over the
- *        scene leave the caches as cold as all of them do. now_s: a clock in seconds that does not
- *        go back; the calling thread's CPU time suits a busy machine.
+ * In:    points: as umb_points_check accepts them, at least one; 10^5 and more, spread over the
+ *        scene, leave the caches as cold as the whole batch does. now_s: a clock in seconds that
+ *        does not go back; on a busy machine use the CPU time of the calling thread.
  * Out:   calibration: median of interleaved runs; costs that do not fall where the counts of the
  *        curve rise.
  * Fails: E_ARGUMENT (no points), E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
@@ -117,27 +114,27 @@ umb_calibrate_points(const struct umb_asset *asset, uint32_t light, const struct
                      double (*now_s)(void), struct umb_calibration *calibration,
                      struct umb_error *error);
 
-/* What is wanted of an answer; 0 where nothing is. */
+/* Requirements on answers; a field that is 0 requires nothing. */
 struct umb_dial {
-    double max_error_m;    /* bound, metres */
-    double max_visibility; /* root mean square error of visibility, 0..1 */
-    double budget_ns;      /* nanoseconds a point on one core; needs a calibration */
+    double max_error_m;    /* Largest bound, metres */
+    double max_visibility; /* Largest root mean square error of visibility, 0..1 */
+    double budget_ns;      /* Nanoseconds a point on one core; needs a calibration */
 };
 
 /*
  * Chooses level and taps from the curve of settings->light.
  *
- * With max_error_m, max_visibility or both: the row that reads the fewest lines of those that keep
- * to them, so that every machine chooses the same. Asking for less error therefore never gives a
- * larger bound and never a lower cost. With budget_ns alone: of the rows that cost no more, the one
- * with the least visibility error. With both, a row must keep to all.
+ * With max_error_m, max_visibility or both, it chooses the row with the fewest lines among the rows
+ * within these limits, so that every machine chooses the same row. So a smaller error never gives a
+ * larger bound, nor a lower cost. With budget_ns alone, it chooses the row with the least
+ * visibility error among the rows within the budget. With a budget and limits, a row must keep all.
  *
  * In:    calibration: of this light; NULL unless budget_ns is given.
  *        settings: light is read; taps, level and footprint_m must be 0, filter must be box.
  * Out:   settings: level and taps. row: what they give; may be NULL. Untouched on failure.
- * Fails: E_ARGUMENT (not finite or below 0; nothing wanted; settings that leave no choice; no row
- *        keeps to what is wanted: says what the asset can do), E_NOT_FOUND (light), E_UNSUPPORTED
- *        (the asset carries no curve).
+ * Fails: E_ARGUMENT (a requirement that is not finite or below 0; no requirement; settings that
+ *        leave no choice; no row meets the requirements: the message has the best that the asset
+ *        offers), E_NOT_FOUND (light), E_UNSUPPORTED (the asset carries no curve).
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_dial_choose(const struct umb_asset *asset, const struct umb_dial *dial,

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_FILE_H
 #define UMBRAGE_FILE_H
 /*
- * Asset files as bytes: converting between the two encodings, and proving that a file's content is
+ * Asset files as bytes: conversion between the two encodings, and proof that a file's content is
  * the one that its id names.
  *
  *     const struct umb_sink sink = {append, file};
@@ -24,7 +24,7 @@
 extern "C" {
 #endif
 
-#define UMB_FILE_HEAD_BYTES 128 /* of a file, enough for umb_file_read_head */
+#define UMB_FILE_HEAD_BYTES 128 /* First bytes of a file that umb_file_read_head needs */
 
 /* Destination of bytes, which come in order: a file, a socket, a buffer. */
 struct umb_sink {
@@ -46,16 +46,16 @@ struct umb_sha256 {
                         size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 };
 
-/* What the first bytes of an asset file say; nothing of it is proven. */
+/* Claims of the first bytes of an asset file; none is proven. */
 struct umb_file_head {
     enum umb_encoding encoding;
     uint8_t id[UMB_ID_BYTES]; /* Identity that the file claims */
     uint64_t file_bytes;      /* Length of the whole file */
     uint64_t open_bytes;      /* Length of its head, with the first block of a packed file's
-                                 directory: what umb_partial_open wants */
+                                 directory: the bytes that umb_partial_open needs */
 };
 
-/* A file's bytes, mapped to be read. */
+/* A file's bytes, mapped for reading. */
 struct umb_file {
     const void *bytes; /* uint8[size] */
     size_t size;       /* Length in bytes, above 0 */
@@ -77,7 +77,7 @@ UMB_API UMB_CHECKED enum umb_status umb_file_open(const char *path, struct umb_f
 UMB_API void umb_file_close(struct umb_file *file);
 
 /*
- * Reads what the front of an asset file says about the whole.
+ * Reads the encoding, id and lengths of an asset file from its first bytes.
  *
  * In:    bytes: uint8[size], the file's first UMB_FILE_HEAD_BYTES or more.
  * Out:   head: unspecified on failure.
@@ -90,7 +90,7 @@ UMB_API UMB_CHECKED enum umb_status umb_file_read_head(const void *bytes, size_t
                                                        struct umb_error *error);
 
 /*
- * Writes an open asset in an encoding, whichever it was opened from.
+ * Writes an open asset in either encoding.
  *
  * In:    sha256: makes the id of a packed file; may be NULL for a mapped one.
  * Out:   sink: gets the file's bytes in order; after a failure it may have got some of them.
@@ -107,8 +107,8 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_write(const struct umb_asset *asse
                                                     struct umb_error *error);
 
 /*
- * Proves that what queries read is the content that the asset's id names, by packing it again. The
- * only proof of a mapped file, which carries no hashes.
+ * Proves that an open asset has the content that its id names, by packing it again. It is the only
+ * proof of a mapped file, which carries no hashes.
  *
  * Fails: E_ARGUMENT (no sha256), E_CORRUPT (another id: damaged, or of a version that packs
  *        otherwise), E_NO_MEMORY.
@@ -122,9 +122,9 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_prove(const struct umb_asset *asse
  * Proves the bytes of a packed file without expanding it: the head, the directory and every page
  * hash to the id in its header.
  *
- * In:    bytes: uint8[size]. id: uint8[UMB_ID_BYTES] that was asked for, or NULL: any.
- * Fails: E_ARGUMENT (no sha256), E_FORMAT, E_VERSION, E_TRUNCATED, E_CORRUPT (damaged, or of
- *        another id than asked for), E_UNSUPPORTED (a mapped file), E_NO_MEMORY.
+ * In:    bytes: uint8[size]. id: uint8[UMB_ID_BYTES], the id to require, or NULL: any.
+ * Fails: E_ARGUMENT (no sha256), E_FORMAT, E_VERSION, E_TRUNCATED, E_CORRUPT (damaged, or not the
+ *        required id), E_UNSUPPORTED (a mapped file), E_NO_MEMORY.
  * Not guaranteed: that the octree is sound. Opening the bytes checks it, and nothing else does.
  * Cost:  one pass of zstd and SHA-256 over the file.
  */

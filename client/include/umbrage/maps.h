@@ -12,19 +12,20 @@
  *     umb_map_run(&query, &points, 0, points.count, values);              cannot fail
  *     umb_map_destroy(map);
  *
- * They are what umbrage's own voxel DAG is measured against, and what a thin client's GPU samples.
- * Which technique promises what stands in docs/explained/techniques.md, the numerical argument of
- * each in docs/explained/numerics-maps.md.
+ * umbrage's own voxel DAG is compared with these maps, and a thin client's GPU samples them.
+ * docs/explained/techniques.md has the guarantees of each technique,
+ * docs/explained/numerics-maps.md the numerical argument.
  *
  * Map space: x and y in texels, texel i covers [i, i + 1) and is sampled at its centre; depth 0..1
  * along the light, linear in metres for every projection. Depth 1 in a layer means "no caster".
- * Outside: points beyond the map in x or y, or before depth 0, are lit; texels beyond the border
- * count as "no caster" (tables and bilinear filters keep to the map instead). Receivers whose
+ * Outside: points beyond the map in x or y, or before depth 0, are lit. Texels beyond the border
+ * count as "no caster"; tables and bilinear filters clamp to the map instead. Receivers whose
  * normal faces away from the light are shadowed.
  *
- * Ownership: a map copies what it needs; destroy it with umb_map_destroy.
+ * Ownership: a map copies its inputs; destroy it with umb_map_destroy.
  * Threads: a built map and a prepared query are immutable; any number of threads may run a query.
- * Trust: sizes, settings and every depth of a layer are checked; points as umb_points_check wants.
+ * Trust: sizes, settings and every depth of a layer are checked. Check points with
+ * umb_points_check.
  * Stability: experimental; may change before version 1.0.
  */
 #include <stddef.h>
@@ -38,96 +39,100 @@
 extern "C" {
 #endif
 
-#define UMB_MAP_SIDE_MAX     16384 /* texels a side */
-#define UMB_MAP_WIDTH_MAX    64    /* widest filter, in texels */
-#define UMB_MAP_SAMPLES_MAX  64    /* of a Poisson kernel */
+#define UMB_MAP_SIDE_MAX     16384 /* Texels a side */
+#define UMB_MAP_WIDTH_MAX    64    /* Widest filter, in texels */
+#define UMB_MAP_SAMPLES_MAX  64    /* Samples of a Poisson kernel */
 #define UMB_MAP_TERMS_MAX    16    /* Fourier terms, or variance layers */
-#define UMB_MAP_EXPONENT_MAX 1000  /* in log space; less where a number format bounds it */
+#define UMB_MAP_EXPONENT_MAX 1000  /* Largest exponent in log space; number formats bound it, too */
 
-/* How a layer is stored and asked. A PCF map asked with light_size > 0 is PCSS. */
+/* Content of a texel, and how it is filtered. A PCF map with light_size > 0 is PCSS. */
 enum umb_map_technique {
-    UMB_MAP_PCF = 0,     /* depth, compared texel by texel (Williams 1978, Reeves 1987) */
-    UMB_MAP_VSM,         /* two moments (Donnelly, Lauritzen 2006) */
-    UMB_MAP_LVSM,        /* two moments of each of `terms` depth layers (Lauritzen, McCool 2008) */
+    UMB_MAP_PCF = 0,     /* Depth, compared texel by texel (Williams 1978, Reeves 1987) */
+    UMB_MAP_VSM,         /* Two moments (Donnelly, Lauritzen 2006) */
+    UMB_MAP_LVSM,        /* Two moments of each of `terms` depth layers (Lauritzen, McCool 2008) */
     UMB_MAP_CONVOLUTION, /* `terms` Fourier terms (Annen et al. 2007) */
-    UMB_MAP_ESM,         /* mean exponential (Annen et al. 2008, Salvi 2008) */
-    UMB_MAP_EVSM,        /* two moments of an exponential warp, or of two (Lauritzen 2008) */
-    UMB_MAP_MSM,         /* four moments (Peters, Klein 2015) */
-    UMB_MAP_DEEP,        /* transmittance lists; see umb_map_build_deep */
-    UMB_MAP_MOMENTS,    /* `terms` moments of where light is taken; see umb_map_build_translucent */
-    UMB_MAP_ABSORBANCE, /* the same of absorbance, -log of transmittance, and its sum */
+    UMB_MAP_ESM,         /* Mean exponential (Annen et al. 2008, Salvi 2008) */
+    UMB_MAP_EVSM,        /* Two moments of an exponential warp, or of two (Lauritzen 2008) */
+    UMB_MAP_MSM,         /* Four moments (Peters, Klein 2015) */
+    UMB_MAP_DEEP,        /* Transmittance lists; see umb_map_build_deep */
+    UMB_MAP_MOMENTS,    /* `terms` moments of the depth where light is absorbed; see
+                           umb_map_build_translucent */
+    UMB_MAP_ABSORBANCE, /* `terms` moments of absorbance, -log of transmittance, and its sum */
     UMB_MAP_TECHNIQUES
 };
 
 enum umb_map_format {
     UMB_MAP_F32 = 0, /* IEEE single */
     UMB_MAP_F16,     /* IEEE half: ESM and EVSM in linear space */
-    UMB_MAP_U24,     /* three bytes, depth only */
-    UMB_MAP_U16,     /* two bytes: depth, or a channel of -1..1 */
+    UMB_MAP_U24,     /* Three bytes, depth only */
+    UMB_MAP_U16,     /* Two bytes: depth, or a channel of -1..1 */
 };
 
-/* How the channels of a filterable map (all but PCF and DEEP) are filtered when asked. */
+/* Filtering of the channels of a filterable map (any but PCF and DEEP) by a query. */
 enum umb_map_access {
-    UMB_MAP_BASE = 0, /* bilinear over texels that were blurred when built */
-    UMB_MAP_MIPS,     /* trilinear over a chain of halved maps; sides must be powers of two */
-    UMB_MAP_SAT,      /* summed-area tables, 64-bit integers: any box of real width, exact sums */
+    UMB_MAP_BASE = 0, /* Bilinear over texels that were blurred when built */
+    UMB_MAP_MIPS,     /* Trilinear over a chain of halved maps; sides must be powers of two */
+    UMB_MAP_SAT,      /* Summed-area tables, 64-bit integers: any box of real width, exact sums */
 };
 
-/* What an answer is to the share of the filter's texels that let light through. */
+/* Relation of an answer to the share of the filter's texels that let light through. */
 enum umb_map_bound {
-    UMB_MAP_EXACT = 0,   /* equal to it */
-    UMB_MAP_UPPER_BOUND, /* not below it by more than `slack` (light may bleed) */
-    UMB_MAP_ESTIMATE,    /* neither */
+    UMB_MAP_EXACT = 0,   /* Equal to it */
+    UMB_MAP_UPPER_BOUND, /* Not below it by more than `slack` (light may bleed) */
+    UMB_MAP_ESTIMATE,    /* Neither */
 };
 
 enum umb_map_projection {
-    UMB_MAP_AFFINE = 0,  /* directional light */
-    UMB_MAP_PERSPECTIVE, /* spot light, face of a cube, or a warped directional light (LiSPSM) */
-    UMB_MAP_PARABOLOID,  /* half of a point light's sphere (Brabec et al. 2002) */
+    UMB_MAP_AFFINE = 0,  /* Directional light */
+    UMB_MAP_PERSPECTIVE, /* Spot light, face of a cube, or a warped directional light (LiSPSM) */
+    UMB_MAP_PARABOLOID,  /* Half of a point light's sphere (Brabec et al. 2002) */
 };
 
 /*
- * Where the texels of a map lie. With p = (world - origin, 1):
+ * Projection of a map. With p = (world - origin, 1) and row i of world_to_map as mi:
  * AFFINE and PERSPECTIVE: x = (m0.p)/(m3.p), y = (m1.p)/(m3.p), depth = m2.p, where m3.p > 0.
- * PARABOLOID: (X, Y, Z) = m0..2.p in metres, r = |XYZ|; x = (1 + X/(r+Z)) width/2, likewise y;
- * depth = (r - near_m) / depth_m; only Z >= 0.
+ * PARABOLOID: (X, Y, Z) = m0..2.p in metres, r = |XYZ|; x = (1 + X/(r+Z)) width/2, y from Y and
+ * height in the same way; depth = (r - near_m) / depth_m; only Z >= 0.
  */
 struct umb_map_frustum {
     enum umb_map_projection projection;
-    uint32_t width, height; /* texels */
-    double origin[3];       /* metres, world space */
+    uint32_t width, height; /* Texels */
+    double origin[3];       /* Origin of p, metres, world space */
     double world_to_map[4][4];
-    double depth_m;  /* metres along the light (along the axis) of depth 0..1, > 0 */
-    double near_m;   /* metres from a point or spot light to depth 0 */
+    double depth_m;  /* Metres along the light (along the axis) of depth 0..1, > 0 */
+    double near_m;   /* Metres from a point or spot light to depth 0 */
     int directional; /* 1: `light` is the unit vector towards the light, else its position */
     double light[3];
 };
 
-/* What the light sees through the centre of each texel. */
+/* Depths of the first casters that the light meets through the centre of each texel. */
 struct umb_map_layer {
     const float *depth; /* float[height][width], 0..1, 1 = no caster */
-    const float *slope; /* float[height][width][2]: depth the hit surface gains per texel in x and
-                           in y, finite; NULL: the smaller of the differences to both neighbours */
+    const float *slope; /* float[height][width][2]: change of the surface's depth per texel in x
+                           and in y, finite. NULL: the smaller of the differences to both
+                           neighbours */
 };
 
 struct umb_map_settings {
     enum umb_map_technique technique;
     enum umb_map_format format;
-    enum umb_map_access access; /* not PCF */
-    uint32_t blur;              /* width of a separable box over the texels, odd, 1..63; 0 = 1 */
-    double min_variance;        /* VSM, LVSM, EVSM: least variance, depth squared, 0..1; never less
-                                   than rounding of the format needs */
+    enum umb_map_access access; /* Not for PCF */
+    uint32_t blur;              /* Width of a separable box over the texels, odd, 1..63; 0 = 1 */
+    double min_variance;        /* VSM, LVSM, EVSM: least variance, depth squared, 0..1; raised to
+                                   the least that the format's rounding needs */
     int depth_plane;            /* VSM, LVSM: 1 adds the second moment of the slope in a texel */
     double exponent;            /* ESM, EVSM: c > 0 of exp(c depth) */
-    double negative_exponent;   /* EVSM: of -exp(-c depth), 0 = one warp only */
-    int linear;                 /* ESM, EVSM: 1 stores exponentials, which bounds the exponent, as a
-                                   GPU does; 0 stores logarithms */
-    double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: 0..1, 0 = what the format needs; less
-                                   bounds nothing, and `slack` is then 1 or near it */
+    double negative_exponent;   /* EVSM: c of -exp(-c depth), 0 = one warp only */
+    int linear;                 /* ESM, EVSM: 1 stores exponentials, as a GPU does, which bounds the
+                                   exponent; 0 stores logarithms */
+    double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: bias of the moments, 0..1; 0 = the
+                                   least that the format needs. With less, answers are no bounds,
+                                   and `slack` is 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
-    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of what may be taken at the
-                                   receiver's own depth that counts; 0: an upper bound of light */
+    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of the light that may be
+                                   absorbed at the receiver's own depth that counts as absorbed; 0:
+                                   answers are upper bounds of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
 };
 
@@ -138,17 +143,18 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width; /* texels, 1..64; 0 = 1. Boxes on PCF and DEEP: odd and whole. BASE: not used but
-                     by the biases */
-    uint32_t samples; /* POISSON: 1..64 */
-    double bias_m;    /* metres towards the light, 0..1e6 */
-    /* Share, 0..100, of the depth that the receiver's plane gains over half the filter (its
-     * width in texels in x and in y); 1 clears a plane of its own shadow exactly. A penumbra
-     * follows the plane from texel to texel instead, and wants 1. */
+    double width; /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. BASE:
+                     only the biases use it */
+    uint32_t samples; /* Number of POISSON samples, 1..64 */
+    double bias_m;    /* Metres towards the light, 0..1e6 */
+    /* Slope bias, 0..100, as a multiple of the depth that the receiver's plane gains over half the
+     * filter (its width in texels in x and in y); 1 is exactly enough for a plane not to shadow
+     * itself. A penumbra follows the plane from texel to texel instead, and needs 1. */
     double bias_slope;
-    double bias_normal; /* the same by moving the point along its normal, 0..100 */
-    /* > 0: the filter's width is the penumbra's, at least 1 and at most `width`: radians of the
-     * light's diameter if directional, else metres. PCF of a box, and VSM with SAT. */
+    double bias_normal; /* Normal bias, 0..100: the same by moving the point along its normal */
+    /* Size of the light: radians of its diameter if directional, else metres. If above 0, the
+     * filter is as wide as the penumbra, at least 1 texel and at most `width`. PCF of a box, and
+     * VSM with SAT. */
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
@@ -160,40 +166,40 @@ struct umb_map_info {
     enum umb_map_technique technique;
     const char *name; /* "pcf", "vsm", ... */
     uint32_t width, height;
-    uint32_t channels;        /* numbers a texel; 0 for DEEP */
-    uint64_t bytes;           /* that queries read */
-    uint64_t fragments;       /* DEEP: kept in all lists */
-    enum umb_map_bound bound; /* of an answer without `reduction`, in exact arithmetic */
-    double slack;             /* rounding, of visibility: the stated error of storage and arithmetic
+    uint32_t channels;        /* Numbers a texel; 0 for DEEP */
+    uint64_t bytes;           /* Bytes that queries read */
+    uint64_t fragments;       /* DEEP: fragments kept in all lists */
+    enum umb_map_bound bound; /* Kind of an answer without `reduction`, in exact arithmetic */
+    double slack;             /* Stated error of visibility by storage and arithmetic
                                  (docs/explained/numerics-maps.md) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */
 struct umb_map_fragment {
     float depth; /* 0..1 */
-    float alpha; /* share of the light it takes, 0..1 */
+    float alpha; /* Share of the light that it absorbs, 0..1 */
 };
 
-/* All fragments of a texel's ray, for translucent casters. */
+/* All fragments of each texel's ray, for translucent casters. */
 struct umb_map_fragments {
     const uint64_t *first; /* [width * height + 1]: texel i has first[i] .. first[i+1] - 1 */
     const struct umb_map_fragment *fragments; /* [first[width * height]], any order in a texel */
 };
 
-/* How a filter finds its way in the lists under its window. Every way gives the same bits. */
+/* Search in the lists under a filter's window. Every way gives the same bits. */
 enum umb_map_deep_way {
     UMB_MAP_DEEP_AUTO = 0,   /* STREAM where lists are short on average, else LINKS */
-    UMB_MAP_DEEP_SEARCH = 1, /* halves each list: 8 bytes a node */
-    UMB_MAP_DEEP_LINKS = 2,  /* halves the first and follows links to the others: 16 bytes */
-    UMB_MAP_DEEP_STREAM = 3, /* adds up all nodes of a window's row, which lie one after another,
-                                without a branch: 8 bytes; not with an exponent */
+    UMB_MAP_DEEP_SEARCH = 1, /* Binary search of each list: 8 bytes a node */
+    UMB_MAP_DEEP_LINKS = 2,  /* Binary search of the first list, links to the others: 16 bytes */
+    UMB_MAP_DEEP_STREAM = 3, /* Adds up all nodes of a window's row, which are contiguous, without a
+                                branch: 8 bytes; not with an exponent */
 };
 
 struct umb_map_deep_settings {
-    double epsilon;  /* a list ends when less transmittance is left, 0..1; 0 keeps all; 0.001 cannot
-                        be seen */
-    double exponent; /* 0: steps; to 1e6: the last step fades in by exp(-c d), d of depth behind it
-                      */
+    double epsilon;  /* Transmittance below which a list ends, 0..1; 0 keeps all; 0.001 cannot be
+                        seen */
+    double exponent; /* c, 0..1e6: the last step fades in by exp(-c d) at depth d behind it; 0: a
+                        sharp step */
     enum umb_map_deep_way way;
 };
 
@@ -212,16 +218,16 @@ UMB_API UMB_CHECKED enum umb_status
 umb_map_frustum_fit(const double to_light[3], const struct umb_box *box, uint32_t width,
                     uint32_t height, struct umb_map_frustum *frustum, struct umb_error *error);
 
-/* A point or spot light: one face. */
+/* One face of a point or spot light. */
 struct umb_map_spot {
     double position[3], forward[3], up[3]; /* metres; up: not along forward */
-    double tangent;                        /* of half the field of view, > 0 */
-    double near_m, far_m;                  /* metres along forward, 0 <= near < far */
+    double tangent;                        /* Tangent of half the field of view, > 0 */
+    double near_m, far_m;                  /* Metres along forward, 0 <= near < far */
     enum umb_map_projection projection;    /* PERSPECTIVE, or PARABOLOID (tangent not used) */
 };
 
-/* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT.
- */
+/* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT
+ * (the field is named). */
 UMB_API UMB_CHECKED enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot,
                                                          uint32_t width, uint32_t height,
                                                          struct umb_map_frustum *frustum,
@@ -242,8 +248,9 @@ UMB_API UMB_CHECKED enum umb_status umb_map_frustum_point(const struct umb_map_f
  *
  * In:    alloc: NULL = malloc; must outlive the map.
  * Out:   out: NULL on failure.
+ * Owns:  the caller frees it with umb_map_destroy.
  * Fails: E_ARGUMENT (frustum, a depth or slope out of range, settings), E_UNSUPPORTED (a format or
- *        access that the technique has no use for), E_TOO_LARGE (an exponent beyond the format, a
+ *        access that the technique does not support), E_TOO_LARGE (an exponent beyond the format, a
  *        side above 16384), E_NO_MEMORY.
  * Cost:  O(texels * channels * blur).
  */
@@ -253,20 +260,24 @@ UMB_API UMB_CHECKED enum umb_status umb_map_build(const struct umb_map_frustum *
                                                   const struct umb_alloc *alloc,
                                                   struct umb_map **out, struct umb_error *error);
 
-/* Builds a deep shadow map; same rules. Fails also: E_ARGUMENT (`first`
- * not rising, depth, alpha or a setting out of range, STREAM with an exponent). Source: Lokovic,
- * Veach 2000; seed 003. */
+/*
+ * Builds a deep shadow map, as umb_map_build.
+ *
+ * Fails also: E_ARGUMENT (`first` that falls; depth, alpha or a setting out of range; STREAM with
+ *        an exponent).
+ * Sources: Lokovic, Veach 2000 (deep shadow maps); Fuerst, Mattausch, Scherzer 2013 (links).
+ */
 UMB_API UMB_CHECKED enum umb_status
 umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_fragments *fragments,
                    const struct umb_map_deep_settings *settings, const struct umb_alloc *alloc,
                    struct umb_map **out, struct umb_error *error);
 
 /*
- * Builds a filterable map of translucent casters: MOMENTS or ABSORBANCE. Same rules.
+ * Builds a filterable map of translucent casters, MOMENTS or ABSORBANCE, as umb_map_build.
  *
- * MOMENTS averages as light does, so that any filter is right, and takes opaque casters as they
- * are. ABSORBANCE is nearer behind everything, but its mean over a filter is that of logarithms,
- * and what leaves less than 2^-10 of the light, as opaque casters do, counts as 2^-10.
+ * MOMENTS averages linearly, as light does, so that any filter is right; opaque casters stay
+ * opaque. ABSORBANCE is more accurate behind all casters, but a filter averages logarithms. There
+ * casters that leave less than 2^-10 of the light, as opaque ones do, count as 2^-10.
  *
  * In:    settings: technique, format (F32 or U16), access, blur, terms, moment_bias, overestimate.
  * Fails also: as umb_map_build_deep for fragments; E_UNSUPPORTED (another technique or format).
@@ -284,32 +295,34 @@ UMB_API void umb_map_destroy(struct umb_map *map);
 /* Fills info. Never fails. Cost: O(1). */
 UMB_API void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info);
 
-/* The texels of one level as they are stored: what a GPU is given. */
+/* The texels of one level as they are stored, for upload to a GPU. */
 struct umb_map_level {
-    const void *texels; /* rows of [width][channels], little-endian; borrowed */
+    const void *texels; /* Rows of [width][channels], little-endian; borrowed from the map */
     uint32_t width, height, channels;
     enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
                                    1/32767; U24: three bytes a texel */
-    size_t bytes;
+    size_t bytes;               /* Length of `texels` in bytes */
 };
 
-/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored
- * as texels: tables, DEEP); out is then zeroed. Cost: O(1). */
+/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (no such level; or a map of tables or lists,
+ * which has no texels); out is then zeroed. Cost: O(1). */
 UMB_API enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
                                           struct umb_map_level *out);
 
-/* Name of a technique: "pcf", "vsm", ...; "unknown" for any other number. */
+/* Returns the name of a technique: "pcf", "vsm", ...; "unknown" for any other number. */
 UMB_API const char *umb_map_technique_name(enum umb_map_technique technique);
 
-/* The largest exponent that a format can hold in linear space, for ESM (moments 1) or EVSM
- * (moments 2, depth warped from -1 to 1); 0 for formats without range. */
+/* Returns the largest exponent that a format can hold in linear space, for ESM (moments 1) or EVSM
+ * (moments 2, depth warped from -1 to 1); 0 for integer formats. */
 UMB_API double umb_map_exponent_limit(enum umb_map_format format, int moments);
 
 /*
- * Checks a filter against a map.
+ * Checks a filter against a map and prepares it for runs.
  *
- * Fails: E_ARGUMENT naming field, value and limit; E_UNSUPPORTED (light_size or a kernel that the
- *        map cannot do). query is zeroed on failure, and then must not be run.
+ * In:    map: borrowed as long as the query is used.
+ * Out:   query: zeroed on failure, and then must not be run.
+ * Fails: E_ARGUMENT (the field, its value and its limit are named), E_UNSUPPORTED (light_size or a
+ *        kernel that the map does not support).
  */
 UMB_API UMB_CHECKED enum umb_status umb_map_prepare(const struct umb_map *map,
                                                     const struct umb_map_filter *filter,
@@ -319,9 +332,10 @@ UMB_API UMB_CHECKED enum umb_status umb_map_prepare(const struct umb_map *map,
 /*
  * Answers points first .. first + count - 1: values[i] in 0..1, the share of light.
  *
- * Not guaranteed: points that umb_points_check refuses are answered without harm, meaninglessly.
+ * Not guaranteed: points that umb_points_check refuses are answered safely, but their answers are
+ *        meaningless.
  * Threads: any, on disjoint ranges of values.
- * Cost: no allocation, no failure.
+ * Cost:  no allocation, no failure.
  */
 UMB_API void umb_map_run(const struct umb_map_query *query, const struct umb_points *points,
                          size_t first, size_t count, float *values);
