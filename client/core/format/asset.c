@@ -15,8 +15,8 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
 }
 
-/* Copies what outlives the file, and lets head point to the copies: what was checked stays so even
- * if somebody overwrites a mapped file meanwhile. */
+/* Copies the parts of the head that outlive the file, and points head to the copies. Checked values
+ * so stay valid even if another process overwrites a mapped file. */
 static enum umb_status keep_head(struct umb_asset *asset, struct umb__head *head,
                                  struct umb_error *error)
 {
@@ -133,7 +133,7 @@ enum umb_status umb_asset_open_file(const char *path, const struct umb_open_opti
         status = open_bytes(asset, asset->file.bytes, asset->file.size, options, error);
     }
     if (status == UMB_OK && asset->encoding == UMB_ENCODING_PACKED) {
-        umb_file_close(&asset->file); /* expanded: the file is not needed */
+        umb_file_close(&asset->file); /* Expanded: the file is no longer needed */
     }
     if (status != UMB_OK) {
         umb_asset_close(asset);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the mapped layout back to the exchange form. Wide nodes are split into two octree levels and
- * equal halves merged again; cells of the grid are joined upwards the same way. The result is the
+ * From the mapped layout back to the octree. A wide node is split into two octree levels, and equal
+ * halves are merged again; grid cells are joined upwards in the same way. The result is the
  * canonical tree, so packing it gives the bytes it came from.
  */
 #include <string.h>
@@ -15,14 +15,14 @@ struct exporter {
     const struct umb_asset *asset;
     struct umb_pool pool;
     struct umb_error *error;
-    uint32_t *brick_of; /* what each brick of the view became, + MADE; 0 = not yet */
-    uint32_t *node_of;  /* the same for each word where a wide node starts */
+    uint32_t *brick_of; /* Octree number of each brick of the view, + MADE; 0 = not yet made */
+    uint32_t *node_of;  /* Octree number for each word where a wide node starts, + MADE */
 };
 
 /*
- * Added to a reference (mod 2^32) so that 0 is left for "not yet": shadowed and lit, the two
- * highest numbers, become 1 and 2. Uniform results are remembered too: a hostile file may share a
- * subtree that is uniform 64 times a level, and would be walked 64^8 times.
+ * Offset of a stored reference (mod 2^32): shadowed and lit, the two highest numbers, become 1 and
+ * 2, and 0 means "not yet". Uniform results are stored too: in a hostile file a uniform subtree may
+ * be shared 64 times a level, and would be walked 64^8 times.
  */
 #define MADE 3U
 
@@ -31,7 +31,7 @@ static uint32_t uniform(int lit)
     return lit ? UMB_REF_LIT : UMB_REF_SHADOWED;
 }
 
-/* Finds or makes brick `number` of the view in the pool. */
+/* Returns the pool's number for brick `number` of the view; adds the brick if needed. */
 static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_t *ref)
 {
     if (e->brick_of[number]) {
@@ -55,7 +55,7 @@ static enum umb_status export_number(struct exporter *e, uint32_t level, uint32_
                                     : export_node(e, level, number, ref);
 }
 
-/* A wide node becomes eight octree nodes of eight children each, and the node above them. */
+/* Turns a wide node into eight octree nodes of eight children each, and the node above them. */
 static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t word, uint32_t *ref)
 {
     if (e->node_of[word]) {

@@ -15,7 +15,7 @@
 enum umb_status umb_file_open(const char *path, struct umb_file *file, struct umb_error *error)
 {
     *file = (struct umb_file){NULL, 0};
-    /* Not blocking, so that a pipe nobody writes to is refused and not waited for. */
+    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) {
         return umb_fail_errno(error, umb__open_status(errno), errno, "%.200s", path);

@@ -1,21 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_ASSET_PARTS_H
 #define UMBRAGE_CORE_FORMAT_ASSET_PARTS_H
-/* What an open asset consists of; private to the core. */
+/* The parts of an open asset; private to the core. */
 #include "format/mapped.h"
 
 struct umb_asset {
     const struct umb_alloc *alloc;
     struct umb__canonical canonical; /* content and counts */
     struct umb__view view;           /* what queries read */
-    struct umb__mapped mapped;       /* owns the view's arrays if the file was packed */
-    uint8_t *canonical_bytes;        /* the block as it stands in the file */
+    struct umb__mapped mapped;       /* Owner of the view's arrays if the file was packed */
+    uint8_t *canonical_bytes;        /* Canonical block as it stands in the file */
     uint64_t canonical_length;
     char *notes;
     uint8_t id[UMB_ID_BYTES];
     enum umb_encoding encoding;
     uint64_t file_bytes;
-    struct umb_file file; /* zeroed unless this asset mapped one */
+    struct umb_file file; /* Mapped file of this asset; zeroed if there is none */
 };
 
 #endif

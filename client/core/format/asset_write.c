@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* An open asset in either encoding, and its identity made again; see umbrage/file.h. */
+/* Writes an open asset in either encoding, and computes its identity again; see umbrage/file.h. */
 #include "umbrage/file.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@ static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-/* Packs an asset and compares the id that its content has with the one that it claims. */
+/* Packs an asset and compares the id of its content with the id that it claims. */
 static enum umb_status pack_again(const struct umb_asset *asset, const struct umb_sha256 *sha256,
                                   const struct umb_sink *sink, struct umb_error *error)
 {

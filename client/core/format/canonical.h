@@ -2,25 +2,26 @@
 #ifndef UMBRAGE_CORE_FORMAT_CANONICAL_H
 #define UMBRAGE_CORE_FORMAT_CANONICAL_H
 /*
- * The canonical block: everything an asset says besides its voxels, as the bytes that its identity
+ * The canonical block: all content of an asset besides its voxels, as the bytes that its identity
  * covers. One encoder, one decoder.
  */
 #include "format/content.h"
 #include "format/transmittance.h"
 
-/* Where a frustum's root stands in a packed file. */
+/* Place of a frustum's root in a packed file. */
 struct umb__packed_root {
     uint32_t state;    /* enum umb_node_state */
     uint32_t page;     /* if mixed */
-    uint32_t position; /* among the page's nodes of the root's level, if mixed */
+    uint32_t position; /* Position among the page's nodes of the root's level, if mixed */
 };
 
-/* A decoded canonical block: content plus what only the reader needs. Owns everything. */
+/* A decoded canonical block: the content, and the parts that only a reader needs. Owns
+ * everything. */
 struct umb__canonical {
     struct umb_content content;         /* notes stay NULL here */
-    uint64_t counts[UMB_LEVEL_MAX + 1]; /* decoded: each below UINT32_MAX */
+    uint64_t counts[UMB_LEVEL_MAX + 1]; /* Node counts; after decoding each is below UINT32_MAX */
     struct umb__packed_root *roots;     /* [frustum_count] */
-    struct umb__trans trans;            /* decoded: the content's, expanded */
+    struct umb__trans trans;            /* The content's transmittance, expanded by decoding */
 };
 
 /*
@@ -43,7 +44,7 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
 /*
  * Checks lights and frusta; shared by both directions.
  *
- * In:    content: only read. One that was handed out by an open asset is shared by threads.
+ * In:    content: only read, since threads share the content of an open asset.
  * Fails: E_CORRUPT, E_VERSION (a kind of light this version does not know).
  */
 UMB_CHECKED enum umb_status umb__content_check(const struct umb_content *content,

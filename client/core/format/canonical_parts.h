@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
 #define UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
-/* What writer and reader of the canonical block share: its entries, their order and flags. */
+/* Parts that writer and reader of the canonical block share: its entries, their order and flags. */
 #include <stdbool.h>
 #include "format/canonical.h"
 #include "format/layout.h"
 
-/* The entries in their one order. */
+/* The entries, in their fixed order. */
 enum umb__entry {
     ENTRY_SCENE,
     ENTRY_LIGHTS,
@@ -28,16 +28,16 @@ static const uint32_t umb__entry_tags[ENTRY_COUNT] = {
     UMB__TAG_OCCLUDER_DEPTH, UMB__TAG_TRANSMITTANCE, UMB__TAG_RECEIVER_MASK,
 };
 
-/* Entries that need not be there: without bytes they are left out. */
+/* Optional entries: without bytes they are left out. */
 static inline bool umb__entry_is_optional(size_t entry)
 {
     return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH || entry == ENTRY_TRANSMITTANCE ||
            entry == ENTRY_RECEIVER_MASK;
 }
 
-/* A reader that does not know of translucent casters would answer that their shadows are lit, one
- * that does not know of the static rule would answer where nothing is defined; one that lacks the
- * curve or the front answers less, and nothing wrong. */
+/* Entries that a reader must understand. A reader without translucent casters would answer that
+ * their shadows are lit, and one without the static rule would answer in undefined space. A reader
+ * without the curve or the occluder depth answers less, but nothing wrong. */
 static inline uint32_t umb__entry_flags(size_t entry)
 {
     return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH ? 0 : UMB__MUST_UNDERSTAND;

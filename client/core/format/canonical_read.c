@@ -76,7 +76,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
     return UMB_OK;
 }
 
-/* Fields that a later version may use; this one does not know what they would say. */
+/* Checks that fields reserved for later versions are zero. */
 static bool reserved_are_zero(const struct entries *entries)
 {
     const uint8_t *light = entries->bytes[ENTRY_LIGHTS], *frustum = entries->bytes[ENTRY_FRUSTA];
@@ -104,7 +104,7 @@ static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_a
     return text;
 }
 
-/* False if the bytes behind the name's NUL are not zero: equal content has equal bytes. */
+/* False if the bytes behind the name's NUL are not zero; equal content must have equal bytes. */
 static bool read_light(const uint8_t *at, struct umb_light_info *light)
 {
     light->kind = (enum umb_light_kind)umb__load32(at);
@@ -178,7 +178,7 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     return UMB_OK;
 }
 
-/* Nodes of a level have numbers of 32 bits, and one number says that there is none. */
+/* Node numbers have 32 bits, and one number means "none". */
 static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *canonical,
                                    struct umb_error *error)
 {

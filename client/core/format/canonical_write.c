@@ -135,7 +135,7 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
     return UMB_OK;
 }
 
-/* Bytes of an entry with its head; 0 for one that is left out. */
+/* Returns the bytes of an entry with its head; 0 for an entry that is left out. */
 static uint64_t entry_length(size_t entry, uint64_t length)
 {
     return length == 0 && umb__entry_is_optional(entry)

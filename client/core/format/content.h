@@ -2,22 +2,22 @@
 #ifndef UMBRAGE_CORE_FORMAT_CONTENT_H
 #define UMBRAGE_CORE_FORMAT_CONTENT_H
 /*
- * What an asset says besides its voxels: lights, frusta, origin, plan, settings. The writer takes
- * it, the reader gives it back; both encodings carry it as the same canonical block of bytes,
- * which is part of the identity (docs/reference/umb-format.md, "Canonical block").
+ * The content of an asset besides its voxels: lights, frusta, origin, plan, settings. The writer
+ * takes it, and the reader returns it. Both encodings carry it as the same canonical block of
+ * bytes, which is part of the identity (docs/reference/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
 #include "umbrage/file.h"
 #include "umbrage/workers.h"
 
-/* One row of an accuracy curve: sums over the points that the bake asked (umbrage/curve.h). */
+/* One row of an accuracy curve: sums over the points that the bake queried (umbrage/curve.h). */
 struct umb_curve_record {
     uint32_t light;
-    uint32_t level, taps; /* the settings; one of them says nothing: level 0, or taps 1 */
-    uint32_t points;      /* asked: 1 to UMB_CURVE_POINTS_MAX */
-    uint64_t nodes;       /* distinct mixed nodes above bricks in each point's window */
-    uint64_t lines;       /* cache lines, as docs/reference/umb-format.md counts them */
-    uint64_t squares;     /* of differences, in units of 1 / 2^20, each rounded down */
+    uint32_t level, taps; /* Setting of the row; level is 0 or taps is 1 */
+    uint32_t points;      /* Number of points queried, 1 to UMB_CURVE_POINTS_MAX */
+    uint64_t nodes;       /* Distinct mixed nodes above bricks in the points' windows */
+    uint64_t lines;       /* Cache lines read, as docs/reference/umb-format.md counts them */
+    uint64_t squares;     /* Sum of squared differences, in units of 1 / 2^20, each rounded down */
 };
 
 #define UMB_CURVE_POINTS_MAX (1U << 20)
@@ -31,7 +31,8 @@ struct umb_content {
     double origin[3];                /* metres, world space */
     struct umb_box bounds;           /* metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES];
-    uint64_t bytes_2014;            /* yardstick, 0 = not computed */
+    uint64_t bytes_2014;            /* Bytes of these voxels in the encoding of Sintorn et al. 2014;
+                                       0 = not computed */
     char *plan;                     /* NUL-terminated UTF-8, one line an effect */
     char *settings;                 /* NUL-terminated key=value lines */
     char *notes;                    /* outside the identity */
@@ -46,7 +47,7 @@ struct umb_content {
     uint64_t *receiver_mask_cells;
 };
 
-/* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */
+/* Returns 1 if the rays of a frustum start in one point (spot, point), 0 if they are parallel. */
 static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
 {
     const double *w = frustum->world_to_voxel[3];
@@ -54,10 +55,11 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
 }
 
 /*
- * How long the canonical block of a content is, by its counts and texts: no array is read.
+ * Computes the length of a content's canonical block from its counts and texts; reads no array.
  *
- * Fails: E_ARGUMENT (longer than readers take, 64 MiB; a text that is missing, too long or not
- *        UTF-8). Cost: the length of the texts.
+ * Fails: E_ARGUMENT (longer than readers accept, 64 MiB; a text that is missing, too long or not
+ *        UTF-8).
+ * Cost:  the length of the texts.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struct umb_error *error);
@@ -66,30 +68,33 @@ umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struc
  * Writes a packed asset (.umb) of a canonical octree.
  *
  * In:    content, octree: borrowed, only read. sink: gets the file's bytes in order.
- * Out:   id: the identity: SHA-256(canonical block, page hashes); left alone on failure.
- * Fails: E_ARGUMENT (anything a reader would refuse: counts, levels, children or masks that do not
- *        fit each other, a text too long or not UTF-8; named), E_NO_MEMORY, or what the sink
- *        returns. After a failure the sink may have got part of the file.
+ * Out:   id: the identity, SHA-256(canonical block, page hashes); unchanged on failure.
+ * Fails: E_ARGUMENT (content that a reader would refuse; the field is named: counts, levels,
+ *        children or masks that contradict each other, a text too long or not UTF-8), E_NO_MEMORY,
+ *        or what the sink returns. After a failure the sink may have got part of the file.
  * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
- * Guaranteed: equal content and octree (up to numbering) give equal bytes but for the notes.
+ * Guaranteed: equal content and octree (up to numbering) give equal bytes, except for the notes.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
                const struct umb_sha256 *sha256, const struct umb_sink *sink,
                uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
-/* What umb_pack_write takes, and who helps. */
+/* Arguments of umb_pack_write, and its helpers. */
 struct umb_pack_job {
     const struct umb_content *content;
-    const struct umb_octree *octree; /* with workers, its allocator must serve several threads */
+    const struct umb_octree *octree; /* With workers, its allocator must be thread-safe */
     const struct umb_sha256 *sha256; /* with workers, called from several threads */
     const struct umb_sink *sink;
-    const struct umb_workers *workers; /* NULL: the caller's thread does everything */
-    /* Asked every few pages, from any of the threads; once it is not 0, E_CANCELLED. Or NULL. */
+    const struct umb_workers *workers; /* Helper threads; NULL: the calling thread does
+                                          everything */
+    /* Called every few pages, on any of the threads; nonzero ends the call with E_CANCELLED. May be
+     * NULL. */
     int (*cancelled)(void);
 };
 
-/* umb_pack_write with helpers: they encode and compress pages. The same bytes for any number. */
+/* Does what umb_pack_write does, with helpers that encode and compress pages. The bytes are the
+ * same for any number of helpers. */
 UMB_API UMB_CHECKED enum umb_status umb_pack_run(const struct umb_pack_job *job,
                                                  uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
@@ -104,7 +109,7 @@ UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *ass
                                                      struct umb_error *error);
 
 /*
- * Gives back the octree and content of an open asset, whatever its encoding.
+ * Exports the octree and content of an open asset of either encoding.
  *
  * Out:   octree: canonical (merged, uniform nodes dissolved); its numbering is unspecified. Finish
  *        with umb_octree_finish. content: arrays and strings borrowed from the asset. Both are

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What must hold for lights and frusta before anything is computed from them. Run by the writer on
- * what a program hands over, and by the reader on what a file says.
+ * Checks lights and frusta before anything is computed from them. The writer checks a program's
+ * content, the reader a file's.
  */
 #include <math.h>
 #include <stdbool.h>
@@ -51,7 +51,8 @@ static bool invert_rows(const double *const rows[3], double step[3][3])
     return all_finite(&step[0][0], 9);
 }
 
-/* World vectors of one voxel; those of a perspective frustum where W = 1, and along its axis. */
+/* Computes the world vectors of one voxel; in a perspective frustum where W = 1, and along its
+ * axis. */
 static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
 {
     const double(*m)[4] = frustum->world_to_voxel;
@@ -162,7 +163,7 @@ static enum umb_status check_frustum(const struct umb_content *content, uint32_t
     return UMB_OK;
 }
 
-/* Highest level of coarse look-ups in all frusta of a light; 0 if it takes none. */
+/* Returns the highest level of coarse look-ups in all frusta of a light; 0 if it allows none. */
 static uint32_t coarse_level_max(const struct umb_content *content, uint32_t light)
 {
     const struct umb_light_info *info = &content->lights[light];
@@ -185,7 +186,7 @@ static bool record_in_range(const struct umb_content *content,
            record->squares <= points * UMB_CURVE_SQUARE;
 }
 
-/* 1 if a record stands before another. */
+/* Returns 1 if a record precedes another. */
 static bool record_before(const struct umb_curve_record *a, const struct umb_curve_record *b)
 {
     const uint32_t x[3] = {a->light, a->level, a->taps}, y[3] = {b->light, b->level, b->taps};
@@ -261,7 +262,7 @@ void umb__content_derive(struct umb_content *content)
 void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3])
 {
     const double(*m)[4] = frustum->world_to_voxel;
-    double reach = 1.0; /* W where Z is the number of voxels */
+    double reach = 1.0; /* W at the depth of the last voxel */
     for (int axis = 2; axis >= 0; axis--) {
         const double *step = frustum->voxel_step[axis];
         const double length = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);

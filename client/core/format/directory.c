@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See directory.h. An entry is loaded once for a use: the file may be a map that somebody else
- * overwrites meanwhile. */
+/* See directory.h. Each entry is loaded once a use, since another process may overwrite a mapped
+ * file at any time. */
 #include "format/directory.h"
 
 #include <string.h>
@@ -108,7 +108,7 @@ enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, c
     return UMB_OK;
 }
 
-/* SHA-256 of the hashes of a block's pages. False: no digest. */
+/* Computes the SHA-256 of the hashes of a block's pages. False: no digest. */
 static bool hash_block(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
                        uint8_t hash[UMB_ID_BYTES])
 {

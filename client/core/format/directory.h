@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_FORMAT_DIRECTORY_H
 #define UMBRAGE_CORE_FORMAT_DIRECTORY_H
 /*
- * The directory of a packed file: where each page stands, and opening one from its stored bytes.
- * Entries of pages come in blocks of UMB__BLOCK_PAGES; the head has the check and the hash of each
- * block, so that a client proves a page with the head, one block and the page.
+ * The directory of a packed file: the place of each page, and opening a page from its stored bytes.
+ * Entries of pages come in blocks of UMB__BLOCK_PAGES. The head has the check and the hash of each
+ * block, so a client proves a page with the head, one block and the page.
  */
 #include <stdbool.h>
 #include "format/head.h"
@@ -16,27 +16,27 @@ struct ZSTD_DCtx_s;
 /* One page's entry of the directory. */
 struct umb__page_entry {
     uint32_t page;
-    uint64_t offset; /* of the stored bytes in the file */
+    uint64_t offset; /* Offset of the stored bytes in the file */
     uint32_t stored_length, raw_length;
     uint64_t check; /* XXH3-64 of the stored bytes */
     uint32_t level_high, level_low, records;
     uint32_t reserved;
 };
 
-/* Blocks that so many pages have. */
+/* Returns the number of blocks for so many pages. */
 static inline uint32_t umb__block_count(uint32_t page_count)
 {
     return page_count / UMB__BLOCK_PAGES + (page_count % UMB__BLOCK_PAGES != 0);
 }
 
-/* Length of a block in bytes. In: block: below the count, or 0. */
+/* Returns the length of a block in bytes. In: block: below the count, or 0. */
 static inline uint32_t umb__block_bytes(uint32_t page_count, uint32_t block)
 {
     const uint32_t rest = page_count - block * UMB__BLOCK_PAGES;
     return (rest < UMB__BLOCK_PAGES ? rest : UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
 }
 
-/* Length of all blocks but the first. */
+/* Returns the length of all blocks but the first. */
 static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
 {
     return page_count > UMB__BLOCK_PAGES
@@ -44,19 +44,19 @@ static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
                : 0;
 }
 
-/* Where a block begins in the file. */
+/* Returns where a block begins in the file. */
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block);
 
 /* In: page: below head->page_count; the entries are there. */
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page);
 
-/* A page's SHA-256 in the directory: uint8[UMB_ID_BYTES]. */
+/* Returns a page's SHA-256 in the directory: uint8[UMB_ID_BYTES]. */
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page);
 
-/* A block's bytes. In: head: of a whole file. */
+/* Returns a block's bytes. In: head: of a whole file. */
 const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block);
 
-/* Where the pages of a block stand in the file, and their bytes uncompressed. */
+/* Byte range in the file that the pages of a block take, and their bytes uncompressed. */
 struct umb__block_extent {
     uint64_t begin, end, raw_bytes;
 };
@@ -64,7 +64,7 @@ struct umb__block_extent {
 /*
  * Checks one block: its XXH3, and its pages, which must follow one another in the file.
  *
- * In:    bytes: uint8[umb__block_bytes], as they stand in the file; head->entries need not be.
+ * In:    bytes: uint8[umb__block_bytes], as they stand in the file; head->entries may be NULL.
  * Out:   extent: may be NULL.
  * Fails: E_CORRUPT, E_VERSION.
  * Trust: safe on hostile bytes.
@@ -81,7 +81,8 @@ UMB_CHECKED enum umb_status umb__block_prove(const struct umb__head *head, uint3
                                              const uint8_t *bytes, const struct umb_sha256 *sha256,
                                              struct umb_error *error);
 
-/* Writes a block's entry of the table, for entries that are complete. False: no digest. */
+/* Writes a block's entry of the table; the block's page entries must be complete. False: no
+ * digest. */
 bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
                      uint8_t entry[UMB__BLOCK_ENTRY]);
 
@@ -106,7 +107,7 @@ UMB_CHECKED enum umb_status umb__page_expand(struct ZSTD_DCtx_s *zstd, const uin
                                              const struct umb__page_entry *entry, uint8_t *raw,
                                              struct umb_error *error);
 
-/* Puts the page's number in front of the sentence of an error inside it; returns status. */
+/* Puts the page's number before the message of an error; returns status. */
 enum umb_status umb__in_page(struct umb_error *error, uint32_t page, enum umb_status status);
 
 /* Parses an uncompressed page and compares it with its entry. Fails: E_CORRUPT, E_VERSION. */
@@ -114,21 +115,21 @@ UMB_CHECKED enum umb_status umb__page_open(const uint8_t *raw, const struct umb_
                                            struct umb__page *page, struct umb_error *error);
 
 /*
- * The identity that canonical block and block hashes have. False: out of memory.
- * In: alloc: for a list of the hashes.
+ * Computes the identity of a canonical block and its block hashes. False: out of memory. In: alloc:
+ * for a list of the hashes.
  */
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,
                              const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES]);
 
-/* Pages that are hashed together: as many as vector registers have lanes. */
+/* Number of pages that are hashed together: one for each lane of a vector register. */
 #define UMB__DIGESTS 16U
 
-/* Hashes messages of one part each: by digest_many if the hasher has it.
- * Out: digests: [count]; each as digest makes it. */
+/* Hashes messages of one part each, by digest_many if the hasher has it. Out: digests: [count];
+ * each equal to that of `digest`. */
 void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
                       const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 
-/* False for the all-zero digest of a hasher that failed (struct umb_sha256). */
+/* Returns false for the all-zero digest of a hasher that failed (struct umb_sha256). */
 bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES]);
 
 #endif

@@ -69,7 +69,7 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
     return UMB_OK;
 }
 
-/* How many pages there are and where their entries stand. */
+/* Checks the number of pages and the place of their entries. */
 static enum umb_status parse_blocks(const uint8_t *bytes, struct umb__head *head,
                                     struct umb_error *error)
 {
@@ -95,7 +95,7 @@ static enum umb_status parse_blocks(const uint8_t *bytes, struct umb__head *head
                                      (unsigned long long)pages);
 }
 
-/* front: the bytes may be the front of the file only. */
+/* In: front: the bytes may be only the front of the file. */
 static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, bool front,
                                      struct umb__head *head, struct umb_error *error)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_HEAD_H
 #define UMBRAGE_CORE_FORMAT_HEAD_H
-/* The head that both file kinds begin with: parsed and checked here, once. */
+/* The head of both file kinds. It is parsed and checked here, once. */
 #include "format/content.h"
 
 /* A parsed head; the pointers lead into the file's bytes. */
@@ -11,12 +11,13 @@ struct umb__head {
     uint64_t head_length;
     const uint8_t *canonical;
     uint64_t canonical_length;
-    const uint8_t *directory; /* a table of blocks (packed) or sections (mapped) */
+    const uint8_t *directory; /* Table of blocks (packed) or sections (mapped) */
     uint32_t directory_count;
     uint32_t page_count;       /* packed; else 0 */
-    uint64_t blocks_offset;    /* of the second block of page entries; 0: one or none */
-    const uint8_t *entries[2]; /* page entries: the first block, and all others one behind the
-                                  other. NULL from umb__head_parse_front */
+    uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
+                                  none */
+    const uint8_t *entries[2]; /* Page entries: the first block, and the others as one array. NULL
+                                  from umb__head_parse_front */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];
@@ -29,18 +30,18 @@ struct umb__head {
 UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
                                             struct umb__head *head, struct umb_error *error);
 
-/* The same for the front of a file: at least its head, maybe nothing behind it. Entries of pages
- * are not looked for. */
+/* Parses the front of a file: its head at least, possibly nothing more. Page entries are not
+ * located. */
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* Fills in what a file's first 128 bytes say; see umb_file_read_head. */
+/* Fills in the claims of a file's first 128 bytes; see umb_file_read_head. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
                                               struct umb_file_head *facts,
                                               struct umb_error *error);
 
 /*
- * Lays out a head of known parts and seals it with its checksum. `bytes` must hold
+ * Lays out a head of known parts and completes it with its checksum. `bytes` must hold
  * umb__head_length of the same parts; parts may be NULL where their length is 0.
  */
 uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,

@@ -4,9 +4,9 @@
 /*
  * Offsets and numbers of the file formats; docs/reference/umb-format.md is the normative text.
  *
- * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file intervals
- * of UMB__BLOCK_PAGES pages have a block of entries each; the head has a table of these blocks, the
- * first block follows the head, the others follow the first block's pages.
+ * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file every
+ * UMB__BLOCK_PAGES pages have a block of entries. The head has a table of these blocks. The first
+ * block follows the head, the others follow the first block's pages.
  *
  *   OFFSET  SIZE  FIELD (head)
  *   0       8     magic
@@ -31,8 +31,8 @@
 #define UMB__MAGIC_PACKED    "\x89UMB\r\n\x1a\n"
 #define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
 #define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
-#define UMB__VERSION_PACKED  2U /* major versions; the minor one is 0. 1: one list of pages */
-#define UMB__VERSION_MAPPED  3U /* 1: nodes of any length, one behind the other; 2: no columns */
+#define UMB__VERSION_PACKED  2U /* Major versions; the minor one is 0. 1: a flat list of pages */
+#define UMB__VERSION_MAPPED  3U /* 1: nodes of any length, contiguous; 2: no columns */
 #define UMB__VERSION_MINOR   0U
 #define UMB__VERSION_PARTIAL 2U
 
@@ -48,7 +48,7 @@ enum {
     UMB__HEAD_ID = 48,
     UMB__HEAD_PAGES = 80,
     UMB__HEAD_ZERO_1 = 84,
-    UMB__HEAD_BLOCKS = 88, /* where the second and all further blocks begin */
+    UMB__HEAD_BLOCKS = 88, /* Offset of the second block; the further ones follow it */
     UMB__HEAD_ZERO = 96,
     UMB__HEAD_CHECK = 120,
     UMB__HEAD_SIZE = 128,
@@ -59,7 +59,7 @@ enum {
     UMB__BLOCK_CHECK = 0, /* u64, XXH3-64 of the block's bytes */
     UMB__BLOCK_HASH = 8,  /* SHA-256 of the SHA-256s of its pages */
     UMB__BLOCK_ENTRY = 40,
-    UMB__BLOCK_PAGES = 64, /* the last block may have fewer */
+    UMB__BLOCK_PAGES = 64, /* Pages of a block; the last block may have fewer */
 };
 
 /* Page entry in such a block. */
@@ -127,8 +127,8 @@ enum {
 
 #define UMB__PAGE_ENCODING   2U /* 1: every reference written, numbers of whole bytes */
 #define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
-/* Estimated bytes at which the writer closes a page: a thin client needs a few nodes of each
- * (docs/results/paging.md has what other sizes cost). */
+/* Estimated bytes at which the writer closes a page. Small, since a thin client needs a few nodes
+ * of each page (docs/results/paging.md has the effects of other sizes). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)

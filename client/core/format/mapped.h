@@ -6,13 +6,13 @@
 #include "format/head.h"
 #include "format/view.h"
 
-/* Bytes of grids, nodes and bricks: what columns are sized by. */
+/* Returns the bytes of grids, nodes and bricks, which limit those of the columns. */
 static inline uint64_t umb__layout_bytes(uint64_t cells, uint64_t node_words, uint64_t bricks)
 {
     return cells * 4 + node_words * 8 + bricks * 64;
 }
 
-/* The mapped layout in memory of its own. */
+/* A mapped layout that owns its memory. */
 struct umb__mapped {
     struct umb__top *tops;
     uint32_t *grid;
@@ -25,13 +25,13 @@ struct umb__mapped {
 };
 
 /*
- * Lays an octree out for queries. Takes the bricks out of the octree (they are the same bytes).
+ * Lays an octree out for queries. The layout takes over the octree's bricks, which need no change.
  *
  * Grid sizes: the largest g with n - g odd, at most 2^6 cells a side, whose bytes stay within
  * an eighth of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
  * least the smallest grid). Wide nodes of levels above every grid's cells are then left out.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
- *        words of nodes). The octree still owns its bricks then.
+ *        words of nodes). The octree then keeps its bricks.
  * Cost:  linear in the octree.
  */
 UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
@@ -41,19 +41,20 @@ UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
 void umb__mapped_finish(struct umb__mapped *mapped);
 
 /*
- * Makes the columns of a layout whose grids and nodes are there (a step of umb__mapped_build).
+ * Makes the columns of a layout that has grids and nodes (a step of umb__mapped_build).
  *
- * Columns of a frustum are as narrow as their bytes may be: a thirty-second of grids, nodes and
- * bricks, divided by the number of frusta. Those as wide as the grid's cells are always allowed.
- * Out:   mapped: columns, pieces and what tops and view say of them.
+ * Columns of a frustum are as narrow as their budget of bytes allows: a thirty-second of grids,
+ * nodes and bricks, divided by the number of frusta. Columns as wide as the grid's cells are always
+ * allowed.
+ * Out:   mapped: columns, pieces, and the fields of tops and view about them.
  * Fails: E_NO_MEMORY.
  * Cost:  linear in the bytes allowed.
  */
 UMB_CHECKED enum umb_status umb__columns_build(const struct umb_content *content,
                                                struct umb__mapped *mapped, struct umb_error *error);
 
-/* Most bytes that making columns holds at once. In: mapped: grids are sized, nodes and bricks
- * counted. */
+/* Returns the most bytes that making columns holds at once. In: mapped: grids are sized, nodes and
+ * bricks counted. */
 uint64_t umb__columns_bytes_max(const struct umb_content *content,
                                 const struct umb__mapped *mapped);
 
@@ -61,11 +62,11 @@ uint64_t umb__columns_bytes_max(const struct umb_content *content,
  * Finds the sections of a mapped file and checks them.
  *
  * In:    full: checksums of all sections and the whole structure: every child number is the start
- *        of a node of the level two below, or a brick. Else only that the sections have the lengths
- *        that canonical block, grids and level table ask for.
- * Out:   mapped: its view leads into the file, but for the tops, which are copied: where a query
- *        starts stays what was checked even if the file is overwritten later. Zeroed but for its
- *        allocator before; finish it also after a failure.
+ *        of a node of the level two below, or a brick. Else only the lengths of the sections, which
+ *        canonical block, grids and level table give.
+ * Out:   mapped: its view points into the file, except the tops, which are copied: so a query
+ *        starts at checked values even if the file is overwritten later. Zero it before, except its
+ *        allocator; finish it also after a failure.
  * Trust: with full, safe on hostile bytes. Without, only on bytes that passed with full before.
  */
 UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,

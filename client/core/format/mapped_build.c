@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the exchange form to the mapped layout. An octree node of odd level 5, 7, ... becomes one
- * wide node; the nodes of even levels dissolve into it; what lies above the grid dissolves into
- * the grid's cells.
+ * From the octree to the mapped layout. An octree node of odd level 5, 7, ... becomes one wide
+ * node, into which the nodes of even levels dissolve. Levels above the grid dissolve into the
+ * grid's cells.
  */
 #include "format/mapped.h"
 
@@ -12,15 +12,15 @@
 
 #define LINE_WORDS    8U  /* of a cache */
 #define GAPS          16U /* that are remembered */
-#define GRID_LOG2_TOP 6U  /* finer grids gain nothing beside columns */
+#define GRID_LOG2_TOP 6U  /* Finer grids gain nothing beside columns */
 
 struct builder {
     const struct umb_octree *octree;
     const struct umb_content *content;
     struct umb__mapped *mapped;
     struct umb_error *error;
-    uint32_t level_highest;               /* of the cells of all grids */
-    uint32_t *word_of[UMB_LEVEL_MAX + 1]; /* first word of the wide node of an octree node */
+    uint32_t level_highest;               /* Highest level of the cells of all grids */
+    uint32_t *word_of[UMB_LEVEL_MAX + 1]; /* First word of the wide node of each octree node */
 };
 
 /* The 64 grandchildren of an octree node: their masks, and the numbers of the mixed ones. */
@@ -73,7 +73,7 @@ static enum umb_status no_memory(const struct builder *b)
     return umb_fail(b->error, UMB_E_NO_MEMORY, "expanding: out of memory");
 }
 
-/* Words of the wide node of an octree node: as many numbers as it has mixed grandchildren. */
+/* Returns the words of an octree node's wide node: one number for each mixed grandchild. */
 static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32_t index)
 {
     const struct umb_octree_level *upper = &octree->level[level];
@@ -85,7 +85,7 @@ static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32
     return umb__wide_words(mixed);
 }
 
-/* Bytes of the wide nodes of all levels and of the bricks: what grids are sized by. */
+/* Returns the bytes of the wide nodes of all levels and of the bricks, which limit the grids. */
 static uint64_t content_bytes(const struct umb_octree *octree)
 {
     uint64_t bytes = (uint64_t)octree->brick_count * 64;
@@ -97,23 +97,23 @@ static uint64_t content_bytes(const struct umb_octree *octree)
     return bytes;
 }
 
-/* Room that placing nodes left within a line. */
+/* A gap: room that placing nodes left within a cache line. */
 struct gap {
     uint64_t word;
     uint64_t words;
 };
 
-/* Nodes of one level find their places, one after the other. */
+/* Placement of the nodes of one level, one after the other. */
 struct places {
     uint64_t end;    /* of what is taken */
-    uint32_t oldest; /* gap: the next to be forgotten */
+    uint32_t oldest; /* Index of the gap to be replaced next */
     struct gap gaps[GAPS];
 };
 
 /*
- * Where a node of `length` words begins. A node that fits a line lies in one, if possible in one
- * that longer nodes left room in; a longer one begins where a line does, so that its masks and as
- * many numbers as a line has room for are one cache miss, and the others one more.
+ * Returns where a node of `length` words begins. A node that fits a cache line lies within one, if
+ * possible in a gap that longer nodes left. A longer node begins at a line, so that its masks and
+ * the first numbers cost one cache miss, and the other numbers one more.
  */
 static uint64_t place_node(struct places *places, uint64_t length)
 {
@@ -136,8 +136,8 @@ static uint64_t place_node(struct places *places, uint64_t length)
     return begin;
 }
 
-/* Gives every wide node its place: level 5 first, in the order of the octree. Levels above the
- * cells of every grid dissolve into the grids and get none. */
+/* Places every wide node: level 5 first, in the order of the octree. Levels above the cells of
+ * every grid dissolve into the grids and get no nodes. */
 static enum umb_status place_nodes(struct builder *b)
 {
     struct umb__view *view = &b->mapped->view;
@@ -195,7 +195,7 @@ static void write_nodes(const struct builder *b)
     }
 }
 
-/* Grid of a frustum of 2^n voxels a side within a budget of bytes: see mapped.h. */
+/* Sizes the grid of a frustum of 2^n voxels a side within a budget of bytes: see mapped.h. */
 static uint32_t choose_grid(uint32_t n, uint64_t budget)
 {
     uint32_t smallest = n % 2 == 1 ? 0 : 1, grid = smallest;
@@ -208,7 +208,7 @@ static uint32_t choose_grid(uint32_t n, uint64_t budget)
 }
 
 struct cube {
-    uint32_t level; /* of the node that fills it */
+    uint32_t level; /* Level of the node that fills it */
     uint32_t x, y, z;
 };
 
@@ -244,7 +244,7 @@ static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cu
     }
 }
 
-/* Sizes the grids and sets how far up wide nodes are needed. */
+/* Sizes the grids and determines the highest level of wide nodes. */
 static enum umb_status size_grids(struct builder *b)
 {
     struct umb__mapped *mapped = b->mapped;
@@ -276,7 +276,7 @@ static void fill_grids(const struct builder *b)
     }
 }
 
-/* Refuses what octree and mapped layout take together beyond the limit. */
+/* Refuses an octree and mapped layout that exceed the memory limit together. */
 static enum umb_status check_memory(const struct builder *b, uint64_t max_memory_bytes)
 {
     const struct umb_octree *octree = b->octree;

@@ -3,9 +3,9 @@
  * Columns of the mapped layout (format/view.h), from its grids and nodes.
  *
  * A walk over the grid and below it meets the cubes of every column in order of depth, since z is
- * the highest part of a cell's and of a child's index. It goes twice: first each column learns
- * where its list begins and ends, then the lists are filled. How narrow columns may be is tried
- * from wide to narrow; a walk that costs more than its columns could be worth is given up.
+ * the highest part of a cell's and of a child's index. There are two walks: the first measures the
+ * list of each column, the second fills the lists. Column widths are tried from wide to narrow; a
+ * walk that costs more than its columns could save is stopped.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -13,22 +13,23 @@
 #include "base/memory.h"
 #include "format/mapped.h"
 
-/* Of the layout's bytes that columns may take. Narrower ones need fewer instructions and more
- * lines: of surfaces that fill their frustum as well as of cities, the latter weighs more. */
+/* Share of the layout's bytes that columns may take. Narrower columns need fewer instructions but
+ * more cache lines. The lines weigh more, both for surfaces that fill their frustum and for
+ * cities. */
 #define BUDGET_SHARE     32U
-#define UPDATES_PER_BYTE 2U /* of columns, before a walk is given up */
+#define UPDATES_PER_BYTE 2U /* Updates of columns a byte before a walk is stopped */
 
 struct walk {
     const struct umb__view *view;
     const struct umb__top *top;
-    uint32_t n, level;           /* of the frustum, of the columns' pieces */
+    uint32_t n, level;           /* Levels of the frustum, and of the columns' pieces */
     struct umb__column *columns; /* of the frustum */
-    uint32_t *pieces;            /* of the frustum; NULL: lists are measured */
+    uint32_t *pieces;            /* The frustum's pieces; NULL: lists are measured */
     uint64_t updates_left;
 };
 
 /* Pieces z0 .. z1 - 1 of one column have one value (below 2, or z1 = z0 + 1). While lists are
- * measured, `first` is the value of the pieces before and high < low says that all are alike. */
+ * measured, `first` is the value of the pieces so far, and high < low means that all are equal. */
 static void take_run(const struct walk *w, struct umb__column *column, uint32_t z0, uint32_t z1,
                      uint32_t value)
 {
@@ -41,7 +42,7 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     }
     bool uniform = value < UMB__CELL_FIRST;
     if (z0 == 0) {
-        column->low = (uint16_t)(uniform ? z1 : 0); /* one more than the piece, to be above high */
+        column->low = (uint16_t)(uniform ? z1 : 0); /* One more than the piece, to be above high */
         column->high = 0;
     } else if (!uniform || value != column->first) {
         column->low = (uint16_t)(column->high < column->low ? column->low - 1 : column->low);
@@ -52,7 +53,8 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     column->first = value;
 }
 
-/* All columns over a cube of `level` at (x, y, z), in cubes of that level, which has one value. */
+/* Sets all columns over a cube of one value: the cube of `level` at (x, y, z), counted in such
+ * cubes. */
 static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     uint32_t shift = level - w->level, row = w->n - w->level, side = 1U << shift;
@@ -70,7 +72,8 @@ static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint
     return true;
 }
 
-/* A cell or child with its value; false if the walk is given up. Ends: levels descend. */
+/* Visits a cell or child with its value; false stops the walk. Recursion ends, since levels
+ * descend. */
 static bool walk_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     if (value < UMB__CELL_FIRST || level == w->level) {
@@ -107,7 +110,7 @@ static bool walk_frustum(struct walk *w)
     return true;
 }
 
-/* Measured lists get their places. Returns the number of pieces. */
+/* Gives measured lists their places. Returns the number of pieces. */
 static uint64_t place_lists(struct umb__column *columns, uint64_t count)
 {
     uint64_t pieces = 2;
@@ -123,14 +126,14 @@ static uint64_t place_lists(struct umb__column *columns, uint64_t count)
     return pieces;
 }
 
-/* Columns of one frustum, measured. */
+/* The measured columns of one frustum. */
 struct measured {
     struct umb__column *columns;
     uint64_t count, pieces;
     uint32_t level;
 };
 
-/* Measures lists at w->level; without columns if they take more than `bytes`. */
+/* Measures lists at w->level; makes no columns if they take more than `bytes`. */
 static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                struct measured *m)
 {
@@ -156,7 +159,7 @@ static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, ui
     return UMB_OK;
 }
 
-/* The narrowest columns of a frustum within `bytes`, or those as wide as the grid's cells. */
+/* Finds the narrowest columns of a frustum within `bytes`, or those as wide as the grid's cells. */
 static enum umb_status choose_level(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                     struct measured *best)
 {
@@ -175,7 +178,7 @@ static enum umb_status choose_level(struct walk *w, const struct umb_alloc *allo
     return status;
 }
 
-/* Puts the measured columns of all frusta together, and fills their lists. */
+/* Joins the measured columns of all frusta, and fills their lists. */
 static enum umb_status join(const struct umb_content *content, const struct measured *measured,
                             struct umb__mapped *mapped)
 {
@@ -213,8 +216,8 @@ static enum umb_status join(const struct umb_content *content, const struct meas
     return UMB_OK;
 }
 
-/* What the columns of one frustum may take, unless they are as wide as the grid's cells. A
- * thirty-second of what 2^32 bricks and words take has no 2^32 pieces. */
+/* Returns the budget in bytes of the columns of one frustum, unless they are as wide as the grid's
+ * cells. A thirty-second of the bytes of 2^32 bricks and words holds fewer than 2^32 pieces. */
 static uint64_t budget_of(const struct umb_content *content, const struct umb__view *view)
 {
     return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
@@ -224,7 +227,7 @@ static uint64_t budget_of(const struct umb_content *content, const struct umb__v
 uint64_t umb__columns_bytes_max(const struct umb_content *content, const struct umb__mapped *mapped)
 {
     const uint64_t budget = budget_of(content, &mapped->view);
-    uint64_t bytes = budget; /* of a level that is tried */
+    uint64_t bytes = budget; /* Budget of the level that is tried */
     for (uint32_t i = 0; i < content->frustum_count; i++) {
         const uint32_t g = mapped->tops[i].grid_log2;
         const uint64_t columns = ((uint64_t)1 << (2 * g)) * sizeof(struct umb__column);

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Validating a mapped file, so that queries need no checks: every number a query follows is the
- * start of a node of the right level or a brick that exists. Node starts are known from walking
- * each level once; a bit a word remembers them. Every byte of the file is accounted for: sections
- * by their checksums, what lies between them is zero.
+ * Validates a mapped file, so that queries need no checks. Every number that a query follows is the
+ * start of a node of the right level, or an existing brick. A walk over each level finds the node
+ * starts and marks them, one bit a word. Every byte of the file is checked: sections by their
+ * checksums, the gaps between them as zero.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -92,7 +92,7 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
     return UMB_OK;
 }
 
-/* Pieces of frustum i's columns: up to the next frustum's. */
+/* Returns the end of frustum i's pieces: the next frustum's first. */
 static uint64_t pieces_of(const struct umb__view *view, const struct umb_content *content,
                           uint32_t i)
 {
@@ -101,7 +101,7 @@ static uint64_t pieces_of(const struct umb__view *view, const struct umb_content
     return end - view->tops[i].first_piece;
 }
 
-/* Grids and columns follow one another, and each has the size that its frustum asks for. */
+/* Checks that grids and columns follow one another, each of the size that its frustum requires. */
 static enum umb_status check_tops(const struct umb_content *content, const struct umb__view *view,
                                   struct umb_error *error)
 {
@@ -227,7 +227,8 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     return true;
 }
 
-/* Every list lies within the frustum's pieces, and every piece leads somewhere. */
+/* Checks that every list lies within the frustum's pieces, and that every piece has a valid
+ * value. */
 static bool check_columns(const struct umb__view *view, const uint64_t *starts,
                           const struct umb_content *content, uint32_t frustum)
 {

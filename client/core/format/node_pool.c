@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hash-consing of bricks and nodes, level by level: what is told one at a time. */
+/* Hash-consing of bricks and nodes, level by level: look-ups and additions one at a time. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 
@@ -11,7 +11,7 @@
 
 #define EMPTY UMB__SLOT_EMPTY
 
-/* Of the random bytes that the kernel hands a process with its arguments. */
+/* Length of the random bytes that the kernel hands a process with its arguments. */
 static uint64_t secret_seed(void)
 {
     const void *bytes = (const void *)(uintptr_t)getauxval(AT_RANDOM); /* 16, or NULL */
@@ -97,7 +97,7 @@ enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slice
     return UMB_OK;
 }
 
-/* The same in a loose pool: looks at one place. */
+/* Looks up a brick in a loose pool: looks at one slot only. */
 static enum umb_status find_late_brick(struct umb_pool *pool, const uint64_t slices[8],
                                        uint32_t *ref, struct umb_error *error)
 {
@@ -156,12 +156,12 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
     key->child_count = count;
 }
 
-/* Adds a node that is not there, or need not be looked for. There is room for it. */
+/* Adds a node that is new, or that needs no look-up. The pool has room for it. */
 static uint32_t node_add(struct umb_pool_level *level, const struct umb__node_key *key)
 {
     const uint32_t number = level->count++;
     level->masks[number] = (uint16_t)key->words[0];
-    /* Eight whatever there are: there is room, and one length is quicker than many. */
+    /* Copies always eight: there is room, and a fixed length is faster than a loop. */
     memcpy(level->children + level->child_count, key->words + 1, 8 * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;
@@ -197,7 +197,7 @@ enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t level_number
     return UMB_OK;
 }
 
-/* The same in a loose pool: never looks. */
+/* Adds a node to a loose pool, without a look-up. */
 static enum umb_status add_late_node(struct umb_pool *pool, uint32_t level_number,
                                      const struct umb__node_key *key, uint32_t *ref,
                                      struct umb_error *error)

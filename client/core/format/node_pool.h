@@ -10,9 +10,9 @@
  *     umb_pool_take(&pool, &root, &level, 1, &octree, &error);   the pool is empty afterwards
  *     umb_pool_finish(&pool);
  *
- * A reference names a node of the level below or one of the two uniform states. What is uniform
- * is never stored. Keys are compared in full: a hash only says where to look.
- * Numbers follow the order of the calls; what they build does not depend on it.
+ * A reference names a node of the level below or one of the two uniform states. Uniform nodes and
+ * bricks are never stored. Keys are compared in full: a hash only says where to look. Numbers
+ * follow the order of the calls; what they build does not depend on it.
  * Threads: one at a time.
  */
 #include <stddef.h>
@@ -25,7 +25,7 @@
 #define UMB_REF_SHADOWED  (UINT32_MAX - 1U)
 #define UMB_REF_INDEX_MAX (UINT32_MAX - 2U) /* largest number of a node or brick */
 
-/* State that a reference stands for. */
+/* Returns the state that a reference stands for. */
 static inline enum umb_node_state umb_ref_state(uint32_t ref)
 {
     return ref == UMB_REF_LIT        ? UMB_NODE_LIT
@@ -54,34 +54,36 @@ struct umb_pool_level {
 struct umb_pool {
     const struct umb_alloc *alloc;
     int is_loose;                 /* see umb_pool_init_loose */
-    uint64_t keys[UMB_POOL_KEYS]; /* of its hashes: secret, the same in all pools of a process */
+    uint64_t keys[UMB_POOL_KEYS]; /* Secret keys of its hashes, the same in all pools of a
+                                     process */
     size_t bytes, max_bytes;      /* in use; allowed */
     struct umb_hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];
-    uint32_t *brick_tags; /* of a loose pool: what its merge need not compute again */
+    uint32_t *brick_tags; /* Tags of a loose pool's bricks, so that its merge need not compute them
+                             again */
     struct umb_pool_level level[UMB_LEVEL_MAX + 1];
 };
 
-/* In: alloc: NULL = malloc. max_bytes: refuse to grow beyond; SIZE_MAX for no limit. */
+/* Starts an empty pool. In: alloc: NULL = malloc. max_bytes: memory limit; SIZE_MAX for none. */
 void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 void umb_pool_finish(struct umb_pool *pool);
 
 /*
- * The same for a pool that is merged into another: an equal brick is found only if it is among the
- * latest, in a table of a fixed size that stays in the nearest cache, and stands there again if
- * not. Nodes, of which few have equals nearby, are not looked for at all.
+ * Starts a loose pool, which is to be merged into another. It finds an equal brick only among the
+ * latest, in a table of a fixed size that stays in the L1 cache; other equal bricks are stored
+ * again. It never looks for nodes, few of which have equals nearby.
  */
 void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 
-/* Forgets all bricks and nodes; keeps the memory for others. */
+/* Removes all bricks and nodes; keeps the memory for new ones. */
 void umb_pool_clear(struct umb_pool *pool);
 
 /*
  * Finds or adds a brick.
  *
  * Out:   ref: its number, or a uniform state if all its voxels are equal.
- * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 7/8 of 2^32 bricks). The pool stays as it was.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 7/8 of 2^32 bricks). The pool is then unchanged.
  * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
  */
 UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8],
@@ -97,9 +99,10 @@ UMB_CHECKED enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level,
                                           const uint32_t children[8], uint32_t *ref,
                                           struct umb_error *error);
 
-/* A pool's numbers in another one; memory is kept from one merge to the next. Start zeroed. */
+/* Map from a pool's numbers to those of another pool; its memory is kept from one merge to the
+ * next. Start zeroed. */
 struct umb_pool_numbers {
-    uint32_t *refs;  /* of the level asked for: [number in the merged pool] */
+    uint32_t *refs;  /* References of the requested level: [number in the merged pool] */
     uint32_t *below; /* working memory */
     size_t refs_capacity, below_capacity;
 };
@@ -107,11 +110,11 @@ struct umb_pool_numbers {
 /*
  * Adds all that another pool holds up to a level.
  *
- * In:    pool: not a loose one, in which look-ups would find no end. from: any.
+ * In:    pool: not a loose one, whose look-ups would not end. from: any.
  * Out:   numbers: refs of that level. With malloc; free with umb_pool_numbers_finish.
  * Fails: as umb_pool_brick. The pool may hold part of the other.
- * Cost:  linear in what is added; memory is asked for many look-ups ahead, so that it costs a
- *        fraction of as many single ones.
+ * Cost:  linear in the nodes added. Memory is prefetched many look-ups ahead, so the cost is a
+ *        fraction of that of single additions.
  */
 UMB_CHECKED enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *from,
                                            uint32_t level, struct umb_pool_numbers *numbers,

@@ -5,14 +5,14 @@
  * Between node_pool.c, pool_room.c and pool_merge.c: tags, keys and slots.
  *
  * A tag is a hash of 32 bits. Its first bits give the place in a table of any size. A slot is one
- * 64-bit word, tag above number plus one, so that a word alone says where it goes, and what is left
- * of the tag (7 bits of 32 in a table of 2^25 slots) tells words of one place apart. Slots that
- * follow one another are tried in turn until an empty one.
+ * 64-bit word: the tag in the high half, the number plus one in the low half. So a word alone gives
+ * its place, and the other bits of the tag (7 of 32 in a table of 2^25 slots) tell words of one
+ * place apart. Probing is linear, up to an empty slot.
  *
- * Tags have keys that nobody outside the process knows: bricks of a stranger's file that all had
- * one tag would each be compared with all before. Sums of words times secret keys, or of products
- * of pairs of words with a secret key added to each, are equal for two given inputs with a chance
- * near 2^-32, whatever the inputs are. Numbers do not depend on them.
+ * Tags are keyed with secrets of the process. Otherwise a hostile file could hold bricks that all
+ * have one tag, and each would be compared with all before it. A hash is a sum of words times
+ * secret keys, or of products of pairs of words with a secret key added to each. For any two inputs
+ * the hashes are equal with a probability near 2^-32. Numbers do not depend on the keys.
  * Source: Lemire and Kaser, "Strongly universal string hashing is fast", 2014 (Multilinear and
  * Multilinear-HM).
  */
@@ -47,7 +47,7 @@ static inline uint32_t umb__slot_number(uint64_t word)
     return (uint32_t)word - 1U;
 }
 
-/* The first empty slot on a tag's way. */
+/* Returns the first empty slot on a tag's probe sequence. */
 static inline size_t umb__slot_free(const struct umb_hash_slots *slots, uint32_t tag)
 {
     size_t place = umb__slot_place(slots, tag);
@@ -57,7 +57,7 @@ static inline size_t umb__slot_free(const struct umb_hash_slots *slots, uint32_t
     return place;
 }
 
-/* The first slot on a tag's way that has this tag or is empty. */
+/* Returns the first slot on a tag's probe sequence that has this tag or is empty. */
 static inline size_t umb__slot_like(const struct umb_hash_slots *slots, uint32_t tag)
 {
     size_t place = umb__slot_place(slots, tag);
@@ -74,13 +74,13 @@ struct umb__node_key {
     uint32_t child_count;
 };
 
-/* From a sum: its upper bits are the good ones, those of the product better still. */
+/* Takes a tag from a sum: the upper bits are the good ones, those of the product even better. */
 static inline uint32_t umb__sum_tag(uint64_t sum)
 {
     return (uint32_t)(((sum ^ sum >> 32) * UINT64_C(0x9e3779b97f4a7c15)) >> 32);
 }
 
-/* Of a pair of words and its keys. */
+/* Hashes a pair of words with its keys. */
 static inline uint64_t umb__pair_product(uint64_t pair, const uint64_t keys[2])
 {
     return ((uint32_t)pair + keys[0]) * ((pair >> 32) + keys[1]);
@@ -134,16 +134,16 @@ static inline int umb__node_equals(const struct umb_pool_level *level, uint32_t 
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
 /*
- * Make room for one more: in the arrays, and, as a table grows, in that. (Loose pools have none for
- * nodes, and one that never grows for bricks.) Fails: as umb_pool_brick.
+ * Make room for one more brick or node: in the arrays, and in the table if it must grow. Loose
+ * pools have no table for nodes, and one of fixed size for bricks. Fails: as umb_pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *error);
 UMB_CHECKED enum umb_status umb__pool_node_room(struct umb_pool *pool, struct umb_pool_level *level,
                                                 struct umb_error *error);
 
 /*
- * Find or add what is not uniform; else as umb_pool_brick and umb_pool_node. Not of a loose pool.
- * In: place: on the tag's way, with nothing equal before it.
+ * Find or add a brick or node that is not uniform; else as umb_pool_brick and umb_pool_node. Not
+ * for loose pools. In: place: on the tag's probe sequence, with nothing equal before it.
  */
 UMB_CHECKED enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slices[8],
                                                  uint32_t tag, size_t place, uint32_t *ref,
@@ -153,7 +153,7 @@ UMB_CHECKED enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t 
                                                 size_t place, uint32_t *ref,
                                                 struct umb_error *error);
 
-/* Nodes or bricks that are looked up together. */
+/* Number of nodes or bricks that are looked up together. */
 #define UMB__POOL_GROUP 32U
 
 /* A group of one level's nodes: the caller sets keys. */
@@ -161,11 +161,11 @@ struct umb__node_group {
     struct umb__node_key keys[UMB__POOL_GROUP];
     uint32_t tags[UMB__POOL_GROUP];
     size_t places[UMB__POOL_GROUP];
-    uint32_t log2_size; /* of the table that they are of */
+    uint32_t log2_size; /* Size of the table that the slots belong to */
 };
 
 /*
- * Find or add bricks, or a group of nodes; each step asks for the memory that a later one reads.
+ * Find or add bricks, or a group of nodes. Each step prefetches the memory that a later step reads.
  * In: count: of nodes at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb_pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb_pool *pool,

@@ -6,11 +6,11 @@
  * undefined.
  *
  * Under the closed rule a column of the DAG turns from lit to shadowed anywhere between `lit` and
- * `end`. Where the two are equal the DAG says it all; the rest is kept here, exact to the voxel,
- * for those who ask for the first occluder. Most of it are roofs and walls, so that squares of
- * texels are planes:
+ * `end`. Where the two are equal the DAG has the answer. The other texels are stored here, exact to
+ * the voxel, for queries of the first occluder. Most are roofs and walls, so that squares of texels
+ * are planes.
  *
- *   An entry FRNT of the canonical block is an array of u32 words: a reference for each frustum,
+ * The entry FRNT of the canonical block is an array of u32 words: a reference for each frustum,
  * then records in the order in which references lead to them, depth first, without gaps.
  *
  * - reference: bits 0..25: word where its record begins; bits 26..31: kind. 0: no record, the DAG
@@ -19,15 +19,15 @@
  * - kind 63, level 9 and up: divided into 8x8 squares: u64 mask of those that have a record (square
  *   x + 8 * y), then a reference for each bit.
  * - kind 0, level 6: a plane: i64 c, i32 a, b: lit = floor((c + a * x + b * y) / 2^20), x and y
- * from the square's corner.
+ *   from the square's corner.
  * - kind 62, level 6: divided into 8x8 blocks: u32 number of planes, at most 15; for each a plane
- * as above and a u64 mask of the blocks that it answers; u64 mask of the blocks that have a record,
- *   and a reference for each bit. The DAG answers for the other blocks.
+ *   as above and a u64 mask of the blocks that it answers; u64 mask of the blocks that have a
+ *   record, and a reference for each bit. The DAG answers for the other blocks.
  * - kind w = 0..20, level 3: i32 c, a, b, then 64 residuals of w bits each, texel x + 8 * y at bit
  *   (x + 8 * y) * w, low bits first: lit = floor((c + a * x + b * y) / 2^12) - residual, x and y
  *   from the block's corner.
- * - kind 24 + k, k = 1..4, level 3: 64 numbers of k bits each, as residuals lie: 0: the DAG
- * answers; p: plane p - 1 of the square does.
+ * - kind 24 + k, k = 1..4, level 3: 64 numbers of k bits each, laid out as residuals: 0: the DAG
+ *   answers; p: plane p - 1 of the square does.
  * - kind 32 + w, level 3: i32 c, a, b, u64 mask of texels, then as w: the DAG answers for texels
  *   outside the mask.
  *
@@ -41,13 +41,16 @@
 #define UMB__OCCLUDER_DEPTH_DIVIDED     63U
 #define UMB__OCCLUDER_DEPTH_PLANES      62U
 #define UMB__OCCLUDER_DEPTH_PLANES_MAX  15U
-#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* in a square of planes: 4 and the mask */
+#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* Words of a plane in a square of planes: 4 and the
+                                              mask */
 #define UMB__OCCLUDER_DEPTH_CHOICE      24U
 #define UMB__OCCLUDER_DEPTH_MASKED      32U
 #define UMB__OCCLUDER_DEPTH_WIDTH_MAX   20U
 #define UMB__OCCLUDER_DEPTH_SHIFT       12U /* fraction bits of planes of level 3 */
-#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* and of level 6: slopes must hold over 64 texels */
-#define UMB__OCCLUDER_DEPTH_LEVEL_MAX   18U /* of a frustum, so that no sum overflows */
+#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* Fraction bits of planes of level 6: slopes must hold
+                                               over 64 texels */
+#define UMB__OCCLUDER_DEPTH_LEVEL_MAX   18U /* Largest level of a frustum, so that no sum
+                                               overflows */
 
 static inline uint32_t umb__occluder_depth_kind(uint32_t reference)
 {
@@ -59,7 +62,7 @@ static inline uint32_t umb__occluder_depth_offset(uint32_t reference)
     return reference & (((uint32_t)1 << UMB__OCCLUDER_DEPTH_OFFSET_BITS) - 1);
 }
 
-/* Level of the square that holds a frustum of 2^log2_size texels. */
+/* Returns the level of the square that holds a frustum of 2^log2_size texels. */
 static inline uint32_t umb__occluder_depth_top(uint32_t log2_size)
 {
     return (log2_size + 2) / 3 * 3;
@@ -70,7 +73,7 @@ static inline uint64_t umb__occluder_depth_mask(const uint32_t *words)
     return words[0] | (uint64_t)words[1] << 32;
 }
 
-/* Height of a plane of level 6 at texel (x, y) of its square. */
+/* Returns the height of a plane of level 6 at texel (x, y) of its square. */
 static inline int64_t umb__occluder_depth_wide_plane(const uint32_t *record, uint32_t x, uint32_t y)
 {
     const int64_t c = (int64_t)(record[0] | (uint64_t)record[1] << 32);
@@ -86,7 +89,7 @@ static inline int64_t umb__occluder_depth_plane(const uint32_t *record, uint32_t
     return sum >> UMB__OCCLUDER_DEPTH_SHIFT;
 }
 
-/* Number `index` of an array of `width` bits each (1..20). */
+/* Returns number `index` of an array of `width` bits each (1..20). */
 static inline uint32_t umb__occluder_depth_residual(const uint32_t *words, uint32_t width,
                                                     uint32_t index)
 {
@@ -98,8 +101,8 @@ static inline uint32_t umb__occluder_depth_residual(const uint32_t *words, uint3
     return (uint32_t)(two >> bit % 32) & (((uint32_t)1 << width) - 1);
 }
 
-/* Value of a block's record at texel (x, y) of its square; false if the DAG answers. In: planes: of
- * the square. */
+/* Reads the value of a block's record at texel (x, y) of its square; false if the DAG answers. In:
+ * planes: of the square. */
 static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t kind,
                                              const uint32_t *planes, uint32_t x, uint32_t y,
                                              int64_t *lit)
@@ -128,7 +131,7 @@ static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t ki
     return true;
 }
 
-/* Value of a square of planes at its texel (x, y); false if the DAG answers. */
+/* Reads the value of a square of planes at its texel (x, y); false if the DAG answers. */
 static inline bool umb__occluder_depth_square_value(const uint32_t *words, const uint32_t *square,
                                                     uint32_t x, uint32_t y, int64_t *lit)
 {
@@ -155,7 +158,7 @@ static inline bool umb__occluder_depth_square_value(const uint32_t *words, const
  * Finds `lit` of a texel in a checked occluder depth map.
  *
  * In:    words: the whole entry. root: the frustum's reference. x, y: inside the frustum.
- * Out:   lit; left alone if false is returned: then the DAG knows.
+ * Out:   lit: unchanged if false is returned: the DAG then has the answer.
  */
 static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root,
                                             uint32_t log2_size, uint32_t x, uint32_t y,
@@ -187,7 +190,7 @@ static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root
 }
 
 /*
- * Takes an entry's words over, unchecked.
+ * Copies an entry's words, without a check.
  *
  * In:    bytes: uint8[length], or NULL if there is no entry.
  * Out:   words: [count] of alloc; NULL and 0 without an entry.
@@ -199,9 +202,9 @@ UMB_CHECKED enum umb_status umb__occluder_depth_load(const uint8_t *bytes, uint6
                                                      struct umb_error *error);
 
 /*
- * Checks a occluder_depth: every reference leads to the record that comes next, all values lie in
- * 0..2^log2_size, nothing is outside the frusta, every word is used. Frusta that are not closed
- * have none.
+ * Checks an occluder depth map: every reference leads to the next record, all values lie in
+ * 0..2^log2_size, no texel is outside its frustum, every word is used, and frusta that are not
+ * closed have no record.
  *
  * Fails: E_CORRUPT. Trust: safe on hostile words. Cost: linear, no allocation.
  */

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares of texels as planes, and squares put together to the tree.
+ * Codes squares of texels as planes, and joins squares to the tree.
  *
- * A square that is no single plane gets a few: each starts from a block of 8x8 texels that is one,
- * and takes in every other block of the square that it can be turned to meet as well, so that a
- * roof is stored once a square. Blocks that no plane meets alone choose a plane for each texel, or
- * have residuals of their own.
+ * A square that is no single plane gets several. Each plane starts from a block of 8x8 texels that
+ * is planar. It is then turned to meet as many other blocks of the square as it can, so that a roof
+ * is stored once a square. Blocks that no single plane meets choose a plane for each texel, or have
+ * residuals of their own.
  */
 #include "format/occluder_depth_build.h"
 
@@ -14,23 +14,25 @@
 #include "base/memory.h"
 #include "format/occluder_depth_fit.h"
 
-/* Words of the longest square: its length, its reference, planes, and all blocks with residuals. */
+/* Words of the longest possible square: its length, its reference, planes, and all blocks with
+ * residuals. */
 #define SQUARE_WORDS_MAX                                                                           \
     (5 + UMB__OCCLUDER_DEPTH_PLANES_MAX * UMB__OCCLUDER_DEPTH_PLANE_WORDS +                        \
      64 * (1 + 5 + 2 * UMB__OCCLUDER_DEPTH_WIDTH_MAX))
 
-/* A plane may take in a block that it misses by fewer voxels than this. */
+/* Largest miss in voxels at which the fit still tries to turn a plane to meet a block. */
 #define NEAR_BLOCK 2
 
 /* A square under way. */
 struct work {
     const int32_t (*lit)[64], (*end)[64];
-    uint64_t coded[64]; /* a block's texels with end > lit */
+    uint64_t coded[64]; /* Texels with end > lit of each block */
     struct umb__texels set, other;
     struct umb__plane planes[UMB__OCCLUDER_DEPTH_PLANES_MAX];
-    uint64_t masks[UMB__OCCLUDER_DEPTH_PLANES_MAX]; /* of blocks that it answers */
+    uint64_t masks[UMB__OCCLUDER_DEPTH_PLANES_MAX]; /* Blocks that each plane answers */
     uint32_t plane_count;
-    uint32_t *words; /* of the square; [0] its length, [1] its reference, records from [2] on */
+    uint32_t *words; /* Words of the square: [0] its length, [1] its reference, records from [2]
+                        on */
 };
 
 /* Adds the texels of a block that a mask names; x and y from the square's corner. */
@@ -42,7 +44,7 @@ static void add_block(const struct work *w, uint32_t block, uint64_t mask, struc
     }
 }
 
-/* The texels of a block whose value a plane gives. */
+/* Returns the texels of a block whose value a plane gives. */
 static uint64_t met_by(const struct work *w, uint32_t block, const struct umb__plane *plane)
 {
     uint64_t met = 0;
@@ -54,7 +56,8 @@ static uint64_t met_by(const struct work *w, uint32_t block, const struct umb__p
     return met;
 }
 
-/* Turns the plane, which meets the set, to meet the block's coded texels too, if that can be. */
+/* Turns a plane so that it meets the block's coded texels too, if it can; it still meets its
+ * set. */
 static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
 {
     if ((met_by(w, block, plane) & w->coded[block]) == w->coded[block]) {
@@ -81,7 +84,7 @@ static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
     }
 }
 
-/* Starts a plane at a block and lets it take in what it can of the open blocks. */
+/* Starts a plane at a block and extends it to the open blocks that it can meet. */
 static void grow_plane(struct work *w, uint32_t first, uint64_t open)
 {
     w->set.count = 0;
@@ -98,7 +101,7 @@ static void grow_plane(struct work *w, uint32_t first, uint64_t open)
     w->planes[w->plane_count++] = plane;
 }
 
-/* Finds the square's planes; returns the blocks that none of them answers alone. */
+/* Finds the square's planes; returns the blocks that no single plane answers. */
 static uint64_t find_planes(struct work *w)
 {
     uint64_t open = 0, tried = 0;
@@ -126,13 +129,13 @@ static uint64_t find_planes(struct work *w)
     return open;
 }
 
-/* Bits that hold the numbers 0 .. most. */
+/* Returns the number of bits that the numbers 0 .. most need. */
 static uint32_t bits_of(uint64_t most)
 {
     return most == 0 ? 0 : 64 - (uint32_t)__builtin_clzll(most);
 }
 
-/* Stores number `index` of an array of `width` bits each, zeroed before. */
+/* Stores number `index` of an array of `width` bits each, which was zeroed before. */
 static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t number)
 {
     const uint32_t bit = index * width;
@@ -142,7 +145,8 @@ static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t
     }
 }
 
-/* Writes which plane answers each texel; returns the words, 0 if some texel has none. */
+/* Writes the number of the plane that answers each texel; returns the words, 0 if some texel has
+ * none. */
 static uint32_t put_choice(const struct work *w, uint32_t block, uint32_t *to)
 {
     const uint32_t width = bits_of(w->plane_count);
@@ -158,8 +162,8 @@ static uint32_t put_choice(const struct work *w, uint32_t block, uint32_t *to)
     return left ? 0 : 2 * width;
 }
 
-/* Writes a plane of 12 bits and residuals of the texels t; returns the words. In: mask: NULL for
- * none. */
+/* Writes a plane with 12 fraction bits and the residuals of the texels t; returns the words. In:
+ * mask: NULL for none. */
 static uint32_t put_residuals(const struct umb__texels *t, const struct umb__plane *plane,
                               const uint64_t *mask, uint32_t *to)
 {
@@ -180,7 +184,7 @@ static uint32_t put_residuals(const struct umb__texels *t, const struct umb__pla
     return (uint32_t)(next - to) + 2 * width;
 }
 
-/* Writes the record of a block that no plane answers alone; returns its words. */
+/* Writes the record of a block that no single plane answers; returns its words. */
 static uint32_t put_block(struct work *w, uint32_t block, uint32_t *to, uint32_t *kind)
 {
     uint32_t count = put_choice(w, block, to);
@@ -242,7 +246,7 @@ static uint32_t *put_planes(struct work *w)
     return next;
 }
 
-/* Writes a square; returns its words, 0 if nothing in it is undefined. */
+/* Writes a square; returns its words, 0 if no texel in it is undefined. */
 static size_t put_square(struct work *w)
 {
     uint64_t any = 0;
@@ -260,7 +264,7 @@ static size_t put_square(struct work *w)
         return 0;
     }
     const struct umb__plane plane = umb__plane_fit(&w->set);
-    w->words[1] = 0; /* kind 0, word 0 of the square's records */
+    w->words[1] = 0; /* Kind 0, word 0 of the square's records */
     w->plane_count = 0;
     const uint32_t *end =
         plane.spread < w->set.one ? put_plane(&plane, w->words + 2) : put_planes(w);
@@ -316,7 +320,7 @@ static enum umb_status too_large(size_t max_words, struct umb_error *error)
         max_words >> 8);
 }
 
-/* Takes note of a square whose words stand behind the others. */
+/* Records a square whose words stand behind the others. */
 static enum umb_status note_square(struct umb__occluder_depth *occluder_depth, uint32_t x,
                                    uint32_t y, size_t count, struct umb_error *error)
 {
@@ -376,7 +380,7 @@ struct joiner {
     uint64_t count;
 };
 
-/* True if a square of the level at (x, y), counted in such squares, holds anything. */
+/* True if a square of the level at (x, y), counted in such squares, has a record. */
 static bool holds_any(const struct umb__occluder_depth *occluder_depth, uint32_t level, size_t x,
                       size_t y)
 {
@@ -412,7 +416,7 @@ static uint32_t join_square(struct joiner *j, size_t x, size_t y)
     return from[1] + base;
 }
 
-/* Writes the records of a square of the level; returns its reference, 0 if it holds nothing. */
+/* Writes the records of a square of the level; returns its reference, 0 if it has no record. */
 static uint32_t join_level(struct joiner *j, uint32_t level, size_t x, size_t y)
 {
     if (!holds_any(j->occluder_depth, level, x, y)) {

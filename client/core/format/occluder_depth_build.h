@@ -10,8 +10,7 @@
  *     umb__occluder_depth_join(all, count, &words, &word_count, &error);
  *     umb__occluder_depth_finish(&depths);                         also after a failure
  *
- * A square that was coded once can be kept as words and added to another occluder depth map of
- * that size:
+ * The words of a coded square can be kept, and added to another occluder depth map of that size:
  *
  *     umb__occluder_depth_square(&depths, x, y)                    -> words, words[0] of them
  *     if (umb__occluder_depth_square_fits(log2_size, words, count))
@@ -27,8 +26,8 @@ struct umb__occluder_depth {
     const struct umb_alloc *alloc;
     uint32_t log2_size;
     size_t max_words;
-    uint32_t *square; /* [squares] where its words begin + 1; 0: none. Row by row */
-    uint32_t *words;  /* a square: its reference, then its records, numbered from 0 */
+    uint32_t *square; /* Index in words of each square + 1, row by row; 0: no record */
+    uint32_t *words;  /* Squares: each its reference, then its records, numbered from 0 */
     size_t count, capacity;
 };
 
@@ -42,7 +41,7 @@ umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth, const struc
                          uint32_t log2_size, size_t max_bytes, struct umb_error *error);
 UMB_API void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth);
 
-/* Bytes that an occluder depth map takes now. */
+/* Returns the bytes that an occluder depth map takes now. */
 UMB_API size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_depth);
 
 /*
@@ -57,13 +56,13 @@ umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth, uint32_t x, 
                         const int32_t (*lit)[64], const int32_t (*end)[64],
                         struct umb_error *error);
 
-/* The words of a square: their number, its reference, its records, numbered from 0. NULL: it has
- * none. Borrowed until the occluder depth map changes. */
+/* Returns the words of a square: their number, its reference, its records, numbered from 0. NULL:
+ * it has none. Borrowed until the occluder depth map changes. */
 UMB_API const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
                                                    uint32_t x, uint32_t y);
 
 /*
- * Returns 1 if words are what umb__occluder_depth_square could have given for an occluder depth
+ * Returns 1 if the words are a possible result of umb__occluder_depth_square for an occluder depth
  * map of 2^log2_size texels a side, else 0.
  *
  * In:    words: uint32[count].
@@ -83,12 +82,12 @@ umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth, uint3
                                const uint32_t *words, struct umb_error *error);
 
 /*
- * Puts the occluder depth maps of all frusta together.
+ * Joins the occluder depth maps of all frusta.
  *
- * Out:   words: of the first occluder depth map's allocator; the caller frees them with
- * umb__occluder_depth_words_free.
- * Fails: E_NO_MEMORY, E_LIMIT (more than all occluder depth maps' max_bytes, more words than
- * references reach).
+ * Out:   words: of the first map's allocator; the caller frees them with
+ *        umb__occluder_depth_words_free.
+ * Fails: E_NO_MEMORY, E_LIMIT (more than the max_bytes of all maps, or more words than references
+ *        reach).
  */
 UMB_API UMB_CHECKED enum umb_status
 umb__occluder_depth_join(const struct umb__occluder_depth *occluder_depths, uint32_t count,

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A plane is wanted whose floor is `lit` at every texel: with e = lit * 2^k - a x - b y such a
- * plane of slopes a, b exists if max e - min e < 2^k, and c = max e then gives it. Slopes start at
- * the least squares; while the spread is too large but near, they are turned so that the two texels
- * that make it come nearer (relaxation of linear inequalities). If that fails, c = max e keeps the
- * plane's floor at or above every texel, and residuals are counted down from it.
+ * Fits a plane whose floor is `lit` at every texel. With e = lit * 2^k - a x - b y, a plane of
+ * slopes a, b exists if the spread max e - min e is below 2^k; c = max e then gives it. The slopes
+ * start at the least squares. While the spread is slightly too large, the slopes are turned so that
+ * the two extreme texels come closer (relaxation of linear inequalities). If that fails, c = max e
+ * keeps the plane's floor at or above every texel, and residuals are counted down from it.
  * Source: Agmon 1954, Motzkin and Schoenberg 1954 (relaxation).
  */
 #include "format/occluder_depth_fit.h"
@@ -12,8 +12,8 @@
 #include <math.h>
 
 #define SLOPE_MAX   1024 /* voxels a texel, so that c of 8x8 texels fits 32 bits */
-#define TURNS       16   /* of slopes, at most: twice as many save 0.5 % of the bytes */
-#define NEAR_SPREAD 4    /* voxels; a spread beyond this is no plane */
+#define TURNS       16   /* Most turns of the slopes: twice as many save 0.5 % of the bytes */
+#define NEAR_SPREAD 4    /* Spread in voxels beyond which the texels are not planar */
 
 static int64_t slope_of(double value, int64_t one)
 {
@@ -22,7 +22,7 @@ static int64_t slope_of(double value, int64_t one)
     return (int64_t)floor(kept * (double)one + 0.5);
 }
 
-/* Slopes of least squares. The sums are exact. */
+/* Computes the slopes of least squares. The sums are exact. */
 static struct umb__plane least_squares(const struct umb__texels *t)
 {
     int64_t n = t->count, x = 0, y = 0, v = 0, xx = 0, yy = 0, xy = 0, xv = 0, yv = 0;
@@ -52,7 +52,7 @@ static struct umb__plane least_squares(const struct umb__texels *t)
     return plane;
 }
 
-/* Finds c and the spread; high, low: the texels that make it. */
+/* Finds c and the spread. Out: high, low: the two extreme texels. */
 static void measure(const struct umb__texels *t, struct umb__plane *plane, uint32_t *high,
                     uint32_t *low)
 {

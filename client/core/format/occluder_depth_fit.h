@@ -4,12 +4,12 @@
 /*
  * Planes through the depths of texels, in integers: equal texels give equal planes everywhere.
  *
- * A plane meets a texel if floor((c + a * x + b * y) / one) is its depth. It meets all of a set if
- * its spread over them is below `one`; c = the greatest lit * one - a * x - b * y then does it.
+ * A plane meets a texel if floor((c + a * x + b * y) / one) is its depth. It meets all texels of a
+ * set if its spread over them is below `one`, with c = the greatest lit * one - a * x - b * y.
  */
 #include <stdint.h>
 
-/* A set of texels, 0 <= x, y < 64, and what one voxel is in the numbers of its planes. */
+/* A set of texels, 0 <= x, y < 64, and the plane units of one voxel. */
 struct umb__texels {
     int64_t one;
     uint32_t count;
@@ -19,8 +19,8 @@ struct umb__texels {
 
 struct umb__plane {
     int64_t a, b;   /* slopes, at most 1024 voxels a texel */
-    int64_t c;      /* so that no texel of the set lies above the plane */
-    int64_t spread; /* how far below it one lies at most, but for the floor */
+    int64_t c;      /* Offset, so that no texel of the set lies above the plane */
+    int64_t spread; /* Greatest distance of a texel below it, before the floor */
 };
 
 static inline void umb__texels_add(struct umb__texels *texels, uint32_t x, uint32_t y, int32_t lit)
@@ -33,11 +33,11 @@ static inline void umb__texels_add(struct umb__texels *texels, uint32_t x, uint3
 /* Fills in c and the spread for the plane's slopes. In: texels: at least one. */
 void umb__plane_measure(const struct umb__texels *texels, struct umb__plane *plane);
 
-/* Turns a plane that nearly meets the set until it does, if a few turns suffice; else keeps the
- * best found. */
+/* Turns a plane that nearly meets the set until it does, if a few turns suffice. Else the plane is
+ * the best one found. */
 void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane);
 
-/* The same from the slopes of least squares. */
+/* Does the same from the slopes of least squares. */
 struct umb__plane umb__plane_fit(const struct umb__texels *texels);
 
 #endif

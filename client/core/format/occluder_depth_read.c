@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading an occluder depth map in the order it was written: what comes next is known, so that
- * nothing is read twice and the walk ends. */
+/* Reads an occluder depth map in the order in which it was written. The next record is always
+ * known, so nothing is read twice and the walk ends. */
 #include "format/occluder_depth_build.h"
 
 #include "base/bytes.h"
@@ -33,11 +33,11 @@ enum umb_status umb__occluder_depth_load(const uint8_t *bytes, uint64_t length,
 
 struct checker {
     const uint32_t *words;
-    uint64_t count, next; /* the first word that was not read */
+    uint64_t count, next; /* First word that is not read yet */
     uint32_t log2_size;
 };
 
-/* The next `count` words; NULL if there are fewer. */
+/* Returns the next `count` words; NULL if there are fewer. */
 static const uint32_t *take(struct checker *c, uint64_t count)
 {
     if (c->count - c->next < count) {
@@ -52,14 +52,14 @@ static bool in_range(const struct checker *c, int64_t value)
     return value >= 0 && value <= (int64_t)1 << c->log2_size;
 }
 
-/* c is kept from where sums would overflow. */
+/* Refuses a c with which sums could overflow. */
 static bool plane_is_sane(const uint32_t *plane)
 {
     const int32_t high = (int32_t)plane[1];
     return high > -(1 << 24) && high < 1 << 24;
 }
 
-/* A plane's extremes over a square lie at its corners. */
+/* Checks a plane over a square by its corners, where its extremes lie. */
 static bool plane_fits(const struct checker *c, const uint32_t *plane, uint32_t x, uint32_t y,
                        uint32_t side)
 {
@@ -69,14 +69,14 @@ static bool plane_fits(const struct checker *c, const uint32_t *plane, uint32_t 
            in_range(c, umb__occluder_depth_wide_plane(plane, x + side - 1, y + side - 1));
 }
 
-/* Words of a block's record; 0 if there is no such kind. */
+/* Returns the words of a block's record; 0 if there is no such kind. */
 static uint32_t block_words(uint32_t kind, uint32_t planes)
 {
     const uint32_t width = kind % UMB__OCCLUDER_DEPTH_MASKED;
     if (width <= UMB__OCCLUDER_DEPTH_WIDTH_MAX) {
         return (kind >= UMB__OCCLUDER_DEPTH_MASKED ? 5 : 3) + 2 * width;
     }
-    /* the least width that holds all planes of the square */
+    /* Least width that holds the numbers of all planes */
     return kind > UMB__OCCLUDER_DEPTH_CHOICE && kind <= UMB__OCCLUDER_DEPTH_CHOICE + 4 &&
                    planes >> (kind - UMB__OCCLUDER_DEPTH_CHOICE) == 0
                ? 2 * (kind - UMB__OCCLUDER_DEPTH_CHOICE)
@@ -110,7 +110,7 @@ static bool block_fits(struct checker *c, uint32_t reference, const uint32_t *sq
     return true;
 }
 
-/* A square of planes: every block is answered once at most. */
+/* Checks a square of planes: each block is answered at most once. */
 static bool planes_fit(struct checker *c)
 {
     const uint32_t *square = take(c, 1);
@@ -147,7 +147,7 @@ static bool planes_fit(struct checker *c)
     return true;
 }
 
-/* A square at (x, y) of its level, counted in squares. Recursion ends at level 6. */
+/* Checks a square at (x, y) of its level, counted in squares. Recursion ends at level 6. */
 static bool square_fits(struct checker *c, uint32_t reference, uint32_t level, uint32_t x,
                         uint32_t y)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Memory of the exchange form; see octree.h. */
+/* Memory of the octree; see octree.h. */
 #include "format/octree.h"
 
 #include <string.h>

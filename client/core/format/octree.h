@@ -27,7 +27,7 @@ enum umb_node_state {
 struct umb_octree_level {
     uint32_t count;
     uint16_t *masks;    /* [count], 2 bits a child */
-    uint32_t *first;    /* [count + 1], where a node's mixed children start in children */
+    uint32_t *first;    /* [count + 1], index in children of a node's first mixed child */
     uint32_t *children; /* [first[count]], node numbers in the level below (bricks for level 4) */
 };
 

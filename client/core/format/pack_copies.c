@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_copies.h. Runs of neighbours are measured for themselves, so that helpers share them,
- * each on a walk of its own. Only where frusta are so small that their roots are in the lowest band
- * may one tree stand in another: there one walk visits all runs, one after the other.
+ * See pack_copies.h. Each run of neighbouring roots is measured by itself, so helpers share the
+ * runs, each on a walk of its own. Only where frusta are so small that their roots are in the
+ * lowest band may one tree be part of another. Then one walk visits all runs in order.
  */
 #include "format/pack_copies.h"
 
@@ -10,20 +10,20 @@
 
 #include "base/memory.h"
 
-/* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
- * quarter larger (docs/results/paging.md), as references, which copies make unnecessary, take
- * much. That is asked of 16384 roots or a few more, in runs of neighbours. */
+/* Bytes that the lowest band may take with copies: 12/5 of its nodes, each once. The file is then
+ * about a quarter larger (docs/results/paging.md), since copies save references, which take much.
+ * The ratio is estimated from 16384 roots or a few more, in runs of neighbours. */
 #define COPIES_MAX_FIFTHS 12U
 #define SAMPLE_ROOTS      16384U
 #define SAMPLE_RUN        64U
 
-/* Runs that are visited before it is asked whether they took too much already. */
+/* Runs that are visited between two checks for too many bytes. */
 #define ROUND_RUNS 32U
 
-/* More walks would take more memory, two bits a node each, than they save time. */
+/* Most walks: each takes two bits a node, and more would not save time. */
 #define SAMPLERS_MOST 8U
 
-/* One walk, and where it writes its open page. */
+/* One walk, and the place of its open page. */
 struct sampler {
     struct umb__pack_walk walk;
     struct umb__pack_order order;
@@ -33,8 +33,8 @@ struct sampler {
 struct sample {
     const struct umb__node_list *roots;
     struct sampler *samplers;
-    unsigned sampler_count; /* each takes every so manieth run of a round */
-    size_t step;            /* every how many runs one is visited */
+    unsigned sampler_count; /* Number of samplers; they share the runs of a round in turn */
+    size_t step;            /* Distance between two visited runs */
     size_t first_run;       /* of the round */
     size_t round_runs;
 };
@@ -56,7 +56,7 @@ uint64_t umb__pack_copies_most(const struct umb__pack_survey *survey,
     for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END; level++) {
         own_bytes += survey->bytes[level];
     }
-    return /* at most 2^40 bytes, 2^15 roots */
+    return /* At most 2^40 bytes, 2^15 roots */
         roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * asked / (5 * roots->count);
 }
 
@@ -80,7 +80,7 @@ static enum umb_status sampler_begin(struct sampler *sampler, const struct umb__
     return complete ? UMB_OK : UMB_E_NO_MEMORY;
 }
 
-/* The first root of a run that is visited; count: of its roots. */
+/* Returns the first root of a visited run. Out: count: number of its roots. */
 static size_t run_first(const struct sample *s, size_t run, size_t *count)
 {
     const size_t first = run * s->step * SAMPLE_RUN;
@@ -101,7 +101,7 @@ static void visit_run(const struct sample *s, struct sampler *sampler, size_t ru
     }
 }
 
-/* A sampler's runs of a round. */
+/* Visits a sampler's runs of a round. */
 static void run_job(void *user, uint32_t job, unsigned worker)
 {
     const struct sample *s = user;
@@ -111,7 +111,7 @@ static void run_job(void *user, uint32_t job, unsigned worker)
     }
 }
 
-/* Visits the runs until they take too much. In: runs: how many. */
+/* Visits the runs until they take too much. In: runs: their number. */
 static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
                                   const struct umb_workers *workers, uint64_t *bytes)
 {
@@ -135,7 +135,7 @@ static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
     return status;
 }
 
-/* True if no root stands below another, and none is there twice. */
+/* True if no root stands below another, and no two are equal. */
 static bool roots_are_apart(const struct umb_octree *octree)
 {
     bool apart = true;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See pack_order.h. Bands and their roots; what happens on the way is pack_walk's. */
+/* See pack_order.h. This file has the bands and their roots; pack_walk.c has the walk below
+ * them. */
 #include "format/pack_order.h"
 
 #include <stdbool.h>
@@ -18,7 +19,7 @@ struct umb__pack_ordering {
     struct umb__pack_survey survey;
     struct umb__pack_walk walk;
     struct umb__node_list roots; /* of the lowest band */
-    size_t next_root;            /* of these, to be visited next */
+    size_t next_root;            /* Index of the next root to visit */
     bool complete;
     const struct umb_alloc *alloc;
 };
@@ -49,7 +50,7 @@ static enum umb_status allocate(struct umb__pack_ordering *o)
     return complete ? UMB_OK : no_memory(t->error);
 }
 
-/* Visits roots until the order has so many pages, and says which is the next one. */
+/* Visits roots until the order has so many pages. Returns the next root. */
 static enum umb_status visit_roots(struct umb__pack_walk *t, const struct umb__node_list *roots,
                                    size_t *next, uint32_t most_pages)
 {
@@ -77,7 +78,7 @@ static bool has_low_roots(const struct umb_octree *octree)
     return has;
 }
 
-/* Visits all of the lowest band with copies, and takes them back if they take too much. */
+/* Visits the whole lowest band with copies, and undoes it if the copies take too much. */
 static enum umb_status visit_all_with_copies(struct umb__pack_ordering *o, bool *worth)
 {
     struct umb__pack_walk *t = &o->walk;
@@ -92,8 +93,8 @@ static enum umb_status visit_all_with_copies(struct umb__pack_ordering *o, bool 
     return status;
 }
 
-/* The band of the bricks: with copies of what its trees share, if that costs little; those are made
- * step by step. */
+/* Orders the band of the bricks. Its trees have copies of shared nodes if that costs little; such
+ * pages are made step by step. */
 static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
                                          const struct umb_workers *workers)
 {
@@ -118,7 +119,7 @@ static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
     return status;
 }
 
-/* The band's roots: those of frusta, and what the band above ended in. */
+/* Collects the band's roots: those of frusta, and the nodes that the band above led to. */
 static enum umb_status find_roots(struct umb__pack_walk *t, uint32_t band_high,
                                   struct umb__node_list *roots)
 {
@@ -155,7 +156,7 @@ static enum umb_status visit_bands(struct umb__pack_ordering *o, const struct um
     return status;
 }
 
-/* Notes the pages of every 16th ordinal of each level, and of the last. */
+/* Records the pages of every 16th ordinal of each level, and of the last. */
 static enum umb_status make_hints(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
@@ -225,7 +226,8 @@ bool umb__pack_order_complete(const struct umb__pack_ordering *o)
     return o->complete;
 }
 
-/* What one page that stands alone may hold of a level: less than its target, and one whole tree. */
+/* Returns the most bytes of a level in one independent page: less than the target, and one whole
+ * tree. */
 static size_t page_nodes_most(uint32_t level)
 {
     return UMB__PAGE_RAW_TARGET / 2 + ((size_t)1 << 3 * (UMB__LOWEST_END - 1 - level));

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_pages.h. Pages are independent of one another, so helpers share them; only their order
- * is made by one thread at a time.
+ * See pack_pages.h. Pages are independent jobs, so helpers share them; only one thread at a time
+ * makes their order.
  */
 #include "format/pack_pages.h"
 
@@ -18,11 +18,11 @@
 #include "format/page.h"
 
 /*
- * How pages are compressed: they are short, so that tables small enough for the first-level cache
- * find as much as large ones. Pages that refer to others repeat little but for neighbours: with
- * tables of 512 entries they take no more bytes than with 4096, and a quarter less time, as matches
- * that would cost more than they save are not found. Level 6 saves 5 % and takes three times as
- * long (docs/results/bakes.md). Outside the identity, so it may change.
+ * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as much as
+ * large ones. Pages with references repeat little except for neighbours. With tables of 512 entries
+ * they take no more bytes than with 4096, and a quarter less time, as useless matches are not
+ * found. Level 6 would save 5 % and take three times as long (docs/results/bakes.md). Compression
+ * is outside the identity, so it may change.
  */
 #define TABLE_LOG2_ALONE  12
 #define TABLE_LOG2_REFERS 9
@@ -31,15 +31,15 @@
 /* Pages that are ordered in a round, for each worker. */
 #define STEP_PAGES (2 * UMB__DIGESTS)
 
-/* Compressed pages, one behind the other. */
+/* Compressed pages, contiguous. */
 struct chunk {
     struct chunk *next;
     size_t used, size;
     uint8_t bytes[];
 };
 
-/* Sizes of a worker's first chunk, and of those that it doubles to: few large pages of the system,
- * and little that a small asset does not need. */
+/* Sizes of a worker's first chunk and of its largest: chunks double in size. So the system gives
+ * few large pages, and small assets need little. */
 #define CHUNK_FIRST ((size_t)64 << 10)
 #define CHUNK_MOST  (((size_t)4 << 20) - sizeof(struct chunk))
 
@@ -49,13 +49,13 @@ struct raw_page {
     size_t size, capacity;
 };
 
-/* What one worker has to itself. */
+/* Data of one worker. */
 struct umb__page_worker {
     struct umb__page_encoder encoder;
     ZSTD_CCtx *zstd;
-    struct raw_page raw[UMB__DIGESTS]; /* the pages of a job, until they are hashed together */
+    struct raw_page raw[UMB__DIGESTS]; /* Pages of a job, until they are hashed together */
     struct chunk *chunks;              /* the last one first */
-    enum umb_status status;            /* of the first page it failed at */
+    enum umb_status status;            /* Status of the first failed page */
     struct umb_error error;
 };
 
@@ -66,11 +66,11 @@ struct packing {
     int (*cancelled)(void); /* or NULL */
     struct umb__pack_pages *pages;
     struct umb__pack_ordering *ordering;
-    uint32_t step; /* pages that are ordered in a round */
+    uint32_t step; /* Pages ordered in a round */
     bool orders;   /* this round orders some */
     enum umb_status ordered;
-    uint32_t done, ready; /* turns of pages that are made, and of those that are ordered */
-    uint32_t alone;       /* of the latter stand alone */
+    uint32_t done, ready; /* Numbers of finished and of ordered pages */
+    uint32_t alone;       /* Number of independent pages among the ordered ones */
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -122,7 +122,7 @@ static enum umb_status compress_page(const struct packing *p, struct umb__page_w
     return UMB_OK;
 }
 
-/* Puts the encoded page among those to be hashed; the encoder goes on with the one before. */
+/* Adds the encoded page to those to be hashed; the encoder goes on with the one before. */
 static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
 {
     const struct raw_page before = *raw;
@@ -132,7 +132,7 @@ static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
     e->raw_capacity = before.capacity;
 }
 
-/* Writes a page's entry but for its hash. In: number: of the page in its job. */
+/* Writes a page's entry without its hash. In: number: of the page in its job. */
 static enum umb_status write_page(const struct packing *p, struct umb__page_worker *worker,
                                   uint32_t page, uint32_t number)
 {
@@ -179,15 +179,15 @@ static enum umb_status hash_pages(const struct packing *p, struct umb__page_work
     return UMB_OK;
 }
 
-/* The page of a turn. Pages that stand alone take the first turns, as they are ordered last but
- * need nothing besides. */
+/* Returns the page of a turn. Independent pages take the first turns: they are ordered last, but
+ * need nothing else. */
 static uint32_t page_of_turn(const struct umb__pack_order *order, uint32_t alone, uint32_t turn)
 {
     return turn < alone ? order->alone_from + turn : turn - alone;
 }
 
-/* Some pages, whose hashes are made together; after a failure of its own a worker leaves the others
- * out. */
+/* Makes some pages and hashes them together; after a failure of its own a worker skips the
+ * others. */
 static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
 {
     struct umb__page_worker *worker = &p->pages->workers[number];
@@ -206,8 +206,8 @@ static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
     }
 }
 
-/* A job of a round: the first one orders the pages of the next, the others make those that are
- * ordered. */
+/* A job of a round: the first job orders the pages of the next round, the others make the ordered
+ * pages. */
 static void round_job(void *user, uint32_t job, unsigned number)
 {
     struct packing *p = user;
@@ -220,7 +220,7 @@ static void round_job(void *user, uint32_t job, unsigned number)
     }
 }
 
-/* In: alone: for pages of which most refer to no other. */
+/* In: alone: for pages most of which are independent. */
 static ZSTD_CCtx *compressor_create(bool alone)
 {
     const struct {
@@ -253,7 +253,7 @@ static enum umb_status create_workers(struct umb__pack_pages *pages, struct umb_
     return complete ? UMB_OK : no_memory(error);
 }
 
-/* Makes room for what the round makes and, with helpers, for what it orders. */
+/* Makes room for the pages that the round makes and, with helpers, for those that it orders. */
 static enum umb_status begin_round(struct packing *p, bool helped, struct umb_error *error)
 {
     struct umb__pack_pages *pages = p->pages;
@@ -283,8 +283,8 @@ static enum umb_status end_round(struct packing *p, struct umb_error *error)
     return p->ordered;
 }
 
-/* Makes all pages. While pages that stand alone are ordered by one thread, others make those that
- * were ordered in the round before. Rounds are short, as nothing is made in the first one. */
+/* Makes all pages. One thread orders independent pages while others make those ordered in the round
+ * before. Rounds are short, since the first one makes no page. */
 static enum umb_status make_pages(struct packing *p, const struct umb_workers *workers,
                                   struct umb_error *error)
 {
@@ -300,7 +300,8 @@ static enum umb_status make_pages(struct packing *p, const struct umb_workers *w
         if (workers) {
             workers->run(workers->user, round_job, p, jobs);
         } else {
-            for (uint32_t job = jobs; job-- > 0;) { /* what was just ordered is in the cache */
+            for (uint32_t job = jobs; job-- > 0;) { /* The pages ordered last are still in the
+                                                       cache */
                 round_job(p, job, 0);
             }
         }

@@ -19,7 +19,8 @@ struct umb__pack_pages {
     struct umb__pack_order order;
     uint8_t **stored; /* [order.page_count] compressed pages; lengths are in the entries */
     uint8_t
-        *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but where pages stand in the file */
+        *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but the places of pages in the
+                     file */
     struct umb__page_worker *workers; /* [worker_count] */
     unsigned worker_count;
     size_t stored_capacity, entries_capacity; /* pages */

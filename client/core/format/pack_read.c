@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_read.h. Two passes: all pages are uncompressed and parsed, which tells how many nodes
- * each has; then nodes go into a pool, level by level from the bricks up, so that copies of a node
- * in several pages become one again. Numbers follow the order of the file. The counts announced in
- * the canonical block must be those found, or more where a writer had merged less.
+ * See pack_read.h. There are two passes. The first uncompresses and parses all pages, which gives
+ * the number of their nodes. The second adds the nodes to a pool, level by level from the bricks
+ * up, so that copies of a node in several pages become one again. Numbers follow the order of the
+ * file. The counts in the canonical block must be those found, or larger if the writer merged less.
  *
- * The file may be a map that somebody else overwrites meanwhile: an entry of the directory is
- * loaded once for a use and checked against the memory there is; nodes are only taken from the
- * pages' private copies.
+ * Another process may overwrite a mapped file at any time. So an entry of the directory is loaded
+ * once a use and checked against the memory held, and nodes are read only from private copies of
+ * the pages.
  */
 #include "format/pack_read.h"
 
@@ -35,12 +35,12 @@ struct reader {
     const struct umb_alloc *alloc;
     struct umb_error *error;
     ZSTD_DCtx *zstd;
-    uint8_t *raw;            /* all pages, uncompressed, one after the other */
+    uint8_t *raw;            /* All pages, uncompressed and contiguous */
     struct umb__page *pages; /* [page count], pointing into raw */
-    page_numbers *first;     /* [page count], where numbers of a page's nodes of a level begin */
-    uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* in the pool, of the nodes of all pages */
-    uint32_t *others; /* in the pool, of the nodes in other pages that a level of a page leads to */
-    uint64_t *leaves; /* of a page; both have room for those of any */
+    page_numbers *first;     /* [page count], first number of a page's nodes of each level */
+    uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
+    uint32_t *others; /* Pool numbers of the nodes in other pages that a level of a page leads to */
+    uint64_t *leaves; /* Leaves of a page; both arrays have room for those of any page */
     struct umb_pool pool;
 };
 
@@ -85,7 +85,7 @@ static enum umb_status parse_one(struct reader *r, const struct umb__page_entry 
     return status == UMB_OK ? umb__page_open(raw, entry, &r->pages[entry->page], r->error) : status;
 }
 
-/* First pass. Afterwards totals[level] nodes are known to be there, backed by real bytes. */
+/* First pass. Afterwards totals[level] nodes are known to exist, backed by real bytes. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -122,7 +122,7 @@ static enum umb_status wrong_counts(struct umb_error *error)
     return umb_fail(error, UMB_E_CORRUPT, "counts: not the nodes that the pages hold");
 }
 
-/* Room for the tables of any page. */
+/* Allocates the tables, large enough for any page. */
 static bool allocate_tables(struct reader *r)
 {
     uint32_t others = 0, leaves = 0;
@@ -138,7 +138,8 @@ static bool allocate_tables(struct reader *r)
     return r->others && r->leaves;
 }
 
-/* In: totals: nodes of all pages, copies included: what is counted is not more. */
+/* Checks the counts. In: totals: nodes of all pages, copies included: the counts cannot be
+ * larger. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
 {
@@ -157,7 +158,7 @@ static enum umb_status allocate_numbers(struct reader *r, const struct umb__cano
                : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for a page's tables");
 }
 
-/* The number of a node in any page; all of its level are in the pool. */
+/* Returns the pool's number of a node in any page; all nodes of its level are in the pool. */
 static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
                                uint32_t position, uint32_t *number)
 {
@@ -169,7 +170,7 @@ static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t 
     return UMB_OK;
 }
 
-/* Numbers of the nodes in other pages that a level of a page leads to. */
+/* Finds the numbers of the nodes in other pages that a level of a page leads to. */
 static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 {
     const struct umb__page *page = &r->pages[p];
@@ -182,7 +183,7 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
     return status == UMB_OK ? UMB_OK : umb__in_page(r->error, p, status);
 }
 
-/* The keys of the next nodes of a level of a page, whose others are read. */
+/* Reads the keys of a page's next nodes of a level; the nodes in other pages are known. */
 static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
                       uint32_t count, struct umb__node_group *group)
 {
@@ -238,8 +239,8 @@ static enum umb_status add_bricks(struct reader *r, uint32_t p)
 }
 
 /*
- * In: most: nodes that the canonical block counts. All nodes of a canonical tree differ, so that
- * there are as many; of another tree, which readers take as well, there may be fewer.
+ * In: most: nodes that the canonical block counts. All nodes of a canonical tree differ, so there
+ * are as many; of another tree, which readers accept as well, there may be fewer.
  */
 static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64_t most)
 {
@@ -254,7 +255,7 @@ static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64
     return status == UMB_OK && found > most ? wrong_counts(r->error) : status;
 }
 
-/* Second pass. Whatever the pages say, the pool never holds more than the counts and a page. */
+/* Second pass. For any pages, the pool never holds more than the counts and one page. */
 static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *canonical)
 {
     enum umb_status status = UMB_OK;
@@ -266,7 +267,7 @@ static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *
     return status;
 }
 
-/* Hands the pool over with its roots. */
+/* Turns the pool into the octree with its roots. */
 static enum umb_status take_octree(struct reader *r, const struct umb__canonical *canonical,
                                    struct umb_octree *octree)
 {
@@ -291,8 +292,9 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
     return status;
 }
 
-/* Bytes of all but the pool: the pages, parsed, the numbers of their nodes, the tables of the
- * longest, whose leaves and nodes in other pages take a byte at least, and the roots. */
+/* Returns the bytes of everything but the pool: the pages, parsed, the numbers of their nodes, the
+ * tables of the longest page, whose leaves and nodes in other pages take at least a byte each, and
+ * the roots. */
 static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
     uint64_t bytes =
@@ -307,8 +309,8 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
     return bytes + root_count * (sizeof(struct umb_octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
-/* Bytes of nodes that have eight children each, the most. The counts are below 2^32 each, so that
- * nothing overflows. */
+/* Returns the bytes of nodes of eight children each, the most. The counts are below 2^32 each, so
+ * no sum overflows. */
 static uint64_t node_bytes(const struct umb__canonical *canonical)
 {
     uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
@@ -318,7 +320,7 @@ static uint64_t node_bytes(const struct umb__canonical *canonical)
     return bytes;
 }
 
-/* Refuses what cannot fit; sets the pool's budget. */
+/* Refuses a file that cannot fit; sets the pool's budget. */
 static enum umb_status plan_memory(struct reader *r, const struct umb__canonical *canonical,
                                    uint64_t raw_total, uint64_t max_memory_bytes)
 {
@@ -376,7 +378,7 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
     return status;
 }
 
-/* Uncompressed pages that follow one another, to be hashed together. */
+/* Uncompressed consecutive pages, to be hashed together. */
 struct batch {
     uint8_t *raw; /* [UMB__PAGE_RAW_MAX] */
     size_t raw_size;
@@ -385,7 +387,7 @@ struct batch {
     size_t sizes[UMB__DIGESTS];
 };
 
-/* Uncompresses as many pages as there is room for, at least one. */
+/* Uncompresses as many pages as fit, at least one. */
 static enum umb_status batch_fill(struct batch *batch, ZSTD_DCtx *zstd, const uint8_t *file,
                                   const struct umb__head *head, struct umb_error *error)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See pack_survey.h. Children of what is reached are reached, so one pass a level is enough. */
+/* See pack_survey.h. Children of reached nodes are reached, so one pass a level is enough. */
 #include "format/pack_survey.h"
 
 #include <string.h>
@@ -23,7 +23,7 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
 }
 
-/* Marks the roots, which have to exist. */
+/* Marks the roots, and checks that they exist. */
 static enum umb_status mark_roots(struct surveyor *s)
 {
     for (uint32_t i = 0; i < s->octree->root_count; i++) {
@@ -42,7 +42,7 @@ static enum umb_status mark_roots(struct surveyor *s)
     return UMB_OK;
 }
 
-/* Proves that a node has a possible mask and leads to nodes that exist, and marks those. */
+/* Checks that a node has a possible mask and leads to existing nodes, and marks those. */
 static enum umb_status survey_node(struct surveyor *s, uint32_t number, uint32_t node)
 {
     const struct umb_octree_level *level = &s->octree->level[number];

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * See pack_walk.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
- * Most of a traversal is finding that a child stands somewhere already. That, and whether it is in
- * the open page, are two bits a node, which fit the cache where ordinals do not.
+ * Most of the work is to find that a child was visited before. Whether it was, and whether it is in
+ * the open page, are two bits a node, which fit the cache better than ordinals.
  */
 #include "format/pack_walk.h"
 
@@ -13,13 +13,13 @@
 
 #define STACK_MAX (8 * UMB_LEVEL_MAX + 8) /* at most 8 pending children a level */
 #define PAGES_MAX (UINT32_MAX - 1)
-#define NODES_MAX UINT32_MAX /* of a level, copies included */
+#define NODES_MAX UINT32_MAX /* Most nodes of a level, copies included */
 
-/* What became of a node so far. */
+/* State of a node so far. */
 enum node_state {
     NOT_MET = 0,
-    WAITS = 1,  /* met by a band above, as a root of the next */
-    BEFORE = 2, /* stands in a closed page only */
+    WAITS = 1,  /* Met by a band above, and a root of the next band */
+    BEFORE = 2, /* Written, in a closed page only */
     HERE = 3,   /* stands in the open page */
 };
 
@@ -93,7 +93,7 @@ enum umb_status umb__pack_close_page(struct umb__pack_walk *t)
     return t->sample ? UMB_OK : add_page(t);
 }
 
-/* Writes a node at the end of the open page, where it will take so many bytes, roughly. */
+/* Writes a node at the end of the open page. In: bytes: its estimated size. */
 static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node, size_t bytes)
 {
     struct umb__pack_order *order = t->order;
@@ -113,11 +113,12 @@ static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node
     }
     order->nodes[node.level][ordinal] = node.index;
     t->next[node.level] = ordinal + 1;
-    /* Pages that stand alone end between the trees of two roots. */
+    /* Closes the open page if it is full; independent pages end between the trees of two roots. */
     return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
 }
 
-/* True if a node stands where it is needed: anywhere, or in the open page if that stands alone. */
+/* True if a node was written where it is needed: anywhere, or in the open page if that is
+ * independent. */
 static bool is_placed(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
     return state_of(t, node) >= (t->alone ? HERE : BEFORE);
@@ -134,7 +135,7 @@ enum umb_status umb__node_list_add(const struct umb__pack_walk *t, struct umb__n
     return UMB_OK;
 }
 
-/* Lets a node of the next band wait, once. */
+/* Adds a node to the roots of the next band, once. */
 static enum umb_status wait_for_next_band(struct umb__pack_walk *t, struct umb__node_ref child)
 {
     if (state_of(t, child) != NOT_MET) {
@@ -144,15 +145,15 @@ static enum umb_status wait_for_next_band(struct umb__pack_walk *t, struct umb__
     return umb__node_list_add(t, &t->waiting, child);
 }
 
-/* Nodes that are to be visited; the last one first. */
+/* Nodes to be visited; the last one is visited first. */
 struct stack {
     struct umb__node_ref nodes[STACK_MAX];
     size_t depth;
 };
 
 /*
- * Looks at what a node leads to: children that stand nowhere yet and are to be visited in this band
- * go on the stack, but for bricks. Returns what the node will take in the open page, roughly.
+ * Reads a node's children. Those that are not written yet and belong to this band go on the stack,
+ * except bricks. Returns the node's estimated bytes in the open page.
  */
 static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, struct stack *stack)
 {
@@ -163,7 +164,7 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     const enum node_state stands = t->alone ? HERE : BEFORE;
     const size_t depth = stack->depth;
     size_t bytes = umb__node_estimate(end - first);
-    /* The stack gives children back in reverse, so the last one goes first. */
+    /* The stack returns children in reverse, so the last one is pushed first. */
     for (uint32_t i = end; i-- > first;) {
         const struct umb__node_ref child = {node.level - 1, level->children[i]};
         const enum node_state state = state_of(t, child);
@@ -179,7 +180,7 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     return bytes;
 }
 
-/* Bricks stand right behind the node above them; what is read of them is asked for together. */
+/* Writes a node's bricks right behind it; their data are prefetched together. */
 static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *bricks,
                                     uint32_t count)
 {
@@ -194,7 +195,7 @@ static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *br
     return status;
 }
 
-/* What follows a node besides what is on the stack: bricks, or children that wait. */
+/* Handles the children that do not go on the stack: bricks, and roots of the next band. */
 static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref node)
 {
     const struct umb_octree_level *level = &t->octree->level[node.level];
@@ -210,7 +211,7 @@ static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref nod
     return status;
 }
 
-/* Asks for the states of what a node leads to, which is to be visited next but one. */
+/* Prefetches the states of the children of the node that is visited after the next. */
 static void ask_for_states(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
     const struct umb_octree_level *level = &t->octree->level[node.level];

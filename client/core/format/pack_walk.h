@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_WALK_H
 #define UMBRAGE_CORE_FORMAT_PACK_WALK_H
 /*
- * The way through an octree on which pages are filled: depth first from the roots of a band, which
+ * The walk through an octree that fills pages: depth first from the roots of a band, as
  * pack_order.h explains. Pages go into an order, or are only measured, for a sample of them.
  */
 #include <stdbool.h>
@@ -20,18 +20,19 @@ struct umb__pack_walk {
     const struct umb__pack_survey *survey;
     struct umb__pack_order *order;
     struct umb_error *error;
-    uint64_t *states[UMB_LEVEL_MAX + 1]; /* what became of each node, two bits */
+    uint64_t *states[UMB_LEVEL_MAX + 1]; /* State of each node, two bits */
     uint32_t next[UMB_LEVEL_MAX + 1];    /* ordinal */
     size_t page_bytes;                   /* estimate for the open page */
     uint64_t closed_bytes;               /* estimate of pages closed since this was 0 */
     struct umb__node_list waiting;       /* roots of the next band */
     uint32_t band_low;
-    bool alone;         /* the band's pages refer to no other */
-    bool numbers_roots; /* ordinals are noted of roots only: no page refers to another node */
-    bool sample;        /* pages are only measured: the order gets none, and its ordinals stay */
+    bool alone;         /* The band's pages are independent */
+    bool numbers_roots; /* Only roots get ordinals: no page refers to another node */
+    bool sample;        /* Pages are only measured: the order gets no page, and keeps its
+                           ordinals */
 };
 
-/* Makes the states of the levels [low, high]. False: out of memory. */
+/* Allocates the states of the levels [low, high]. False: out of memory. */
 bool umb__pack_walk_begin(struct umb__pack_walk *walk, uint32_t low, uint32_t high);
 void umb__pack_walk_finish(struct umb__pack_walk *walk);
 
@@ -50,7 +51,7 @@ UMB_CHECKED enum umb_status umb__pack_visit_root(struct umb__pack_walk *walk,
 /* Ends the open page, if it holds anything. Fails: as umb__pack_visit_root. */
 UMB_CHECKED enum umb_status umb__pack_close_page(struct umb__pack_walk *walk);
 
-/* Takes back what the levels below `end` were given since the order had so many pages. */
+/* Undoes the visits of levels below `end` since the order had so many pages. */
 void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end);
 
 #endif

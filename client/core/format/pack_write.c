@@ -46,7 +46,7 @@ static void writer_finish(struct writer *w)
     umb__free(w->alloc, w->blocks);
 }
 
-/* Content plus the roots' places, as the canonical block wants them. */
+/* The content with the roots' places, as the canonical block needs them. */
 static enum umb_status encode_canonical(struct writer *w, const struct umb_content *content,
                                         uint8_t **bytes, uint64_t *length)
 {
@@ -71,7 +71,7 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
     return status;
 }
 
-/* Where pages and blocks stand, and the blocks' checks and hashes. False: no digest. */
+/* Computes the places of pages and blocks, and the blocks' checks and hashes. False: no digest. */
 static bool lay_out(struct writer *w, struct umb__head *head)
 {
     const uint32_t count = w->pages.order.page_count;
@@ -153,7 +153,7 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
     return UMB_OK;
 }
 
-/* What a program hands over and a reader would refuse is that program's mistake. */
+/* A content that a reader would refuse is the caller's mistake. */
 static enum umb_status check_content(const struct umb_content *content, struct umb_error *error)
 {
     size_t length = content->notes ? strlen(content->notes) : 0;

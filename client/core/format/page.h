@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_CORE_FORMAT_PAGE_H
 #define UMBRAGE_CORE_FORMAT_PAGE_H
 /*
- * One page of a packed file, uncompressed. Decodes alone: references are numbers into the page's
- * own nodes of the level below, then into its table of nodes in other pages. Most lead to the node
- * of the level below that nothing led to so far; these are not written: the mask says so.
- * Numbers and lists are those of base/numbers.h.
+ * One page of a packed file, uncompressed. A page is decoded without others. References are numbers
+ * into the page's own nodes of the level below, then into its table of nodes in other pages. Most
+ * references lead to the first node of the level below without a reference so far. These are not
+ * written: the mask marks them. Numbers and lists are those of base/numbers.h.
  *
  *   u8 encoding (2), u8 level_high, u8 level_low
  *   number node_count, for each level from high down to low
@@ -26,8 +26,8 @@
  *     u8 runs[node_count of level 3] bit z: slice z differs from slice z - 1; bit 0 is set
  *     list leaf numbers[set bits of all runs]   below leaf_count
  *
- * The next node is the one behind all of the page's own that masks and references of the level have
- * led to before; at first the page's first.
+ * The next node is the one behind all of the page's own nodes that masks and references of the
+ * level have led to before; at the beginning it is the page's first.
  */
 #include "base/bytes.h"
 #include "base/numbers.h"
@@ -44,17 +44,17 @@ struct umb__page {
     const uint8_t *external_positions[UMB_LEVEL_MAX + 1]; /* differences */
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
     uint64_t child_count[UMB_LEVEL_MAX + 1]; /* mixed children of all nodes of the level */
-    /* Written ones; [3] leaf numbers. */
+    /* References that are written; [3]: leaf numbers. */
     struct umb__number_list references[UMB_LEVEL_MAX + 1];
     uint32_t leaf_count;
-    const uint8_t *leaves; /* which rows differ, then these */
+    const uint8_t *leaves; /* Bits for the rows that differ, then these rows */
     const uint8_t *runs;
 };
 
 /*
- * Parses a raw page and checks all that can be checked inside it: lengths, numbers, masks,
- * references, leaf numbers. References to other pages are checked by the reader of the whole file.
- * Trust: safe on hostile bytes. Fails: E_CORRUPT, E_VERSION (another encoding).
+ * Parses a raw page and checks everything inside it: lengths, numbers, masks, references, leaf
+ * numbers. The reader of the whole file checks references to other pages. Trust: safe on hostile
+ * bytes. Fails: E_CORRUPT, E_VERSION (another encoding).
  */
 UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__page *page,
                                             struct umb_error *error);
@@ -104,7 +104,7 @@ static inline struct umb__node_place umb__page_others_next(struct umb__page_othe
 struct umb__page_nodes {
     const uint8_t *masks;
     struct umb__list_reader references;
-    uint32_t own;  /* nodes of the level below in the page */
+    uint32_t own;  /* Number of the page's own nodes of the level below */
     uint32_t next; /* of those */
 };
 
@@ -115,8 +115,8 @@ static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *pag
                                     .own = page->node_count[level - 1]};
 }
 
-/* Bits of the children of a mask as it stands in a page that are the next nodes: the lower bit of
- * each. */
+/* Returns the bits of the children that are the next nodes, in a mask as it stands in a page: the
+ * lower bit of each child. */
 static inline unsigned umb__page_mask_next(unsigned mask)
 {
     return mask & mask >> 1 & 0x5555U;
@@ -172,19 +172,19 @@ static inline void umb__page_bricks_next(struct umb__page_bricks *bricks, uint64
     }
 }
 
-/* What encoding a page needs, kept from one page to the next. Start zeroed. */
+/* Memory for encoding pages, kept from one page to the next. Start zeroed. */
 struct umb__page_encoder {
-    uint8_t *raw; /* [raw_size] the page encoded last */
+    uint8_t *raw; /* [raw_size] Bytes of the page encoded last */
     size_t raw_size, raw_capacity;
     uint32_t node_count;  /* nodes and bricks in it */
     uint32_t *references; /* of a level */
     size_t references_capacity;
-    uint32_t *positions; /* of a level's nodes in other pages, as differences */
+    uint32_t *positions; /* Positions of a level's nodes in other pages, as differences */
     size_t positions_capacity;
     uint8_t *runs; /* of the bricks */
     size_t runs_capacity;
-    struct umb__value_set table; /* a level's nodes in other pages, or leaves */
-    struct umb__value_set own;   /* the page's nodes of a level, by their number in the octree */
+    struct umb__value_set table; /* Values: a level's nodes in other pages, or leaves */
+    struct umb__value_set own;   /* The page's nodes of a level, by their number in the octree */
 };
 
 /*

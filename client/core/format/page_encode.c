@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The writing half of page.h: level by level from the top, the tables of each as it comes. */
+/* The writing half of page.h: level by level from the top. */
 #include "format/page.h"
 
 #include <stdbool.h>
@@ -22,7 +22,7 @@ struct writer {
     const uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [node_count] in the order of the page */
 };
 
-/* Makes room for at most so many more bytes of the page. NULL: out of memory. */
+/* Makes room for at most that many further bytes of the page. NULL: out of memory. */
 static uint8_t *reserve(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
@@ -34,7 +34,7 @@ static uint8_t *reserve(struct writer *w, size_t most)
     return e->raw + e->raw_size;
 }
 
-/* In: end: of what was written into room made. */
+/* In: end: end of the bytes written into the room. */
 static void keep(struct writer *w, const uint8_t *end)
 {
     w->e->raw_size = (size_t)(end - w->e->raw);
@@ -50,7 +50,7 @@ static unsigned brick_runs(const uint64_t *brick)
     return bits;
 }
 
-/* How many nodes or children ahead of the one at work memory is asked for. */
+/* Distance in nodes or children at which memory is prefetched. */
 #define AHEAD 16U
 
 /* Finds the page's nodes of each level. */
@@ -111,7 +111,7 @@ static bool sort_table(struct writer *w)
 /* Marks a reference to the table; the page's own nodes are numbered by position. */
 #define IN_TABLE 0x80000000U
 
-/* Lists the children of a level's nodes, in their order, and returns how many there are. */
+/* Lists the children of a level's nodes, in their order, and returns their number. */
 static size_t list_children(struct writer *w, uint32_t node_level)
 {
     const struct umb_octree_level *level = &w->octree->level[node_level];
@@ -133,7 +133,7 @@ static size_t list_children(struct writer *w, uint32_t node_level)
     return (size_t)(reference - w->e->references);
 }
 
-/* Turns children into positions in the page, where all of them stand: the set numbers nodes as it
+/* Turns children into positions in the page, if all of them are in it: the set numbers nodes as it
  * meets them, which is their order in the page. False: out of memory. */
 static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 {
@@ -151,7 +151,8 @@ static bool number_own(struct writer *w, uint32_t node_level, size_t count)
     return true;
 }
 
-/* Turns children into positions in the page, or numbers in the table of those in others. */
+/* Turns children into positions in the page, or into numbers of the table of nodes in other
+ * pages. */
 static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
     const uint32_t *ordinals = w->order->ordinals[node_level - 1];
@@ -169,7 +170,7 @@ static void number_all(struct writer *w, uint32_t node_level, size_t count)
     }
 }
 
-/* Writes where the table's nodes, all in other pages, stand: their pages, then their positions. */
+/* Writes the places of the table's nodes, all in other pages: their pages, then their positions. */
 static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *at)
 {
     const struct umb__value_set *table = &w->e->table;
@@ -197,8 +198,8 @@ static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *a
     return at;
 }
 
-/* Writes the masks, in which children that are the next nodes are marked, and moves the references
- * of all others, as they are to be written, to the front. Returns how many these are. */
+/* Writes the masks, which mark children that are the next nodes. Moves the references of all other
+ * children to the front, as they are to be written, and returns their number. */
 static size_t put_masks(const struct writer *w, uint32_t node_level, uint8_t *at)
 {
     const uint16_t *masks = w->octree->level[node_level].masks;
@@ -250,8 +251,8 @@ static void write_nodes(struct writer *w, uint32_t node_level)
     keep(w, umb__put_list(at, w->e->references, written, high_bits));
 }
 
-/* Finds the runs of the page's bricks and the numbers of their leaves, and returns how many these
- * are. */
+/* Finds the runs of the page's bricks and the numbers of their leaves; returns the number of
+ * runs. */
 static size_t list_leaves(struct writer *w)
 {
     const uint32_t *nodes = w->nodes[UMB_LEVEL_BRICK];
@@ -270,8 +271,8 @@ static size_t list_leaves(struct writer *w)
     return (size_t)(reference - w->e->references);
 }
 
-/* Writes the table's leaves: of each which rows differ from those of the one before, then all of
- * these rows. One byte behind them may be overwritten. */
+/* Writes the table's leaves: the bits of the rows in which each leaf differs from the one before,
+ * then all of these rows. One byte behind them may be overwritten. */
 static uint8_t *put_leaves(const struct umb__value_set *table, uint8_t *at)
 {
     uint8_t *row = at + table->count;

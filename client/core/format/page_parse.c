@@ -23,7 +23,7 @@ static bool parse_counts(const uint8_t **at, const uint8_t *end, struct umb__pag
     return true;
 }
 
-/* Takes a list of numbers below a limit. */
+/* Reads a list of numbers below a limit. */
 static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, uint64_t limit,
                       struct umb__number_list *list)
 {
@@ -32,7 +32,7 @@ static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, ui
     return umb__take(at, end, umb__list_bytes(count, high_bits), 1, &list->bytes);
 }
 
-/* Pages, then positions; each place is behind the one before, and both below 2^32. */
+/* Reads pages, then positions; each place is behind the one before, and both are below 2^32. */
 static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint32_t level,
                                     struct umb__page *page, struct umb_error *error)
 {
@@ -60,7 +60,7 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
     return UMB_OK;
 }
 
-/* Counts mixed children, and those of them whose references are written. False: a mask is cut. */
+/* Counts mixed children, and those whose references are written. False: a mask is cut off. */
 static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
                         struct umb__page *page, uint64_t *written)
 {
@@ -184,7 +184,7 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
         page->level_low > page->level_high) {
         return damaged(error, "levels out of range");
     }
-    /* What the page does not have reads as nothing, from an address all the same. */
+    /* Levels that the page lacks read as empty, from a valid address. */
     page->leaves = at;
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         page->references[level].bytes = at;

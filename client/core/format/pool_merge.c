@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One pool added to another, from the bricks up.
+ * Adds one pool to another, from the bricks up.
  *
  * In a large pool nearly every look-up waits for memory, first for its slot, then for the key that
- * the slot names. Here all keys are known beforehand: they are taken in groups, and each step asks
- * for the lines that a later one reads. Between asking for a group's lines and reading them the
- * next group's keys are hashed and its slots asked for.
+ * the slot names. Here all keys are known beforehand. They are taken in groups, and each step
+ * prefetches the lines that a later one reads. Between the prefetch of a group's lines and the
+ * reads, the next group's keys are hashed and its slots prefetched.
  */
 #include <string.h>
 
@@ -14,7 +14,7 @@
 
 #define GROUP UMB__POOL_GROUP
 
-/* Asks for the line that a look-up begins with, if there is a table. */
+/* Prefetches the line that a look-up begins with, if there is a table. */
 static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
 {
     if (slots->words != NULL) {
@@ -22,7 +22,7 @@ static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
     }
 }
 
-/* The number in a slot; 0, which is as good to ask for as any, of an empty one. */
+/* Returns the number in a slot; 0 for an empty slot, which is harmless to prefetch. */
 static uint32_t number_in(const struct umb_hash_slots *slots, size_t place)
 {
     const uint64_t word = slots->words[place];
@@ -36,16 +36,16 @@ struct bricks {
     uint32_t count;
 };
 
-/* Some of them on their way. */
+/* A group of them under way. */
 struct brick_group {
     const uint64_t (*bricks)[8];
     uint32_t count;
     uint32_t tags[GROUP];
     size_t places[GROUP];
-    uint32_t log2_size; /* of the table that they are of */
+    uint32_t log2_size; /* Size of the table that the slots belong to */
 };
 
-/* The bricks from `first` on as a group, none if there are none; asks for their slots. */
+/* Starts a group with the bricks from `first` on, possibly none; prefetches their slots. */
 static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *from,
                               uint32_t first, struct brick_group *group)
 {
@@ -58,7 +58,7 @@ static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *
     }
 }
 
-/* Reads the group's slots; asks for the bricks that they name. */
+/* Reads the group's slots; prefetches the bricks that they name. */
 static void bricks_ahead(const struct umb_pool *pool, struct brick_group *group)
 {
     const struct umb_hash_slots *slots = &pool->brick_slots;
@@ -93,7 +93,7 @@ static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_gro
 static enum umb_status merge_bricks(struct umb_pool *pool, const struct bricks *from,
                                     uint32_t *refs, struct umb_error *error)
 {
-    struct brick_group groups[2]; /* one found, the next asked for */
+    struct brick_group groups[2]; /* One group is found while the next is prefetched */
     enum umb_status status = UMB_OK;
     brick_slots_ahead(pool, from, 0, &groups[0]);
     for (uint32_t first = 0, turn = 0; first < from->count && status == UMB_OK; turn ^= 1) {
@@ -114,7 +114,7 @@ enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*br
     return merge_bricks(pool, &from, refs, error);
 }
 
-/* Asks for the slots of a group of nodes. */
+/* Prefetches the slots of a group of nodes. */
 static void node_slots_ahead(const struct umb_pool *pool, uint32_t level,
                              struct umb__node_group *group, uint32_t count)
 {
@@ -124,7 +124,7 @@ static void node_slots_ahead(const struct umb_pool *pool, uint32_t level,
     }
 }
 
-/* Reads the group's slots; asks for the nodes that they name. */
+/* Reads the group's slots; prefetches the nodes that they name. */
 static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb__node_group *group,
                         uint32_t count)
 {
@@ -138,7 +138,7 @@ static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb
     }
 }
 
-/* Asks for their children. */
+/* Prefetches their children. */
 static void children_ahead(const struct umb_pool *pool, uint32_t number,
                            const struct umb__node_group *group, uint32_t count)
 {
@@ -174,7 +174,7 @@ enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
     return find_nodes(pool, level, group, count, refs, error);
 }
 
-/* Keys with the children's new numbers. */
+/* Makes keys with the children's new numbers. */
 static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_t n,
                       const uint32_t *below, struct umb__node_group *group)
 {
@@ -195,7 +195,7 @@ static enum umb_status merge_nodes(struct umb_pool *pool, const struct umb_pool 
                                    struct umb_error *error)
 {
     const struct umb_pool_level *nodes = &from->level[level];
-    struct umb__node_group groups[2]; /* one found, the next asked for */
+    struct umb__node_group groups[2]; /* One group is found while the next is prefetched */
     enum umb_status status = UMB_OK;
     uint32_t count = nodes->count < GROUP ? nodes->count : GROUP;
     read_keys(nodes, 0, count, numbers->below, &groups[0]);

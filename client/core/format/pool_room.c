@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Room in a pool for one more brick or node, under its budget.
+ * Makes room in a pool for one more brick or node, within its budget.
  *
- * Tables double at three quarters full and are refilled from the old ones; arrays double. Where the
- * budget does not allow that, tables fill to seven eighths and arrays grow by an eighth, so that
- * most of the budget can be used; large arrays always do where that copies nothing.
+ * Tables double at three quarters full and are refilled from the old ones; arrays double. Near the
+ * budget, tables fill to seven eighths and arrays grow by an eighth, so that most of the budget can
+ * be used. Large arrays always grow by an eighth where that copies nothing.
  */
 #include <string.h>
 
@@ -15,7 +15,7 @@
 #define SLOTS_LOG2_MIN 10U
 #define SLOTS_LOG2_MAX 32U /* as many bits as a tag has */
 #define ITEMS_MIN      1024U
-#define LARGE_BYTES    ((size_t)4 << 20) /* arrays from here on are worth large pages */
+#define LARGE_BYTES    ((size_t)4 << 20) /* Size from which arrays are worth large pages */
 
 /* Reserves bytes of the budget. */
 static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_error *error)
@@ -31,13 +31,14 @@ static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_err
     return UMB_OK;
 }
 
-/* Whether arrays grow without a copy. */
+/* True if arrays grow without a copy. */
 static int grows_by_pages(const struct umb_pool *pool)
 {
     return pool->alloc == &umb__page_alloc;
 }
 
-/* Resizes a block; a large one by moving it to large pages, as look-ups go all over it. */
+/* Resizes a block; a large one by moving it to large pages, since look-ups are scattered over
+ * it. */
 static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes, size_t bytes)
 {
     if (bytes < LARGE_BYTES || alloc == &umb__page_alloc) {
@@ -51,7 +52,8 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows an array of items to new_count; an old block that is copied is charged until it is gone. */
+/* Grows an array of items to new_count; an old block that is copied stays charged until it is
+ * freed. */
 static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
@@ -77,7 +79,7 @@ static int can_afford(const struct umb_pool *pool, uint64_t more)
     return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
 }
 
-/* Capacity after growth, at most `most`. In: item: bytes that it takes of each. */
+/* Returns the capacity after growth, at most `most`. In: item: bytes of each item. */
 static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t item, uint32_t most)
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
@@ -87,7 +89,7 @@ static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t ite
     return wanted > most ? most : (uint32_t)wanted;
 }
 
-/* Whether a table must grow before it takes one more. */
+/* True if a table must grow before it takes one more. */
 static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *slots,
                       uint32_t count)
 {
@@ -99,8 +101,8 @@ static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *
            (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
 }
 
-/* Replaces a table by one twice as large. Words stand in the order of their places in both, so
- * that the new one is filled from end to end. */
+/* Replaces a table by one twice as large. Words have the same order in both, so the new table is
+ * filled from end to end. */
 static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *slots,
                                   struct umb_error *error)
 {
@@ -135,7 +137,7 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
     return UMB_OK;
 }
 
-/* Larger arrays for bricks. */
+/* Grows the arrays for bricks. */
 static enum umb_status bricks_grow(struct umb_pool *pool, struct umb_error *error)
 {
     const uint32_t old = pool->brick_capacity;
@@ -147,7 +149,7 @@ static enum umb_status bricks_grow(struct umb_pool *pool, struct umb_error *erro
         block = pool->brick_tags;
         status = grow(pool, &block, sizeof *pool->brick_tags, old, capacity, error);
         pool->brick_tags = block;
-        if (status != UMB_OK) { /* the bricks keep their larger block, charged as the old one */
+        if (status != UMB_OK) { /* The bricks keep their larger block, charged as the old one */
             pool->bytes -= (size_t)(capacity - old) * sizeof *pool->bricks;
         }
     }
@@ -163,7 +165,8 @@ enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *er
     }
     enum umb_status status = UMB_OK;
     if (pool->is_loose && pool->brick_slots.words == NULL) {
-        /* First, also if no more is to be had: where there is room for a brick there is a table. */
+        /* The table comes first, even if it cannot grow: a pool with room for a brick must have a
+         * table. */
         status = slots_grow(pool, &pool->brick_slots, error);
     }
     if (status == UMB_OK && pool->brick_count == pool->brick_capacity) {
@@ -203,7 +206,7 @@ static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *
     return UMB_OK;
 }
 
-/* A larger array for children. */
+/* Grows the array for children. */
 static enum umb_status children_grow(struct umb_pool *pool, struct umb_pool_level *level,
                                      struct umb_error *error)
 {

@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_CORE_FORMAT_RECEIVER_MASK_H
 #define UMBRAGE_CORE_FORMAT_RECEIVER_MASK_H
 /*
- * Where receivers are, of assets baked under the static rule: the entry NEAR of the canonical block
- * (docs/reference/umb-format.md, section 3).
+ * The receiver mask of an asset baked under the static rule: the cells that hold receivers. It is
+ * the entry NEAR of the canonical block (docs/reference/umb-format.md, section 3).
  *
- * The rule leaves voxels undefined that no point on a surface reads. So that a point elsewhere is
- * not answered as if it knew, the entry says cell by cell where surfaces are: a frustum has 64
- * cells a side, a bit each. A cell is marked if the look-up of some point on a surface may lie in
- * it, moved off the surface by any bias up to that of the widest window.
+ * The static rule leaves voxels undefined that no point on a surface reads. The mask lets queries
+ * count points elsewhere as undefined. A frustum has 64 cells a side, a bit each. A cell is marked
+ * if the look-up of some point on a surface may lie in it, with any bias up to that of the widest
+ * window.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -18,14 +18,14 @@
 #define UMB__RECEIVER_MASK_WORDS                                                                   \
     ((size_t)1 << (2 * UMB__RECEIVER_MASK_LOG2)) /* of 64 cells along x, a frustum */
 
-/* The word of a row of cells, and in it bit x. */
+/* Returns the word of a row of cells; cell x is bit x of it. */
 static inline size_t umb__receiver_mask_word(uint32_t y, uint32_t z)
 {
     return ((size_t)z << UMB__RECEIVER_MASK_LOG2) + y;
 }
 
-/* Whether a voxel lies in a marked cell. In: cells: of its frustum, of 1 << log2_size voxels a
- * side. */
+/* Returns whether a voxel lies in a marked cell. In: cells: of its frustum, of 1 << log2_size
+ * voxels a side. */
 static inline bool umb__receiver_mask_has(const uint64_t *cells, uint32_t log2_size,
                                           const uint32_t voxel[3])
 {

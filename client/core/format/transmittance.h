@@ -31,22 +31,23 @@
 #define UMB__TRANSMITTANCE_ONE       ((uint32_t)1 << 21) /* all light */
 #define UMB__TRANSMITTANCE_LEVEL_MIN 6U                  /* least m */
 
-#define UMB__TRANSMITTANCE_RECENT    8U                  /* drops that are remembered in a square */
+#define UMB__TRANSMITTANCE_RECENT    8U                  /* Number of drops that a square
+                                                            remembers */
 
 /* A square of 64x64 texels, or a block of 8x8. */
 struct umb__transmittance_group {
-    uint64_t mask;  /* of the blocks, or texels, that have something */
-    uint32_t first; /* number of the first of them */
+    uint64_t mask;  /* Blocks, or texels, that have a list */
+    uint32_t first; /* Number of the first of them */
 };
 
 struct umb__transmittance_step {
-    uint32_t z;    /* first voxel behind the step */
-    uint32_t lost; /* drops up to here, at most UMB__TRANSMITTANCE_ONE */
+    uint32_t z;    /* First voxel behind the step */
+    uint32_t lost; /* Sum of the drops up to here, at most UMB__TRANSMITTANCE_ONE */
 };
 
 struct umb__transmittance_map {
     uint32_t level;        /* m, or 0 */
-    uint32_t first_square; /* of 2^(m-6) rows of as many */
+    uint32_t first_square; /* First of its squares: 2^(m-6) rows of 2^(m-6) */
 };
 
 /* An entry, expanded. */
@@ -54,7 +55,7 @@ struct umb__trans {
     struct umb__transmittance_map *maps;      /* [frustum_count]; NULL: there is no entry */
     struct umb__transmittance_group *squares; /* [square_count] */
     struct umb__transmittance_group *blocks;  /* [block_count] */
-    uint32_t *starts;                 /* [list_count + 1] first step of each list */
+    uint32_t *starts;                 /* [list_count + 1] First step of each list */
     struct umb__transmittance_step *steps;    /* [step_count] */
     uint64_t square_count, block_count, list_count, step_count;
 };
@@ -86,8 +87,8 @@ struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the
- * frustum. */
+/* Sums the loss of all voxels of a window, each at most UMB__TRANSMITTANCE_ONE. In: n: log2 of the
+ * frustum's size. */
 uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *window);

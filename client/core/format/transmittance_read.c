@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading transmittance maps (transmittance.h): one walk checks and counts, and stores if there is
- * room to. */
+/* Reads transmittance maps (transmittance.h). One walk checks and counts, and stores if it has
+ * room. */
 #include "format/transmittance.h"
 
 #include <string.h>
@@ -12,7 +12,7 @@
 struct walk {
     const uint8_t *at, *end;
     uint32_t size;            /* voxels along the frustum */
-    struct umb__trans *trans; /* counts; arrays are filled where they are there */
+    struct umb__trans *trans; /* Counts; arrays are filled if they are not NULL */
 };
 
 static bool take_mask(struct walk *w, uint64_t *mask)
@@ -25,19 +25,20 @@ static bool take_mask(struct walk *w, uint64_t *mask)
     return true;
 }
 
-/* 0, 1, 2, 3 ... are 0, -1, 1, -2 ... */
+/* Unfolds 0, 1, 2, 3 ... to 0, -1, 1, -2 ... */
 static int64_t unfold(uint32_t number)
 {
     return number & 1 ? -(int64_t)(number >> 1) - 1 : (int64_t)(number >> 1);
 }
 
-/* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
+/* State that a list may refer to: the beginning of the list before, and the last drops by number
+ * modulo 8. */
 struct recent {
     int64_t first_z;
     uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* 0: none yet */
 };
 
-/* The drop of a step; 0 if it is cut, or said the longer way. */
+/* Reads the drop of a step; 0 if it is cut off, or not written in the shortest way. */
 static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
@@ -180,7 +181,7 @@ enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
     if (status != UMB_OK) {
         return status;
     }
-    /* One more of each: an entry may have none. */
+    /* One more of each, since an entry may have none. */
     trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
     trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
     trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);
@@ -208,7 +209,7 @@ void umb__transmittance_finish(struct umb__trans *trans, const struct umb_alloc 
     memset(trans, 0, sizeof *trans);
 }
 
-/* What a list takes before and at a voxel. */
+/* Returns the loss of a list at a voxel and before it. */
 static uint32_t list_lost(const struct umb__trans *trans, uint32_t list, uint32_t z)
 {
     const uint32_t begin = trans->starts[list];
@@ -234,14 +235,14 @@ static uint32_t most(uint32_t a, uint32_t b)
     return a > b ? a : b;
 }
 
-/* Voxels of v0..v1 that lie in a texel of 2^shift. */
+/* Counts the voxels of v0..v1 that lie in a texel of 2^shift voxels. */
 static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift)
 {
     const uint32_t first = texel << shift, last = first + (((uint32_t)1 << shift) - 1);
     return least(v1, last) - most(v0, first) + 1;
 }
 
-/* Bits t0..t1 of those that lie in block `block` of eight texels. */
+/* Returns the bits of texels t0..t1 that lie in block `block` of eight texels. */
 static uint32_t bits_in_block(uint32_t t0, uint32_t t1, uint32_t block)
 {
     const uint32_t first = most(t0, 8 * block) & 7, last = least(t1, 8 * block + 7) & 7;

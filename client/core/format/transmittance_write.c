@@ -38,7 +38,7 @@ static void put_varint(struct umb__transmittance_bytes *bytes, uint32_t value)
     bytes->count = (size_t)(umb__put_number(bytes->data + bytes->count, value) - bytes->data);
 }
 
-/* Room for a mask; returns where it stands. */
+/* Makes room for a mask; returns its place. */
 static size_t put_mask(struct umb__transmittance_bytes *bytes, uint64_t mask)
 {
     const size_t at = bytes->count;
@@ -52,7 +52,8 @@ static uint32_t fold(int64_t number)
     return (uint32_t)(number < 0 ? -2 * number - 1 : 2 * number);
 }
 
-/* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
+/* State that a list may refer to: the beginning of the list before, and the last drops by number
+ * modulo 8. */
 struct recent {
     int64_t first_z;
     uint32_t drops[UMB__TRANSMITTANCE_RECENT];

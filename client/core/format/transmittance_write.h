@@ -26,10 +26,10 @@ struct umb__transmittance_list {
     uint32_t count;
 };
 
-/* Growing bytes; zeroed to begin with. */
+/* A growing array of bytes. Start zeroed. */
 struct umb__transmittance_bytes {
     const struct umb_alloc *alloc;
-    uint8_t *data; /* free with umb__transmittance_bytes_finish */
+    uint8_t *data; /* Bytes; free them with umb__transmittance_bytes_finish */
     size_t count, capacity;
 };
 UMB_API void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
@@ -38,7 +38,7 @@ UMB_API void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *by
  * Appends a square.
  *
  * In:    lists: [64 * 64], row by row.
- * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). bytes is then of no use but to finish.
+ * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). After a failure only finish `bytes`.
  */
 UMB_API UMB_CHECKED enum umb_status
 umb__transmittance_square(struct umb__transmittance_bytes *bytes,
@@ -46,7 +46,7 @@ umb__transmittance_square(struct umb__transmittance_bytes *bytes,
                           struct umb_error *error);
 
 /*
- * Appends bytes as they are: the levels of all frusta, or squares written elsewhere.
+ * Appends bytes unchanged: the levels of all frusta, or squares written elsewhere.
  *
  * Fails: as umb__transmittance_square.
  */

@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Open addressing, at most half full; sorting by bytes from the lowest up, as each pass is stable.
- */
+/* Open addressing, at most half full; radix sort by bytes, lowest first, each pass stable. */
 #include "format/value_set.h"
 
 #include <string.h>
 
 #include "base/memory.h"
 
-/* Below this many values, inserting one after the other is quicker. */
+/* Number of values below which insertion sort is faster. */
 #define INSERTION_MAX 48
 
-/* Slots of an empty set: few, so that they stay in the first-level cache. */
+/* Slots of an empty set: few, so that they stay in the L1 cache. */
 #define LOG2_SLOTS_FIRST 10U
 
 static void clear_slots(struct umb__value_set *set, unsigned log2)
@@ -41,7 +40,7 @@ static size_t first_slot(const struct umb__value_set *set, uint64_t value)
     return (size_t)(((value ^ (value >> 29)) * 0x9e3779b97f4a7c15ULL) >> (64 - set->log2_slots));
 }
 
-/* Takes twice as many slots, for which begin has made room. */
+/* Doubles the slots; begin has made room. */
 static void double_slots(struct umb__value_set *set)
 {
     clear_slots(set, set->log2_slots + 1);
@@ -104,12 +103,12 @@ static void sort_by_byte(const uint64_t *values, const uint32_t *from, size_t co
     }
 }
 
-/* In: numbers: room for 2 * count. Returns the half of it that holds the numbers in the order of
- * their values. */
+/* In: numbers: room for 2 * count. Returns the half of it that holds the numbers sorted by their
+ * values. */
 static const uint32_t *sort_numbers(const uint64_t *values, uint32_t *numbers, size_t count)
 {
     uint32_t *from = numbers, *to = numbers + count;
-    uint64_t differ = 0; /* bits in which not all are equal */
+    uint64_t differ = 0; /* Bits in which values differ */
     for (size_t i = 0; i < count; i++) {
         from[i] = (uint32_t)i;
         differ |= values[i] ^ values[0];

@@ -9,8 +9,8 @@
  *     umb__value_set_sort(&set, alloc);              values ascending; rank[n] is n's place
  *     umb__value_set_finish(&set, alloc);
  *
- * A page holds some thousand references to a few hundred values: finding equal ones by hashing and
- * sorting only the distinct ones is several times quicker than sorting all and searching for each.
+ * A page holds some thousand references to a few hundred values. Hashing them and sorting only the
+ * distinct ones is several times faster than sorting all and searching for each.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -29,13 +29,14 @@ struct umb__value_set {
     size_t values_capacity, rank_capacity, slots_capacity, met_capacity, numbers_capacity;
 };
 
-/* Empties a set (zeroed before the first time) for at most `most` values. False: out of memory. */
+/* Empties a set (zeroed before its first use) and makes room for `most` values. False: out of
+ * memory. */
 bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *alloc, size_t most);
 
 /* Finds or adds a value; returns its number. */
 uint32_t umb__value_set_add(struct umb__value_set *set, uint64_t value);
 
-/* Sorts; nothing may be added afterwards. False: out of memory. */
+/* Sorts; no value may be added afterwards. False: out of memory. */
 bool umb__value_set_sort(struct umb__value_set *set, const struct umb_alloc *alloc);
 
 void umb__value_set_finish(struct umb__value_set *set, const struct umb_alloc *alloc);

@@ -14,21 +14,20 @@
  *   masks; lit is 0 where mixed is 1. A number counts words from the start of the node section, or
  *   bricks.
  *
- * Beside its grid each frustum has columns, the short way down for points: one for each square of
- * 2^c texels a side (c odd, at most the level of the grid's cells), which lists the cubes of level
- * c above that square as values like a cell's, called pieces. A list has the pieces `low` to
- * `high`; what is nearer to the light than `low` is as piece `low`, what is farther than `high` as
+ * Beside its grid each frustum has columns, a shortcut for points. There is one column for each
+ * square of 2^c texels a side (c odd, at most the level of the grid's cells). It lists the cubes of
+ * level c above that square as values like a cell's, called pieces. A list has the pieces `low` to
+ * `high`; nearer to the light than `low` all cubes equal piece `low`, farther than `high` all equal
  * piece `high`. Surfaces are thin, so lists are short. The first two pieces of a frustum are 0 and
  * 1: the lists of columns that are all shadowed or all lit.
  *
- * A node longer than a line of 64 bytes begins where a line does, so that its masks and as many
- * numbers as can be are one line; one that fits a line lies in one, in the room that longer ones
- * left where it can, and the rest of that is zero. So nodes of a level stand in no order. Two zero
- * words are a node that is all shadowed, which written trees have not.
+ * A node longer than a cache line of 64 bytes begins at a line, so that its masks and first numbers
+ * share one line. A shorter node lies within one line, if possible in a gap that a longer one left;
+ * the rest of a gap is zero. So the nodes of a level have no order. Two zero words would be a node
+ * that is all shadowed, which written trees do not have.
  *
- * Why: against an octree it halves the dependent cache lines of a look-up (reference/core.md,
- * section 3, layout C: 1.7 to 2.3 times faster than one octree level a node), and a whole window
- * of a level-5 cell is answered from one node.
+ * Why: wide nodes halve the dependent cache lines of a look-up (measured 1.7 to 2.3 times faster
+ * than one octree level a node), and one node answers a whole window of a level-5 cell.
  */
 #include <stdint.h>
 #include "format/layout.h"
@@ -42,12 +41,13 @@ struct umb__top {
     uint32_t grid_log2;    /* g */
     uint32_t column_level; /* c */
     uint64_t first_cell;   /* in the grid section */
-    uint64_t first_column; /* in the columns' section; column x + (y << (n - c)) */
+    uint64_t first_column; /* First column in the columns' section; column (x, y) is at x + (y << (n
+                              - c)) */
     uint64_t first_piece;  /* in the pieces' section */
 };
 
 struct umb__column {
-    uint32_t first; /* piece `low`, counted from the frustum's first */
+    uint32_t first; /* Piece `low`, counted from the frustum's first */
     uint16_t low, high;
 };
 
@@ -63,20 +63,21 @@ struct umb__view {
     uint64_t level_begin[UMB__WIDE_COUNT + 1]; /* first word of level 5 + 2i; the last is the end */
 };
 
-/* Where the piece at depth z (in cubes of the column's level) is, counted from the first. */
+/* Returns the place of the piece at depth z (in cubes of the column's level), counted from the
+ * first. */
 static inline uint32_t umb__column_piece(struct umb__column column, uint32_t z)
 {
     uint32_t at = z < column.high ? z : column.high;
     return column.first + (at > column.low ? at - column.low : 0);
 }
 
-/* Words of a wide node with so many mixed children. */
+/* Returns the words of a wide node with so many mixed children. */
 static inline uint64_t umb__wide_words(uint64_t mixed_count)
 {
     return 2 + (mixed_count + 3) / 4 * 2;
 }
 
-/* Number of the mixed child at bit `child` of a wide node. */
+/* Returns the number of the mixed child at bit `child` of a wide node. */
 static inline uint32_t umb__wide_child(const uint64_t *node, unsigned child)
 {
     unsigned rank = (unsigned)__builtin_popcountll(node[0] & (((uint64_t)1 << child) - 1));
