@@ -1,25 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lit voxels of a box: a descent that takes whole cubes where they lie inside the box, and leaves
- * out those that lie outside.
+ * Counts the lit voxels of a box. The descent counts cubes inside the box whole, and skips cubes
+ * outside.
  *
  * A box in world space is three slabs min <= w < max, where w is linear in the voxel's index. Its
- * value in doubles is ((o + ex x) + ey y) + ez z, and rounding keeps each of these operations
- * monotone, so that over a cube of voxels the computed w is least and greatest at two of its
- * corners, exactly. Whether a cube lies inside is therefore decided without a margin and agrees
- * with testing each of its voxels.
+ * value in doubles is ((o + ex x) + ey y) + ez z. Rounding keeps each of these operations monotone,
+ * so over a cube of voxels the computed w has its exact extremes at two corners. The test of a cube
+ * therefore needs no margin, and agrees with tests of all its voxels.
  */
 #include "query/volume_parts.h"
 
-/* Voxels low <= v < high, none outside the frustum. */
+/* The voxels low <= v < high, none outside the frustum. */
 struct range {
     int32_t low[3], high[3];
 };
 
 struct count {
     const struct umb__tree *tree;
-    struct range range;          /* voxels that may lie inside */
-    const struct umb_box *world; /* NULL: all of the range does */
+    struct range range;          /* Range of voxels that may lie inside */
+    const struct umb_box *world; /* Box in world space; NULL: the whole range lies inside */
     double start[3];   /* world coordinates of voxel (0, 0, 0), minus the asset's origin */
     double step[3][3]; /* row i: along voxel axis i */
     double origin[3];  /* the asset's */
@@ -30,9 +29,9 @@ struct count {
     bool given_up;
 };
 
-#define CUT_STEPS 64 /* of a brick whose voxels are tested one by one */
+#define CUT_STEPS 64 /* Steps of a brick whose voxels are tested one by one */
 
-/* Adds steps; false if the box is given up. */
+/* Adds steps; false if the box is to be left. */
 static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
@@ -55,7 +54,7 @@ enum cover {
     COVER_ALL
 };
 
-/* World coordinate of a voxel's centre, as volume.h defines it. */
+/* Returns the world coordinate of a voxel's centre, as volume.h defines it. */
 static inline double centre(const struct count *count, unsigned axis, const int32_t voxel[3])
 {
     double w = count->start[axis];
@@ -65,7 +64,7 @@ static inline double centre(const struct count *count, unsigned axis, const int3
     return w + count->origin[axis];
 }
 
-/* How much of the voxels low..high (inclusive) lies inside a slab of the world box. */
+/* Returns how much of the voxels low..high (inclusive) lies inside a slab of the world box. */
 static enum cover slab_cover(const struct count *count, unsigned axis, const int32_t low[3],
                              const int32_t high[3])
 {
@@ -111,7 +110,7 @@ static uint64_t byte_bits(int32_t low, int32_t high)
     return high > low ? (0xffU >> (8 - high)) & (0xffU << low) & 0xffU : 0;
 }
 
-/* Voxels of a brick that lie inside the range, a mask a slice. */
+/* Returns the voxels of a brick inside the range, a mask a slice. */
 static void range_masks(const struct range *range, const struct cube *brick, uint64_t inside[8])
 {
     int32_t low[3], high[3];
@@ -128,8 +127,8 @@ static void range_masks(const struct range *range, const struct cube *brick, uin
     }
 }
 
-/* Takes out the voxels whose centre is outside a slab of the world box: centre(), a row of eight at
- * a time, the same operations in the same order. */
+/* Removes the voxels whose centre is outside a slab of the world box. A row of eight voxels goes
+ * through the operations of centre(), in the same order. */
 static void slab_masks(const struct count *count, unsigned axis, const struct cube *brick,
                        uint64_t inside[8])
 {
@@ -143,7 +142,7 @@ static void slab_masks(const struct count *count, unsigned axis, const struct cu
         }
         for (int32_t z = 0; z < 8; z++) {
             if (!(inside[z] >> (8 * y) & 0xffU)) {
-                continue; /* the range or another slab has taken the row out */
+                continue; /* The range or another slab has removed the row */
             }
             double depth = ((double)(brick->low[2] + z) + 0.5) * count->step[2][axis];
             uint64_t bits = 0;
@@ -186,7 +185,7 @@ static void count_whole_brick(struct count *count, const uint64_t masks[8])
     count->answer->voxels += 512;
 }
 
-/* A uniform cube: by halves, down to bricks, where faces of the box cut it. */
+/* Counts a uniform cube. Where faces of the box cut it, it is halved, down to bricks. */
 static void count_uniform(struct count *count, const struct cube *cube, bool lit, enum cover cover)
 {
     if (cover == COVER_ALL) {
@@ -211,7 +210,7 @@ static void count_uniform(struct count *count, const struct cube *cube, bool lit
     }
 }
 
-/* Counts what is below a link; `cover` says how much of the cube the box covers, not none. */
+/* Counts the voxels below a link. In: cover: how much of the cube the box covers; not none. */
 static void count_link(struct count *count, const struct cube *cube, struct umb__link link,
                        enum cover cover)
 {
@@ -244,7 +243,7 @@ static void count_link(struct count *count, const struct cube *cube, struct umb_
     }
 }
 
-/* Cell by cell of the grid, those that the range touches. */
+/* Visits the grid cells that the range touches. */
 static void count_range(struct count *count)
 {
     uint32_t level = umb__tree_cell_level(count->tree);
@@ -282,7 +281,7 @@ static struct count begin_count(const struct umb__tree *tree, const struct umb_b
     return (struct count){.tree = tree, .stats = &answers->stats, .watch = watch};
 }
 
-/* Counts the range's voxels that lie in the world box, if there is one. */
+/* Counts the range's voxels, or those in the world box, if there is one. */
 static void count_box(struct count *count, struct umb_box_answer *answer)
 {
     count->answer = answer;
@@ -301,8 +300,8 @@ static int32_t clamp(double value, int32_t size)
     return value >= size ? size : value > 0 ? (int32_t)value : 0;
 }
 
-/* Voxels that may have their centre in a world box: those around its corners, and one more on each
- * side for the rounding of both transforms. */
+/* Returns the voxels whose centre may lie in a world box: those around its corners, and one more on
+ * each side for the rounding of both transforms. */
 static struct range range_around(const struct umb__volume *v, const struct umb_box *box)
 {
     struct range range;
@@ -315,7 +314,7 @@ static struct range range_around(const struct umb__volume *v, const struct umb_b
         }
         umb__volume_to_voxel(v, p, at);
         for (unsigned k = 0; k < 3; k++) {
-            /* A coordinate that overflowed says nothing. */
+            /* A coordinate that overflowed limits nothing. */
             low[k] = isfinite(at[k]) ? fmin(low[k], at[k]) : -INFINITY;
             high[k] = isfinite(at[k]) ? fmax(high[k], at[k]) : INFINITY;
         }

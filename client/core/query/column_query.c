@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The first occluder of a column: down the light's axis from cube to cube, over lit ones in one
- * step, to the first shadowed voxel. Ends: each step goes at least one brick further. In closed
- * frusta the occluder depth map knows the columns where something undefined comes before that
- * voxel.
+ * Finds the first occluder of a column: down the light's axis from cube to cube, over lit cubes in
+ * one step, to the first shadowed voxel. The walk ends, since each step goes at least one brick
+ * further. In closed frusta the occluder depth map has the columns where undefined voxels come
+ * before that voxel.
  */
 #include "format/occluder_depth.h"
 #include "query/volume_parts.h"
 
-/* First shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
+/* Returns the first shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
 static uint32_t first_shadowed(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
 {
     while (z < 8 && umb__brick_voxel(brick, x, y, z)) {
@@ -49,15 +49,15 @@ enum umb_status umb_volume_check_columns(const struct umb_volume *volume, struct
     return UMB_OK;
 }
 
-/* A point in voxel space, and what a voxel of depth is there. */
+/* A point in voxel space, and the length of a voxel of depth there. */
 struct spot {
     uint32_t face;
-    double at[3];  /* far outside if no face sees the point */
-    double step_m; /* along the light, a voxel */
+    double at[3];  /* Place in voxel space; far outside if no face covers the point */
+    double step_m; /* Metres along the light a voxel of depth */
 };
 
-/* Before a spot or point light: the face along whose axis p lies farthest. Metres along its ray
- * are to its distance as W is to its own. */
+/* Places a point under a spot or point light, in the face along whose axis p is farthest. Metres
+ * along its ray are to its distance as W is to its own. */
 static struct spot spot_of(const struct umb__volume *v, const double p[3])
 {
     struct spot spot = {.at = {-1, -1, 0}};
@@ -93,7 +93,7 @@ static struct umb_column_answer ask_column(const struct umb__volume *v, const st
     const uint32_t size = (uint32_t)1 << tree.log2_size;
     const double *at = spot->at;
     struct umb_column_answer answer = {.lit = size, .distance_m = INFINITY};
-    /* False for NaN too, which then touches nothing. */
+    /* False also for NaN, which then covers no voxel. */
     bool inside = at[0] >= 0 && at[0] < size && at[1] >= 0 && at[1] < size;
     answer.outside = !inside;
     if (inside) {

@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_CORE_QUERY_EFFECT_SWITCHES_H
 #define UMBRAGE_CORE_QUERY_EFFECT_SWITCHES_H
 /*
- * Effects that queries know of. Every product has all of them. With -DUMB_WITHOUT_PENUMBRA and the
- * like the compiler leaves one out: such builds exist to prove that an effect which is off costs a
- * query nothing, tests/system/test_effect_costs.sh counts their instructions. So whatever a query
- * does for an effect stands behind its switch, and the switch stands nowhere but where a batch's
- * stages are chosen.
+ * Switches of the effects that queries support. Every product has all of them.
+ * -DUMB_WITHOUT_PENUMBRA and the like make the compiler leave one out. Such builds prove that a
+ * query pays nothing for an effect that is off: tests/system/test_effect_costs.sh counts their
+ * instructions. So all code of an effect stands behind its switch, and switches are read only where
+ * a batch's stages are chosen.
  */
 
-/* Half shadows of lights that are no points (kernel_penumbra.c). */
+/* Penumbras of lights with an extent (kernel_penumbra.c). */
 #ifdef UMB_WITHOUT_PENUMBRA
 #define UMB__HAS_PENUMBRA 0
 #else
@@ -30,7 +30,7 @@
 #define UMB__HAS_LEVELS 1
 #endif
 
-/* Patches of surface that pixels cover (kernel_footprint.c). */
+/* Footprints: patches of surface that pixels cover (kernel_footprint.c). */
 #ifdef UMB_WITHOUT_FOOTPRINTS
 #define UMB__HAS_FOOTPRINTS 0
 #else

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The answer of one point, told step by step; the same arithmetic as the kernels. */
+/* Explains the answer of one point, step by step, with the same arithmetic as the kernels. */
 #include <string.h>
 
 #include "query/footprint.h"
@@ -40,7 +40,7 @@ static struct umb__tree tree_of(const struct umb__query *q)
                               .grid_log2 = q->grid_log2};
 }
 
-/* Walks the centre tap from the grid to where its state is known. */
+/* Walks the centre tap from the grid to the node that settles its state. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
     const struct umb__tree tree = tree_of(q);
@@ -62,7 +62,7 @@ static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_e
     }
 }
 
-/* The window texel by texel, each looked up for itself. */
+/* Fills in the window texel by texel, each with its own look-up. */
 static void draw_window(const struct umb__query *q, const struct umb__window *window,
                         struct umb_explanation *e)
 {
@@ -86,8 +86,8 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
     }
 }
 
-/* Edges of what answers, voxel or cell, in those that the bias is made of (query.c, widen_steps).
- */
+/* Returns the edges of the voxel or cell that answers, from the edges that the bias uses (query.c,
+ * widen_steps). */
 static double cells_in_step(const struct umb__query *q)
 {
     if (q->level == 0) {
@@ -96,7 +96,7 @@ static double cells_in_step(const struct umb__query *q)
     return q->bias_mode == UMB_BIAS_AUTO ? 0.5 : (double)((uint32_t)1 << q->level);
 }
 
-/* How the point's normal stands to the light. */
+/* Fills in the cosine between the point's normal and the light. */
 static void add_normal(const struct umb__query *q, const struct umb_points *one,
                        struct umb_explanation *e)
 {
@@ -112,7 +112,7 @@ static void add_normal(const struct umb__query *q, const struct umb_points *one,
     }
 }
 
-/* What opaque casters answer of parallel light. */
+/* Explains the answer of opaque casters under parallel light. */
 static void explain_parallel(const struct umb__query *query, const struct umb_points *points,
                              size_t index, struct umb_explanation *explanation)
 {
@@ -157,7 +157,7 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     e.filter = q.filter;
     add_normal(&q, &one, &e);
     for (unsigned axis = 0; axis < 2; axis++) {
-        /* Beyond any frustum where a double or its floor would not fit. */
+        /* A place beyond any frustum, where a double or its floor would not fit. */
         e.window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e.voxel[axis]))) - q.taps / 2;
     }
     if (q.level > 0) {
@@ -174,7 +174,7 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     *explanation = e;
 }
 
-/* The window is told as without a footprint; answer and reads are the footprint's. */
+/* The window is explained as without a footprint; answer and reads are the footprint's. */
 static void explain_footprint(const struct umb__query *q, const struct umb_points *points,
                               size_t index, struct umb_explanation *explanation)
 {

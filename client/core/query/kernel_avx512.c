@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The query kernel compiled for x86-64 with AVX-512 (F, VL, BW, DQ, CD), AVX2, POPCNT, BMI and
- * BMI2. It is worth its lower clock for all but short batches: umb__run_wide chooses. Where it
- * cannot be compiled it is the baseline.
+ * BMI2. Despite the lower clock of AVX-512 it is faster for all but short batches; umb__run_wide
+ * chooses. Where it cannot be compiled it is the baseline.
  */
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) &&                      \
     defined(__AVX512DQ__) && defined(__AVX512CD__)
@@ -29,7 +29,7 @@
 #define UMB__READ_BRICK     umb__read_brick_avx512
 #define UMB__STEP_HEADS     umb__step_heads_avx512
 
-/* Answers are written ahead of where processors look by themselves, as points are read. */
+/* Prefetches the memory of answers, beyond the reach of hardware prefetchers, as for points. */
 #define WRITE_AHEAD 1024U /* bytes */
 
 static inline __attribute__((always_inline)) void ask_for_answers(const struct umb__query *query,

@@ -1,26 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c, kernel_avx2.c and kernel_avx512.c, which
- * name the function (UMB__KERNEL) and the stages that vector instructions are worth writing by hand
- * for: placing (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE, UMB__PLACE_WINDOWS), UMB__GRID,
+ * name the function (UMB__KERNEL) and the stages that are hand-written with vector instructions:
+ * placing (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE, UMB__PLACE_WINDOWS), UMB__GRID,
  * UMB__COMPARE_POINTS; of one tap UMB__TAKE_HEADS, UMB__STEP_HEADS, UMB__READ_RUNS,
  * UMB__READ_BRICK; of windows UMB__MAKE_MASKS, UMB__TAKE_WINDOWS, UMB__TOUCHED_STATES,
  * UMB__SPREAD_SETTLED, UMB__COUNT_WINDOWS. No guard: each includes it once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
- * one stage for each level of wide nodes, bricks, store. Who is still to be looked up is one bit a
- * point; a stage visits the bits that are set and makes the next stage's word without branching on
- * data. So no branch is mispredicted, where a walk point by point mispredicts one or two, and each
- * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
- * waits once a point and stage (docs/explained/performance.md has what that gives). Points in one
- * brick share a look-up (kernel_runs.h).
+ * one stage for each level of wide nodes, bricks, store. One bit a point says whether its look-up
+ * goes on. A stage visits the set bits and makes the next stage's word without branching on data.
+ * So no branch is mispredicted; a walk point by point mispredicts one or two. Each stage prefetches
+ * the reads of the next, so a block waits for memory once a stage; a walk waits once a point and
+ * stage (figures: docs/explained/performance.md). Points in one brick share a look-up
+ * (kernel_runs.h).
  *
  * One tap is kernel_points.h, a window kernel_windows.h.
  */
 #include "query/kernel_points.h"
 #include "query/kernel_windows.h"
 
-/* Memory of answers that are written some blocks later. */
+/* Prefetches the memory of answers that are written some blocks later. */
 #ifndef UMB__ASK_FOR_ANSWERS
 #define UMB__ASK_FOR_ANSWERS(query, values, first) ((void)0)
 #endif

@@ -4,16 +4,16 @@
 /* The level-5 cells (32 voxels) of a block's windows, and their nodes. */
 #include "query/kernel_parts.h"
 
-/* Lists the level-5 cells that the windows touch. If some may share them, windows after one another
- * that begin in one cell do: its cells are written again for each, with those that any of them
- * touches. */
+/* Lists the level-5 cells that the windows touch. If cells may be shared, consecutive windows that
+ * begin in one cell share a slot: its cells are written again for each window, with those that any
+ * of them touches. */
 static inline __attribute__((always_inline)) uint32_t list_cells(const struct umb__query *q,
                                                                  const struct umb__block *block,
                                                                  bool share,
                                                                  struct umb__cells *cells)
 {
     const int32_t reach = q->taps - 1;
-    int32_t x = -1, y = -1, z = -1; /* the cell that the windows before began in */
+    int32_t x = -1, y = -1, z = -1; /* Cell in which the windows before began */
     uint32_t count = 0, first = 0, slot = 0, right = 0, down = 0;
     for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
         const uint32_t i = umb__first_bit(rest);
@@ -42,7 +42,7 @@ static inline __attribute__((always_inline)) uint32_t list_cells(const struct um
     return count;
 }
 
-/* Finds the node of every listed cell, or the uniform one that stands for it. */
+/* Finds the node of every listed cell, or the uniform node that represents it. */
 static void find_cells(const struct umb__query *q, const struct umb__block *block, uint32_t count,
                        struct umb__cells *cells, struct umb_query_stats *stats)
 {
@@ -100,9 +100,9 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
 #define KNOWN_LOG2  8U
 #define KNOWN_CELLS (1U << KNOWN_LOG2)
 
-/* Cells that were found for blocks before, each at the place that its key says. Key 0: none, and
- * the rest means nothing. steps: nodes that finding it visited, counted whenever it is asked for.
- */
+/* A cache of cells found for earlier blocks, each at the place that its key gives. Key 0: empty,
+ * and the other fields are undefined. steps: nodes that the search visited, counted at every
+ * use. */
 struct known_cells {
     uint64_t key[KNOWN_CELLS];
     const uint64_t *node[KNOWN_CELLS];
@@ -123,14 +123,14 @@ static inline uint64_t cell_key(struct umb__voxel corner)
     return (uint64_t)1 << 63 | z << 40 | y << 20 | x;
 }
 
-/* Its place: the highest bits of a product with 2^64 over the golden ratio. */
+/* Returns the place of a key: the highest bits of a product with 2^64 over the golden ratio. */
 static inline uint32_t known_place(uint64_t key)
 {
     return (uint32_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> (64 - KNOWN_LOG2));
 }
 
-/* Finds the nodes of listed cells as find_cells does, where a picture's next block needs many of
- * those that the last ones needed. */
+/* Finds the nodes of listed cells as find_cells does, through the cache. For pictures, where a
+ * block needs many of the cells of the blocks before. */
 static void find_new_cells(const struct umb__query *q, const struct umb__block *block,
                            uint32_t count, struct umb__cells *cells, struct known_cells *known,
                            struct umb_query_stats *stats)

@@ -6,15 +6,14 @@
  * guard: each includes it once.
  *
  * As in kernel_body.h a block of 64 points goes stage by stage: place, grid, one stage for each
- * level of wide nodes above the wanted one. What is still mixed then answers one half; no brick is
- * read. Answers are counted in halves: 0, 1 or 2.
+ * level of wide nodes above the wanted one. Nodes that are then still mixed answer one half; no
+ * brick is read. Answers are counted in halves: 0, 1 or 2.
  */
 #include "query/kernel_parts.h"
 
 #define HALVES 2U
 
-/* Reads the cells of the grid; what they settle leaves todo, the others leave their node's number.
- */
+/* Reads the cells of the grid. Settled points leave todo, the others keep their node's number. */
 static void coarse_grid(const struct umb__query *q, struct umb__block *block,
                         uint32_t number[UMB__BLOCK])
 {
@@ -34,7 +33,7 @@ static void coarse_grid(const struct umb__query *q, struct umb__block *block,
     block->todo = mixed;
 }
 
-/* One level of wide nodes: their children of `level` around the points. */
+/* Reads one level of wide nodes: their children of `level` around the points. */
 static void coarse_step(const struct umb__query *q, struct umb__block *block, uint32_t level,
                         uint32_t number[UMB__BLOCK])
 {
@@ -71,7 +70,7 @@ void UMB__COARSE(const struct umb__query *query, const struct umb_points *points
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(&placer, first, &block, &stats);
         for (uint32_t i = 0; i < block.size; i++) {
-            block.lit[i] *= HALVES; /* of those that placing settled */
+            block.lit[i] *= HALVES; /* For points that placing settled */
         }
         stats.nodes += umb__count_bits(block.todo);
         coarse_grid(query, &block, number);

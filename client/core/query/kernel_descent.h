@@ -2,38 +2,40 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_DESCENT_H
 #define UMBRAGE_CORE_QUERY_KERNEL_DESCENT_H
 /*
- * One tap of scattered points: those of a block go down from their columns to their bricks, level
- * by level.
+ * Looks up one tap of scattered points: the points of a block descend from their columns to their
+ * bricks, level by level.
  *
- * Who is still on the way stands in a list, and a stage writes the next stage's list over its own:
- * it puts every point at the end and moves the end if the point goes on, so nothing branches on
- * data. What a stage needs of a point's position, it computes for the whole block beforehand, in
- * loops that compilers make vectors of.
+ * A list holds the points that are not settled yet, and a stage overwrites it with the next stage's
+ * list. It writes every point at the list's end and advances the end if the point goes on, so
+ * nothing branches on data. Values that depend on a point's position are computed for the whole
+ * block first, in loops that compilers vectorise.
  *
- * A level takes two stages: look into the nodes for where the children's numbers stand, and ask for
- * what these numbers lead to. The first computes, the second waits, since a core has room for some
- * ten lines on their way from memory and no more. So two blocks go down at a time, and while one
- * asks, point by point, the other looks.
+ * A level takes two stages: "look" reads the nodes to find the places of the children's numbers,
+ * and "ask" prefetches the nodes that these numbers name. The first computes, the second waits,
+ * since a core has some ten outstanding cache misses at most. So two blocks descend at a time:
+ * while one asks, point by point, the other looks.
  */
 #include "query/kernel_parts.h"
 
-/* A block on its way down. */
+/* A block during its descent. */
 struct umb__descent {
     struct umb__block block;
-    size_t first;                      /* of its points in the batch */
-    uint32_t level;                    /* of the nodes or bricks that its points have come to */
+    size_t first;                      /* Index in the batch of its first point */
+    uint32_t level;                    /* Level of the nodes or bricks that its points have
+                                          reached */
     uint32_t count;                    /* points on the way */
     uint8_t slot[UMB__BLOCK];          /* which ones */
-    uint32_t number[UMB__BLOCK];       /* of the node or brick, once asked for; before that */
+    uint32_t number[UMB__BLOCK];       /* Number of the node or brick, once asked for; before
+                                          that */
     const uint32_t *child[UMB__BLOCK]; /* where it stands */
 };
 
-/* The two blocks that are on their way. */
+/* The two blocks that descend at a time. */
 struct umb__descents {
     const struct umb__query *query;
     void *values;                 /* of the batch */
-    struct umb__descent *free;    /* where the next block is copied to */
-    struct umb__descent *looking; /* has looked and not asked yet; or none */
+    struct umb__descent *free;    /* Place where the next block is copied to */
+    struct umb__descent *looking; /* Block that has looked and not asked yet; or NULL */
     struct umb__descent both[2], none;
 };
 
@@ -49,15 +51,15 @@ static inline void umb__begin_descents(const struct umb__query *q, void *values,
     descents->none.level = UMB_LEVEL_BRICK;
 }
 
-/* Points of a block, rounded up to what vectors hold; all stages fill as many. */
+/* Number of points of a block, rounded up to whole vectors; all stages fill that many. */
 static inline uint32_t umb__padded(const struct umb__block *block)
 {
     return (block->size + 7) & ~7U;
 }
 
-/* Point i has met a piece of this value: it is settled, or goes on to a node or a brick, which is
- * asked for at once and not in a loop of its own: with some ten lines on their way from memory a
- * core has no room for more, and while it waits it can compute what the next points need. */
+/* Takes the piece that point i has reached: a settled value, or a node or brick, which is
+ * prefetched at once. A loop of prefetches alone would be slower: a core has some ten outstanding
+ * misses at most, and can compute the next points while it waits. */
 static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint32_t value,
                                     struct umb__descent *points)
 {
@@ -70,8 +72,8 @@ static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint
     UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
 }
 
-/* Points not to be looked up are at voxel 0, 0, 0 and go with the others: what is read for them is
- * thrown away. From columns to pieces, and to the nodes or bricks that these are. */
+/* Leads points from their columns to pieces, and to the nodes or bricks that these name. Points
+ * without a look-up are at voxel 0, 0, 0 and go with the others; their reads are discarded. */
 static inline void umb__enter_columns(const struct umb__query *q, struct umb__descent *points)
 {
     const struct umb__block *block = &points->block;
@@ -105,10 +107,10 @@ static inline void umb__enter_columns(const struct umb__query *q, struct umb__de
 }
 
 /*
- * Point k of the list looks into its node; returns where the next that goes on is to be put. With
- * the masks shifted so that the child's bit is the highest, that bit is its state, and as many bits
- * as are left up to it is where its number stands in the list; if it is not mixed, what is read is
- * within the node and thrown away. above: children behind the point's own, 63 - bit.
+ * Looks into the node of point k of the list; returns the list's new end. With the masks shifted so
+ * that the child's bit is the highest, that bit is its state, and the number of remaining bits is
+ * the place of its number in the list. If the child is not mixed, the read is within the node and
+ * discarded. above: children behind the point's own, 63 - bit.
  */
 static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent *points,
                                  const uint32_t above[UMB__BLOCK], uint32_t k, uint32_t left)
@@ -124,14 +126,14 @@ static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent
     return left + (uint32_t)(mixed >> 63);
 }
 
-/* Point k of the list reads its node's or brick's number and asks for it. */
+/* Reads the node's or brick's number of point k of the list, and prefetches it. */
 static inline void umb__ask(const struct umb__query *q, struct umb__descent *points, uint32_t k)
 {
     const uint32_t number = points->number[k] = *points->child[k];
     UMB__PREFETCH(points->level > UMB_LEVEL_BRICK ? q->nodes + number : q->bricks[number]);
 }
 
-/* One block asks, the other looks: of the next level from then on. */
+/* Advances both blocks: one asks, the other looks, from then on at the next level. */
 static inline void umb__step_both(const struct umb__query *q, struct umb__descent *asks,
                                   struct umb__descent *looks, struct umb_query_stats *stats)
 {
@@ -170,7 +172,7 @@ static inline void umb__read_bricks(const struct umb__query *q, struct umb__desc
     }
 }
 
-/* Answers a block that has asked for its bricks. */
+/* Answers a block whose bricks are prefetched. */
 static inline void umb__arrive(const struct umb__descents *descents, struct umb__descent *points,
                                struct umb_query_stats *stats)
 {
@@ -179,7 +181,7 @@ static inline void umb__arrive(const struct umb__descents *descents, struct umb_
     umb__store_block(descents->query, &points->block, points->first, descents->values);
 }
 
-/* Lane by lane, which compilers make vectors of; the structure they would copy word by word. */
+/* Lane by lane, which compilers vectorise; they would copy the structure word by word. */
 static inline void umb__copy_block(const struct umb__block *from, struct umb__block *to)
 {
     to->size = from->size;
@@ -192,9 +194,9 @@ static inline void umb__copy_block(const struct umb__block *from, struct umb__bl
     }
 }
 
-/* Sends a copy of the block down, and the one before to its end. first: of its points in the batch.
- * A function of its own, as the next, and a copy: where points share their way down, the loop over
- * blocks is quicker if it knows nothing of these. */
+/* Starts the descent of a copy of the block, and finishes the one before. first: of its points in
+ * the batch. This and the next function are not inlined, and the block is copied: where points
+ * share their descent, the loop over blocks is faster without knowledge of them. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
                                                    const struct umb__block *block, size_t first,
                                                    struct umb_query_stats *stats)
@@ -225,7 +227,7 @@ static __attribute__((noinline)) void umb__descend(struct umb__descents *descent
     }
 }
 
-/* Sends the last block to its end. */
+/* Finishes the descent of the last block. */
 static __attribute__((noinline)) void umb__end_descents(struct umb__descents *descents,
                                                         struct umb_query_stats *stats)
 {

@@ -13,7 +13,7 @@ struct receiver {
     double p[3];         /* metres, relative to the asset's origin */
     float raw_normal[3]; /* as given; 0 without one */
     double normal[3];    /* unit; towards the light without one */
-    double light[3];     /* unit: the way that the light travels here */
+    double light[3];     /* Unit vector in which the light travels here */
     double reach;        /* metres to the light; infinite for parallel light */
     bool has_normal, facing_away;
 };
@@ -54,7 +54,7 @@ static void read_receiver(const struct umb__query *q, const struct umb_points *p
     r->facing_away = r->has_normal && umb__dot(r->normal, r->light) >= 0;
 }
 
-/* Side of the square with the area of what a pixel sees of the surface. */
+/* Returns the side of the square with the area of the surface that a pixel covers. */
 static double pixel_patch(const struct umb__query *q, const struct receiver *r)
 {
     double view[3];
@@ -90,7 +90,7 @@ double umb__footprint_of(const struct umb__query *q, const struct umb_points *po
     return patch_of(q, points, i, &r);
 }
 
-/* Two unit vectors along the surface. */
+/* Finds two unit vectors along the surface. */
 static void span(const double n[3], double a[3], double b[3])
 {
     unsigned least = fabs(n[1]) < fabs(n[0]) ? 1 : 0;
@@ -152,7 +152,7 @@ static void look_up(const struct umb__query *one, const struct receiver *r, doub
     }
 }
 
-/* The answer of a receiver whose window says `window`. */
+/* Returns the answer of a receiver whose window has the answer `window`. */
 static double answer(const struct umb__query *q, const struct umb__query *one,
                      const struct receiver *r, double side, double window,
                      struct umb_query_stats *stats)
@@ -179,7 +179,7 @@ static double answer(const struct umb__query *q, const struct umb__query *one,
     return near + fmin((side - level_m) / level_m, 1) * (far - near);
 }
 
-/* The two queries that levels are made of: the window, and one tap. */
+/* The two queries of which levels are made: the window, and one tap. */
 static void split(const struct umb__query *q, struct umb__query *window, struct umb__query *one)
 {
     *window = *q;

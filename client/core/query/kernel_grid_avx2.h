@@ -5,7 +5,7 @@
 #include <immintrin.h>
 #include "query/kernel_parts.h"
 
-/* Eight cells of the grid, whose column, row and layer are given. */
+/* Reads eight cells of the grid by column, row and layer. */
 static inline __m256i umb__gather_eight(const struct umb__query *q, __m256i x, __m256i y, __m256i z)
 {
     __m128i g = _mm_cvtsi32_si128((int)q->grid_log2);

@@ -66,26 +66,26 @@ static inline unsigned umb__mask_bits(umb__lane_mask mask)
     return (unsigned)_mm256_movemask_pd(mask);
 }
 
-/* yes in the lanes of the mask, no in the others. */
+/* Returns yes in the lanes of the mask, no in the others. */
 static inline umb__lanes umb__lanes_select(umb__lane_mask mask, umb__lanes yes, umb__lanes no)
 {
     return _mm256_blendv_pd(no, yes, mask);
 }
 
-/* The lanes in which any of three numbers is negative, or -0. */
+/* Returns the lanes in which any of three numbers is negative, or -0. */
 static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)
 {
     return (unsigned)_mm256_movemask_pd(_mm256_or_pd(_mm256_or_pd(a, b), c));
 }
 
-/* Towards zero; INT32_MIN for what is beyond 32 bits or not a number. */
+/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
 static inline umb__lane_ints umb__lanes_truncate(umb__lanes a)
 {
     return _mm256_cvttpd_epi32(a);
 }
 
-/* From x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3. Blends and loads that convert are cheaper than what
- * moves numbers between lanes, of which there are three. */
+/* Takes coordinates apart: from x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3. Blends and converting loads
+ * are cheaper than moves between lanes, of which there are three. */
 static inline void umb__separate_axes(__m256d a, __m256d b, __m256d c, umb__lanes axis[3])
 {
     __m256d xyxy = _mm256_blend_pd(a, b, 0xc);
@@ -96,7 +96,7 @@ static inline void umb__separate_axes(__m256d a, __m256d b, __m256d c, umb__lane
     axis[2] = _mm256_blend_pd(zxzx, yzyz, 0xa);
 }
 
-/* Three floats a point, x y z interleaved, of as many points as there are lanes. */
+/* Loads three floats a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
 {
     const float *f = (const float *)(const void *)at;

@@ -66,25 +66,25 @@ static inline unsigned umb__mask_bits(umb__lane_mask mask)
     return mask;
 }
 
-/* yes in the lanes of the mask, no in the others. */
+/* Returns yes in the lanes of the mask, no in the others. */
 static inline umb__lanes umb__lanes_select(umb__lane_mask mask, umb__lanes yes, umb__lanes no)
 {
     return _mm512_mask_blend_pd(mask, no, yes);
 }
 
-/* The lanes in which any of three numbers is negative, or -0. */
+/* Returns the lanes in which any of three numbers is negative, or -0. */
 static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)
 {
     return _mm512_movepi64_mask(_mm512_castpd_si512(_mm512_or_pd(_mm512_or_pd(a, b), c)));
 }
 
-/* Towards zero; INT32_MIN for what is beyond 32 bits or not a number. */
+/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
 static inline umb__lane_ints umb__lanes_truncate(umb__lanes a)
 {
     return _mm512_cvttpd_epi32(a);
 }
 
-/* Three floats a point, x y z interleaved, of as many points as there are lanes. */
+/* Loads three floats a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
 {
     const __m512i every_third =
@@ -106,7 +106,7 @@ static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
     const __m512d a = _mm512_loadu_pd(at), b = _mm512_loadu_pd(at + 64);
     const __m512d c = _mm512_loadu_pd(at + 128);
     for (int k = 0; k < 3; k++) {
-        /* Bits of a number that a permutation has no use for mean nothing to it. */
+        /* `vpermt2pd` ignores the unused high bits of an index. */
         const __m512i from = _mm512_add_epi64(every_third, _mm512_set1_epi64(k));
         const __mmask8 in_c = _mm512_cmpgt_epi64_mask(from, _mm512_set1_epi64(15));
         axis[k] = _mm512_mask_permutexvar_pd(_mm512_permutex2var_pd(a, from, b), in_c, from, c);

@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_PARTS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_PARTS_H
-/* What the stages of a kernel hand one another, and the steps that several of them take. */
+/* Data that the stages of a kernel share, and the steps that several of them take. */
 #include "query/query_parts.h"
 
-#define UMB__BLOCK       64 /* points in flight: a bit of a word each */
-#define UMB__BEHIND      16 /* lanes behind them: eight may be read from any point on */
+#define UMB__BLOCK       64 /* Points of a block: a bit of a word each */
+#define UMB__BEHIND      16 /* Lanes behind them, since eight may be read from any point on */
 #define UMB__SHARE_LEVEL 5  /* a window's bricks are taken from cells of this level */
 #define UMB__EVERY_BYTE  UINT64_C(0x0101010101010101)
 
-/* A block of points on its way through the stages. */
+/* A block of points, as it passes through the stages. */
 struct umb__block {
     uint32_t size; /* points, at most UMB__BLOCK */
-    uint64_t todo; /* bit i: point i is still to be looked up */
-    /* First texel of the window, which lies in the frustum; 0, 0, 0 for points that are not to be
-     * looked up. Arrays begin where cache lines do. */
+    uint64_t todo; /* Bit i: point i still needs its look-up */
+    /* First texel of the window, which lies in the frustum; 0, 0, 0 for points without a look-up.
+     * Arrays begin at cache lines. */
     _Alignas(64) int32_t x[UMB__BLOCK + UMB__BEHIND];
     int32_t y[UMB__BLOCK + UMB__BEHIND];
     int32_t z[UMB__BLOCK + UMB__BEHIND];
@@ -27,8 +27,8 @@ struct umb__cells {
     uint8_t of[UMB__BLOCK];               /* the window that stands for this one: its own, or one
                                              before that begins in the same cell */
     uint16_t slot[4 * UMB__BLOCK];        /* cells on their way */
-    const uint64_t *node[4 * UMB__BLOCK]; /* by slot: the node reached, or a uniform one */
-    uint8_t steps[4 * UMB__BLOCK];        /* by slot: nodes that were visited on the way */
+    const uint64_t *node[4 * UMB__BLOCK]; /* By slot: node reached, or a uniform one */
+    uint8_t steps[4 * UMB__BLOCK];        /* By slot: number of nodes visited */
 };
 
 #define UMB__PREFETCH(address) __builtin_prefetch(address)
@@ -71,14 +71,15 @@ static inline unsigned umb__child_bit(int32_t x, int32_t y, int32_t z, uint32_t 
            ((uint32_t)z >> level & 3) << 4;
 }
 
-/* a if `which` is 1, b if 0; arithmetic, because compilers make branches of conditions, and data
- * that decides them is unpredictable. */
+/* Returns a if `which` is 1, b if 0. It is arithmetic, because compilers turn conditions into
+ * branches, which unpredictable data make slow. */
 static inline uint64_t umb__select(uint64_t which, uint64_t a, uint64_t b)
 {
     return b ^ ((a ^ b) & (0 - which));
 }
 
-/* Where the number of the child at `bit` stands if it is mixed; else a place within the node. */
+/* Returns the place of the number of the child at `bit` if it is mixed; else any place within the
+ * node. */
 static inline const uint32_t *umb__child_place(const uint64_t *node, unsigned bit)
 {
     uint64_t below = ((uint64_t)1 << bit) - 1;
@@ -115,7 +116,7 @@ static const uint16_t umb__rows_of_four[16] = {
     0xf000, 0xf00f, 0xf0f0, 0xf0ff, 0xff00, 0xff0f, 0xfff0, 0xffff,
 };
 
-/* Byte k of the result is 0xff where bit k of eight is 1. */
+/* Returns a word whose byte k is 0xff where bit k of eight is 1. */
 static inline uint64_t umb__spread(uint32_t bits)
 {
     uint64_t each = (bits * UMB__EVERY_BYTE) & UINT64_C(0x8040201008040201);
@@ -123,13 +124,14 @@ static inline uint64_t umb__spread(uint32_t bits)
     return (high >> 7 & UMB__EVERY_BYTE) * 0xff;
 }
 
-/* Whether the stages may answer whole windows of this query: see kernel_body.h. */
+/* Returns whether the stages may answer whole windows of this query: see kernel_body.h. */
 static inline bool umb__stages_fit(const struct umb__query *q)
 {
     return q->taps == 1 || q->log2_size - q->grid_log2 >= UMB__SHARE_LEVEL;
 }
 
-/* Places one point: what needs no look-up, or one that no stage is made for, is settled at once. */
+/* Places one point. A point that needs no look-up, or one that no stage supports, is settled at
+ * once. */
 static inline void umb__place_point(const struct umb__query *q, const struct umb_points *points,
                                     size_t index, struct umb__block *block, uint32_t i,
                                     struct umb_query_stats *stats)
@@ -158,7 +160,8 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
     }
 }
 
-/* Puts what the last eight lanes of a block lack at voxel 0, 0, 0: stages take eight at a time. */
+/* Sets the missing points of a block's last eight lanes to voxel 0, 0, 0: stages take eight at a
+ * time. */
 static inline void umb__pad_block(struct umb__block *block)
 {
     for (uint32_t i = block->size; i % 8 != 0; i++) {
@@ -167,7 +170,7 @@ static inline void umb__pad_block(struct umb__block *block)
     }
 }
 
-/* What places the points of a batch. */
+/* Function that places the points of a batch. */
 struct umb__placer {
     const struct umb__query *query;
     const struct umb_points *points;
@@ -200,7 +203,7 @@ static inline void umb__place_block(const struct umb__placer *placer, size_t fir
 }
 
 /*
- * The grid stage: settles windows whose cells are all lit or all shadowed, and takes them out of
+ * The grid stage: settles windows whose cells are all lit or all shadowed, and removes them from
  * todo.
  */
 static inline void umb__grid_block(const struct umb__query *q, struct umb__block *block)
@@ -227,14 +230,14 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
     block->todo = mixed;
 }
 
-/* Answers of one tap as floats: nothing to divide. */
+/* Stores answers of one tap as floats, which need no division. */
 static inline void umb__store_tap(const struct umb__block *block, uint32_t i, uint8_t *to)
 {
     const float value = (float)(int32_t)block->lit[i];
     memcpy(to + i * sizeof value, &value, sizeof value);
 }
 
-/* Whole blocks have a loop of their own, as long as compilers see it is. */
+/* Whole blocks have a loop of their own, whose length is a constant for compilers. */
 static inline void umb__store_taps(const struct umb__block *block, uint8_t *to)
 {
     if (block->size == UMB__BLOCK) {

@@ -2,19 +2,20 @@
 /*
  * Percentage closer soft shadows: search, penumbra, box (penumbra.h).
  *
- * The box lies at one depth, and a receiver that slopes under it would shadow itself. So its depth
- * is brought towards the light until the receiver's plane is behind the whole box. Along the light,
- * not along the normal: the box stays where it is across the light, and no edge is displaced. It
- * cannot pass the blockers but on grazing surfaces, since it is half as wide as a cone of the light
- * is high; there it goes half the way to them at most.
+ * The box lies at one depth, and a sloping receiver would shadow itself under it. So the box is
+ * moved towards the light until the receiver's plane is behind all of it. The move is along the
+ * light, not along the normal, so that no edge is displaced. The box passes the blockers only on
+ * grazing surfaces, since it is half as wide as a cone of the light is high. There it moves at most
+ * half the way to them.
  */
 #include "query/penumbra.h"
 #include "query/slice_count.h"
 
-/* Positions beyond are lit, and far from what an int64_t holds; also what a NaN is. */
+/* Bound of positions: beyond it they are lit, and far from the limits of int64_t; also used for
+ * NaN. */
 #define FAR_VOXELS 0x1p30
 
-/* Slope of the receiver: voxels of depth over a texel, its worst on each axis. */
+/* Slope of the receiver: voxels of depth over a texel, the worst on each axis. */
 struct slope {
     double x, y;
 };
@@ -40,22 +41,22 @@ static struct slope slope_of(const struct umb__query *q, const struct umb_points
     return known ? (struct slope){along[0] / along[2], along[1] / along[2]} : (struct slope){1, 1};
 }
 
-/* Texels across that a light's cone has after a gap of depth, at least the query's taps. */
+/* Returns the texels across a light's cone after a gap of depth, at least the query's taps. */
 static double width_of(const struct umb__query *q, unsigned axis, double gap)
 {
     const double width = UMB__PENUMBRA_BOX * q->reach[axis] * gap;
     return fmax((double)q->taps, fmin(width, UMB_PENUMBRA_TAPS_MAX));
 }
 
-/* The box around a receiver behind a gap, and the depth of its slice. */
+/* Makes the box around a receiver behind a gap, and the depth of its slice. */
 static struct umb__real_box box_of(const struct umb__query *q, const double v[3],
                                    struct slope slope, double gap, int64_t *z)
 {
     const struct umb__real_box box = {(int64_t)floor(v[0]), (int64_t)floor(v[1]),
                                       width_of(q, 0, gap), width_of(q, 1, gap)};
     const double taps = (double)q->taps;
-    /* The move off the surface was made for `taps`; a box covers a texel more than it is wide on
-     * either side, in part. */
+    /* The move off the surface was made for `taps`. A box covers in part one texel more than its
+     * width on either side. */
     double lift =
         gap > 0 ? 0.5 * (slope.x * (box.width + 2.0 - taps) + slope.y * (box.height + 2.0 - taps))
                 : 0;
@@ -64,8 +65,8 @@ static struct umb__real_box box_of(const struct umb__query *q, const double v[3]
     return box;
 }
 
-/* Whether the receiver is in full shadow, whatever blocks: so is then the widest box at the depth
- * nearest to the light. Only where columns stay shadowed. */
+/* Returns whether the receiver is in full shadow for any blocker: so is then the widest box at the
+ * depth nearest to the light. Only where columns stay shadowed. */
 static bool is_umbra(const struct umb__query *q, const double v[3], struct slope slope,
                      const struct umb__tree *tree, struct umb_query_stats *stats)
 {
@@ -76,7 +77,7 @@ static bool is_umbra(const struct umb__query *q, const double v[3], struct slope
     return q->occluder_depth == NULL && !umb__slice_has(&slice, texels, true);
 }
 
-/* Lit share of the light's disc that a moved point sees. */
+/* Returns the lit share of the light's disc that a moved point sees. */
 static double penumbra(const struct umb__query *q, const double v[3], struct slope slope,
                        struct umb_query_stats *stats)
 {

@@ -2,25 +2,25 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 /*
- * Placing a block sixteen points at a time with AVX-512: in fixed point where that surely gives the
- * voxels of kernel_place_lanes.h, and by kernel_place_lanes.h elsewhere.
+ * Places a block sixteen points at a time with AVX-512. It uses fixed point where that provably
+ * gives the voxels of kernel_place_lanes.h, and kernel_place_lanes.h elsewhere.
  *
  * Doubles from 2^20 to 2^21 have units of 2^-32. So the sum of a voxel coordinate and 2^20 has the
  * voxel's index in the upper half of its bits, below a constant, and the fraction in the lower
- * half: what converting and comparing takes most of is free. The sum is made by three fused
- * multiplications and additions a coordinate, of the point as it is given; that the batch's origin
- * is added and what pushes points is taken off stands in the constant to which they are added. This
- * is not the sum that umb__to_voxel makes, with its roundings, but near it. Let a point be as near
- * as `reach` says: no sum of the absolute values of what is added up is above 2^20.
+ * half. Conversions and most comparisons are then free. Three fused multiply-adds a coordinate make
+ * the sum from the point as given. The constant that they start from includes the batch's origin
+ * and the bias. This is not the sum that umb__to_voxel makes, with its roundings, but near it. Let
+ * a point be as near as `reach` says: no sum of the absolute values of what is added up is above
+ * 2^20.
  *  - umb__to_voxel rounds each of its terms six times at most (twice the position, once the
  * product, three times their sum), by 2^-53 of 2^20, half a unit, in the worst case: 3 units.
  *  - The constant rounds each of its terms five times at most, and 2^20 is added: 3 units.
  *  - Each of the three additions rounds a number below 2^21: 1.5 units.
  * So the two differ by less than UMB__FIXED_SLACK units, which is added, too. If the fraction is
  * not below twice that, then the sum that umb__to_voxel makes has the same floor, and is no
- * integer; if moreover the index is inside the frustum, then so is the point. A window begins
- * so many texels before the point's as half of it has, and is inside if its ends are. A block of
- * which a point may be otherwise is placed anew: what is in doubt is one coordinate in 2^27.
+ * integer; if moreover the index is inside the frustum, then so is the point. A window begins so
+ * many texels before the point's as half of it has, and is inside if its ends are. A block with a
+ * doubtful point is placed again; one coordinate in 2^27 is doubtful.
  *
  * Points with normals are moved along them, by lengths that are computed in floats, u = 2^-24, and
  * added as voxels. Let the square of the normal, n.n, be between 1/4 and 4; A be
@@ -43,33 +43,35 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-#define UMB__FIXED_SLACK 16        /* units of 2^-32 voxels; twice what the argument above needs */
-#define UMB__FIXED_MOST  (1 << 22) /* of the slack, for normals: a thousandth of a voxel */
-#define UMB__FLOATS_MOST 1e10      /* of what is computed with in floats: nothing overflows */
+#define UMB__FIXED_SLACK 16        /* Units of 2^-32 voxels; twice the error that the argument above
+                                      allows */
+#define UMB__FIXED_MOST  (1 << 22) /* Most slack for normals: a thousandth of a voxel */
+#define UMB__FLOATS_MOST 1e10      /* Largest number computed with in floats, so that nothing
+                                      overflows */
 #define UMB__FIXED_BASE  (1 << 20)
 #define UMB__FIXED_HIGH  0x41300000 /* the upper half of 2^20's bits */
 
 struct umb__wide_placer {
     struct umb__lane_placer exact;
     bool fits;
-    double reach; /* no coordinate is further from 0, as the batch gives them */
+    double reach; /* Largest absolute value of a coordinate in the batch */
     __m512d to_voxel[3][3], base[3];
-    __m512i beyond;     /* bits that no index inside has */
+    __m512i beyond;     /* Bits that no index inside the frustum has */
     __m512i half, span; /* texels before a window's centre, and from its first to its last */
-    __m512i sure;       /* bits of which one is set in sure fractions */
+    __m512i sure;       /* Bits of which a sure fraction has at least one */
     bool automatic;     /* the next six: for points with normals */
     __m512 row[3][3], step[3][3];
     __m512 direction[3], doubt; /* of the product with it */
     __m512 length;              /* half a voxel's slack, or the bias in metres */
 };
 
-/* The nearest float; far beyond what fits, some float. */
+/* Returns the nearest float; for numbers too large, any float. */
 static inline float umb__float_of(double value)
 {
     return (float)fmax(fmin(value, 1e30), -1e30);
 }
 
-/* What points with normals need; returns the length of which no bias is longer. */
+/* Sets up the constants for points with normals; returns the length that no bias exceeds. */
 static inline double umb__wide_mover_init(const struct umb__query *q,
                                           struct umb__wide_placer *placer)
 {
@@ -93,7 +95,7 @@ static inline double umb__wide_mover_init(const struct umb__query *q,
     return light < UMB__FLOATS_MOST ? longest : INFINITY;
 }
 
-/* The slack for steps of so many voxels: a power of two. */
+/* Returns the slack for steps of that many voxels: a power of two. */
 static inline int32_t umb__wide_slack(double voxels)
 {
     int32_t slack = UMB__FIXED_SLACK;
@@ -103,7 +105,7 @@ static inline int32_t umb__wide_slack(double voxels)
     return slack;
 }
 
-/* One axis: the sum to which products with a point are added, and how far a point may be. */
+/* Sets up one axis: the sum to which products with a point are added, and the reach of a point. */
 static inline double umb__wide_base(const struct umb__query *q, const struct umb_points *points,
                                     unsigned axis, double longest, double *most)
 {
@@ -134,7 +136,7 @@ static inline void umb__wide_placer_init(const struct umb__query *q,
         const double *m = q->world_to_voxel[axis];
         double most;
         base[axis] = umb__wide_base(q, points, axis, longest, &most);
-        placer->fits &= most > 0; /* nor if it is not a number */
+        placer->fits &= most > 0; /* Also false for NaN */
         reach = most < reach ? most : reach;
         steepest = fmax(steepest, fabs(m[0]) + fabs(m[1]) + fabs(m[2]));
         for (unsigned k = 0; k < 3; k++) {
@@ -143,7 +145,7 @@ static inline void umb__wide_placer_init(const struct umb__query *q,
     }
     const int32_t slack = umb__wide_slack(steepest * longest);
     placer->fits &= slack < UMB__FIXED_MOST && steepest < UMB__FLOATS_MOST;
-    placer->fits &= longest < UMB__FLOATS_MOST; /* nor if it is not a number */
+    placer->fits &= longest < UMB__FLOATS_MOST; /* Also false for NaN */
     placer->sure = _mm512_set1_epi32(-2 * slack);
     for (unsigned axis = 0; axis < 3; axis++) {
         placer->base[axis] = _mm512_set1_pd(base[axis] + (UMB__FIXED_BASE + slack * 0x1p-32));
@@ -161,9 +163,9 @@ struct umb__sixteen {
 };
 
 /*
- * Sixteen points are taken apart by blending: a lane keeps what it has loaded, so that lane k holds
- * point umb__mixed()[k], and shuffles, which processors have fewest units for, only bring the three
- * coordinates together. Their voxels are put in order when the halves are joined, which takes a
+ * Takes sixteen points apart by blends: a lane keeps its loaded value, so that lane k holds point
+ * umb__mixed()[k]. Shuffles, for which processors have the fewest units, only bring the three
+ * coordinates together. The voxels are put in order when the halves are joined, which takes a
  * shuffle anyway.
  */
 static inline __m512i umb__mixed(void)
@@ -171,19 +173,19 @@ static inline __m512i umb__mixed(void)
     return _mm512_setr_epi32(0, 11, 6, 1, 12, 7, 2, 13, 8, 3, 14, 9, 4, 15, 10, 5);
 }
 
-/* The lane that holds each point. */
+/* Returns the lane that holds each point. */
 static inline __m512i umb__mixed_back(void)
 {
     return _mm512_setr_epi32(0, 3, 6, 9, 12, 15, 2, 5, 8, 11, 14, 1, 4, 7, 10, 13);
 }
 
-/* From x0 y0 z0 x1 .., forty-eight floats; lanes as said above. */
+/* Takes forty-eight floats x0 y0 z0 x1 .. apart; the lanes are as said above. */
 static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
 {
     const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* of three lanes each */
     __m512 a = _mm512_loadu_ps(at), b = _mm512_loadu_ps(at + 64);
     __m512 c = _mm512_loadu_ps(at + 128);
-    /* In registers: else compilers read memory anew for every blend. */
+    /* In registers: otherwise compilers reload memory for every blend. */
     __asm__("" : "+v"(a), "+v"(b), "+v"(c));
     const __m512 y = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, first, b), third, c);
     const __m512 z = _mm512_mask_mov_ps(_mm512_mask_mov_ps(a, second, b), first, c);
@@ -203,12 +205,12 @@ static inline __mmask16 umb__in_order(__mmask16 lanes)
 static inline void umb__widen(__m512 floats, __m512d *low, __m512d *high)
 {
     float eights[16] __attribute__((aligned(64)));
-    _mm512_store_ps(eights, floats); /* loads that convert need no shuffle */
+    _mm512_store_ps(eights, floats); /* Loads that convert need no shuffle */
     *low = _mm512_cvtps_pd(_mm256_load_ps(eights));
     *high = _mm512_cvtps_pd(_mm256_load_ps(eights + 8));
 }
 
-/* Of two numbers, or of one and none: the greater absolute value. */
+/* Returns the greater absolute value of two numbers, or of one and none. */
 #define UMB__GREATER_LENGTH 0xb
 
 static inline void umb__sixteen_f32(const struct umb__wide_placer *placer, const uint8_t *at,
@@ -258,7 +260,7 @@ struct umb__sixteen_steps {
     __mmask16 usable, away; /* of the usable ones, those that face away */
 };
 
-/* The points whose normal faces away, as umb__move computes it. */
+/* Returns the points whose normal faces away, as umb__move computes it. */
 static inline __mmask16 umb__face_away(const struct umb__lane_placer *placer, const __m512 n[3])
 {
     __m512d low[3], high[3];
@@ -302,8 +304,8 @@ umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
     }
 }
 
-/* Voxel coordinates of eight points, in fixed point as said above; returns the least fractions.
- * step: NULL for points without normals. */
+/* Computes voxel coordinates of eight points, in fixed point as said above; returns the least
+ * fractions. step: NULL for points without normals. */
 static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m512d p[3],
                                const __m512d step[3], __m512i fixed[3])
 {
@@ -320,12 +322,12 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
     return _mm512_min_epu32(_mm512_min_epu32(fixed[0], fixed[1]), fixed[2]);
 }
 
-/* What a block's points have shown so far of whether all of them are placed: their voxels sure and
+/* Result so far of the test whether all of a block's points are placed: their voxels sure and
  * inside the frustum. */
 struct umb__placed {
     __m512i least;  /* fractions, in the lanes of even number */
     __m512i ends;   /* bits that any index has */
-    __mmask16 near; /* lanes whose points were all within reach, or faced away */
+    __mmask16 near; /* Lanes whose points were all within reach, or faced away */
 };
 
 static inline bool umb__all_placed(const struct umb__wide_placer *placer,
@@ -337,8 +339,8 @@ static inline bool umb__all_placed(const struct umb__wide_placer *placer,
            _mm512_test_epi32_mask(placed->ends, placer->beyond) == 0;
 }
 
-/* Puts sixteen points into lanes i .. of the block. steps: NULL for points without normals; those
- * that face away get voxel 0, 0, 0 and are shadowed. */
+/* Stores sixteen points into lanes i .. of the block. steps: NULL for points without normals.
+ * Points that face away get voxel 0, 0, 0 and are shadowed. */
 static inline __attribute__((always_inline)) void
 umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixteen *p,
                    const struct umb__sixteen_steps *steps, bool windows, struct umb__block *block,
@@ -379,10 +381,9 @@ umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixt
 }
 
 /*
- * Points come in lines behind one another, which processors fetch ahead by themselves, but not
- * beyond the end of a page: so each block asks for what a later one reads; who asks for more than
- * there is asks in vain. Inlined always: of a function that does nothing else, gcc thinks that it
- * does nothing.
+ * Prefetches the points of a later block. Hardware prefetchers follow the contiguous points by
+ * themselves, but not beyond the end of a page. A prefetch beyond the batch is harmless. Always
+ * inlined: gcc would drop a call of a function that only prefetches.
  */
 #define UMB__READ_AHEAD 2048U /* bytes */
 
@@ -394,12 +395,12 @@ static inline __attribute__((always_inline)) void umb__ask_for_points(const uint
     }
 }
 
-/* What forms a batch has, constants where they are used. */
+/* The form of a batch, as constants where it is used. */
 struct umb__wide_form {
     bool f32, normals, windows;
 };
 
-/* A whole block; false if it is to be placed otherwise. Points that are to be looked up have no
+/* Places a whole block; false if another function must place it. Points with a look-up have no
  * answer yet. */
 static inline __attribute__((always_inline)) bool
 umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct umb__wide_form form,

@@ -2,23 +2,23 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_PLACE_LANES_H
 #define UMBRAGE_CORE_QUERY_KERNEL_PLACE_LANES_H
 /*
- * Placing a block many points at a time, a point a lane: operation by operation what umb__move,
- * umb__to_voxel and umb__window_at do, in doubles, in the same order and without contraction, so
- * that every voxel index is the same. Eight points of which one is not plainly inside the frustum
- * go point by point instead.
+ * Places a block many points at a time, a point a lane. Its operations are those of umb__move,
+ * umb__to_voxel and umb__window_at, in doubles, in the same order and without contraction, so that
+ * every voxel index is the same. If one of eight points is not clearly inside the frustum, all
+ * eight go point by point.
  *
- * How wide lanes are and what they are called is said by kernel_lanes_avx2.h (four) or
- * kernel_lanes_avx512.h (eight), of which one is included before.
+ * kernel_lanes_avx2.h (four lanes) or kernel_lanes_avx512.h (eight) defines the lanes; one of them
+ * is included before.
  */
 #include "query/kernel_parts.h"
 
-/* What placing needs of a query and its points, once for a batch: equal lanes each. */
+/* Constants of a query and its points, set up once for a batch; all lanes are equal. */
 struct umb__lane_placer {
     struct umb__placer plain;
     bool fits;
     bool still;           /* offset and push are 0 */
-    umb__lanes offset[3]; /* the batch's origin less the asset's */
-    umb__lanes push[3];   /* towards the light, for points without a normal */
+    umb__lanes offset[3]; /* The batch's origin minus the asset's */
+    umb__lanes push[3];   /* Bias towards the light, for points without a normal */
     umb__lanes to_voxel[3][4];
     umb__lanes voxel_step[3][3]; /* these two: only if the points have normals */
     umb__lanes direction[3];
@@ -58,8 +58,8 @@ static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes 
     return umb__lanes_add(umb__lanes_add(x, y), z);
 }
 
-/* What forms a batch has, constants where they are used. `still`: points are relative to the
- * asset's origin and nothing pushes them, so that they are what is transformed. */
+/* The form of a batch, as constants where it is used. `still`: points are relative to the asset's
+ * origin and have no bias, so they are transformed directly. */
 struct umb__form {
     bool f32, normals, still;
 };
@@ -75,7 +75,7 @@ static inline void umb__load_lanes(const struct umb_points *points, size_t i, bo
     }
 }
 
-/* umb__move for points with normals; returns the lanes whose normal faces away. */
+/* Does what umb__move does for points with normals; returns the lanes whose normal faces away. */
 static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
                                        umb__lanes p[3])
 {
@@ -111,9 +111,9 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
     return umb__mask_bits(umb__mask_and(away, has));
 }
 
-/* Texels of a point a lane, and a bit for each that is negative or faces away. */
+/* Texels, a point a lane, and a bit for each point that is negative or faces away. */
 struct umb__placed_lanes {
-    umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or not a number */
+    umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
     unsigned negative, away;
 };
 
@@ -142,7 +142,7 @@ umb__place_lanes(const struct umb__lane_placer *placer, size_t index, struct umb
     return to;
 }
 
-/* Voxel 0, 0, 0 in the lanes of points that are not to be looked up. */
+/* Sets the lanes of points without a look-up to voxel 0, 0, 0. */
 static inline void umb__clear_lanes(__m256i v[3], unsigned away)
 {
     const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
@@ -153,10 +153,10 @@ static inline void umb__clear_lanes(__m256i v[3], unsigned away)
 }
 
 /*
- * Points index .. index + 7, as lanes i .. i + 7 of the block. Returns the lanes to be looked up in
- * the low byte, in the next those that face away. If they are not all eight, a point is neither
- * plainly inside nor faces away, and what stands in the block means nothing: a window lies inside
- * if no bit from the frustum's size up is set in any of its ends.
+ * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
+ * look-up in the low byte, in the next those that face away. If these are not all eight, some point
+ * is neither clearly inside nor faces away, and the lanes are unspecified. A window lies inside if
+ * neither of its ends has a bit from the frustum's size up.
  */
 static inline __attribute__((always_inline)) unsigned
 umb__place_eight(const struct umb__lane_placer *placer, size_t index, struct umb__form form,
@@ -194,7 +194,7 @@ umb__place_eight(const struct umb__lane_placer *placer, size_t index, struct umb
     return look | away << 8;
 }
 
-/* Places whole eights again, point by point: those that have a point in `others`. */
+/* Places whole eights again, point by point: those with a point in `others`. */
 static inline void umb__place_again(const struct umb__lane_placer *placer, size_t first,
                                     uint64_t others, struct umb__block *block,
                                     struct umb_query_stats *stats)
@@ -208,8 +208,8 @@ static inline void umb__place_again(const struct umb__lane_placer *placer, size_
     }
 }
 
-/* The eights of a block; a point of its own is rare, so that the loop has no call in it and keeps
- * its constants in registers. */
+/* Places the eights of a block. Points that need their own path are rare, so the loop has no call
+ * and keeps its constants in registers. */
 static inline __attribute__((always_inline)) void
 umb__place_eights(const struct umb__lane_placer *placer, size_t first, struct umb__form form,
                   struct umb__block *block, struct umb_query_stats *stats)

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
-/* One tap: points that share bricks are answered by runs (kernel_runs.h), scattered ones go down
- * each for itself (kernel_descent.h). */
+/* Answers one tap: points that share bricks by runs (kernel_runs.h), scattered ones by a descent
+ * for each point (kernel_descent.h). */
 #include "query/kernel_descent.h"
 #include "query/kernel_runs.h"
 
-/* Heads are merged, and stand for more than a run, where that is a step of the kernel. */
+/* Whether heads are merged to stand for several runs, if the kernel has that step. */
 #ifndef UMB__MERGE_HEADS
 #define UMB__MERGE_HEADS(spread, heads, runs) ((void)(spread))
 #define UMB__RUNS_OF(runs, heads)             ((void)(runs), umb__count_bits(heads))
@@ -18,11 +18,11 @@ struct umb__cube {
     int32_t x, y, z;
 };
 
-/* What a block's points have in common. */
+/* The cubes that a block's points share. */
 struct umb__common {
-    bool found;            /* else every point begins at its column */
+    bool found;            /* Else every point begins at its column */
     struct umb__cube cube; /* around all of them */
-    struct umb__cube last; /* the smallest with a node around the last block that had one; level 0:
+    struct umb__cube last; /* Smallest cube with a node around the last block that had one; level 0:
                               none yet */
 };
 
@@ -34,7 +34,7 @@ static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
     }
 }
 
-/* Where the way down of a block begins whose points are all in one cube of the columns' level: at
+/* Returns where the descent of a block begins whose points share a cube of the columns' level: at
  * the cube of the last block, if they are in that one, too. A uniform cube has its state as number,
  * others have theirs plus UMB__CELL_FIRST. */
 static inline struct umb__cube umb__begin_together(const struct umb__query *q,
@@ -57,9 +57,9 @@ static inline struct umb__cube umb__begin_together(const struct umb__query *q,
     return cube;
 }
 
-/* Goes down with the first point for as long as all others are in the same cubes. Answers the block
- * and returns true if one of these is uniform. Nodes are counted from the column on, wherever the
- * way began: what a batch is said to take does not depend on how it is cut. */
+/* Descends with the first point while all others are in the same cubes. Answers the block and
+ * returns true if one of these cubes is uniform. Nodes are counted from the column on, wherever the
+ * descent began, so that counts do not depend on how a batch is cut. */
 static inline bool umb__descend_together(const struct umb__query *q, struct umb__block *block,
                                          uint32_t spread, struct umb__common *common,
                                          struct umb_query_stats *stats)
@@ -93,18 +93,19 @@ static inline bool umb__descend_together(const struct umb__query *q, struct umb_
     return false;
 }
 
-/* What a mixed cube's number leads to, or what stands for a uniform one: a node, or a brick. */
+/* Node or brick of a mixed cube, or the uniform one that represents a uniform cube. */
 static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
                                           uint64_t number, uint64_t lit)
 {
-    /* As integers: of a uniform cube number is any, and there may be no nodes at all. */
+    /* As integers, since a uniform cube may have any number, and there may be no nodes at all. */
     const uintptr_t inner = brick ? (uintptr_t)q->bricks + number * sizeof *q->bricks
                                   : (uintptr_t)q->nodes + number * sizeof *q->nodes;
     const uint64_t *const uniform = brick ? umb__uniform_bricks[lit] : umb__uniform_nodes + 2 * lit;
     return (const uint64_t *)umb__select(mixed, inner, (uintptr_t)uniform);
 }
 
-/* From the heads' columns to their nodes, or bricks. Returns who is not settled. */
+/* Leads heads from their columns to their nodes or bricks. Returns the heads that are not
+ * settled. */
 static inline __attribute__((always_inline)) uint64_t
 umb__enter_heads(const struct umb__query *q, const struct umb__block *heads, bool brick,
                  const uint64_t *at[UMB__BLOCK])
@@ -127,7 +128,7 @@ umb__enter_heads(const struct umb__query *q, const struct umb__block *heads, boo
     return unsettled & heads->todo;
 }
 
-/* From the heads' nodes to their children of `level`, as umb__enter_children does. */
+/* Leads heads from their nodes to the children of `level`, as umb__enter_children does. */
 static inline __attribute__((always_inline)) uint64_t
 umb__step_heads(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
                 bool brick, const uint64_t *at[UMB__BLOCK])
@@ -148,9 +149,9 @@ umb__step_heads(const struct umb__query *q, const struct umb__block *heads, uint
 }
 
 /*
- * The brick of every head, a uniform one where it is settled above. Heads are few: all go down all
- * levels, eight at a time, and what is settled goes on through a uniform node, so that no branch
- * depends on who is.
+ * Finds the brick of every head, a uniform one where the head is settled above. Heads are few: all
+ * descend all levels, eight at a time. A settled head descends through a uniform node, so that no
+ * branch depends on it.
  */
 static inline void umb__find_bricks_of(const struct umb__query *q, const struct umb__block *heads,
                                        const struct umb__runs *runs,
@@ -179,7 +180,7 @@ static inline void umb__find_bricks_of(const struct umb__query *q, const struct 
     stats->bricks += UMB__RUNS_OF(runs, unsettled);
 }
 
-/* Answers a block whose points share bricks: only the heads of its runs go down. */
+/* Answers a block whose points share bricks: only the heads of its runs descend. */
 static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
                                    uint64_t starts, uint32_t spread,
                                    const struct umb__common *common, struct umb_query_stats *stats)
@@ -194,7 +195,7 @@ static inline void umb__count_runs(const struct umb__query *q, struct umb__block
 }
 
 /* Answers a block and returns true, unless its points are scattered. common: all zero before the
- * first; kept from block to block. */
+ * first block, and kept from block to block. */
 static inline bool umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb__common *common, struct umb_query_stats *stats)
 {
@@ -215,8 +216,8 @@ static inline bool umb__count_points(const struct umb__query *q, struct umb__blo
     return true;
 }
 
-/* Answers a block: at once, or while later ones go down. first: of its points in the batch, whose
- * answers are stored in their order. */
+/* Answers a block: at once, or during the descent of later ones. first: of its points in the batch,
+ * whose answers are stored in their order. */
 static inline void umb__answer_points(const struct umb__query *q, struct umb__block *block,
                                       size_t first, void *values, struct umb__common *common,
                                       struct umb__descents *descents, struct umb_query_stats *stats)

@@ -2,23 +2,22 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RUNS_H
 /*
- * Neighbours that share their way down. Where pixels lie closer than voxels, most points of a
- * picture are in the brick of the point before. So a block is cut into runs of points in one brick,
- * the first of each run, its head, is looked up for all of them, and each point is answered from
- * the brick that its head has reached. A block of heads is a block like any other: the stages do
- * not know the difference.
+ * Runs: neighbouring points that share a look-up. Where pixels are denser than voxels, most points
+ * of a picture are in the brick of the point before. So a block is cut into runs of points in one
+ * brick. The first point of a run, its head, is looked up for all of them, and its brick answers
+ * each point. A block of heads is a block like any other, and the stages treat it so.
  *
  * The runs of a window's block: windows that begin in one brick touch the same bricks, or fewer.
  */
 #include "query/kernel_parts.h"
 
-#define UMB__RUNS_MAX   40 /* of a block: with more, every point goes down for itself */
+#define UMB__RUNS_MAX   40 /* Most runs of a block: with more, every point descends by itself */
 #define UMB__MERGED_MAX 32
 
 struct umb__runs {
     uint64_t starts; /* bit i: a run begins with point i */
     uint32_t count;
-    uint8_t first[UMB__BLOCK + 1]; /* point that a run begins with; behind the last: the size */
+    uint8_t first[UMB__BLOCK + 1]; /* First point of each run; behind the last: the size */
     bool merged;                   /* a head may stand for several runs; set with AVX-512 */
     _Alignas(64) uint32_t head[UMB__MERGED_MAX]; /* if merged: the head of each run */
 };
@@ -29,9 +28,9 @@ static const uint64_t umb__uniform_bricks[2][8] = {
      UINT64_MAX},
 };
 
-/* Where the points of a block lie beside one another. */
+/* Where neighbouring points of a block are in different bricks. */
 struct umb__closeness {
-    uint64_t changes; /* bit i: point i is in another brick than the one before */
+    uint64_t changes; /* Bit i: point i is in another brick than the point before */
     uint32_t spread;  /* bits in which any coordinate of a point differs from the one before;
                          UINT32_MAX if the block is not full or not all are to be looked up */
 };
@@ -50,16 +49,16 @@ static inline struct umb__closeness umb__compare_points(const struct umb__block 
     return close;
 }
 
-/* Bit i is set if a run begins with point i. Points that are not to be looked up have runs of their
- * own. */
+/* Returns a word whose bit i is set if a run begins with point i. Points without a look-up have
+ * runs of their own. */
 static inline uint64_t umb__run_starts(const struct umb__block *block, uint64_t changes)
 {
     uint64_t inside = UINT64_MAX >> (UMB__BLOCK - block->size);
     return (1 | changes | (block->todo ^ block->todo << 1)) & inside;
 }
 
-/* Makes the block of heads. A head that stands for several points takes the last place of its brick
- * where a window may begin, so that it touches all bricks that any of them does. */
+/* Makes the block of heads. A head for several points takes the last place of its brick where a
+ * window may begin, so that it touches all bricks that any of them touches. */
 static inline void umb__take_heads(const struct umb__query *q, const struct umb__block *block,
                                    uint64_t starts, struct umb__block *heads,
                                    struct umb__runs *runs)

@@ -33,7 +33,7 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
     __m128i half = _mm_or_si128(_mm256_castsi256_si128(any), _mm256_extracti128_si256(any, 1));
     half = _mm_or_si128(half, _mm_unpackhi_epi64(half, half));
     const uint64_t spread = (uint64_t)_mm_cvtsi128_si64(half);
-    /* Bits beyond the block's points are the caller's business. */
+    /* The caller masks bits beyond the block's points. */
     return (struct umb__closeness){
         ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
 }
@@ -78,7 +78,7 @@ static inline void umb__read_brick_avx2(struct umb__block *block, const uint64_t
     }
 }
 
-/* Eight points are written whatever a run has; what is too much the next run overwrites. */
+/* Always writes eight points; the next run overwrites the excess. */
 static inline void umb__read_runs_avx2(struct umb__block *block, const struct umb__block *heads,
                                        const struct umb__runs *runs,
                                        const uint64_t *const brick[UMB__BLOCK])

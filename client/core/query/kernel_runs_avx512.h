@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX512_H
-/* The steps of kernel_runs.h sixteen points at a time with AVX-512, without a branch on how long
- * runs are; the same integers. */
+/* The steps of kernel_runs.h sixteen points at a time with AVX-512, without a branch on the length
+ * of runs; the same integers. */
 #include <immintrin.h>
 #include "query/kernel_runs.h"
 
@@ -11,8 +11,8 @@ static inline __m512i umb__load_sixteen(const int32_t *at)
     return _mm512_loadu_si512(at);
 }
 
-/* Bits in which sixteen points differ on an axis from the one before each; *before: the sixteen
- * before, then these. */
+/* Returns the bits in which each of sixteen points differs on an axis from the one before. *before:
+ * the sixteen before, then these. */
 static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
 {
     const __m512i here = umb__load_sixteen(axis);
@@ -21,8 +21,8 @@ static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
     return _mm512_xor_si512(here, one_back);
 }
 
-/* The first point has none before it and is held against the sixteenth: a change that every run
- * has, and bits in which points differ anyway. */
+/* The first point has none before it and is compared with the sixteenth. Every run begins with a
+ * change there, and these bits differ somewhere in the block anyway. */
 static inline struct umb__closeness umb__compare_points_avx512(const struct umb__block *block)
 {
     const __m512i place = _mm512_set1_epi32(~7);
@@ -37,12 +37,12 @@ static inline struct umb__closeness umb__compare_points_avx512(const struct umb_
         any = _mm512_or_si512(any, differ);
         changes |= (uint64_t)_mm512_test_epi32_mask(differ, place) << i;
     }
-    /* Bits beyond the block's points are the caller's business. */
+    /* The caller masks bits beyond the block's points. */
     return (struct umb__closeness){
         changes, block->todo == UINT64_MAX ? (uint32_t)_mm512_reduce_or_epi32(any) : UINT32_MAX};
 }
 
-/* Voxel 0, 0, 0 in what the last eight lanes lack. */
+/* Sets the missing points of the last eight lanes to voxel 0, 0, 0. */
 static inline void umb__pad_heads_avx512(struct umb__block *heads)
 {
     const __m256i zero = _mm256_setzero_si256();
@@ -51,7 +51,7 @@ static inline void umb__pad_heads_avx512(struct umb__block *heads)
     _mm256_storeu_si256((__m256i *)(void *)(heads->z + heads->size), zero);
 }
 
-/* Appends those of sixteen voxels that are wanted to the heads. */
+/* Appends the selected ones of sixteen voxels to the heads. */
 static inline void umb__append_heads(struct umb__block *heads, __mmask16 wanted, __m512i x,
                                      __m512i y, __m512i z)
 {
@@ -61,15 +61,16 @@ static inline void umb__append_heads(struct umb__block *heads, __mmask16 wanted,
     heads->size += umb__count_bits(wanted);
 }
 
-/* Behind `count` of sixteen values, those of another sixteen that are wanted. */
+/* Appends to `count` of sixteen values the selected ones of another sixteen. */
 static inline __m512i umb__append_wanted(__m512i to, uint32_t count, __mmask16 wanted, __m512i from)
 {
     return _mm512_mask_expand_epi32(to, (__mmask16)(0xffffU << count),
                                     _mm512_maskz_compress_epi32(wanted, from));
 }
 
-/* Up to sixteen heads, zeros behind them: a vector each, stored at once, since what reads a vector
- * that several stores have made waits until all of them are in the cache. */
+/* Stores up to sixteen heads, with zeros behind them, a vector each. One store makes each vector,
+ * since a load of a vector that several stores have made waits until all of them are in the
+ * cache. */
 static inline void umb__take_few_heads(const struct umb__block *block, uint64_t starts,
                                        struct umb__block *heads)
 {
@@ -116,8 +117,8 @@ static inline void umb__take_heads_avx512(const struct umb__query *q,
     runs->merged = false;
 }
 
-/* The bricks of sixteen voxels, a number each; equal numbers are equal bricks if the block's spread
- * is below. */
+/* Returns a number for the brick of each of sixteen voxels; equal numbers are equal bricks if the
+ * block's spread is below. */
 #define UMB__KEYS_SPREAD (1U << 13)
 
 static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
@@ -131,8 +132,8 @@ static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
 
 /*
  * Lets one head stand for all runs among sixteen that are in one brick, as where the border of two
- * crosses several rows of a picture. Up to eight heads go down at once, merged or not. spread: of
- * the block's points, which are all to be looked up if it is not UINT32_MAX.
+ * bricks crosses several rows of a picture. Up to eight heads descend at once, merged or not.
+ * spread: of the block's points, all of which have a look-up if it is not UINT32_MAX.
  */
 static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
                                     struct umb__runs *runs)
@@ -141,7 +142,7 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
         return;
     }
     const __m512i place = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    heads->size = 0; /* what is appended never reaches what is still to be read */
+    heads->size = 0; /* Appends never reach the values still to be read */
     for (uint32_t i = 0; i < runs->count; i += 16) {
         const __m512i x = umb__load_sixteen(heads->x + i), y = umb__load_sixteen(heads->y + i);
         const __m512i z = umb__load_sixteen(heads->z + i);
@@ -162,12 +163,12 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
     }
     heads->todo = ((uint64_t)1 << heads->size) - 1;
     runs->merged = true;
-    if (runs->count > 16) { /* else one store made all of them, with zeros behind */
+    if (runs->count > 16) { /* With up to 16, one store made all of them, with zeros behind */
         umb__pad_heads_avx512(heads);
     }
 }
 
-/* How many runs these heads stand for. */
+/* Returns the number of runs that these heads stand for. */
 static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_t heads)
 {
     if (!runs->merged) {
@@ -181,8 +182,8 @@ static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_
     return umb__count_bits(bits & (uint32_t)(((uint64_t)1 << runs->count) - 1));
 }
 
-/* Makes a number a point: of the run that it is in; eight points, a byte each. *before: the number
- * of the run before, then of the last. */
+/* Gives each of eight points the number of its run, a byte each. *before: number of the run before,
+ * then of the last. */
 static inline uint64_t umb__number_eight(uint64_t starts, uint64_t *before)
 {
     /* A product with ones in all bytes: the sum of all bytes up to each. */
@@ -201,7 +202,7 @@ static inline void umb__number_runs(uint64_t starts, __m512i run[UMB__BLOCK / 16
     }
 }
 
-/* Where the words of 32 bits that points are in stand in their bricks, and which bits they are. */
+/* Finds the words of 32 bits that hold the points in their bricks, and their bits. */
 struct umb__brick_places {
     __m512i word, bit;
 };
@@ -245,7 +246,7 @@ static inline struct umb__eight_bricks umb__load_bricks(const uint64_t *const br
     return eight;
 }
 
-/* The word `word` (0..15) of brick `of` (0..7), sixteen times. */
+/* Returns word `word` (0..15) of brick `of` (0..7), sixteen times. */
 static inline __m512i umb__pick_words(const struct umb__eight_bricks *from, __m512i of,
                                       __m512i word)
 {
@@ -262,8 +263,8 @@ static inline __m512i umb__pick_words(const struct umb__eight_bricks *from, __m5
     return _mm512_mask_blend_epi32(high, low_half, high_half);
 }
 
-/* All of the block at once, whatever its size: what it has no points for is read like the last run
- * and thrown away. */
+/* Answers a full block, whatever its size: the lanes without points read the last run's brick, and
+ * their answers are discarded. */
 static inline void umb__read_runs_avx512(struct umb__block *block, const struct umb__block *heads,
                                          const struct umb__runs *runs,
                                          const uint64_t *const brick[UMB__BLOCK])
@@ -301,7 +302,7 @@ static inline __m256i umb__load_eight(const int32_t at[8])
     return _mm256_load_si256((const __m256i *)(const void *)at);
 }
 
-/* Children of `level` behind those around eight heads: 63 - umb__child_bit. */
+/* Finds the children of `level` around eight heads: 63 - umb__child_bit. */
 static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t h, uint32_t level)
 {
     const __m128i shift = _mm_cvtsi32_si128((int)level);
@@ -322,7 +323,7 @@ static inline __m128i umb__load_pair(const uint64_t *node)
     return _mm_loadu_si128((const __m128i *)(const void *)node);
 }
 
-/* Masks of four nodes behind one another. */
+/* Loads the masks of four nodes one after another. */
 static inline __m512i umb__load_masks(const uint64_t *const node[4])
 {
     __m512i masks = _mm512_castsi128_si512(umb__load_pair(node[0]));
@@ -331,9 +332,9 @@ static inline __m512i umb__load_masks(const uint64_t *const node[4])
     return _mm512_inserti64x2(masks, umb__load_pair(node[3]), 3);
 }
 
-/* States of a child of each of eight nodes: bits 0, 2 .. mixed, bits 1, 3 .. lit. From the nodes
- * and not from what each one's number is computed of: a vector of what was stored one by one waits
- * until all of it is in the cache. */
+/* Returns the states of a child of each of eight nodes: bits 0, 2 .. mixed, bits 1, 3 .. lit. They
+ * are loaded from the nodes again: a load of a vector that several stores have made waits until all
+ * of them are in the cache. */
 static inline uint32_t umb__child_states(const uint64_t *const node[8], __m256i above)
 {
     const __m512i wide = _mm512_cvtepu32_epi64(above);
@@ -346,7 +347,7 @@ static inline uint32_t umb__child_states(const uint64_t *const node[8], __m256i 
     return (uint32_t)_mm512_movepi64_mask(low) | (uint32_t)_mm512_movepi64_mask(high) << 8;
 }
 
-/* Numbers of these children; where one is not mixed, what is read is within the node. */
+/* Loads the numbers of these children; where one is not mixed, the read is within the node. */
 static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i above)
 {
     uint32_t by[8] __attribute__((aligned(32))), number[8];
@@ -361,8 +362,8 @@ static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i 
 }
 
 /*
- * umb__step_heads, eight heads at a time: what follows from a child's state is decided for all of
- * them at once.
+ * umb__step_heads, eight heads at a time; a child's state selects the results for all of them at
+ * once.
  */
 static inline __attribute__((always_inline)) uint64_t
 umb__step_heads_avx512(const struct umb__query *q, const struct umb__block *heads, uint32_t level,

@@ -2,8 +2,8 @@
 /*
  * The tent filter. The window's texels are gathered once, as rows of bits, brick by brick; a row
  * then weighs the sum of its popcounts under nested masks: those within 0, 1, 2 ... texels of the
- * centre. So a tent costs one gathering and a few counts in registers, not a box for each of its
- * levels.
+ * centre. So a tent costs one gather and a few counts in registers, not one box for each nested
+ * mask.
  */
 #include "query/query_parts.h"
 #include "query/voxel_tree.h"
@@ -23,12 +23,14 @@ static void add_square(const struct umb__place *place, const struct umb__window 
         if (place->brick) {
             row = place->brick[w->z & 7] >> (8 * (y & 7)) & 0xffU;
         }
-        /* Texels before the window's first fall off at the right, those behind its last later. */
+        /* Texels before the window's first are cut off at the right, those behind its last
+         * later. */
         rows->bits[y - w->y0] |= bx < w->x0 ? row >> (w->x0 - bx) : row << (bx - w->x0);
     }
 }
 
-/* Texels of the clipped window, its first one at bit 0 of row 0. `first`: the place of that one. */
+/* Gathers the texels of the clipped window, its first one at bit 0 of row 0. `first`: the place of
+ * that one. */
 static void gather(const struct umb__tree *tree, const struct umb__window *w,
                    struct umb__place first, struct umb_volume_stats *read, struct rows *rows)
 {
@@ -44,7 +46,7 @@ static void gather(const struct umb__tree *tree, const struct umb__window *w,
     }
 }
 
-/* Moves clipped rows to where they stand in the whole window; what was cut off is lit. */
+/* Moves clipped rows to their place in the whole window; texels outside the frustum are lit. */
 static void place_rows(const struct umb__query *q, const double v[3], const struct umb__window *w,
                        const struct rows *clipped, struct rows *whole)
 {
@@ -59,7 +61,7 @@ static void place_rows(const struct umb__query *q, const double v[3], const stru
     }
 }
 
-/* Sum of the weights of the lit texels. */
+/* Returns the sum of the weights of the lit texels. */
 static uint32_t weigh(const struct umb__query *q, const struct rows *rows)
 {
     int32_t half = q->taps / 2;
@@ -85,7 +87,7 @@ static bool is_uniform(const struct umb__place *place, const struct umb__window 
            w->y0 >> place->level == w->y1 >> place->level;
 }
 
-/* Weight of the lit texels around a moved point. */
+/* Returns the weight of the lit texels around a moved point. */
 static uint32_t tent(const struct umb__query *q, const double v[3], uint32_t total,
                      struct umb_query_stats *stats)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_WINDOW_STEPS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_WINDOW_STEPS_H
-/* Steps of kernel_windows.h that vector instructions are worth writing by hand for. */
+/* Steps of kernel_windows.h that are hand-written with vector instructions. */
 #include "query/kernel_runs.h"
 
 /* Texels of a slice that lie in a window which begins at texel 0..7 of its first brick: of bricks 0
@@ -9,9 +9,9 @@
 struct umb__window_masks {
     _Alignas(64) uint64_t columns[3][8];
     uint64_t rows[3][8];
-    /* With AVX-512 alone. Bricks that a window touches which begins at texel 0..31 of a cell: a bit
-     * of sixteen each of that cell, the one right of it and the two below, each twice; by columns
-     * and by rows. */
+    /* With AVX-512 alone. Bricks touched by a window that begins at texel 0..31 of a cell: a bit
+     * for each of sixteen bricks of that cell, of the one to its right and of the two below, each
+     * twice; by columns and by rows. */
     uint64_t cell_columns[32][8], cell_rows[32][8];
 };
 
@@ -27,7 +27,8 @@ static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks
 }
 
 /* Bit 0: one of the bricks that a window touches is mixed, bit 1: one is lit, bit 2: one is
- * shadowed; of mixed ones either. at: its first texel; corner: the nodes of its cells. */
+ * shadowed; mixed bricks may be either. at: the window's first texel; corner: the nodes of its
+ * cells. */
 static inline __attribute__((always_inline)) uint32_t
 umb__touched_states(const struct umb__window_masks *masks, struct umb__voxel at, uint32_t reach,
                     const uint64_t *const corner[4])
@@ -49,8 +50,8 @@ umb__touched_states(const struct umb__window_masks *masks, struct umb__voxel at,
     return (uint32_t)(mixed != 0) | (uint32_t)(lit != 0) << 1 | (uint32_t)(shadowed != 0) << 2;
 }
 
-/* Windows whose heads were settled answer as these. Eight are written at a time; what is too much
- * the runs behind write again, but for windows that needed no look-up. */
+/* Stores the answers of windows whose heads are settled. Eight are written at a time; later runs
+ * overwrite the excess, except windows that needed no look-up. */
 static inline void umb__spread_settled(struct umb__block *block, const struct umb__block *heads,
                                        uint64_t settled, const struct umb__runs *runs)
 {
@@ -73,8 +74,8 @@ static inline void umb__spread_settled(struct umb__block *block, const struct um
     }
 }
 
-/* Windows: adds up those of the points of all runs whose heads are given, from the slices of the
- * bricks that each head touches, `side` each way: brick[16 * head ..]. */
+/* Windows: adds up the lit texels of the points of all runs whose heads are given, from the slices
+ * of the bricks that each head touches, `side` each way: brick[16 * head ..]. */
 static inline __attribute__((always_inline)) void
 umb__count_windows(const struct umb__window_masks *masks, struct umb__block *block, uint64_t heads,
                    const struct umb__runs *runs, uint32_t side, const uint64_t *const *brick)

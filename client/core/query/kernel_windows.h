@@ -2,14 +2,13 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_H
 /*
- * The stages of a window, a part of a kernel's body (kernel_body.h), which says what stages are and
- * which of them the kernel brings.
+ * The stages of a window, a part of a kernel's body. kernel_body.h explains stages, and lists those
+ * that each kernel defines.
  *
- * A window is found by the level-5 cells (32 voxels) it touches, four at most: each is looked up
- * once, all its bricks are taken from that one node ("share", reference/core.md section 3). Within
- * a brick the window is a rectangle of the slice at depth z: one mask, one popcount (Sintorn et al.
- * 2014, section 6.2). Cells and bricks that are lit or shadowed throughout stand as constants in
- * the place of nodes and bricks, so that a stage need not tell them apart.
+ * A window touches at most four level-5 cells (32 voxels). Each cell is looked up once, and its one
+ * node gives all its bricks. Within a brick the window is a rectangle of the slice at depth z: one
+ * mask, one popcount (Sintorn et al. 2014, section 6.2). Constant nodes and bricks represent
+ * uniform cells and bricks, so that a stage treats all alike.
  */
 #include "query/kernel_cells.h"
 #include "query/kernel_window_steps.h"
@@ -71,22 +70,23 @@ static inline __attribute__((always_inline)) void find_bricks(const struct umb__
 
 #define GRID_IDLE_BLOCKS  3U /* the grid is tried often: what it settles costs least */
 #define SLABS_IDLE_BLOCKS 15U
-#define WINDOW_RUNS_MAX   56U /* as UMB__RUNS_MAX; a window's way down costs more than a point's */
+#define WINDOW_RUNS_MAX   56U /* As UMB__RUNS_MAX; the descent of a window costs more than a
+                                 point's */
 
-/* Blocks for which the two stages that settle windows early are left out, because they settled next
- * to nothing. */
+/* Number of blocks for which the two stages that settle windows early are skipped, because they
+ * settled almost nothing. */
 struct idle_stages {
     uint32_t grid, slabs;
 };
 
-/* Whether a stage is to be tried on this block. */
+/* Returns whether a stage is to be tried on this block. */
 static bool stage_is_due(uint32_t *idle)
 {
     *idle -= *idle > 0;
     return *idle == 0;
 }
 
-/* For how many blocks a stage is left out: for `blocks` if it settled at most `few` windows. */
+/* Skips a stage for `blocks` blocks if it settled at most `few` windows. */
 static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
     bool idle = before != 0 && umb__count_bits(before & ~after) <= few;

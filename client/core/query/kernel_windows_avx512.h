@@ -19,7 +19,7 @@ static inline void umb__make_masks_avx512(int32_t taps, struct umb__window_masks
     }
 }
 
-/* umb__take_heads, up to sixteen of a whole block at once. */
+/* umb__take_heads, up to sixteen heads of a whole block at once. */
 static inline void umb__take_windows_avx512(const struct umb__query *q,
                                             const struct umb__block *block, uint64_t starts,
                                             struct umb__block *heads, struct umb__runs *runs)
@@ -88,7 +88,7 @@ static inline __m512i umb__count_bytes(__m512i words)
                            _mm512_shuffle_epi8(of, high));
 }
 
-/* Lit texels of the windows i .. i + 7, which begin in one brick. */
+/* Returns the lit texels of the windows i .. i + 7, which begin in one brick. */
 static inline __attribute__((always_inline)) __m256i
 umb__count_eight(const struct umb__window_masks *masks, const struct umb__block *block, uint32_t i,
                  uint32_t side, const __m512i brick[9])
@@ -111,7 +111,7 @@ umb__count_eight(const struct umb__window_masks *masks, const struct umb__block 
     return _mm512_cvtepi64_epi32(_mm512_sad_epu8(lit, _mm512_setzero_si512()));
 }
 
-/* umb__count_windows, eight windows of a run at a time; each on its own where runs are points. */
+/* umb__count_windows, eight windows of a run at a time; runs of one point are counted singly. */
 static inline __attribute__((always_inline)) void
 umb__count_windows_avx512(const struct umb__window_masks *masks, struct umb__block *block,
                           uint64_t heads, const struct umb__runs *runs, uint32_t side,

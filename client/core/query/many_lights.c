@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Several lights for each point: block by block of points, light by light. */
+/* Answers several lights for each point: block by block of points, light by light. */
 #include "umbrage/query.h"
 
-/* Points a block: 12 KiB as doubles and 6 KiB of normals stay in half of a first-level cache. */
+/* Points a block: 12 KiB as doubles and 6 KiB of normals stay in half of an L1 cache. */
 #define BLOCK 512
 
 void umb_query_run_lights(const struct umb_query *queries, size_t query_count,

@@ -4,8 +4,8 @@
 #include "query/penumbra.h"
 #include "query/slice_count.h"
 
-/* A receiver at the centre of its own blocker is no distance from it: voxels, and no division by
- * nothing. */
+/* Least distance in voxels of a blocker, since a receiver at the centre of its own blocker would
+ * divide by zero. */
 #define GAP_MIN 0x1p-20
 
 struct search {
@@ -13,13 +13,13 @@ struct search {
     struct umb__tree tree;
     double v[3];        /* of the receiver */
     int64_t x, y;       /* its column */
-    uint32_t last;      /* depth of the last blocker: the next one's is often near */
+    uint32_t last;      /* Depth of the last blocker, which is often near the next one's */
     double gaps, cover; /* sums: s^2 / g and s^2 / g^2 */
     uint32_t count;
     struct umb_volume_stats read;
 };
 
-/* First shadowed slice of a brick's column; 8 if there is none. */
+/* Returns the first shadowed slice of a brick's column; 8 if there is none. */
 static uint32_t slice_of(const uint64_t brick[8], uint32_t x, uint32_t y)
 {
     uint32_t z = 0;
@@ -29,8 +29,8 @@ static uint32_t slice_of(const uint64_t brick[8], uint32_t x, uint32_t y)
     return z;
 }
 
-/* First shadowed voxel of a column whose voxel `high` is shadowed, by bisection; ends on any tree,
- * since what is left shrinks. */
+/* Finds by bisection the first shadowed voxel of a column whose voxel `high` is shadowed. It ends
+ * on any tree, since the range shrinks. */
 static uint32_t first_shadowed(struct search *s, uint32_t x, uint32_t y, uint32_t high)
 {
     uint32_t low = 0, probe = s->last < high ? s->last : high / 2;
@@ -67,21 +67,22 @@ static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limi
     return true;
 }
 
-/* Last voxel whose centre is at least `gap` before the receiver; below 0 if there is none. */
+/* Returns the last voxel whose centre is at least `gap` before the receiver; below 0 if there is
+ * none. */
 static double limit_of(const struct search *s, double gap)
 {
     const double size = (double)((uint32_t)1 << s->q->log2_size);
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Depth over which the cone takes to grow to texels so far away on an axis. */
+/* Returns the depth over which the cone grows to that many texels on an axis. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;
     return away > 0 ? away / s->q->reach[axis] : 0;
 }
 
-/* Looks at one column that stands for stride * stride. */
+/* Samples one column, which stands for stride * stride columns. */
 static void add_sample(struct search *s, int64_t x, int64_t y, double stride)
 {
     const int64_t size = (int64_t)1 << s->q->log2_size;
@@ -98,22 +99,22 @@ static void add_sample(struct search *s, int64_t x, int64_t y, double stride)
     s->count++;
 }
 
-/* Columns at distances above `inner` strides, up to `outer`. */
+/* Samples columns at distances above `inner` strides, up to `outer`. */
 static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t stride)
 {
     for (int64_t j = -outer; j <= outer; j++) {
         const bool across = j < -inner || j > inner;
         for (int64_t i = -outer; i <= outer; i++) {
             if (!across && i == -inner) {
-                i = inner + 1; /* over what the rings inside have looked at */
+                i = inner + 1; /* Skips the columns of the inner rings */
             }
             add_sample(s, s->x + i * stride, s->y + j * stride, (double)stride);
         }
     }
 }
 
-/* Whether no column up to `outer` texels away blocks by a voxel that the ring may be blocked by:
- * where columns stay shadowed, one slice says so. */
+/* Returns whether no voxel within the ring's part of the cone blocks, in any column up to `outer`
+ * texels away: where columns stay shadowed, one slice proves it. */
 static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_query_stats *stats)
 {
     const struct umb__slice slice = {&s->tree, stats, (int64_t)limit};
@@ -134,7 +135,7 @@ struct umb__blockers umb__penumbra_search(const struct umb__query *q, const doub
     add_sample(&s, s.x, s.y, 1);
     for (int64_t outer = 1; outer <= UMB__PENUMBRA_REACH_MAX; outer *= 2) {
         const int64_t inner = outer / 2, stride = outer > 4 ? outer / 4 : 1;
-        /* The nearest texel of the ring is `inner` away from the receiver's own, or more. */
+        /* The nearest texel of the ring is at least `inner` away from the receiver's own. */
         const double limit = limit_of(&s, (double)inner / reach);
         if (!(limit >= 0)) {
             break; /* the cone ends before */

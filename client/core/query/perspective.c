@@ -8,8 +8,8 @@
 
 #include "base/vec.h"
 
-#define CHUNK      64U /* points sorted by face at a time */
-#define FAR_VOXELS 1e9 /* beyond every frustum, and far from what an int32_t holds */
+#define CHUNK      64U /* Points that are sorted by face at a time */
+#define FAR_VOXELS 1e9 /* A place beyond every frustum, and far from the limits of int32_t */
 
 static double row(const struct umb_frustum_info *face, unsigned i, const double p[3])
 {
@@ -17,7 +17,7 @@ static double row(const struct umb_frustum_info *face, unsigned i, const double 
     return m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
 }
 
-/* The face along whose axis p is farthest; 0 if p is behind all of them. */
+/* Returns the face along whose axis p is farthest; 0 if p is behind all of them. */
 static uint32_t face_of(const struct umb__query *q, const double p[3], double *w)
 {
     uint32_t best = 0;
@@ -33,7 +33,8 @@ static uint32_t face_of(const struct umb__query *q, const double p[3], double *w
 }
 
 /*
- * Metres along the unit normal n that keep the plane of the surface behind the whole window.
+ * Returns the metres along the unit normal n that keep the plane of the surface behind the whole
+ * window.
  *
  * In the moved point's slice of depth, one voxel across is W times step[0] or step[1] (exactly: a
  * plane across the axis), one along the ray (p - position) / W times the slice's thickness, which
@@ -67,7 +68,7 @@ double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
     return w * (umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1])) / 2.0;
 }
 
-/* Metres along a unit normal. */
+/* Returns the bias in metres along a unit normal. */
 static double bias_length(const struct umb__query *q, uint32_t face, const double from_light[3],
                           const double n[3], double w)
 {
@@ -84,7 +85,7 @@ static double bias_length(const struct umb__query *q, uint32_t face, const doubl
     return 0.0;
 }
 
-/* The same towards the light, for points without a normal. */
+/* Returns the bias towards the light, for points without a normal. */
 static double bias_to_light(const struct umb__query *q, uint32_t face, double distance, double w)
 {
     static const double no_normal[3] = {0, 0, 0};
@@ -97,7 +98,7 @@ static double bias_to_light(const struct umb__query *q, uint32_t face, double di
     return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
 }
 
-/* Unit normal of point i; 0 if it has none. */
+/* Reads the unit normal of point i; 0 if it has none. */
 static int normal_of(const struct umb_points *points, size_t i, double n[3])
 {
     float raw[3];
@@ -160,7 +161,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     for (unsigned axis = 0; axis < 3; axis++) {
         direction[axis] = has_normal ? n[axis] : distance > 0 ? -from_light[axis] / distance : 0;
     }
-    /* Where the move leads into another face, that face's voxels count as well. */
+    /* Where the move leads into another face, that face's voxel size counts as well. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {
         double bias = has_normal ? bias_length(q, s->face, from_light, n, w)
                                  : bias_to_light(q, s->face, distance, w);
@@ -212,13 +213,13 @@ void umb__perspective_face(const struct umb__query *q, uint32_t face, struct umb
     }
 }
 
-/* A handful of points on their way through one face after another. */
+/* Some points, answered by one face after another. */
 struct chunk {
     struct umb__sighting seen[CHUNK];
     uint32_t lit[CHUNK];
 };
 
-/* Answers the chunk's points that a face sees. */
+/* Answers the chunk's points that belong to a face. */
 static void run_face(const struct umb__query *q, uint32_t face, struct chunk *chunk, size_t count,
                      struct umb_query_stats *stats)
 {
@@ -243,7 +244,8 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     answers.stats.points = stats->points;
     *stats = answers.stats;
     for (size_t i = 0; i < found; i++) {
-        /* The float is the nearest to lit / total: total is at most 289, so this gives lit back. */
+        /* The float is the nearest to lit / total. total is at most 289, so this returns lit
+         * exactly. */
         double total = (double)(q->taps * q->taps);
         chunk->lit[places[i]] = (uint32_t)((double)values[i] * total + 0.5);
     }

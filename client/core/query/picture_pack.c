@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed answers, see umbrage/picture.h: what did not change XORs to zeros, which zstd makes
- * nothing of. */
+/* Packed answers, see umbrage/picture.h: unchanged bytes XOR to zeros, which zstd compresses to
+ * almost nothing. */
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
@@ -23,7 +23,7 @@ uint64_t umb_picture_mark(const void *values, size_t size)
     return mark ? mark : 1;
 }
 
-/* out may be either of the two. */
+/* In: out: may be either of the two. */
 static void combine(const uint8_t *a, const uint8_t *b, uint8_t *out, size_t size)
 {
     for (size_t i = 0; i < size; i++) {

@@ -14,11 +14,10 @@ struct axes {
     double forward[3], right[3], up[3];
 };
 
-/* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.
- */
+/* Sine of the angle up to which forward and up count as parallel: far above rounding errors. */
 #define PARALLEL 1e-9
 
-/* False for what has no direction. */
+/* False for a vector without a direction. */
 static bool scale_to(double v[3], double length)
 {
     const double now = umb__length(v);
@@ -67,7 +66,7 @@ enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_
     return UMB_OK;
 }
 
-/* A pixel's depth; 0: nothing is there. */
+/* Returns a pixel's depth; 0 for an empty pixel. */
 static double depth_of(const struct umb_picture *picture, size_t pixel)
 {
     const uint32_t bits = umb__load32((const uint8_t *)picture->depth + 4 * pixel);

@@ -66,7 +66,7 @@ static enum umb_status check_settings(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "filter: %d, unknown", (int)settings->filter);
     }
     if (settings->filter == UMB_FILTER_FOOTPRINT) {
-        return UMB_OK; /* any light, any taps beside any footprint */
+        return UMB_OK; /* Any light; taps may be given beside a footprint */
     }
     if (settings->footprint_m != 0 && settings->taps != 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g beside %u taps; give one of both",
@@ -82,14 +82,14 @@ static enum umb_status check_settings(const struct umb_asset *asset,
     return UMB_OK;
 }
 
-/* Angular diameter that penumbras are made for, in radians. */
+/* Returns the angular diameter that penumbras use, in radians. */
 static double extent_of(const struct umb_asset *asset, const struct umb_query_settings *settings)
 {
     return settings->light_extent > 0 ? settings->light_extent
                                       : asset->canonical.content.lights[settings->light].extent;
 }
 
-/* Penumbras: of a light with an extent, where first occluders are known. */
+/* Checks penumbras: the light has an extent, and first occluders are known. */
 static enum umb_status check_penumbra(const struct umb_asset *asset,
                                       const struct umb_query_settings *settings,
                                       struct umb_error *error)
@@ -124,7 +124,7 @@ static enum umb_status check_penumbra(const struct umb_asset *asset,
     return UMB_OK;
 }
 
-/* Footprints: one source of them, and in range. */
+/* Checks footprints: one source of them, and in range. */
 static enum umb_status check_footprint(const struct umb_query_settings *settings,
                                        struct umb_error *error)
 {
@@ -154,7 +154,8 @@ static enum umb_status check_footprint(const struct umb_query_settings *settings
     return UMB_OK;
 }
 
-/* Coarse look-ups: one tap of parallel light, and a level that every layout of the file has. */
+/* Checks coarse look-ups: one tap of parallel light, and a level that every layout of the file
+ * has. */
 static enum umb_status check_level(const struct umb_asset *asset,
                                    const struct umb_query_settings *settings,
                                    struct umb_error *error)
@@ -184,8 +185,8 @@ static enum umb_status check_level(const struct umb_asset *asset,
     return UMB_OK;
 }
 
-/* Under the static rule voxels are defined where windows of points on surfaces lie, and nowhere
- * else: what looks around may not ask. */
+/* Refuses filters that read around the window. Under the static rule only the voxels of windows of
+ * points on surfaces are defined. */
 static enum umb_status check_static(const struct umb_asset *asset,
                                     const struct umb_query_settings *settings,
                                     struct umb_error *error)
@@ -201,7 +202,7 @@ static enum umb_status check_static(const struct umb_asset *asset,
                     is_window ? "level" : "filter");
 }
 
-/* Window width: what the settings say, or the odd number of texels nearest to their footprint. */
+/* Returns the window width: taps, or the odd number of texels nearest to footprint_m. */
 static enum umb_status choose_taps(const struct umb_query_settings *settings,
                                    const struct umb_frustum_info *frustum, int32_t *taps,
                                    struct umb_error *error)
@@ -222,8 +223,8 @@ static enum umb_status choose_taps(const struct umb_query_settings *settings,
     return UMB_OK;
 }
 
-/* Tangent of 0..1/2 as a continued fraction (Lambert 1761): the same bits on all machines, which
- * libm does not promise. */
+/* Computes the tangent of 0..1/2 as a continued fraction (Lambert 1761). It gives the same bits on
+ * all machines, which libm does not promise. */
 static double tangent(double x)
 {
     double rest = 17;
@@ -233,7 +234,7 @@ static double tangent(double x)
     return x / rest;
 }
 
-/* What penumbras need to know of the light and of its occluder depth map. */
+/* Sets up the fields of penumbras: the light, and its occluder depth map. */
 static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
                          const struct umb_query_settings *settings)
 {
@@ -249,7 +250,7 @@ static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
     }
 }
 
-/* Spot and point lights: everything else depends on the point. */
+/* Sets up spot and point lights: everything else depends on the point. */
 static void set_faces(struct umb__query *q, const struct umb_asset *asset,
                       const struct umb_query_settings *settings)
 {
@@ -314,7 +315,7 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
     }
 }
 
-/* The stages of a batch, chosen once: no point is asked which effects are on. */
+/* Chooses the stages of a batch, once for all points. */
 static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
 {
     if (settings->filter == UMB_FILTER_TENT) {
@@ -326,7 +327,7 @@ static umb__kernel_fn choose_stages(const struct umb_query_settings *settings)
     return UMB__HAS_LEVELS && settings->level > 0 ? choose_coarse_kernel() : choose_kernel();
 }
 
-/* What footprints need to know of the eye and of the frustum. */
+/* Sets up the fields of footprints: the eye and the frustum. */
 static void set_footprint(struct umb__query *q, const struct umb_asset *asset,
                           const struct umb_query_settings *settings)
 {
@@ -424,8 +425,8 @@ uint32_t umb_query_taps(const struct umb_query *query)
 }
 
 /*
- * 1 if none of CHECK_WORDS numbers is infinite or NaN: adding one to the exponent's lowest bit then
- * never reaches the sign bit. Without branches and of fixed length, so compilers make vectors of
+ * Returns 1 if none of CHECK_WORDS numbers is infinite or NaN: adding one to the exponent's lowest
+ * bit then never reaches the sign bit. It has no branch and a fixed length, so compilers vectorise
  * it.
  */
 #define CHECK_WORDS 96 /* divides into whole points */
@@ -452,7 +453,7 @@ static int all_finite_f64(const uint8_t *bytes)
     return carry >> 63 == 0;
 }
 
-/* Points of the occluder depth map that are proven finite, in whole blocks. */
+/* Number of coordinates that are proven finite, in whole blocks. */
 static size_t count_finite(const struct umb_points *points)
 {
     const size_t block = CHECK_WORDS / 3;

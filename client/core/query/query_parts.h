@@ -18,12 +18,12 @@ struct umb__query;
 typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_points *points,
                                size_t first, size_t count, struct umb_answers *answers);
 
-/* What struct umb_query holds. */
+/* Content of struct umb_query. */
 struct umb__query {
-    umb__kernel_fn run;          /* answers a batch: the outermost stage (query.c) */
-    umb__kernel_fn window_run;   /* the same without footprints */
-    umb__kernel_fn opaque_run;   /* the same without translucent casters */
-    umb__kernel_fn kernel;       /* answers points of parallel light, or of one face */
+    umb__kernel_fn run;          /* Outermost stage, which answers a batch (query.c) */
+    umb__kernel_fn window_run;   /* Outermost stage without footprints */
+    umb__kernel_fn opaque_run;   /* Outermost stage without footprints and translucent casters */
+    umb__kernel_fn kernel;       /* Kernel, for points of parallel light, or of one face */
     const uint32_t *grid;        /* of the light's frustum */
     const struct umb__column *columns; /* likewise */
     const uint32_t *pieces;      /* likewise */
@@ -34,12 +34,12 @@ struct umb__query {
     uint32_t column_level;       /* c */
     uint32_t frustum;
     int32_t taps;                /* window width */
-    uint32_t level;              /* 0: down to the voxel; else where look-ups stop */
+    uint32_t level;              /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
-    double bias_m;               /* VOXELS and METRES: metres along the normal */
-    double no_normal_m;          /* metres towards the light for points without a normal */
+    double bias_m;               /* Bias of VOXELS and METRES: metres along the normal */
+    double no_normal_m;          /* Bias for points without a normal: metres towards the light */
     double world_to_voxel[3][4];
     double voxel_step[3][3];
     double direction[3];         /* the light's */
@@ -50,21 +50,23 @@ struct umb__query {
     const uint32_t *occluder_depth;       /* NULL: open, columns stay shadowed */
     uint32_t occluder_depth_root;         /* of the frustum */
     /* Footprints (footprint.h). */
-    double footprint_m;          /* of points without one of their own, where pixel_rad is 0 */
+    double footprint_m;          /* Footprint of points without one of their own, where pixel_rad is
+                                    0 */
     double eye[3], pixel_rad;    /* relative to the asset's origin */
     double texel_m;              /* mean edge of a texel; of parallel light */
     double sample_no_normal_m;   /* no_normal_m of one tap */
-    /* Spot and point lights (perspective.h); the fields about one frustum are not set then. */
+    /* Spot and point lights (perspective.h); the fields about one frustum are then not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     uint32_t face_count;                  /* 0: a directional light */
     uint32_t first_face;                  /* its number in the asset */
     double position[3];                   /* of the light, relative to the asset's origin */
     /* Translucent casters (transmittance_stage.h). */
-    const struct umb__trans *trans;       /* NULL: none; then the stage is left out */
-    int32_t transmittance_taps;           /* voxels across that the light left is a mean over */
-    int32_t transmittance_bias_taps;      /* taps for whose bias points move before that */
-    double transmittance_no_normal_m;     /* no_normal_m of that bias */
+    const struct umb__trans *trans;       /* NULL: none, and the stage is left out */
+    int32_t transmittance_taps;           /* Width in voxels of the box over which transmittance is
+                                             averaged */
+    int32_t transmittance_bias_taps;      /* Number of taps whose bias moves points for it */
+    double transmittance_no_normal_m;     /* The same bias for points without a normal, metres */
     /* The static rule (receiver_mask_stage.h). */
     const uint64_t *receiver_mask_cells;  /* of the frustum; NULL: off, the stage is left out */
     umb__kernel_fn receiver_mask_inner;   /* what answers */
@@ -73,19 +75,19 @@ struct umb__query {
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");
 
 /*
- * Room for rounding on top of the bias that just suffices: 1/64 of it, 0.008 voxels and more. Float
- * positions err by 6e-8 of their distance from the batch's origin: 0.004 voxels for 1 km at 65536
- * voxels a side, where they should be given as doubles anyway.
+ * Room for rounding beyond the exact bias: 1/64 of it, at least 0.008 voxels. Float positions err
+ * by 6e-8 of their distance from the batch's origin. That is 0.004 voxels for 1 km at 65536 voxels
+ * a side, where positions should be doubles anyway.
  */
 #define UMB__BIAS_SLACK (65.0 / 64.0)
 
-/* Texels from a receiver that are searched: a power of two. */
+/* Greatest distance in texels of a searched column from the receiver: a power of two. */
 #define UMB__PENUMBRA_REACH_MAX ((UMB_PENUMBRA_TAPS_MAX + 1) / 2)
 
-/* Width of the box that stands for a disc of radius 1: as much area, sqrt(pi). */
+/* Width of the box with the area of a disc of radius 1: sqrt(pi). */
 #define UMB__PENUMBRA_BOX 1.7724538509055161
 
-#define UMB__LENGTH2_MAX 1e300 /* a squared normal above is not finite */
+#define UMB__LENGTH2_MAX 1e300 /* Largest squared normal that counts as finite */
 
 /* Window of one point, clipped to the frustum. */
 struct umb__window {
@@ -95,7 +97,7 @@ struct umb__window {
     bool all_lit;           /* no look-up needed: 1 */
 };
 
-/* Voxels that the automatic bias of coarse look-ups takes for one: two cells' edges. */
+/* Edges in voxels that the automatic bias of coarse look-ups uses: those of two cells. */
 static inline double umb__coarse_steps(const struct umb__query *q)
 {
     return 2.0 * (double)((uint32_t)1 << q->level);
@@ -115,7 +117,7 @@ static inline double umb__coordinate(const struct umb_points *points, size_t i, 
     return value;
 }
 
-/* Points first .. first + count - 1 of a batch, as a batch. */
+/* Makes a batch of the points first .. first + count - 1 of another. */
 static inline struct umb_points umb__some_points(const struct umb_points *points, size_t first,
                                                  size_t count)
 {
@@ -202,7 +204,7 @@ static inline struct umb__window umb__window_at(const struct umb__query *q, cons
     double s = (double)size;
     bool outside = !(v[0] >= 0 && v[0] < s && v[1] >= 0 && v[1] < s);
     stats->outside += outside;
-    /* Also true for NaN, which then touches nothing. */
+    /* Also true for NaN, which then covers no texel. */
     if (!(v[0] > -32 && v[0] < s + 32 && v[1] > -32 && v[1] < s + 32)) {
         w.all_lit = true;
         return w;
@@ -235,8 +237,8 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
         ((uint8_t *)values)[i] = (uint8_t)((2 * 255 * lit + total) / (2 * total));
         break;
     case UMB_ANSWER_BIT: {
-        /* The first of a byte also clears the seven behind it, which may be beyond the batch: what
-         * stood in the caller's memory never leaves it. */
+        /* The first point of a byte also clears the seven bits behind it, which may be beyond the
+         * batch: old bits of the caller's memory are never answered. */
         uint8_t *byte = (uint8_t *)values + i / 8;
         unsigned before = *byte & ((1U << (i % 8)) - 1U);
         *byte = (uint8_t)(before | (unsigned)(lit * 2 >= total) << (i % 8));
@@ -245,7 +247,7 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
     }
 }
 
-/* Lit texels of a window, clipped to the frustum. */
+/* Returns the lit texels of a window, clipped to the frustum. */
 uint32_t umb__count_window(const struct umb__query *q, const struct umb__window *window,
                            struct umb_query_stats *stats);
 
@@ -256,15 +258,16 @@ void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *p
                       size_t count, struct umb_answers *answers);
 void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
                         size_t first, size_t count, struct umb_answers *answers);
-/* A batch by umb__kernel_avx512, a short one by umb__kernel_avx2 (wide_run.c). */
+/* Runs a batch with umb__kernel_avx512, a short one with umb__kernel_avx2 (wide_run.c). */
 void umb__run_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
                    size_t count, struct umb_answers *answers);
 
-/* The kernel of the tent filter (kernel_tent.c); it counts in integers: one for every machine. */
+/* The kernel of the tent filter (kernel_tent.c). It counts in integers, so one serves all
+ * machines. */
 void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers);
 
-/* The kernel of lights that are no points (penumbra.h). */
+/* The kernel of penumbras (penumbra.h). */
 void umb__kernel_penumbra(const struct umb__query *query, const struct umb_points *points,
                           size_t first, size_t count, struct umb_answers *answers);
 

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Segments before spot and point lights: cut where another face looks at them, as points are
- * given to faces (perspective.h), and where a face's frustum begins; each piece is a line of its
- * own (segment_walk.h).
+ * Segments under spot and point lights. A segment is cut where it passes from one face to another,
+ * by the rule for points (perspective.h), and at the near plane of a face's frustum. Each piece is
+ * a line of its own (segment_walk.h).
  *
  * The distances W along the faces' axes are linear along the segment. The largest of them is the
- * upper envelope of lines: each face looks at one piece at most, and those that follow have greater
- * slopes, so that the cutting ends.
+ * upper envelope of lines: each face has at most one piece, and later faces have greater slopes, so
+ * that the cutting ends.
  */
 #include "query/segment_walk.h"
 
-/* A segment seen by one face: X, Y and W at 0, and what they gain to 1. */
+/* A segment in one face: X, Y and W at parameter 0, and their change up to 1. */
 struct sight {
     double at[3], gain[3];
 };
@@ -46,7 +46,7 @@ static bool are_finite(const struct umb__axis axes[3])
     return true;
 }
 
-/* Walks what of a piece lies behind the beginning of a face's frustum. */
+/* Walks the part of the piece beyond the face's near plane. */
 static void walk_behind(const struct umb__volume *volume, uint32_t face, const struct sight *sight,
                         const struct umb__line *line, struct umb__intervals *out)
 {
@@ -67,7 +67,7 @@ static void walk_behind(const struct umb__volume *volume, uint32_t face, const s
     }
 }
 
-/* Walks the piece from t = from to t = to, which a face looks at. */
+/* Walks the piece from t = from to t = to, which belongs to one face. */
 static void walk_piece(const struct umb__volume *volume, uint32_t face, const struct sight *sight,
                        double from, double to, struct umb__intervals *out)
 {

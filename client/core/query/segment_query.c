@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lit intervals of segments: each is one line through the frustum of a directional light
- * (segment_walk.h), or one for each face of a spot or point light that looks at it
+ * Lit intervals of segments. Under a directional light a segment is one line through the frustum
+ * (segment_walk.h). Under a spot or point light it is one line for each face that it crosses
  * (segment_faces.c).
  */
 #include "query/segment_walk.h"
 
-/* Ends of segment i minus the asset's origin; returns its length in metres. */
+/* Computes the ends of segment i minus the asset's origin; returns its length in metres. */
 static double ends_of(const struct umb__volume *volume, const struct umb_segments *segments,
                       size_t i, double p[2][3])
 {
@@ -23,7 +23,7 @@ static double ends_of(const struct umb__volume *volume, const struct umb_segment
     return sqrt(length2);
 }
 
-/* One that cannot be walked, since its numbers overflow, is lit. */
+/* A segment whose numbers overflow cannot be walked and is lit. */
 static void walk_segment(const struct umb__volume *volume, const double p[2][3],
                          struct umb__intervals *out)
 {
@@ -68,7 +68,7 @@ void umb_volume_segments(const struct umb_volume *volume, const struct umb_segme
     }
 }
 
-/* Checks pairs of points; name: what they are. */
+/* Checks pairs of points; name: their name in messages. */
 static enum umb_status check_pairs(const struct umb_segments *segments, const char *name,
                                    struct umb_error *error)
 {

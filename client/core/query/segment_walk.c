@@ -2,10 +2,10 @@
 /*
  * See segment_walk.h: from cube to cube through the tree, from voxel to voxel within bricks.
  *
- * Where the line crosses the plane k of an axis is one expression, crossing() below, whoever
- * asks: it does not depend on the steps taken before (nothing is summed up), and rounding keeps it
- * monotone in k. So a cube of any size is left exactly where the last of its voxels would be, and
- * the walk equals a march through all voxels bit for bit, whatever the tree looks like.
+ * One expression, crossing() below, gives the parameter at which the line crosses the plane k of an
+ * axis. It does not depend on the steps before (nothing is summed up), and rounding keeps it
+ * monotone in k. So the line leaves a cube of any size exactly where it leaves the cube's last
+ * voxel, and the walk equals a march through all voxels bit for bit, for any tree.
  *
  * Invariant: on every axis the voxel is the one that holds parameter s, crossing(entry) <= s <
  * crossing(exit). Hence each step ends later than it began, passes at least one plane of the
@@ -13,13 +13,13 @@
  */
 #include "query/segment_walk.h"
 
-#define LEAST_W 0x1p-1000 /* planes behind the light count as in it */
+#define LEAST_W 0x1p-1000 /* Least W: planes behind the light count as in it */
 
 struct walk {
     const struct umb__tree *tree;
     struct umb__axis axes[3];
     int32_t voxel[3];
-    double t, end; /* the line is inside the frustum from t to end, in its own parameter */
+    double t, end; /* Range of the line's parameter inside the frustum */
     const struct umb__line *line;
     struct umb__intervals *out;
 };
@@ -27,7 +27,7 @@ struct walk {
 static inline double crossing(const struct umb__axis *axis, int32_t plane)
 {
     double place = (double)plane;
-    if (axis->scale != 0) { /* each operation is monotone, and so is what they make */
+    if (axis->scale != 0) { /* Each operation is monotone, and so is their composition */
         double w = axis->scale * place + axis->offset;
         place = -1 / (w > LEAST_W ? w : LEAST_W);
     }
@@ -44,7 +44,7 @@ static inline double coordinate(const struct umb__axis *axis, double s)
     return ((place < 0 ? -1 / place : INFINITY) - axis->offset) / axis->scale;
 }
 
-/* Where the segment leaves voxels low..high. */
+/* Returns the parameter at which the segment leaves voxels low..high. */
 static inline double leaving(const struct umb__axis *axis, int32_t low, int32_t high)
 {
     if (axis->step == 0 || (axis->step > 0 && axis->endless && high == axis->last)) {
@@ -60,7 +60,7 @@ static inline bool has_reached(const struct umb__axis *axis, int32_t voxel, doub
 }
 
 /*
- * Index of the voxel that holds t, which is `from` or one that comes later, inside the frustum.
+ * Returns the index of the voxel that holds t: `from` or a later one, inside the frustum.
  *
  * start + t * slope is off by less than a voxel unless the coordinates are beyond 2^50; then, and
  * where it rounds to the wrong side of a plane, bisection finds the voxel by the crossings alone.
@@ -94,7 +94,7 @@ static void close_interval(struct umb__intervals *out, double t)
     struct umb_segment_answer *answer = out->answer;
     out->lit = false;
     if (!(t > out->since)) {
-        return; /* it vanished where parameters were brought back to the segment's */
+        return; /* The interval became empty by rounding to the segment's parameter */
     }
     if (answer->interval_count < out->kept_max) {
         out->kept[answer->interval_count] = (struct umb_interval){out->since, t};
@@ -120,10 +120,10 @@ void umb__intervals_end(struct umb__intervals *out)
     }
 }
 
-/* The segment's parameter where the line's is s. */
+/* Returns the segment's parameter where the line's is s. */
 static double segment_parameter(const struct umb__line *line, double s)
 {
-    double u = s; /* as for parallel light, where this changes nothing */
+    double u = s; /* As for parallel light, where the code below changes nothing */
     if (s <= 0 || s >= 1) {
         return s <= 0 ? line->from : line->to;
     }
@@ -134,7 +134,7 @@ static double segment_parameter(const struct umb__line *line, double s)
     return fmin(line->from + u * (line->to - line->from), line->to);
 }
 
-/* The line has this state from s on. */
+/* Sets the line's state from s on. */
 static inline void put_state(struct walk *walk, bool lit, double s)
 {
     if (lit != walk->out->lit) {
@@ -163,7 +163,7 @@ static void cross_brick(struct walk *walk, const uint64_t brick[8])
         }
         bool inside = true;
         for (unsigned k = 0; k < 3; k++) {
-            while (leave[k] <= t) { /* once, unless planes are nearer than doubles tell apart */
+            while (leave[k] <= t) { /* Once, unless planes are nearer than doubles can tell apart */
                 voxel[k] += walk->axes[k].step;
                 leave[k] = leaving(&walk->axes[k], voxel[k], voxel[k]);
             }
@@ -204,7 +204,7 @@ struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, 
     return axis;
 }
 
-/* Narrows [t, end) to where an axis is inside the frustum. */
+/* Narrows [t, end) to the range inside the frustum on one axis. */
 static void clip_axis(const struct umb__axis *axis, double *t, double *end)
 {
     int32_t size = axis->last + 1;
@@ -220,7 +220,7 @@ static void clip_axis(const struct umb__axis *axis, double *t, double *end)
     *end = fmin(*end, leaving(axis, 0, axis->last));
 }
 
-/* The first voxel that holds t >= 0 on an axis that is inside the frustum there. */
+/* Returns the first voxel that holds t >= 0 on an axis; t is inside the frustum there. */
 static int32_t first_voxel(const struct umb__axis *axis, double t)
 {
     if (axis->step == 0) {

@@ -23,42 +23,43 @@ struct umb__axis {
     double inverse;       /* 1 / slope; unused if step is 0 */
     int step;             /* -1, 0, 1 */
     int32_t last;         /* largest voxel index */
-    bool endless;         /* the last voxel goes on beyond the frustum: z */
+    bool endless;         /* True if the last voxel continues beyond the frustum: z */
     double scale, offset; /* place(k) = -1 / (scale k + offset); scale 0: place(k) = k */
 };
 
-/* Which part of its segment a line is: s is u of [from, to], by 1 / near and 1 / far if those
- * differ (the W of its ends); parallel light: from 0, to 1, near and far 1. */
+/* Relation of a line to its segment: s is u of [from, to], by 1 / near and 1 / far if those differ
+ * (the W of its ends). Parallel light: from 0, to 1, near and far 1. */
 struct umb__line {
     double from, to;
     double near_w, far_w;
 };
 
-/* What the lines of a segment make together; zero it but for answer, kept, kept_max and stats. */
+/* Result of the lines of a segment; zero it, except answer, kept, kept_max and stats. */
 struct umb__intervals {
     struct umb_segment_answer *answer;
     struct umb_interval *kept;
     size_t kept_max;
     struct umb_volume_stats *stats;
-    bool lit; /* an interval is open, since: */
+    bool lit; /* True while an interval is open, since: */
     double since;
 };
 
-/* An axis of parallel light, or across a face; start: place at 0, slope: places from 0 to 1. */
+/* Makes an axis of parallel light, or across a face; start: place at 0, slope: places from 0 to
+ * 1. */
 struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, bool endless);
 
-/* Walks a line through a frustum; outside of it, and before its first voxel, it is lit. */
+/* Walks a line through a frustum. Space outside of it, and before its first voxel, is lit. */
 void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3],
                     const struct umb__line *line, struct umb__intervals *intervals);
 
-/* Walks a segment before a spot or point light. In: p: its ends, minus the asset's origin. */
+/* Walks a segment under a spot or point light. In: p: its ends, minus the asset's origin. */
 void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
                      struct umb__intervals *intervals);
 
-/* The segment has this state from t on. */
+/* Sets the segment's state from t on. */
 void umb__intervals_put(struct umb__intervals *intervals, bool lit, double t);
 
-/* Closes what is open, at 1. */
+/* Closes an open interval at 1. */
 void umb__intervals_end(struct umb__intervals *intervals);
 
 #endif

@@ -8,7 +8,8 @@ struct square {
     uint32_t level;
 };
 
-/* The two columns and the two rows of windows whose four products are counted: 0 is the outer. */
+/* The two columns and the two rows of windows whose four products are counted; 0 is the outer
+ * one. */
 struct ranges {
     int32_t x0[2], x1[2], y0[2], y1[2];
 };
@@ -16,7 +17,7 @@ struct ranges {
 struct count {
     const struct umb__slice *slice;
     uint32_t z;
-    struct ranges in; /* inside the frustum; 0 is what is walked through */
+    struct ranges in; /* Ranges inside the frustum; the walk goes through range 0 */
     uint64_t lit[4];  /* window k: column k % 2, row k / 2 */
     bool counts;      /* 1: lit texels are added up; 0: the walk ends at the wanted state */
     bool wanted;
@@ -32,7 +33,7 @@ static int32_t most(int32_t a, int32_t b)
     return a > b ? a : b;
 }
 
-/* Texels of a square's side that lie in low..high. */
+/* Returns the texels of a square's side that lie in low..high. */
 static uint64_t overlap(int32_t at, uint32_t level, int32_t low, int32_t high)
 {
     const int32_t last = at + (int32_t)(((uint32_t)1 << level) - 1);
@@ -40,14 +41,14 @@ static uint64_t overlap(int32_t at, uint32_t level, int32_t low, int32_t high)
     return count > 0 ? (uint64_t)count : 0;
 }
 
-/* Bits of a byte inside low..high, counted from `at`. */
+/* Returns the bits of a byte inside low..high, counted from `at`. */
 static uint64_t byte_mask(int32_t at, int32_t low, int32_t high)
 {
     const int32_t first = most(low - at, 0), last = least(high - at, 7);
     return first <= last ? (0xffU >> (7 - last)) & (0xffU << first) : 0;
 }
 
-/* The same of the rows of an 8x8 slice. */
+/* Returns the same for the rows of an 8x8 slice. */
 static uint64_t row_mask(int32_t at, int32_t low, int32_t high)
 {
     const int32_t first = most(low - at, 0), last = least(high - at, 7);
@@ -94,7 +95,7 @@ static bool add_leaf(struct count *c, const struct square *s, struct umb__link l
     return false;
 }
 
-/* Ends the walk where the wanted state is met. */
+/* Ends the walk where the searched state is found. */
 static bool find_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (!link.mixed) {
@@ -176,7 +177,8 @@ bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, b
     return (cut && lit) || walk(&c);
 }
 
-/* One axis of a box: texels wholly covered, those covered at all, and the part of the latter. */
+/* One axis of a box: the texels covered wholly, those covered at all, and the part of the
+ * latter. */
 struct span {
     int64_t low[2], high[2]; /* 0: covered at all; 1: wholly */
     double weight[2];        /* of the two windows; their sum is 1 */
@@ -233,7 +235,7 @@ void umb__store_share(void *values, enum umb_answer_format format, size_t i, dou
     if (format == UMB_ANSWER_F32) {
         memcpy((uint8_t *)values + i * sizeof value, &value, sizeof value);
     } else if (format == UMB_ANSWER_U8) {
-        /* What is a tie as a fraction may be a hair less as a float, and goes up. */
+        /* A tie as a fraction may be slightly less as a float, and rounds up. */
         ((uint8_t *)values)[i] = (uint8_t)(255.0 * ((double)value * (1 + 0x1p-23)) + 0.5);
     } else {
         umb__store_answer(values, format, i, value >= 0.5F, 1);

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A batch in slices that several threads answer at once; see umbrage/query.h. */
+/* Splits a batch into slices that several threads answer at once; see umbrage/query.h. */
 #include "query/query_parts.h"
 
 /*
- * Slices take some 0.2 to 0.5 ms each: long against handing one out, short against waiting for the
- * last. All are multiples of 512 points, whose answers fill whole cache lines in every format.
+ * Slices take some 0.2 to 0.5 ms each: long compared with handing one out, short compared with the
+ * wait for the last. All are multiples of 512 points, whose answers fill whole cache lines in every
+ * format.
  */
 #define SLICE_POINTS 8192U
 #define WIDE_POINTS  512U /* penumbras of 0.3 to 5 us each, footprints of up to 4 */
@@ -44,7 +45,7 @@ static void add(uint64_t *to, uint64_t more)
     (void)__atomic_fetch_add(to, more, __ATOMIC_RELAXED);
 }
 
-/* The threads meet once a slice, here. */
+/* Threads synchronise here, once a slice. */
 static void add_stats(struct umb_query_stats *to, const struct umb_query_stats *from)
 {
     add(&to->points, from->points);

@@ -12,7 +12,7 @@ void umb__transmittance_set(struct umb__query *q, const struct umb_asset *asset,
                             const struct umb_light_info *light)
 {
     const struct umb__trans *trans = &asset->canonical.trans;
-    int32_t texel = 0; /* widest, in voxels; 0: no map */
+    int32_t texel = 0; /* Widest texel, in voxels; 0: no map */
     for (uint32_t i = 0; trans->maps != NULL && i < light->frustum_count; i++) {
         const uint32_t frustum = light->first_frustum + i, level = trans->maps[frustum].level;
         const uint32_t n = asset->canonical.content.frusta[frustum].log2_size;
@@ -28,7 +28,7 @@ void umb__transmittance_set(struct umb__query *q, const struct umb_asset *asset,
     q->transmittance_bias_taps = q->transmittance_taps + texel - 1;
 }
 
-/* Where point i is looked up. Returns its frustum; its normal faces away if that is UINT32_MAX. */
+/* Finds where point i is looked up. Returns its frustum; UINT32_MAX if its normal faces away. */
 static uint32_t place(const struct umb__query *wide, const struct umb_points *points, size_t i,
                       double voxel[3])
 {
@@ -47,7 +47,7 @@ static uint32_t place(const struct umb__query *wide, const struct umb_points *po
     return facing ? wide->frustum : UINT32_MAX;
 }
 
-/* The part of a box of `taps` voxels around v that lies on an axis of `size`; false: none. */
+/* Clips a box of `taps` voxels around v to an axis of `size`; false: nothing is left. */
 static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32_t *high)
 {
     const double first = floor(v) - taps / 2, last = floor(v) + taps / 2;
@@ -59,7 +59,7 @@ static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32
     return true;
 }
 
-/* What point i loses, of `*all`. In: wide: with the bias of this stage. */
+/* Sums the loss of point i, out of `*all`. In: wide: with the bias of this stage. */
 static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *points, size_t i,
                         uint64_t *all)
 {
@@ -82,7 +82,7 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* The query whose points are moved for the boxes of this stage: of voxels, whatever the level. */
+/* Makes the query whose points are moved for the boxes of this stage: of voxels, at any level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;

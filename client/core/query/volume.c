@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preparing a light's voxels for segments, columns and boxes; see umbrage/volume.h. */
+/* Prepares a light's voxels for segments, columns and boxes; see umbrage/volume.h. */
 #include "umbrage/volume.h"
 
 #include "format/asset_parts.h"

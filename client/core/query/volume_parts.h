@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_VOLUME_PARTS_H
 #define UMBRAGE_CORE_QUERY_VOLUME_PARTS_H
-/* What struct umb_volume holds, and the transform that its questions share. */
+/* Content of struct umb_volume, and the transform that volume queries share. */
 #include <math.h>
 #include <string.h>
 #include "query/voxel_tree.h"
@@ -10,7 +10,8 @@
 
 struct umb__volume {
     struct umb__tree tree; /* of the first frustum */
-    /* Spot and point lights; then what is of one frustum below is the first one's. */
+    /* Faces of spot and point lights; the fields about one frustum below are then the first
+     * one's. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     const uint32_t *grid;                 /* of the asset */
@@ -18,8 +19,10 @@ struct umb__volume {
     double position[3];                   /* of the light, minus the asset's origin */
     uint32_t light;
     int closed;
-    int translucent;                      /* casters that are no voxels stand before the light */
-    const uint32_t *occluder_depth;       /* format/occluder_depth.h; NULL: not kept */
+    int translucent;                      /* 1: the light has translucent casters, which are not
+                                             voxels */
+    const uint32_t *occluder_depth;       /* Occluder depth map, format/occluder_depth.h; NULL:
+                                             none */
     const uint32_t *occluder_depth_roots; /* [faces] of the frusta */
     double world_to_voxel[3][4];          /* from world minus origin */
     double voxel_step[3][3];              /* row i: world vector of one voxel along axis i */
@@ -28,7 +31,7 @@ struct umb__volume {
 
 _Static_assert(sizeof(struct umb__volume) <= sizeof(struct umb_volume), "opaque volume too small");
 
-/* A copy, since the caller's storage has no type of its own. */
+/* Returns a copy, since the caller's storage has no type of its own. */
 static inline struct umb__volume umb__volume_of(const struct umb_volume *volume)
 {
     struct umb__volume v;
@@ -36,7 +39,7 @@ static inline struct umb__volume umb__volume_of(const struct umb_volume *volume)
     return v;
 }
 
-/* The tree of a face; 0 of a directional light. */
+/* Returns the tree of a face; face 0 of a directional light. */
 static inline struct umb__tree umb__volume_tree(const struct umb__volume *volume, uint32_t face)
 {
     struct umb__tree tree = volume->tree;
@@ -48,7 +51,7 @@ static inline struct umb__tree umb__volume_tree(const struct umb__volume *volume
     return tree;
 }
 
-/* Depth z of a face is linear in its W: W = scale z + offset. A scale of 0: it is not. */
+/* Depth z of a face is linear in its W: W = scale z + offset. A scale of 0: it is not linear. */
 static inline void umb__face_depth(const struct umb_frustum_info *face, double *scale,
                                    double *offset)
 {
@@ -58,7 +61,7 @@ static inline void umb__face_depth(const struct umb_frustum_info *face, double *
     *offset = w[3] - *scale * z[3];
 }
 
-/* W where a face's frustum begins; next to nothing where that is at the light or behind it. */
+/* Returns W at a face's near plane; a tiny number where that is at the light or behind it. */
 static inline double umb__face_first_w(const struct umb_frustum_info *face)
 {
     double scale, offset;
@@ -67,7 +70,7 @@ static inline double umb__face_first_w(const struct umb_frustum_info *face)
     return offset > least ? offset : least;
 }
 
-/* p: world minus the asset's origin; of a directional light. */
+/* Transforms p, which is world minus the asset's origin, under a directional light. */
 static inline void umb__volume_to_voxel(const struct umb__volume *volume, const double p[3],
                                         double v[3])
 {
@@ -77,7 +80,7 @@ static inline void umb__volume_to_voxel(const struct umb__volume *volume, const 
     }
 }
 
-/* Number `index` of an unaligned array of floats or doubles. */
+/* Reads number `index` of an unaligned array of floats or doubles. */
 static inline double umb__scalar_at(const void *array, enum umb_point_format format, size_t index)
 {
     if (format == UMB_POINT_F32) {
