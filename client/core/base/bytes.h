@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_BASE_BYTES_H
 #define UMBRAGE_CORE_BASE_BYTES_H
 /*
- * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes.
- * Written with shifts, so that they mean the same on any host; compilers turn them into one move.
- * Also the numbers that bytes are written in for people: hexadecimal digits.
+ * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes. They
+ * are written with shifts, so that they mean the same on any host; compilers turn them into one
+ * move. Also hexadecimal digits.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -84,7 +84,7 @@ static inline void umb__store_narrow(uint8_t *p, uint32_t v, unsigned width)
     }
 }
 
-/* Value of a hexadecimal digit of either case, or -1. */
+/* Returns the value of a hexadecimal digit of either case, or -1. */
 static inline int umb__hex_value(char c)
 {
     if (c >= '0' && c <= '9') {
@@ -99,7 +99,7 @@ static inline int umb__hex_value(char c)
     return -1;
 }
 
-/* Takes `count * size` bytes from the front of a range; false if they are not there. */
+/* Takes `count * size` bytes from the front of a range; false if it has fewer. */
 static inline bool umb__take(const uint8_t **at, const uint8_t *end, uint64_t count, uint64_t size,
                              const uint8_t **out)
 {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_BASE_MEMORY_H
 #define UMBRAGE_CORE_BASE_MEMORY_H
 /*
- * Allocation through a struct umb_alloc (NULL = malloc), with every size product checked, and the
- * one growing array that the core uses.
+ * Allocation through a struct umb_alloc (NULL = malloc) with every size product checked, and the
+ * growing array of the core.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -17,13 +17,13 @@ void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes);
 void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /*
- * The same for an array that queries will read all over: asks the system for large pages, which it
- * may ignore. Looking up a point in 200 MB of small pages misses the TLB at every node. With malloc
- * (alloc NULL) it begins where a cache line does.
+ * Allocates an array that queries read at random: asks the system for large pages, which it may
+ * ignore. A look-up in 200 MB of small pages misses the TLB at every node. With malloc (alloc NULL)
+ * the array begins at a cache line.
  */
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size);
 
-/* The same as umb__alloc, zeroed. */
+/* As umb__alloc, zeroed. */
 void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /* Frees a block of umb__alloc; NULL is allowed. */
@@ -31,7 +31,7 @@ void umb__free(const struct umb_alloc *alloc, void *block);
 
 /*
  * Grows *array (elements of `size` bytes) so that `needed` elements fit; capacity at least doubles.
- * Returns false and leaves everything alone if memory is short.
+ * Returns false and changes nothing if memory is short.
  */
 bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, size_t needed,
                size_t size);

@@ -2,15 +2,15 @@
 #ifndef UMBRAGE_CORE_BASE_NUMBERS_H
 #define UMBRAGE_CORE_BASE_NUMBERS_H
 /*
- * Numbers in as few bytes as they take.
+ * Variable-length numbers.
  *
- * Alone: seven bits a byte, the lowest first; bit 7 is set in all bytes but the last. Below 2^32
- * and as short as can be: the last byte is 0 only if it is the first.
+ * A single number has seven bits a byte, the lowest first; bit 7 is set in all bytes but the last.
+ * It is below 2^32 and in its shortest form: the last byte is 0 only if it is the first.
  *
- * In a list, all below one limit: the lowest eight bits of each, a byte each, then whatever bits
- * the limit needs beyond eight, one number behind the other from the lowest bit of a byte up, zeros
- * up to a whole byte. So lists of small numbers stay bytes, in which a compressor finds
- * repetitions, and others take hardly more than their bits.
+ * A list of numbers below one limit begins with the lowest eight bits of each number, a byte each.
+ * Then come the bits beyond eight that the limit needs, one number after the other from the lowest
+ * bit of a byte up, and zeros up to a whole byte. So lists of small numbers stay bytes, in which a
+ * compressor finds repetitions, and other lists take hardly more than their bits.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -18,7 +18,7 @@
 
 #define UMB__NUMBER_BYTES_MAX 5U
 
-/* Takes the next number; false if it is cut, longer than need be, or beyond 32 bits. */
+/* Reads the next number; false if it is cut off, longer than needed, or beyond 32 bits. */
 static inline bool umb__take_number(const uint8_t **at, const uint8_t *end, uint32_t *value)
 {
     uint64_t sum = 0;
@@ -33,7 +33,7 @@ static inline bool umb__take_number(const uint8_t **at, const uint8_t *end, uint
     return false;
 }
 
-/* The next number of bytes that umb__take_number has taken before. */
+/* Reads the next number of bytes that umb__take_number has checked before. */
 static inline uint32_t umb__next_number(const uint8_t **at)
 {
     uint32_t value = 0;
@@ -63,7 +63,7 @@ struct umb__number_list {
     unsigned high_bits; /* of each, beyond eight */
 };
 
-/* Bits beyond eight that numbers below a limit take: 0 to 25. */
+/* Returns the bits beyond eight of numbers below a limit: 0 to 25. */
 static inline unsigned umb__list_high_bits(uint64_t limit)
 {
     unsigned bits = 0;
@@ -102,11 +102,11 @@ static inline uint8_t *umb__put_list(uint8_t *at, const uint32_t *numbers, size_
     return at;
 }
 
-/* Reading a list from its first number on. */
+/* Reader of a list from its first number on. */
 struct umb__list_reader {
     const uint8_t *low, *high;
     unsigned high_bits, pending_bits;
-    uint64_t pending; /* bits taken from high and not used yet; zero behind the last number */
+    uint64_t pending; /* Bits loaded from high and not used yet; zero behind the last number */
 };
 
 static inline struct umb__list_reader umb__list_read(const struct umb__number_list *list)
@@ -115,7 +115,7 @@ static inline struct umb__list_reader umb__list_read(const struct umb__number_li
         .low = list->bytes, .high = list->bytes + list->count, .high_bits = list->high_bits};
 }
 
-/* The next number; to be called at most as often as the list has numbers. */
+/* Returns the next number; call it at most once for each number of the list. */
 static inline uint32_t umb__list_next(struct umb__list_reader *r)
 {
     for (; r->pending_bits < r->high_bits; r->pending_bits += 8) {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_BASE_OPEN_STATUS_H
 #define UMBRAGE_CORE_BASE_OPEN_STATUS_H
 /*
- * What the errno of a failed open of an input means: a script does something else about a file that
- * is missing than about one it may not read or about a machine that is out of descriptors.
+ * Status for the errno of a failed open of an input. Scripts distinguish a missing file, a file
+ * without permission, and a machine without free descriptors.
  */
 #include <errno.h>
 #include "umbrage/status.h"

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Every block has a cache line before it that says how it was made.
+ * A cache line before every block records how it was allocated.
  *
- * The kernel moves the table of a whole large page at once where old and new address are both
- * multiples of one; so the new place is looked for with some to spare, which then goes back.
+ * The kernel moves the table of a whole large page at once if old and new address are both
+ * multiples of one. So the new place is reserved with a surplus, which is then returned.
  */
 #define _GNU_SOURCE /* mremap, madvise: no POSIX names for these */
 #include "base/page_alloc.h"
@@ -17,7 +17,7 @@
 
 /* Before a block. */
 struct header {
-    size_t mapped; /* bytes of the mapping, from the header on; 0: malloc's */
+    size_t mapped; /* Length of the mapping, from the header on; 0: malloc */
     size_t asked;  /* bytes of the block */
     unsigned char rest[64 - 2 * sizeof(size_t)];
 };
@@ -40,7 +40,7 @@ static void *small_resize(struct header *header, size_t bytes)
 
 #ifdef MREMAP_MAYMOVE
 
-/* Whole large pages for a block; 0 if there is no such number. */
+/* Returns the bytes of whole large pages for a block; 0 if there is no such number. */
 static size_t mapping_bytes(size_t bytes)
 {
     return bytes > SIZE_MAX / 2
@@ -48,7 +48,7 @@ static size_t mapping_bytes(size_t bytes)
                : (bytes + sizeof(struct header) + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
 }
 
-/* Address space of whole large pages; NULL if there is none. */
+/* Reserves address space of whole large pages; NULL if there is none. */
 static void *space_take(size_t bytes, int protection)
 {
     const int flags = MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE;
@@ -78,7 +78,7 @@ static void *map_new(size_t bytes)
     return header + 1;
 }
 
-/* A mapping with more or fewer pages. */
+/* Resizes a mapping to more or fewer pages. */
 static void *map_resize(struct header *header, size_t bytes)
 {
     const size_t old = header->mapped, mapped = mapping_bytes(bytes);
@@ -93,9 +93,9 @@ static void *map_resize(struct header *header, size_t bytes)
         }
         moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
         if (moved == MAP_FAILED) {
-            /* The space is not given back. Mostly it is gone: kernels unmap it before they find
-             * out that memory is short, so that another thread may have mapped there by now. Only
-             * at the limit of mappings it is left, addresses without memory. */
+            /* The new space is not unmapped here. Kernels mostly unmap it before they find out that
+             * memory is short, and another thread may have mapped there by now. Only at the limit
+             * of mappings it is left, addresses without memory. */
             return NULL;
         }
     }

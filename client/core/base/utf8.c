@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-/* The bounds of the second byte depend on the first (Unicode, table 3-7); all later ones are the
- * same. */
+/* The bounds of the second byte depend on the first (Unicode, table 3-7); those of later bytes do
+ * not. */
 static size_t multibyte_length(const uint8_t *bytes, size_t size)
 {
     uint8_t first = bytes[0];

@@ -2,8 +2,7 @@
 #ifndef UMBRAGE_CORE_BASE_UTF8_H
 #define UMBRAGE_CORE_BASE_UTF8_H
 /*
- * UTF-8 from strangers (files, peers): told apart from anything else, byte by byte, and made fit to
- * be shown. Pure functions.
+ * Checks of untrusted UTF-8 (from files and peers), and its conversion for display. Pure functions.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -21,9 +20,9 @@ size_t umb__utf8_length(const uint8_t *bytes, size_t size);
 bool umb__utf8_valid(const uint8_t *bytes, size_t size);
 
 /*
- * Copies text for people: malformed bytes become '?', control characters (C0, DEL, and C1, which
- * terminals obey too) blanks; every other byte keeps its place. Cut at a character that fits,
- * always NUL-terminated. Returns the length written.
+ * Copies text for display: malformed bytes become '?', control characters (C0, DEL, and C1, which
+ * terminals obey too) blanks; every other byte keeps its place. The copy is cut at a character that
+ * fits, and always NUL-terminated. Returns the length written.
  *
  * In: capacity: bytes at out, at least 1. out may be bytes itself.
  */

@@ -37,7 +37,7 @@ static inline void umb__scale(double s, double a[3])
     }
 }
 
-/* Scales to unit length; 0 and untouched if that is not possible. */
+/* Scales to unit length; returns 0 and changes nothing if that is not possible. */
 static inline int umb__unit(double a[3])
 {
     const double length = umb__length(a);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How far a look-up can be from its point. With e the world vectors of a voxel (orthogonal), a
- * window of t x t x 1 voxels and a cell of c = 1 << level voxels:
+ * The largest distance of a look-up from its point. With e the world vectors of a voxel
+ * (orthogonal), a window of t x t x 1 voxels and a cell of c = 1 << level voxels:
  *
  *   bias     s = k (t (|n.ex| + |n.ey|) + |n.ez|) <= k d for a unit normal n, where d is the
  *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; the same
@@ -25,7 +25,8 @@ uint32_t umb_level_max(uint32_t log2_size)
     return least | 1U;
 }
 
-/* Edges of a look-up's reach in metres: window across the light, one voxel along it; or a cell. */
+/* Edges in metres of the box that a look-up reaches: the window across the light, one voxel along
+ * it; or a cell. */
 static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                         double edges[3])
 {
@@ -36,20 +37,20 @@ static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, 
     edges[2] *= cell;
 }
 
-/* What the rays of a perspective frustum add: a step along a slanted ray is longer than the axis',
- * and the bias is divided by what voxels grow meanwhile (perspective.c). */
+/* Adds the effect of a perspective frustum's rays: a step along a slanted ray is longer than along
+ * the axis, and the bias is divided by the growth of voxels along it (perspective.c). */
 static double slant(const struct umb_frustum_info *frustum, uint32_t taps, double *growth)
 {
     const double *ex = frustum->voxel_step[0], *ey = frustum->voxel_step[1];
     const double half = (double)((uint32_t)1 << frustum->log2_size) / 2;
     const double square =
-        umb__dot(ex, ex) + umb__dot(ey, ey); /* of a texel's diagonal where W = 1 */
+        umb__dot(ex, ex) + umb__dot(ey, ey); /* Squared diagonal of a texel where W = 1 */
     const double rest = 1.0 - 0.5 * (taps > 0 ? taps : 1) * sqrt(square);
     *growth = 1.0 / (rest > 0.25 ? rest : 0.25);
     return sqrt(1.0 + half * half * square);
 }
 
-/* Longest automatic bias, and half the reach, of a window or cell. */
+/* Returns the longest automatic bias, plus half the reach, of a window or cell. */
 static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                      double *bias, double *look_up)
 {
@@ -58,7 +59,7 @@ static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uin
     reach_edges(frustum, level, taps, edges);
     if (umb__is_perspective(frustum)) {
         edges[2] *= slant(frustum, taps, &growth);
-        /* The ray leans across the window, too, so that edges add up rather than span a box. */
+        /* The ray leans across the window, too, so the edges add up instead of spanning a box. */
         *look_up = 0.5 * (edges[0] + edges[1] + edges[2]);
     } else {
         *look_up = 0.5 * sqrt(umb__dot(edges, edges));

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From counts to nanoseconds, on this machine. Each row of a curve is timed on the caller's points,
- * or where there are none on points of two kinds: easy ones anywhere in the frustum (mostly large
- * uniform cells), hard ones where the light first meets a caster. How hard the points of the curve
- * are, which lie on surfaces, is told by the lines that one tap reads there, counted alike for all
- * three; every setting's cost goes as far from easy to hard.
+ * Turns counts into nanoseconds on this machine. Each row of a curve is timed on the caller's
+ * points. Without these it is timed on points of two kinds: easy ones anywhere in the frustum
+ * (mostly large uniform cells), and hard ones where the light first meets a caster. The lines that
+ * one tap reads, counted alike for both kinds and for the curve's points on surfaces, say how hard
+ * the curve's points are. The costs are interpolated from easy to hard accordingly.
  */
 #include <math.h>
 #include <string.h>
@@ -18,14 +18,15 @@
 
 enum {
     POINTS = 32768,    /* of each kind */
-    COLUMN_STEPS = 64, /* cubes looked at along a ray before another ray is tried */
-    HARDNESS_MAX = 2,  /* surfaces may be harder than what the light sees of them, but not much */
+    COLUMN_STEPS = 64, /* Cubes visited along a ray before another ray is tried */
+    HARDNESS_MAX = 2,  /* Limit of the extrapolation: surfaces may be harder than hard points, but
+                          not much */
 };
 
 /* Points of one kind, world space relative to the asset's origin. */
 struct sample {
     double (*positions)[3];
-    double lines; /* that one tap reads, as the curve counts them */
+    double lines; /* Lines that one tap reads, as the curve counts them */
     double ns[UMB_CURVE_ROWS_MAX];
 };
 
@@ -56,7 +57,8 @@ static struct umb__tree tree_of(const struct job *job)
                               .grid_log2 = top->grid_log2};
 }
 
-/* Depth in voxels where a texel's ray first leaves the light; -1 if it is lit for COLUMN_STEPS. */
+/* Returns the depth in voxels where a texel's ray first meets a caster; -1 if it is lit for
+ * COLUMN_STEPS. */
 static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
 {
     const struct umb__tree tree = tree_of(job);
@@ -73,8 +75,8 @@ static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
     return -1;
 }
 
-/* Cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the smallest
- * uniform cube around it tells which odd levels above are mixed. */
+/* Returns the cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the
+ * smallest uniform cube around it shows which odd levels above are mixed. */
 static double lines_at(const struct job *job, const double voxel[3])
 {
     const struct umb__tree tree = tree_of(job);
@@ -86,7 +88,7 @@ static double lines_at(const struct job *job, const double voxel[3])
     return lowest > highest ? 1 : 2 + (highest - lowest) / 2;
 }
 
-/* World position of a place in voxel space, relative to the asset's origin. */
+/* Returns the world position of a place in voxel space, relative to the asset's origin. */
 static void to_world(const struct umb_frustum_info *frustum, const double voxel[3], double p[3])
 {
     const double(*m)[4] = frustum->world_to_voxel;
@@ -115,7 +117,7 @@ static void draw_points(struct job *job)
     uint64_t state = 1;
     for (size_t i = 0; i < POINTS; i++) {
         double voxel[3];
-        for (unsigned axis = 0; axis < 3; axis++) { /* one draw a statement: their order is fixed */
+        for (unsigned axis = 0; axis < 3; axis++) { /* One draw a statement: their order is fixed */
             voxel[axis] = unit(&state) * size;
         }
         job->easy.lines += lines_at(job, voxel) / POINTS;
@@ -132,7 +134,7 @@ static void draw_points(struct job *job)
     }
 }
 
-/* How far the curve's points are from easy (0) to hard (1). */
+/* Returns the hardness of the curve's points, from easy (0) to hard (1). */
 static double hardness(const struct job *job)
 {
     const double span = job->hard.lines - job->easy.lines;
@@ -145,16 +147,17 @@ static double hardness(const struct job *job)
 }
 
 /*
- * Fills in the costs; one that reads more never costs less. Where times say otherwise (a look-up
- * that stops at a coarse level may take longer than one of a single tap), neighbours by lines are
- * pooled into their mean until they do not: the isotonic regression, the nearest costs in order.
+ * Fills in the costs, so that a row with more lines never costs less. Measured times may contradict
+ * this (a look-up that stops at a coarse level may take longer than one of a single tap).
+ * Neighbours by lines are then pooled into their mean until none do: the isotonic regression, which
+ * gives the nearest costs in order.
  */
 static void conclude(const struct umb_curve_row *rows, size_t count,
                      const double row_ns[UMB_CURVE_ROWS_MAX], struct umb_calibration *calibration)
 {
     size_t order[UMB_CURVE_ROWS_MAX], pool_size[UMB_CURVE_ROWS_MAX], pools = 0;
     double pool_ns[UMB_CURVE_ROWS_MAX];
-    for (size_t i = 0; i < count; i++) { /* insertion: few rows, nearly in order */
+    for (size_t i = 0; i < count; i++) { /* Insertion sort: few rows, nearly in order */
         size_t at = i;
         for (; at > 0 && rows[order[at - 1]].lines > rows[i].lines; at--) {
             order[at] = order[at - 1];
@@ -182,7 +185,7 @@ static void conclude(const struct umb_curve_row *rows, size_t count,
     }
 }
 
-/* Of the points drawn here, as hard as the curve's. */
+/* Interpolates the times of the points drawn here to the hardness of the curve's points. */
 static void conclude_drawn(const struct job *job, struct umb_calibration *calibration)
 {
     const double far = hardness(job);
@@ -204,7 +207,7 @@ static enum umb_status time_sample(struct job *job, struct sample *sample, doubl
     return umb__time_rows(&timer, sample->ns, error);
 }
 
-/* Light and curve of what is to be calibrated. */
+/* Finds the light and the curve to calibrate. */
 static enum umb_status find_rows(struct job *job, struct umb_error *error)
 {
     const struct umb_content *content = &job->asset->canonical.content;

@@ -7,7 +7,7 @@
 
 #include "format/asset_parts.h"
 
-/* Largest bound of a light's frusta. */
+/* Returns the largest bound of a light's frusta. */
 static double light_bound_m(const struct umb_content *content,
                             const struct umb_curve_record *record)
 {
@@ -20,7 +20,7 @@ static double light_bound_m(const struct umb_content *content,
     return bound;
 }
 
-/* First row of a light or a later one; rows stand in their order (content_check.c). */
+/* Returns the first row of a light or of a later one; rows are sorted (content_check.c). */
 static uint32_t first_row(const struct umb_content *content, uint32_t light)
 {
     uint32_t low = 0, high = content->curve_count;
@@ -113,7 +113,7 @@ static int is_affordable(const struct choice *choice, size_t i)
     return choice->dial->budget_ns == 0 || cost_ns(choice, i) <= choice->dial->budget_ns;
 }
 
-/* 1 if row a is to be taken rather than row b; both are accurate and affordable. */
+/* Returns 1 if row a is better than row b; both are accurate and affordable. */
 static int is_better(const struct choice *choice, size_t a, size_t b)
 {
     const struct umb_curve_row *x = &choice->rows[a], *y = &choice->rows[b];
@@ -127,7 +127,7 @@ static int is_better(const struct choice *choice, size_t a, size_t b)
     return x->bound_m < y->bound_m;
 }
 
-/* Says what the asset can do, where it cannot do what is wanted. */
+/* Fails with the best that the asset offers, when no row meets the requirements. */
 static enum umb_status fail_choice(const struct choice *choice, struct umb_error *error)
 {
     const struct umb_curve_row *finest = &choice->rows[0], *softest = &choice->rows[0];

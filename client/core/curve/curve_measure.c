@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See curve_measure.h. A point is placed as a query places it. How wrong its answer may be is
- * judged by a second look at full resolution, up to half a voxel to the side: where in a voxel the
- * true boundary runs is what an answer cannot know. The second look stands a texel's half further
- * off the surface, so that moving it aside does not bring it into the surface itself.
+ * See curve_measure.h. A point is placed as a query places it. A second look-up at full resolution,
+ * up to half a voxel to the side, estimates the error of its answer: an answer cannot depend on
+ * where in a voxel the true boundary runs. The second look-up is half a texel farther off the
+ * surface, so that the sideways move does not lead into the surface itself.
  */
 #include "curve/curve_measure.h"
 
@@ -15,11 +15,11 @@
 #include "format/asset_parts.h"
 #include "query/perspective.h"
 
-/* A setting under measurement. */
+/* A setting to be measured. */
 struct setting {
     struct umb__query query;  /* as asked */
-    struct umb__query fine;   /* the second look: the same window, at full resolution */
-    struct umb__query beside; /* places the second look: with the bias of a texel more */
+    struct umb__query fine;   /* Second look-up: the same window, at full resolution */
+    struct umb__query beside; /* Places the second look-up: with the bias of one texel more */
     struct umb_curve_record sums;
 };
 
@@ -32,7 +32,7 @@ static uint64_t mix(uint64_t counter)
     return bits ^ bits >> 31;
 }
 
-/* Where a point is looked up, in voxels, and in which frustum; false if its normal faces away. */
+/* Finds the frustum and the voxel of a point's look-up; false if its normal faces away. */
 static bool place(const struct umb__query *q, const struct umb_points *points, size_t i,
                   double voxel[3], uint32_t *frustum)
 {
@@ -55,7 +55,7 @@ static bool place(const struct umb__query *q, const struct umb_points *points, s
     return true;
 }
 
-/* Answers a look-up; what lies beyond the frustum is lit and reads nothing. */
+/* Answers a look-up; space beyond the frustum is lit and reads nothing. */
 static uint32_t look_up(const struct umb__query *q, const struct umb_content *content,
                         const struct umb_octree *octree, uint32_t frustum, const double voxel[3],
                         struct umb__octree_window *read)
@@ -159,7 +159,8 @@ enum umb_status umb_curve_measure(const struct umb_content *content,
                                   uint32_t *count, struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;
-    struct umb_asset bare = {.canonical.content = *content}; /* what preparing a query reads */
+    struct umb_asset bare = {.canonical.content = *content}; /* The parts of an asset that preparing
+                                                                a query reads */
     struct umb__top *tops = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *tops);
     struct umb_frustum_info *frusta = umb__alloc(alloc, content->frustum_count, sizeof *frusta);
     struct setting *settings = umb__alloc_zeroed(alloc, UMB_CURVE_ROWS_MAX, sizeof *settings);
@@ -180,7 +181,7 @@ enum umb_status umb_curve_measure(const struct umb_content *content,
                           content->light_count);
     } else {
         memcpy(frusta, content->frusta, content->frustum_count * sizeof *frusta);
-        umb__content_derive(&bare.canonical.content); /* as every reader of the file will */
+        umb__content_derive(&bare.canonical.content); /* As every reader of the file does */
         status = list_settings(&bare, light, settings, &rows, error);
     }
     for (uint32_t row = 0; row < rows && status == UMB_OK; row++) {

@@ -6,7 +6,7 @@
 
 #include "umbrage/curve.h"
 
-/* A node or uniform cube on the way down. */
+/* A node or uniform cube during the descent. */
 struct cube {
     enum umb_node_state state;
     uint32_t level, index;
@@ -62,8 +62,8 @@ static uint32_t count_brick(const struct umb__octree_window *w, const struct cub
     return (uint32_t)__builtin_popcountll(slice & mask);
 }
 
-/* A cache line for the grid's cell (counted by the caller), one for each wide node below it that is
- * looked into and one for each brick. */
+/* Counts a cache line for the grid's cell (by the caller), one for each wide node below it that is
+ * read, and one for each brick. */
 static bool costs_line(const struct umb__octree_window *w, const struct cube *cube)
 {
     const uint32_t cells = umb_level_max(w->octree->roots[w->root].level);
@@ -93,7 +93,8 @@ static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
     uint32_t lit = 0;
     const unsigned deep = w->z - cube.z >= (int32_t)1 << (cube.level - 1) ? 4 : 0;
     for (unsigned c = deep; c < deep + 4; c++) {
-        lit += count_cube(w, child_of(w->octree, &cube, c)); /* levels descend: at most 17 deep */
+        lit += count_cube(w, child_of(w->octree, &cube, c)); /* Levels descend: recursion is at most
+                                                                17 deep */
     }
     return lit;
 }

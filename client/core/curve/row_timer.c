@@ -10,7 +10,7 @@
 enum {
     RUNS = 7,
     INTERVALS = 8,
-    INTERVAL = 1024,  /* points; a query's own start does not count much then */
+    INTERVAL = 1024,  /* Points of an interval, so many that a query's own start hardly counts */
     REPEATS_MAX = 64, /* of a few points */
 };
 
@@ -20,7 +20,7 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* `count` points from `first` on, as points of their own. */
+/* Makes a batch of `count` points from `first` on. */
 static struct umb_points interval_of(const struct umb_points *points, size_t first, size_t count)
 {
     const size_t size = points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float);
@@ -32,8 +32,8 @@ static struct umb_points interval_of(const struct umb_points *points, size_t fir
     return interval;
 }
 
-/* Asks INTERVALS intervals, the `turn`th of each part of the points. Returns nanoseconds a point.
- */
+/* Queries INTERVALS intervals, the `turn`th of each part of the points. Returns nanoseconds a
+ * point. */
 static double time_intervals(const struct umb__row_timer *timer, const struct umb_query *query,
                              size_t turn, float *answers)
 {

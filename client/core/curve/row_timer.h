@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_CORE_ROW_TIMER_H
 #define UMBRAGE_CORE_ROW_TIMER_H
 /*
- * Times the rows of a light's curve on given points. A run asks a few intervals of consecutive
- * points that are spread over all of them, so that each run sees points of all kinds, in the order
- * in which they will be asked; the next run and the next row ask others, so that what a row needs
- * is not in the cache because the row before it needed the same. Runs of the rows are interleaved,
- * the median of a row's runs counts.
+ * Times the rows of a light's curve on given points. A run queries a few intervals of consecutive
+ * points, spread over all of them, so that it sees points of all kinds in their real order. The
+ * next run and the next row take other intervals, so that no row finds its data in the cache
+ * because of the row before. Runs of the rows are interleaved, and the median of a row's runs
+ * counts.
  */
 #include "umbrage/curve.h"
 

@@ -8,7 +8,7 @@
 #include "maps/map_view.h"
 #include "base/vec.h"
 
-/* Gradients of pixel coordinates, per metre; 0 behind the camera. */
+/* Computes the gradients of pixel coordinates, per metre; 0 behind the camera. */
 static int pixel_gradients(const struct umb__map_view *camera, const double size[2],
                            const double world[3], double gradient[2][3], double *distance)
 {
@@ -31,7 +31,7 @@ static int pixel_gradients(const struct umb__map_view *camera, const double size
     return 1;
 }
 
-/* Two unit vectors within the plane of a unit normal. */
+/* Finds two unit vectors within the plane of a unit normal. */
 static void plane_axes(const double normal[3], double axes[2][3])
 {
     double helper[3] = {0.0, 0.0, 0.0};
@@ -45,7 +45,7 @@ static void plane_axes(const double normal[3], double axes[2][3])
     umb__cross(normal, axes[0], axes[1]);
 }
 
-/* Coordinates' change along both axes of the plane. */
+/* Computes the change of coordinates along both axes of the plane. */
 static void along_plane(double gradient[2][3], double axes[2][3], double out[2][2])
 {
     for (int i = 0; i < 2; i++) {
@@ -56,8 +56,8 @@ static void along_plane(double gradient[2][3], double axes[2][3], double out[2][
 }
 
 /*
- * Singular values of a 2 x 2 matrix: hypotenuses of its rotation and its reflection parts add and
- * subtract. Exact in form; nothing cancels in the greater one.
+ * Returns the singular values of a 2 x 2 matrix: the hypotenuses of its rotation and reflection
+ * parts, added and subtracted. The greater one has no cancellation.
  */
 static void singular_values(double m[2][2], double *most, double *least)
 {
@@ -108,7 +108,7 @@ enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
     along_plane(point.gradient, axes, a);
     along_plane(pixel, axes, b);
     const double determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    /* Patches above 1e300 pixels have no end that a double knows. */
+    /* Patches above 1e300 pixels count as infinite. */
     if (!(cos_b > 0.0 && fabs(determinant) > 1e-300)) {
         all_infinite(aliasing);
         return UMB_OK;

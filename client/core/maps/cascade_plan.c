@@ -14,7 +14,7 @@
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
 
-/* Bounds of a camera's lengths: their squares stay finite and above 0. */
+/* Bounds of a camera's lengths, so that their squares stay finite and above 0. */
 #define LENGTH_MIN      1e-30
 #define LENGTH_MAX      1e30
 #define TANGENT_MIN     1e-6
@@ -42,13 +42,13 @@ static void extent_add(struct extent *extent, double value)
     extent->high = fmax(extent->high, value);
 }
 
-/* Light's axes, the scene's extent along them, and the corners of one slice. */
+/* The light's axes, the scene's extent along them, and the corners of one slice. */
 struct fitting {
     double origin[3], axes[3][3];
     struct extent scene[3];
     double corners[8][3]; /* light space */
     struct extent slice[3];
-    double centre[3], radius; /* of the sphere around the slice, light space */
+    double centre[3], radius; /* Sphere around the slice, light space */
 };
 
 static void to_light_space(const struct fitting *fit, const double world[3], double out[3])
@@ -78,9 +78,9 @@ static void scene_measure(struct fitting *fit, const struct umb_box *scene)
 }
 
 /*
- * Corners of the slice, and a sphere around it whose radius depends on the camera's lens alone: its
- * centre lies on the axis, as far from the near corners as from the far ones, but not behind the
- * far plane's.
+ * Computes the corners of the slice, and a sphere around it whose radius depends on the camera's
+ * lens only. Its centre lies on the axis, as far from the near corners as from the far ones, but
+ * not behind the far plane.
  */
 static void slice_measure(struct fitting *fit, const struct umb__map_view *camera, double near_m,
                           double far_m)
@@ -144,12 +144,13 @@ static void row_set(struct umb_map_frustum *frustum, const struct fitting *fit, 
     frustum->world_to_map[row][3] = shift;
 }
 
-/* Depth from the scene's near end to the farther of what the slice needs; a thousandth to spare. */
+/* Fits depth from the scene's near end to the far end of the slice's casters and receivers, with a
+ * thousandth to spare. */
 static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
 {
     const double low = fit->scene[2].low;
     double high = fmin(fit->scene[2].high, fit->slice[2].high);
-    high = high > low ? high : fit->scene[2].high; /* a slice before the scene: all of it */
+    high = high > low ? high : fit->scene[2].high; /* A slice before the scene takes all of it */
     const double spare = 1e-3 * fmax(high - low, 1e-3 * fit->radius);
     const double length = high - low + 2.0 * spare;
     const double scale[3] = {0.0, 0.0, 1.0 / length};
@@ -157,7 +158,7 @@ static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit
     frustum->depth_m = length;
 }
 
-/* An extent across the light onto the texels of an axis, one to spare on each side. */
+/* Maps an extent across the light onto the texels of an axis, with one to spare on each side. */
 static void axis_fit(struct umb_map_frustum *frustum, const struct fitting *fit, int axis,
                      struct extent extent)
 {
@@ -172,14 +173,14 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
 {
     for (int axis = 0; axis < 2; axis++) {
         const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
-        /* Snapped: the low end is a whole number of texels; so one more is spare. */
+        /* Snapped: the low end is a whole number of texels, so one more texel is spare. */
         const double texel_m = 2.0 * fit->radius / (texels - 3.0);
         const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
         axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
     }
 }
 
-/* What slice and scene share along an axis; the slice if that is nothing. */
+/* Returns the intersection of slice and scene along an axis; the slice if that is empty. */
 static struct extent shared(const struct fitting *fit, int axis)
 {
     struct extent e = {fmax(fit->slice[axis].low, fit->scene[axis].low),
@@ -223,7 +224,7 @@ static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fi
     frustum->projection = UMB_MAP_PERSPECTIVE;
 }
 
-/* u, v for a light along w: by the world axis it leans on least, or v along the view. */
+/* Chooses u, v for a light along w: by the world axis it leans on least, or v along the view. */
 static int axes_make(struct fitting *fit, const struct umb__map_view *camera, int by_view)
 {
     double helper[3] = {0.0, 0.0, 0.0};
@@ -296,7 +297,7 @@ static enum umb_status settings_check(const struct umb_cascade_settings *setting
     return UMB_OK;
 }
 
-/* Where light space begins; fails on a box without extent or a light without direction. */
+/* Finds the origin of light space; fails on a box without extent or a light without direction. */
 static enum umb_status light_space_make(struct fitting *fit, const double to_light[3],
                                         const struct umb_box *scene, struct umb_error *error)
 {

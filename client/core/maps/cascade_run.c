@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cascades asked, and their seams; see umbrage/cascades.h. */
+/* Queries of cascades, and their seams; see umbrage/cascades.h. */
 #include "umbrage/cascades.h"
 
 #include <math.h>
@@ -43,7 +43,7 @@ void umb_cascades_run(const struct umb_cascade_plan *plan, const struct umb_map_
     }
 }
 
-/* Root mean square of the difference with a contrast; fine answers are in scratch. */
+/* Returns the root mean square of the difference with a contrast; fine answers are in scratch. */
 static enum umb_status seam_difference(const struct umb_cascade_seam *seam, double contrast,
                                        const struct umb_points *points, float *scratch,
                                        double *difference, struct umb_error *error)
@@ -69,8 +69,8 @@ static enum umb_status seam_difference(const struct umb_cascade_seam *seam, doub
 enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct umb_points *points,
                                    float *scratch, struct umb_error *error)
 {
-    /* Golden section over log2 C in -10..10: answers fall with C everywhere, so the difference
-     * has one valley as long as the coarse layer is lighter, or darker, all along the seam; the
+    /* Golden-section search over log2 C in -10..10. Answers fall with C everywhere, so the
+     * difference has one minimum if the coarse layer is lighter, or darker, all along the seam. The
      * result is never worse than C = 1. */
     const double golden = 0.61803398874989484820;
     struct umb_map_query query;

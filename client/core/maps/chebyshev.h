@@ -5,7 +5,8 @@
  * The one-sided Chebyshev inequality: of a distribution with mean mu and variance s2, the share at
  * or beyond t > mu is at most s2 / (s2 + (t - mu)^2).
  *
- * `contrast` is the constant C of seed 002, s2 / (s2 + C (t - mu)^2); 1 is the inequality itself.
+ * `contrast` is the constant C of Fu and Liu 2013, s2 / (s2 + C (t - mu)^2); 1 is the inequality
+ * itself.
  */
 
 /* In: variance: > 0. distance: t - mu; at most 0 means lit. Returns 0..1, 1 when lit. */

@@ -58,8 +58,8 @@ size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
 
 /*
  * Writes the list of one texel and returns its length. Products are doubles, rounded to 2^-30 once
- * a node: n factors are off by n 2^-53. Fragments that take nothing are left out; the first node
- * that leaves less than epsilon, or nothing, is the last.
+ * a node, so n factors are off by n 2^-53. Fragments that absorb nothing are left out. The last
+ * node is the first one that leaves less than epsilon, or nothing.
  */
 static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
@@ -104,7 +104,8 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* What truncation saved is given back; a refusal to shrink changes nothing. */
+    /* Returns the memory that truncation saved; if the allocator refuses to shrink, nothing
+     * changes. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
     deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
@@ -116,7 +117,7 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Node of list `to` whose depth is nearest to that of each node of list `from`: both rise. */
+/* Finds for each node of list `from` the node of list `to` nearest in depth; both lists rise. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -140,7 +141,7 @@ static void list_link(const struct umb__deep *deep, size_t from, size_t to, int 
     }
 }
 
-/* Links of texels without such a neighbour stay 0; nobody follows them. */
+/* Links of texels without such a neighbour stay 0 and are never followed. */
 static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
@@ -161,8 +162,8 @@ static void links_make(struct umb__deep *deep)
     }
 }
 
-/* Lists of up to so many nodes on average, of those that have any, are quicker streamed than walked
- * along links (measured at 7 x 7, docs/results/techniques.md). */
+/* Mean length of non-empty lists up to which a stream is faster than links (measured at 7 x 7,
+ * docs/results/techniques.md). */
 #define STREAM_MEAN 16U
 
 static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
@@ -180,7 +181,7 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* What is left becomes what is lost, from each list's end on. */
+/* Turns the light left behind each node into its drop, from each list's end on. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deep shadow maps asked; see deep_parts.h. */
+/* Queries of deep shadow maps; see deep_parts.h. */
 #include <math.h>
 #include <string.h>
 #include "maps/deep_parts.h"
@@ -34,8 +34,8 @@ uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, doubl
     return guess;
 }
 
-/* Where a filter stands in one row of its window: a texel's list, and how many of its nodes are
- * nearer than the receiver. */
+/* Position of a filter in one row of its window: a texel's list, and the number of its nodes nearer
+ * than the receiver. */
 struct place {
     struct umb__deep_list list;
     uint32_t nearer;
@@ -48,8 +48,8 @@ static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, in
                                    (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Light left at a place, in units of 2^-30: whole without an exponent, which fades the last step
- * in. */
+/* Returns the light left at a position, in units of 2^-30: a whole number without an exponent,
+ * which fades the last step in. */
 static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double one = (double)UMB__DEEP_ONE;
@@ -66,7 +66,7 @@ static double place_value(const struct umb__deep *deep, const struct place *plac
     return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
 }
 
-/* Where the link of a place's node leads in the next list. */
+/* Returns the target of the link of a position's node, in the next list. */
 static uint32_t place_link(const struct place *place, int upper)
 {
     if (place->nearer == 0) {
@@ -78,7 +78,7 @@ static uint32_t place_link(const struct place *place, int upper)
     return upper ? node->upper : node->right;
 }
 
-/* Moves a place to the list of a neighbouring texel: by the link of its node, or by a search. */
+/* Moves a position to the list of a neighbouring texel: by the link of its node, or by a search. */
 static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
                        struct umb__deep_list list, double depth, struct place *to)
 {
@@ -88,12 +88,12 @@ static void place_move(const struct umb__deep *deep, const struct place *from, i
     to->list = list;
 }
 
-/* The part of a window that lies on the map. */
+/* Returns the part of a window that lies on the map. */
 struct window {
     int64_t x0, y0, x1, y1;
 };
 
-/* Loads what the next step to the right will look at first. */
+/* Prefetches the first reads of the next step to the right. */
 static void place_prefetch(const struct umb__deep *deep, const struct place *place, int64_t x,
                            int64_t y)
 {
@@ -104,8 +104,8 @@ static void place_prefetch(const struct umb__deep *deep, const struct place *pla
 }
 
 /*
- * Up the window's left column, then all rows to the right side by side: while one row waits for
- * its next list the others go on.
+ * Goes up the window's left column, then all rows to the right side by side: while one row waits
+ * for its next list the others go on.
  */
 static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
@@ -133,8 +133,8 @@ static double window_sum(const struct umb__deep *deep, const struct window *w, d
     }
 }
 
-/* Bits of the least float that is not below a depth: floats from 0 on rise as their bits do, and
- * one is nearer than the depth if and only if its bits are below these. */
+/* Returns the bits of the least float that is not below a depth. Floats from 0 on rise as their
+ * bits do, and one is nearer than the depth if and only if its bits are below these. */
 static uint32_t bits_from(double depth)
 {
     uint32_t bits;
@@ -147,8 +147,8 @@ static uint32_t bits_from(double depth)
     return bits;
 }
 
-/* The drop of a node if it is nearer than the limit, else 0: a mask, as half of the nodes are and
- * which ones nobody could predict. */
+/* Returns the drop of a node if it is nearer than the limit, else 0. It is a mask, since about half
+ * of the nodes are nearer, in no predictable order. */
 static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t limit)
 {
     uint32_t bits;
@@ -156,7 +156,7 @@ static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t l
     return node->left & (0U - (uint32_t)(bits < limit));
 }
 
-/* The sum of a window from streams: all light, less the drops of nodes nearer than the receiver. */
+/* Sums a window from streams: all light, less the drops of nodes nearer than the receiver. */
 static double stream_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
     const struct umb__deep_node *nodes = (const struct umb__deep_node *)(const void *)deep->nodes;
@@ -196,7 +196,7 @@ static double deep_answer(const struct umb__map_query *query, const struct umb__
         return 1.0;
     }
     const int64_t inside = (w.x1 - w.x0) * (w.y1 - w.y0);
-    const double lit = (double)(taps * taps - inside); /* beyond the border nothing casts */
+    const double lit = (double)(taps * taps - inside); /* No caster beyond the border */
     const double sum = deep->way == UMB_MAP_DEEP_STREAM ? stream_sum(deep, &w, depth)
                                                         : window_sum(deep, &w, depth);
     return (sum / (double)UMB__DEEP_ONE + lit) / (double)(taps * taps);

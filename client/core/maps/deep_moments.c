@@ -1,23 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Moments of translucent casters: a fixed number of channels a texel in place of a deep map's list,
- * filterable, and asked through the bounds of moment_bound.h. Two ways to count what is taken:
+ * Moments of translucent casters: a fixed number of filterable channels a texel instead of a deep
+ * map's list. The bounds of moment_bound.h turn them into answers. There are two ways to count
+ * absorption:
  *
- * MOMENTS: by light. A fragment takes a share of all light, what is left before it times its alpha;
- * what passes everything is taken at the far end, where no receiver lies behind it. So a texel is a
+ * MOMENTS counts light. A fragment absorbs its alpha times the light left before it. Light that
+ * passes everything counts as absorbed at the far end, behind all receivers. So a texel is a
  * distribution of depth, an opaque one that of a shadow map, and means over texels are those of a
- * filter. An answer is 1 less the least share taken before the receiver: an upper bound.
+ * filter. An answer is 1 less the least share absorbed before the receiver: an upper bound.
  *
- * ABSORBANCE: by -log of what is left, which adds up, whatever the order. The sum itself is a
- * channel, so that behind everything the answer is nearly that of the products. Fragments take at
- * most what is left of DARKEST, 2^-10 of the light: an opaque one would take infinitely much. Means
- * over texels are those of logarithms: a filter over unlike texels answers too darkly.
+ * ABSORBANCE counts -log of transmittance, which adds up in any order. The sum itself is a channel,
+ * so that behind all casters the answer is nearly exact. Transmittance is limited to DARKEST,
+ * 2^-10, since the absorbance of an opaque fragment would be infinite. Means over texels are those
+ * of logarithms: a filter over unlike texels answers too dark.
  *
  * Error: MOMENTS: `bias` (moment_bound.h). ABSORBANCE: channels are off by e; a mean of the
  * normalised distribution by 2 e over its sum s, which `bias` follows; so the absorbance before a
  * receiver is off by s * bias and e more, times DARKEST, and the answer by no more than that, and
- * 2^-10. A `moment_bias` of the caller's that is below what errors want bounds nothing: the slack
- * says so.
+ * 2^-10. With a `moment_bias` below what these errors need, answers are no bounds, and the slack is
+ * 1 or near it.
  */
 #include <math.h>
 #include "base/memory.h"
@@ -25,7 +26,7 @@
 #include "maps/map_channels.h"
 #include "maps/moment_bound.h"
 
-/* -log(2^-10): what a texel takes at most. */
+/* -log(2^-10): largest absorbance of a texel. */
 static const double darkest = 6.93147180559945309417;
 
 static double channel_error(const struct umb_map_settings *settings)
@@ -54,7 +55,7 @@ static enum umb_status moments_check(const struct umb_map_settings *settings,
     return UMB_OK;
 }
 
-/* Chebyshev's polynomial of degree k. */
+/* Returns Chebyshev's polynomial of degree k. */
 static double chebyshev(uint32_t k, double d)
 {
     double before = 1.0, here = k > 0 ? d : 1.0;
@@ -66,7 +67,8 @@ static double chebyshev(uint32_t k, double d)
     return here;
 }
 
-/* Least share before a receiver, with what is overestimated at its own depth. */
+/* Returns the least share before a receiver, plus the `overestimate` part of the share at its own
+ * depth. */
 static double share_before(const struct umb_map_settings *settings, const double *means,
                            double bias, double depth)
 {
@@ -88,7 +90,7 @@ static size_t light_weigh(const struct umb_map_fragment *sorted, size_t count,
     return used;
 }
 
-/* T1.. of where light is taken; at the far end all of them are 1. */
+/* Means of T1.. over the depths where light is absorbed; at the far end all Tk are 1. */
 static double light_encode(uint32_t k, const struct umb__taken *taken, size_t count)
 {
     double sum = 1.0;
@@ -141,7 +143,7 @@ static size_t absorbance_weigh(const struct umb_map_fragment *sorted, size_t cou
     return used;
 }
 
-/* The sum, then T1.. times it. */
+/* Writes the sum, then the means of T1.. times it. */
 static double absorbance_encode(uint32_t k, const struct umb__taken *taken, size_t count)
 {
     double sum = 0.0;
@@ -182,14 +184,15 @@ static double absorbance_slack(const struct umb_map *map)
     const double e = channel_error(settings), own = settings->moment_bias;
     double share = umb__moment_bias(settings->terms, 2.0 * e);
     if (own > 0.0) {
-        /* It suffices for sums above least_sum; of one below no more than all can be wrong. */
+        /* This suffices for sums above least_sum. Below it, at most the whole sum can be wrong. */
         const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
         share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
     }
     return fmin(darkest * (share + e) + 0x1p-10, 1.0);
 }
 
-/* What every texel's fragments take, one list after another: fills in first and *taken. */
+/* Lists the absorption of every texel's fragments, one list after another: fills in first and
+ * *taken. */
 static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_map_fragments *in,
                                     uint64_t *first, struct umb__taken *taken,
                                     struct umb_error *error)

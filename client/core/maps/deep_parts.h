@@ -4,22 +4,22 @@
 /*
  * Deep shadow maps: a texel's light as a falling staircase of depth.
  *
- * A list holds the depths at which something takes light, nearest first, each once, with the
- * transmittance left behind it. A receiver at depth t gets what is left behind the last node
+ * A list holds the depths at which light is absorbed, nearest first, each once, with the
+ * transmittance left behind it. A receiver at depth t gets the light left behind the last node
  * nearer than t; nodes at t itself do not count, as for shadow maps.
  *
- * What is left is a whole number of 2^-30, so that sums over a window are exact in any order: the
- * three ways of umb_map_deep_way give the same bits.
+ * Transmittance is a whole number of 2^-30, so that sums over a window are exact in any order: the
+ * ways of umb_map_deep_way give the same bits.
  *
- * Links (Bavoil et al., seed 003): each node knows the node nearest in depth in the list of the
- * texel to the right and above. A wide filter searches its first list only, follows the link of
- * the node it found to the next texel, and walks a step or two there. The place it ends at is the
- * one a search finds.
+ * Links (Fuerst, Mattausch, Scherzer 2013): each node stores the node nearest in depth in the list
+ * of the texel to the right and above. A wide filter searches its first list only, follows the link
+ * of the node it found to the next texel, and walks a step or two there. The result equals that of
+ * a search.
  *
- * Streams: what a texel gets is 1 less the drops (what is left before a node less what is left
- * behind it) of all its nodes nearer than t. The lists of a row of a window lie one after another:
- * its sum is one pass over them that knows nothing of where lists begin, without a branch. Cheaper
- * than any search as long as lists are short.
+ * Streams: a texel gets 1 less the drops (light before a node less light behind it) of all its
+ * nodes nearer than t. The lists of a window's row are contiguous, so its sum is one pass over them
+ * without a branch and without the limits of lists. It is faster than any search if lists are
+ * short.
  */
 #include "maps/map_parts.h"
 
@@ -27,10 +27,10 @@
 
 struct umb__deep_node {
     float depth;
-    uint32_t left; /* transmittance behind it; in a stream the drop at it */
+    uint32_t left; /* Transmittance behind it; in a stream the drop at it */
 };
 
-/* With links a node is followed by them, in the same cache line. */
+/* A node with links: they follow it in the same cache line. */
 struct umb__deep_linked {
     struct umb__deep_node node;
     uint32_t right, upper; /* node numbers within that list */
@@ -59,20 +59,21 @@ static inline const struct umb__deep_node *umb__deep_at(const struct umb__deep_l
     return (const struct umb__deep_node *)(const void *)(list->nodes + i * list->stride);
 }
 
-/* Number of nodes of a list nearer than depth: by halving, and by walking from a guess. */
+/* Returns the number of nodes of a list nearer than depth: by binary search, or by a walk from a
+ * guess. */
 uint32_t umb__deep_search(const struct umb__deep_list *list, double depth);
 uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth);
 
-/* Fails: E_ARGUMENT (first not rising, 2^32 - 1 fragments in a texel or more, a depth or alpha not
- * 0..1). */
+/* Fails: E_ARGUMENT (first falls, 2^32 - 1 fragments in a texel or more, a depth or alpha not
+ *        0..1). */
 UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                                  struct umb_error *error);
 
-/* Fragments of the texel that has the most: room for umb__fragments_sort. */
+/* Returns the number of fragments of the longest texel: room for umb__fragments_sort. */
 uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels);
 
-/* Copies those of one texel by depth, then by alpha, and returns their number. Equal lists give
- * equal products whatever order they came in. */
+/* Copies the fragments of one texel, sorted by depth, then by alpha, and returns their number. So
+ * equal lists give equal products in any order. */
 size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
                            struct umb_map_fragment *sorted);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Maps from an asset's voxels; see umbrage/derive.h. A frustum says where a texel's light ray runs,
- * a column query how far along it the first occluder lies, umb_map_build does the rest.
+ * Maps from an asset's voxels; see umbrage/derive.h. A frustum gives the light ray of a texel, a
+ * column query its first occluder, and umb_map_build the map.
  */
 #include "umbrage/derive.h"
 
@@ -20,7 +20,7 @@
 #define TEXEL_BYTES (sizeof(float) + 2 * sizeof(double))
 /* A texel of a row: struct row. */
 #define ROW_BYTES (4 * sizeof(double) + sizeof(struct umb_column_answer))
-/* Handles, and what a KTX file is planned with. */
+/* Memory for handles, and for planning a KTX file. */
 #define FIXED_BYTES 32768U
 
 static uint32_t map_count(const struct umb_derive_settings *settings)
@@ -58,7 +58,7 @@ static enum umb_status rect_check(const double rect[4], double size, struct umb_
     return UMB_OK;
 }
 
-/* Sizes and what GPUs have formats for; the rest is checked where it is used. */
+/* Checks sizes and GPU formats; the functions that use the other settings check those. */
 static enum umb_status settings_check(const struct umb_derive_settings *settings,
                                       struct umb_error *error)
 {
@@ -116,7 +116,7 @@ static void fill_in(struct umb_map_settings *map)
     }
 }
 
-/* A rectangle of the light's own frustum. */
+/* Makes the frustum of a rectangle of the light's own frustum. */
 static void rect_frustum(const struct umb_frustum_info *from, const double origin[3],
                          const struct umb_light_info *light, const struct umb_derived *derived,
                          struct umb_map_frustum *out)

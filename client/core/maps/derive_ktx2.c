@@ -35,19 +35,20 @@ static const uint32_t vk_formats[][5] = {
     [SAMPLE_SNORM16] = {[1] = 71, [2] = 78, [4] = 92},
 };
 
-/* Where things stand in the file. */
+/* Offsets of the parts of the file. */
 struct plan {
     enum sample_kind kind;
     uint32_t channels, width, height, layers, level_count;
     size_t texel_bytes;
     size_t descriptor, descriptor_bytes, keys, keys_bytes;
-    size_t levels[LEVELS_MAX], level_bytes[LEVELS_MAX]; /* where, and of all layers */
+    size_t levels[LEVELS_MAX], level_bytes[LEVELS_MAX]; /* Offset and length of each level, all
+                                                           layers together */
     size_t json_bytes, size;
     char json[JSON_MAX];
 };
 
-/* Appends to the JSON; too long a text is cut, which the size of the buffer rules out: 8 maps of 16
- * numbers of 25 characters, and as many again. */
+/* Appends to the JSON. The buffer's size rules out a cut text: 8 maps of 16 numbers of 25
+ * characters, and as much again. */
 static void put(struct plan *plan, const char *format, ...) UMB_PRINTF(2, 3);
 static void put(struct plan *plan, const char *format, ...)
 {

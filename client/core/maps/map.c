@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Maps: built, asked, freed. Chooses the technique; see umbrage/maps.h. */
+/* Building, querying and freeing maps. Chooses the technique; see umbrage/maps.h. */
 #include <math.h>
 #include <string.h>
 #include "base/memory.h"
@@ -63,8 +63,8 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
     return techniques[settings->technique]->check(settings, error);
 }
 
-/* The frustum, and settings of a technique that the caller builds. In: translucent: 1 for
- * umb_map_build_translucent, 0 for umb_map_build. */
+/* Checks the frustum, and the settings of a technique that the caller builds. In: translucent: 1
+ * for umb_map_build_translucent, 0 for umb_map_build. */
 static enum umb_status filtered_check(const struct umb_map_frustum *frustum,
                                       const struct umb_map_settings *settings, int translucent,
                                       struct umb_error *error)
@@ -91,7 +91,7 @@ static double nearest_depth(const struct umb_map_frustum *frustum,
     return (double)nearest;
 }
 
-/* An empty map. Fails: E_NO_MEMORY. */
+/* Makes an empty map. Fails: E_NO_MEMORY. */
 static enum umb_status map_create(const struct umb_map_frustum *frustum,
                                   const struct umb_alloc *alloc, struct umb_map **out,
                                   struct umb_error *error)
@@ -355,7 +355,7 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
     double at[UMB__MAP_CHANNELS_MAX];
-    /* They compare with one depth: biases move the receiver, as they do for texels. */
+    /* These techniques compare with one depth: biases move the receiver, as for texels. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {

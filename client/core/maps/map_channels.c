@@ -8,7 +8,7 @@
 #include "base/memory.h"
 #include "maps/map_half.h"
 
-#define SUM_ONE  0x1p40 /* summed-area tables: units a channel of 1 */
+#define SUM_ONE  0x1p40 /* Units of summed-area tables for a channel of 1 */
 #define BLUR_MAX 63
 
 double umb__channel_mean(double exponent, const double *values, const double *weights, size_t count)
@@ -24,8 +24,9 @@ double umb__channel_mean(double exponent, const double *values, const double *we
     for (size_t i = 0; i < count; i++) {
         most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    /* Every term is at most 1 and one is its full weight: no overflow, and log of no less. What has
-     * no weight has no say in `most`, or all the others might be subnormal beside it. */
+    /* Mean of logarithms. Every term is at most 1 and one is its full weight, so nothing overflows
+     * and the log's argument is large enough. Values without weight do not count in `most`, or all
+     * the others might be subnormal beside it. */
     for (size_t i = 0; i < count; i++) {
         sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
     }
@@ -298,7 +299,8 @@ void umb__channels_finish(struct umb__channels *channels, const struct umb_map *
     memset(channels, 0, sizeof *channels);
 }
 
-/* Splits a coordinate of texel centres 0..end-1 into a texel and the share of the next one. */
+/* Splits a coordinate in 0..end-1, at texel centres, into a texel and the weight of the next
+ * one. */
 static size_t split(double at, size_t end, double *share, size_t *next)
 {
     at = fmin(fmax(at, 0.0), (double)(end - 1));

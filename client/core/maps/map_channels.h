@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_CORE_MAPS_MAP_CHANNELS_H
 #define UMBRAGE_CORE_MAPS_MAP_CHANNELS_H
 /*
- * Images whose texels are averaged: blurred when built, and asked by bilinear, trilinear or box
- * filters. A channel is a number of -1..1, or, with an exponent e > 0, a logarithm: it stands for
- * exp(e v), and averaging is log-sum-exp, which can neither overflow nor underflow.
+ * Images of averaged texels: blurred when built, and filtered by bilinear, trilinear or box filters
+ * in queries. A channel is a number of -1..1, or, with an exponent e > 0, a logarithm: it stands
+ * for exp(e v), and averaging is log-sum-exp, which can neither overflow nor underflow.
  *
  * Summed-area tables hold sums of round(v 2^40) in 64-bit integers that wrap around. The sum of a
  * box is a difference of four of them and exact, whatever the size of the table, as long as the box
- * itself is below 2^63: up to 2896 x 2896 texels. (Tables of floats lose what the corner's sum has
- * more bits than the box: 2^20 texels of 24-bit moments leave 4 bits.)
+ * itself is below 2^63: up to 2896 x 2896 texels. (Tables of floats lose as many bits as the
+ * corner's sum is longer than the box's: with 2^20 texels of 24-bit moments 4 bits are left.)
  * Source: Crow 1984; Lauritzen 2007 (tables of integers for variance maps).
  */
 #include "maps/map_parts.h"

@@ -86,7 +86,7 @@ static double convolution_answer(const struct umb__map_query *query,
     return fmin(fmax(2.0 * sum, 0.0), 1.0);
 }
 
-/* Each term's channels are off by e: twice the sum of 2/w_k times 2e. */
+/* Each term's channels are off by e, so the error is twice the sum of 2/w_k times 2e. */
 static double convolution_slack(const struct umb_map *map)
 {
     const double error =

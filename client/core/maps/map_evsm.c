@@ -3,10 +3,11 @@
  * Exponential variance shadow maps: Chebyshev's bound on depth warped by exp(c d), and by
  * -exp(-c' d) where asked for; the smaller of both bounds. d is -1..1.
  *
- * Divided by the mean, the bound needs no large numbers: with l1 = log E[e^(cd)] / c and
- * l2 = log E[e^(2cd)] / (2c), depths both, the relative variance is expm1(2c (l2 - l1)), which
- * is never below 0 (power means), and the relative distance is expm1(c (t - l1)). In log space
- * those are the channels; in linear space the channels are the moments, and their ratio is taken.
+ * With everything divided by the mean, the bound needs no large numbers: with l1 = log E[e^(cd)] /
+ * c and l2 = log E[e^(2cd)] / (2c), depths both, the relative variance is expm1(2c (l2 - l1)),
+ * which is never below 0 (power means), and the relative distance is expm1(c (t - l1)). In log
+ * space those are the channels; in linear space the channels are the moments, and their ratio is
+ * taken.
  *
  * Relative variance by rounded channels: log: l2 - l1 off by 2e makes 4ce; linear: 3 times the
  * format's relative error. The floor is twice that, and never less than (c delta)^2, the variance
@@ -51,7 +52,7 @@ static enum umb_status evsm_check(const struct umb_map_settings *settings, struc
     return status;
 }
 
-/* Exponent of warp 0 (of d) or 1 (of -d). */
+/* Returns the exponent of warp 0 (of d) or 1 (of -d). */
 static double warp_exponent(const struct umb_map_settings *settings, uint32_t warp)
 {
     return warp == 0 ? settings->exponent : settings->negative_exponent;
@@ -76,7 +77,7 @@ static double evsm_encode(const struct umb_map_settings *settings, uint32_t k, d
                             : along;
 }
 
-/* Relative variance that rounding can fake. */
+/* Returns the largest relative variance that rounding alone can cause. */
 static double variance_error(const struct umb_map_settings *settings, double c)
 {
     return settings->linear ? 6.0 * umb__format_error(settings->format)
@@ -89,7 +90,7 @@ static double warp_bound(const struct umb__map_query *query, uint32_t warp, cons
 {
     const struct umb_map_settings *settings = &query->map->settings;
     const double c = warp_exponent(settings, warp);
-    double variance, distance; /* over the mean squared, over the mean */
+    double variance, distance; /* Divided by the square of the mean, and by the mean */
     if (settings->linear) {
         variance = at[1] / (at[0] * at[0]) - 1.0;
         distance = exp(c * along) / at[0] - 1.0;
@@ -99,7 +100,7 @@ static double warp_bound(const struct umb__map_query *query, uint32_t warp, cons
     }
     const double deviation = 2.0 * c * sqrt(settings->min_variance);
     variance = fmax(variance, fmax(deviation * deviation, 2.0 * variance_error(settings, c)));
-    /* The second warp turns depth around: lit is the lower side there. */
+    /* The second warp reverses depth: lit is the lower side there. */
     return umb__chebyshev(variance, warp == 0 ? distance : -distance, query->filter.contrast);
 }
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frusta of lights: made, and followed backwards from texels to the world. */
+/* Frusta of lights: makes them, and maps texels back to the world. */
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
 #include "base/vec.h"
 
-/* Two unit vectors across `w`: the first is across the world axis that w leans on least. */
+/* Finds two unit vectors across `w`: the first is across the world axis that w leans on least. */
 static void axes_across(const double w[3], double u[3], double v[3])
 {
     int least = 0;
@@ -28,7 +28,8 @@ static enum umb_status sides_check(uint32_t width, uint32_t height, struct umb_e
     return UMB_OK;
 }
 
-/* Lowest and highest coordinate of a box's corners along an axis, relative to `origin`. */
+/* Finds the lowest and highest coordinate of a box's corners along an axis, relative to
+ * `origin`. */
 static void box_extent(const struct umb_box *box, const double origin[3], const double axis[3],
                        double extent[2])
 {

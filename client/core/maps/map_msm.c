@@ -78,7 +78,7 @@ static double msm_encode(const struct umb_map_settings *settings, uint32_t k, do
     }
 }
 
-/* Moments b1..b4 from the channels, moved by the bias. */
+/* Computes moments b1..b4 from the channels, moved by the bias. */
 static void moments_of(const double *at, double bias, double b[4])
 {
     static const double inner[4] = {0.0, 0.375, 0.0, 0.28125};
@@ -104,7 +104,7 @@ static void hankel_solve(const double b[4], double t, double least, double c[3])
     c[0] = 1.0 - b[0] * c[1] - b[1] * c[2];
 }
 
-/* Roots z2 <= z3 of c2 z^2 + c1 z + c0; without cancellation. 0 if they are not real. */
+/* Finds the roots z2 <= z3 of c2 z^2 + c1 z + c0 without cancellation; 0 if they are not real. */
 static int roots_find(const double c[3], double roots[2])
 {
     const double square = c[1] * c[1] - 4.0 * c[0] * c[2];
@@ -122,13 +122,13 @@ static int roots_find(const double c[3], double roots[2])
     return 1;
 }
 
-/* Least share of the distribution before t. */
+/* Returns the least share of the distribution before t. */
 static double share_before(const double b[4], double t, double least)
 {
     double c[3], z[2];
     hankel_solve(b, t, least, c);
     if (!roots_find(c, z)) {
-        /* Flat to rounding: one depth, b1. */
+        /* A single depth b1, up to rounding. */
         return t > b[0] ? 1.0 : 0.0;
     }
     if (t <= z[0]) {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_MAPS_MAP_PARTS_H
 #define UMBRAGE_CORE_MAPS_MAP_PARTS_H
 /*
- * What the techniques of umbrage/maps.h share: the built map, the prepared query, the receiver, and
- * the table that a technique fills in.
+ * Parts that the techniques of umbrage/maps.h share: the built map, the prepared query, the
+ * receiver, and the table that a technique fills in.
  *
  * A technique is either a depth map (compares texels itself) or filterable: it turns a depth into
  * a few channels, channels are averaged by map_channels.c, and it turns averaged channels and a
@@ -31,19 +31,21 @@ struct umb__channels {
     enum umb_map_format format; /* F32, F16 or U16 */
     enum umb_map_access access;
     uint32_t width, height, count, level_count;
-    double exponent[UMB__MAP_CHANNELS_MAX]; /* of a channel kept as a logarithm, else 0 */
+    double exponent[UMB__MAP_CHANNELS_MAX]; /* Exponent of a channel stored as a logarithm, else
+                                               0 */
     void *levels[16];                       /* level l: [height >> l][width >> l][count] */
     uint64_t *sums;                         /* SAT: [height + 1][width + 1][count] */
     uint64_t bytes;
 };
 
-/* Where a texel's light is taken: a place of its depth and how much there. */
+/* A place where a texel absorbs light: its depth and the share. */
 struct umb__taken {
     double depth; /* -1..1 */
-    double share; /* 0..1 of what the technique counts; all of a texel add to at most 1 */
+    double share; /* Share of the absorption as the technique counts it, 0..1; a texel's add up to
+                     at most 1 */
 };
 
-/* What the texels of a map are made of: depths, or lists of what is taken. */
+/* Input of a map's texels: depths, or lists of absorption. */
 struct umb__texels {
     const struct umb_map_layer *layer; /* NULL: lists */
     const uint64_t *first;             /* [width * height + 1] */
@@ -56,13 +58,13 @@ struct umb_map {
     int own_alloc; /* 1: `alloc` holds, 0: malloc */
     struct umb_map_frustum frustum;
     struct umb_map_settings settings;
-    double nearest; /* depth of the nearest caster: no penumbra is wider than its */
+    double nearest; /* Depth of the nearest caster, which has the widest penumbra */
     struct umb__depths depths;
     struct umb__channels channels;
     struct umb__deep *deep; /* DEEP */
 };
 
-/* Behind struct umb_map_query. */
+/* Content of struct umb_map_query. */
 struct umb__map_query {
     const struct umb_map *map;
     struct umb_map_filter filter;          /* with its defaults filled in */
@@ -75,22 +77,24 @@ struct umb__technique {
     const char *name;
     enum umb_map_bound bound;
     int filterable;
-    /* Checks settings (format and access are known enums); NULL if nothing is to check. */
+    /* Checks settings (format and access are known enums); NULL if there is nothing to check. */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
-    /* Filterable: channels a texel, and fills in the exponents of logarithmic ones. */
+    /* Filterable: returns the channels a texel, and fills in the exponents of logarithmic ones. */
     uint32_t (*channels)(const struct umb_map_settings *settings, double *exponent);
-    /* Filterable: channel k of a depth (-1..1), whose surface gains gain[] of it a texel. */
+    /* Filterable: computes channel k of a depth (-1..1), whose surface gains gain[] of depth a
+     * texel. */
     double (*encode)(const struct umb_map_settings *settings, uint32_t k, double depth,
                      const double gain[2]);
-    /* Filterable maps of translucent casters, instead of encode. `weigh` makes of fragments, sorted
-     * by depth, where light is taken, and returns how many places there are, at most `count`.
-     * `encode_taken` makes channel k of such a list; an empty one takes nothing. */
+    /* Filterable maps of translucent casters, instead of encode. `weigh` turns fragments, sorted by
+     * depth, into places of absorption, and returns their number, at most `count`. `encode_taken`
+     * computes channel k of such a list; an empty list absorbs nothing. */
     size_t (*weigh)(const struct umb_map_fragment *sorted, size_t count, struct umb__taken *taken);
     double (*encode_taken)(uint32_t k, const struct umb__taken *taken, size_t count);
-    /* Visibility, 0..1, before `reduction`. Filterable: `at` are the averaged channels. */
+    /* Returns the visibility, 0..1, before `reduction`. Filterable: `at` are the averaged
+     * channels. */
     double (*answer)(const struct umb__map_query *query, const struct umb__receiver *receiver,
                      const double *at);
-    /* Stated error of an answer by storage and arithmetic. */
+    /* Returns the stated error of an answer by storage and arithmetic. */
     double (*slack)(const struct umb_map *map);
 };
 
@@ -98,8 +102,9 @@ extern const struct umb__technique umb__map_pcf, umb__map_vsm, umb__map_lvsm, um
     umb__map_esm, umb__map_evsm, umb__map_msm, umb__map_deep, umb__map_moments, umb__map_absorbance;
 
 /*
- * Depth up to which texels light the receiver, for a filter of `width` texels: its own plane rises
- * by gain * width / 2 within the filter. Infinite gains (grazing receivers) clear everything.
+ * Returns the depth up to which texels light the receiver, for a filter of `width` texels: its own
+ * plane rises by gain * width / 2 within the filter. Infinite gains (grazing receivers) light
+ * everything.
  */
 static inline double umb__biased_depth(const struct umb__map_query *query,
                                        const struct umb__receiver *receiver, double width)
@@ -112,13 +117,13 @@ static inline double umb__biased_depth(const struct umb__map_query *query,
     return depth;
 }
 
-/* The allocator of a map, for umb__alloc. */
+/* Returns the allocator of a map, for umb__alloc. */
 static inline const struct umb_alloc *umb__map_alloc(const struct umb_map *map)
 {
     return map->own_alloc ? &map->alloc : NULL;
 }
 
-/* Half of the least step of a format for numbers of -1..1: its rounding error. */
+/* Returns half of the least step of a format for numbers of -1..1: its rounding error. */
 static inline double umb__format_error(enum umb_map_format format)
 {
     switch (format) {

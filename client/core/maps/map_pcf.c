@@ -39,7 +39,7 @@ static double poisson_answer(const struct umb__map_query *query,
     return (double)lit / (double)query->filter.samples;
 }
 
-/* The texels [first, last] that an interval of real width around `centre` touches. */
+/* Finds the texels [first, last] that an interval of real width around `centre` touches. */
 struct span {
     double low, high;
     int64_t first, last;
@@ -57,8 +57,8 @@ static double span_share(const struct span *span, int64_t texel)
 }
 
 /*
- * Depth up to which a texel of a penumbra lights the receiver: its own plane there, where that
- * rises towards the light. Behind the receiver nothing can block it.
+ * Returns the depth up to which a texel of a penumbra lights the receiver: that of the receiver's
+ * plane there, where the plane rises towards the light. Space behind the receiver cannot block it.
  */
 static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
                           int64_t x, int64_t y)
@@ -74,7 +74,8 @@ static double plane_depth(const struct umb__map_query *query, const struct umb__
     return umb__biased_depth(query, receiver, 0.0) + fmin(query->filter.bias_slope * rise, 0.0);
 }
 
-/* Mean depth of the texels that shadow the receiver within the widest penumbra; 0 if none does. */
+/* Returns the mean depth of the texels that shadow the receiver within the widest penumbra; 0 if
+ * there are none. */
 static int blockers_find(const struct umb__map_query *query, const struct umb__receiver *receiver,
                          double *mean)
 {
@@ -135,7 +136,7 @@ static enum umb_status pcf_check(const struct umb_map_settings *settings, struct
     return UMB_OK;
 }
 
-/* Counting is exact; rounding of depths moves a shadow's boundary, which is the bias's business. */
+/* Counting is exact. Rounding of depths moves a shadow's boundary, which the bias covers. */
 static double pcf_slack(const struct umb_map *map)
 {
     (void)map;

@@ -17,7 +17,7 @@ static double signed_unit(uint64_t *state)
     return (double)(next(state) >> 11) * 0x1p-52 - 1.0;
 }
 
-/* Square of the distance to the nearest of the points so far. */
+/* Returns the squared distance to the nearest of the points so far. */
 static double nearest(double (*points)[2], uint32_t count, const double at[2])
 {
     double least = 8.0;
@@ -39,7 +39,7 @@ void umb__poisson_disc(double (*points)[2], uint32_t count)
             at[0] = signed_unit(&state);
             at[1] = signed_unit(&state);
             if (at[0] * at[0] + at[1] * at[1] > 1.0) {
-                continue; /* ends: pi/4 of all lie inside */
+                continue; /* Ends: pi/4 of all candidates lie inside */
             }
             const double distance = nearest(points, i, at);
             if (distance > best) {

@@ -42,7 +42,7 @@ static int paraboloid_map(const struct umb_map_frustum *frustum, const double p[
     if (!(q[2] >= 0.0 && r > 0.0)) {
         return 0;
     }
-    double local[3][3]; /* gradients in the light's own axes */
+    double local[3][3]; /* Gradients along the light's own axes */
     for (int i = 0; i < 2; i++) {
         const double u = q[i] / (r + q[2]);
         out->at[i] = (1.0 + u) * half[i];
@@ -144,8 +144,8 @@ static int faces_away(const struct umb_map_frustum *frustum, const double world[
 }
 
 /*
- * Depth that the plane gains per texel. A step v within it with x one texel on and y as before
- * solves n.v = 0, gx.v = 1, gy.v = 0: v = (gy x n) / (n . (gx x gy)).
+ * Computes the depth that the plane gains per texel. A step v within it with x one texel on and y
+ * as before solves n.v = 0, gx.v = 1, gy.v = 0: v = (gy x n) / (n . (gx x gy)).
  */
 static void plane_gain(const struct umb__map_point *point, const double normal[3], double gain[2])
 {
@@ -163,7 +163,8 @@ static void plane_gain(const struct umb__map_point *point, const double normal[3
     gain[1] = umb__dot(point->gradient[2], v) / steep;
 }
 
-/* Metres along the normal that clear half of the filter: the texels' world size at the point. */
+/* Returns the metres along the normal that clear half of the filter: the texels' world size at the
+ * point. */
 static double normal_shift(const struct umb__map_point *point, const double normal[3], double width)
 {
     double sum = 0.0;

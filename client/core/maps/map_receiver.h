@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_MAPS_MAP_RECEIVER_H
 #define UMBRAGE_CORE_MAPS_MAP_RECEIVER_H
 /*
- * A point that asks, in map space; and frusta, which say where that is.
+ * Receivers: points of a query in map space, and the frusta that map them.
  *
  * The gradient of map coordinates at the point gives everything else: the world size of a texel
  * there, and the depth that the receiver's own plane gains per texel.
@@ -24,17 +24,17 @@ struct umb__receiver {
     double texels_per_m; /* across the light, geometric mean of x and y */
 };
 
-/* Map coordinates and their gradients, per metre. */
+/* A place in map space with its gradients, per metre. */
 struct umb__map_point {
     double at[3];          /* x, y in texels, depth */
     double gradient[3][3]; /* [coordinate][world axis] */
 };
 
-/* Maps a world point; 0 if it lies where the projection has no answer (behind the light). */
+/* Maps a world point; 0 if the projection is undefined there (behind the light). */
 int umb__frustum_map(const struct umb_map_frustum *frustum, const double world[3],
                      struct umb__map_point *out);
 
-/* Checks a frustum from outside. Fails: E_ARGUMENT, E_TOO_LARGE. */
+/* Checks a frustum from a caller. Fails: E_ARGUMENT, E_TOO_LARGE. */
 UMB_CHECKED enum umb_status umb__frustum_check(const struct umb_map_frustum *frustum,
                                                struct umb_error *error);
 

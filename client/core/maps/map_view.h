@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_MAPS_MAP_VIEW_H
 #define UMBRAGE_CORE_MAPS_MAP_VIEW_H
 /*
- * A camera's view as the maps compute with it, and as Regions.DeriveMap sends it: client and server
- * derive from the same doubles.
+ * A camera's view as the maps compute with it, and as Regions.DeriveMap sends it, so that client
+ * and server derive from the same doubles.
  */
 #include "umbrage/derive.h"
 
@@ -18,13 +18,13 @@ struct umb__map_view {
 UMB_CHECKED enum umb_status umb__map_view_make(const struct umb_camera *camera,
                                                struct umb__map_view *view, struct umb_error *error);
 
-/* umb_cascades_plan for a view, whose numbers are checked. */
+/* Does what umb_cascades_plan does, for a view whose numbers are checked. */
 UMB_CHECKED enum umb_status
 umb__cascades_plan(const struct umb__map_view *view, const double to_light[3],
                    const struct umb_box *scene, const struct umb_cascade_settings *settings,
                    struct umb_cascade_plan *plan, struct umb_error *error);
 
-/* umb_derive for a view instead of settings->camera; NULL: without cascades. */
+/* Does what umb_derive does, with a view instead of settings->camera; NULL: without cascades. */
 UMB_CHECKED enum umb_status umb__derive(const struct umb_asset *asset,
                                         const struct umb_derive_settings *settings,
                                         const struct umb__map_view *view,

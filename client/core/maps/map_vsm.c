@@ -2,13 +2,13 @@
 /*
  * Variance shadow maps, and layered ones.
  *
- * Channels are the mean and the mean square of depth, d in -1..1: centred depths make the square's
- * rounding, which the variance subtracts two large numbers of, four times smaller than depths of
- * 0..1 do. A layered map has both for each of its slices of depth, clamped and stretched to -1..1;
- * a receiver asks the slice it lies in, where an occluder of another slice is at one end.
+ * Channels are the mean and the mean square of depth, d in -1..1. The variance subtracts two large
+ * numbers, and centred depths make the rounding of the square four times smaller than depths of
+ * 0..1. A layered map has both for each of its slices of depth, clamped and stretched to -1..1; a
+ * receiver asks the slice it lies in, where an occluder of another slice is at one end.
  *
- * Variance of rounded moments: with both off by e and |d| <= 1, s2 = m2 - m1^2 is off by at most
- * e + 2 e + e^2. The floor is twice that, so that a plane that ought to have none cannot flicker.
+ * Variance of rounded moments: with both off by e and |d| <= 1, s2 = m2 - m1^2 is off by at most e
+ * + 2 e + e^2. The floor is twice that, so that a plane, whose variance is 0, cannot flicker.
  *
  * Sources: Donnelly, Lauritzen 2006 (moments, bound); Lauritzen 2007 (floor, second moment from the
  * depth plane: 0.25 (gx^2 + gy^2), a deviation of half a texel); Lauritzen, McCool 2008 (layers).
@@ -67,8 +67,9 @@ static double vsm_encode(const struct umb_map_settings *settings, uint32_t k, do
 }
 
 /*
- * Mean depth of what shadows the receiver, if a share `lit` of the filter lies at its own depth:
- * mean = lit depth + (1 - lit) blockers. Source: Yang et al. 2010 (variance soft shadow mapping).
+ * Returns the mean depth of the casters that shadow the receiver, if a share `lit` of the filter
+ * lies at its own depth: mean = lit depth + (1 - lit) blockers. Source: Yang et al. 2010 (variance
+ * soft shadow mapping).
  */
 static double penumbra_width(const struct umb__map_query *query,
                              const struct umb__receiver *receiver)
@@ -97,10 +98,9 @@ static double vsm_answer(const struct umb__map_query *query, const struct umb__r
 }
 
 /*
- * How far rounding can push an answer below the bound. With e of rounding, 3 e of variance and a
- * floor of 8 e, a variance that was lowered was at least 11 e: the bound's derivative by log
- * variance, p (1 - p) <= 1/4, times log(11/8) is 0.0796. The mean's own e adds at most
- * 0.65 e / sqrt(8 e).
+ * Bounds how far rounding can push an answer below the bound. With e of rounding, 3 e of variance
+ * and a floor of 8 e, a lowered variance was at least 11 e. The bound's derivative by log variance,
+ * p (1 - p) <= 1/4, times log(11/8) is 0.0796. The mean's own e adds at most 0.65 e / sqrt(8 e).
  */
 static double vsm_slack(const struct umb_map *map)
 {

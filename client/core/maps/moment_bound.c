@@ -7,9 +7,9 @@
 
 #define DEGREE_MAX (UMB__MOMENTS_MAX / 2)
 /* Roots farther out are moved here. A place z has at most the last polynomial's squared norm over
- * (z - 1)^2K of the mass, which is below 2e-13 for K = 2 and 4e-11 for more: as good as none. */
-#define FAR   1024.0 /* of quadratic polynomials */
-#define REACH 32.0   /* of the others, whose search it shortens */
+ * (z - 1)^2K of the mass, which is below 2e-13 for K = 2 and 4e-11 for more: negligible. */
+#define FAR   1024.0 /* For quadratic polynomials */
+#define REACH 32.0   /* For the others, whose search it shortens */
 
 /* Monic orthogonal polynomials: p0 = 1, p(k+1) = (z - centre[k]) pk - pull[k] p(k-1). */
 struct polynomials {
@@ -39,7 +39,7 @@ static void polynomials_make(const double *means, uint32_t count, double bias,
     p->square[0] = 1.0;
     p->centre[0] = row[1];
     for (uint32_t k = 1; k <= p->degree; k++) {
-        least *= 0.25; /* half of what the mixture's norm must be */
+        least *= 0.25; /* Half of the least norm of the mixture */
         const double pull = k > 1 ? p->square[k - 1] / p->square[k - 2] : 0.0;
         for (uint32_t l = k; l <= count - k; l++) {
             const double own = l == 1 ? 0.5 : 0.25; /* of the monic Tl */
@@ -76,7 +76,7 @@ static double mass_at(const struct polynomials *p, double z)
     return 1.0 / sum;
 }
 
-/* Coefficients c[0..K] of z's powers in the kernel of t, times the last norm. */
+/* Computes coefficients c[0..K] of z's powers in the kernel of t, times the last norm. */
 static void kernel_make(const struct polynomials *p, double t, double *c)
 {
     double values[DEGREE_MAX + 1], power[DEGREE_MAX + 1][DEGREE_MAX + 1] = {{1.0}};
@@ -95,14 +95,15 @@ static void kernel_make(const struct polynomials *p, double t, double *c)
     }
 }
 
-/* Kept within -FAR..FAR; never a division by zero. */
+/* Divides, and limits the quotient to -FAR..FAR; never a division by zero. */
 static double quotient(double above, double below)
 {
     return fabs(above) < FAR * fabs(below) ? above / below
                                            : copysign(FAR, above) * copysign(1.0, below);
 }
 
-/* Roots of c0 + c1 z + c2 z^2, rising, without cancellation. They are real but for rounding. */
+/* Finds the roots of c0 + c1 z + c2 z^2, rising, without cancellation. They are real, up to
+ * rounding. */
 static void quadratic_roots(const double *c, double roots[2])
 {
     const double square = fmax(c[1] * c[1] - 4.0 * c[0] * c[2], 0.0);
@@ -112,7 +113,7 @@ static void quadratic_roots(const double *c, double roots[2])
     roots[1] = fmax(a, b);
 }
 
-/* Value and slope of a polynomial. */
+/* Computes value and slope of a polynomial. */
 static double horner(const double *c, uint32_t degree, double z, double *slope)
 {
     double value = c[degree];
@@ -124,8 +125,9 @@ static double horner(const double *c, uint32_t degree, double z, double *slope)
     return value;
 }
 
-/* The root between two places where the polynomial rises or falls from one to the other: Newton's
- * steps, or halves where these leave. Without a change of sign, by rounding, the nearer to 0. */
+/* Finds the root between two places where the polynomial has different signs: by Newton's steps, or
+ * by bisection where these leave the range. If rounding leaves no change of sign, returns the end
+ * with the value nearer to 0. */
 static double root_between(const double *c, uint32_t degree, double low, double high)
 {
     double slope;
@@ -167,8 +169,8 @@ static void derive(const double *c, uint32_t degree, uint32_t to, double *out)
     }
 }
 
-/* All roots of a polynomial of degree 2 to 4 that has no others than real ones: those of a
- * derivative lie between those of what it is derived from. */
+/* Finds all roots of a polynomial of degree 2 to 4 that has only real ones: the roots of a
+ * polynomial lie between those of its derivative. */
 static void roots_find(const double *c, uint32_t degree, double *roots)
 {
     double derived[DEGREE_MAX + 1], inner[DEGREE_MAX];

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_MAPS_MOMENT_BOUND_H
 #define UMBRAGE_CORE_MAPS_MOMENT_BOUND_H
 /*
- * How much of a distribution over -1..1 lies before t, given 4, 6 or 8 of its moments: the
- * Chebyshev-Markov-Stieltjes bounds, which are the best that moments allow.
+ * Bounds of the share of a distribution over -1..1 that lies before t, given 4, 6 or 8 of its
+ * moments: the Chebyshev-Markov-Stieltjes bounds, which are the best that moments allow.
  *
  * Moments are the means of Chebyshev's polynomials T1..T2K. Of all distributions that have them one
  * has its mass at t and K other places only; it has the least share before t of all, and the most
@@ -25,16 +25,16 @@
 
 #define UMB__MOMENTS_MAX 8U
 
-/* A smaller bias is taken as this: squared norms, of which quotients are made, stay far from the
- * least numbers. What doubles want is more (umb__moment_bias). */
+/* Least bias: smaller ones count as this. It keeps squared norms, which are divisors, far from the
+ * least numbers. Doubles need more (umb__moment_bias). */
 #define UMB__MOMENT_BIAS_MIN 0x1p-100
 
 struct umb__moment_bound {
-    double before; /* the least share that lies before t, 0..1 */
-    double at;     /* the most that can lie at t; before + at is the greatest share up to t */
+    double before; /* Least share that lies before t, 0..1 */
+    double at;     /* Most that can lie at t; before + at is the greatest share up to t */
 };
 
-/* The bias that means with errors of up to `e` want; no less than what doubles want. */
+/* Returns the bias that means with errors of up to `e` need, at least what doubles need. */
 double umb__moment_bias(uint32_t count, double e);
 
 /*

@@ -12,7 +12,7 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Of a page and the pages that it refers to for the first time; beyond it adding fails. */
+/* Most references of a page into one other page; beyond it adding fails. */
 enum {
     ROOM_FOR_LINKS = 4096
 };
@@ -32,7 +32,7 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
     return held->links;
 }
 
-/* The id that was asked for, and the one that canonical block and hashes have. */
+/* Checks the required id, and the id of the canonical block and hashes. */
 static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
                                 struct umb_error *error)
 {
@@ -49,7 +49,7 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
     return UMB_OK;
 }
 
-/* Room for all entries; the first block is taken if the front has it whole. */
+/* Makes room for all entries; takes the first block if the front has it whole. */
 static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
                                        struct umb_error *error)
 {
@@ -67,7 +67,7 @@ static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *fro
                : UMB_OK;
 }
 
-/* The pages that roots stand in; notes what must be in them. */
+/* Finds the pages that hold roots, and records the nodes that must be in them. */
 static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error)
 {
     for (uint32_t i = 0; i < p->canonical.content.frustum_count; i++) {
@@ -186,7 +186,7 @@ enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_f
     return UMB_OK;
 }
 
-/* Checking a page's links to others. */
+/* Checks a page's links to other pages. */
 struct link_check {
     struct umb_partial *p;
     const struct umb__page *page;
@@ -228,8 +228,8 @@ static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint
     return UMB_OK;
 }
 
-/* What others expect of the page, and what the asset says there is in all: of a node, a page has
- * one copy at most. */
+/* Checks the nodes that other pages expect of the page, and the asset's total counts: a page has at
+ * most one copy of a node. */
 static enum umb_status check_counts(const struct umb_partial *p, uint32_t number,
                                     const struct umb__page *page, struct umb_error *error)
 {
@@ -265,7 +265,7 @@ static enum umb_status prove(const struct umb_partial *p, const struct umb__page
                           entry->page);
 }
 
-/* Keeps a page that was found good. */
+/* Stores a checked page. */
 static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
                             const struct umb__page_entry *entry, const void *stored,
                             struct umb_error *error)
@@ -288,7 +288,7 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     return UMB_OK;
 }
 
-/* Drops pages that matter less than one that comes, until there is room to take it. */
+/* Drops pages of less benefit than a new one, until the new one fits. */
 static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry)
 {
     const uint64_t needed = (uint64_t)entry->raw_length + entry->stored_length + ROOM_FOR_LINKS;

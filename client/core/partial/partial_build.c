@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the pages at hand to the two assets of partial.h. First a graph: the octree of all nodes
- * that are here, in which a child elsewhere is UMB__ABSENT | its page. From it the lower and the
- * upper octree, in which such a child is a uniform state, and their mapped layouts; bricks are the
- * same in both and shared.
+ * From the held pages to the two assets of partial.h. First comes a graph: the octree of all held
+ * nodes, in which a child in a missing page is UMB__ABSENT | its page. From it come the lower and
+ * the upper octree, in which such a child is a uniform state, and their mapped layouts. Bricks are
+ * the same in both and shared.
  */
 #include <string.h>
 
@@ -20,7 +20,7 @@ static enum umb_status no_memory(struct umb_error *error)
 
 void umb__partial_unbuild(struct umb_partial *p)
 {
-    umb__mapped_finish(&p->upper.mapped); /* its bricks are the lower one's */
+    umb__mapped_finish(&p->upper.mapped); /* Its bricks belong to the lower asset */
     umb__mapped_finish(&p->lower.mapped);
     for (size_t level = 0; level < UMB__LEVELS; level++) {
         umb__free(&p->alloc, p->seen[level]);
@@ -36,8 +36,8 @@ void umb__partial_unbuild(struct umb_partial *p)
 
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* The last page whose first node is not behind: pages without nodes of the level stand before
-     * the one that has it. */
+    /* Returns the page of a node: the last page whose first node is not behind it. Pages without
+     * nodes of the level stand before the one that has it. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;
@@ -50,7 +50,7 @@ uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint3
     return p->order[low];
 }
 
-/* Numbers the nodes of all pages here, in the order of the file. */
+/* Numbers the nodes of all held pages, in the order of the file. */
 static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__LEVELS])
 {
     memset(totals, 0, UMB__LEVELS * sizeof *totals);
@@ -75,7 +75,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
     return UMB_OK;
 }
 
-/* Arrays for the nodes; children are made when their number is known. */
+/* Allocates the arrays for the nodes; those for children follow when their number is known. */
 static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 {
     struct umb_octree *g = &p->graph;
@@ -95,12 +95,12 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
     return ok && g->bricks && g->roots;
 }
 
-/* What filling the graph from one page after another needs. */
+/* Working memory for filling the graph from one page after another. */
 struct filling {
     struct umb_partial *p;
     uint8_t *raw; /* room for the longest page */
-    /* Of the nodes in other pages that a level of a page leads to: numbers in the graph, or the
-     * pages they are absent with. */
+    /* For the nodes in other pages that a level of a page leads to: their numbers in the graph, or
+     * UMB__ABSENT | page. */
     uint32_t *others;
     uint64_t *leaves; /* of a page */
     size_t others_capacity, leaves_capacity;
@@ -125,7 +125,7 @@ static bool read_others(struct filling *f, const struct umb__page *page, uint32_
     return true;
 }
 
-/* Adds one page's nodes of one level to the graph; pages come in order, so that they append.
+/* Adds one page's nodes of one level to the graph; pages come in order, so nodes are appended.
  * False: out of memory. */
 static bool fill_level(struct filling *f, uint32_t number, const struct umb__page *page, uint32_t l)
 {
@@ -188,7 +188,7 @@ static enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_
     return filled ? UMB_OK : no_memory(error);
 }
 
-/* Adds all pages here to the graph. */
+/* Adds all held pages to the graph. */
 static enum umb_status fill_graph(struct umb_partial *p, struct umb_error *error)
 {
     struct filling f = {.p = p};
@@ -242,7 +242,8 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
     return status;
 }
 
-/* One level of the graph with absent children settled as `state`. False: out of memory. */
+/* Makes one level of the octree: the graph with absent children set to `state`. False: out of
+ * memory. */
 static bool settle_level(struct umb_partial *p, const struct umb_octree_level *from,
                          enum umb_node_state state, struct umb_octree_level *to)
 {
@@ -274,8 +275,8 @@ static bool settle_level(struct umb_partial *p, const struct umb_octree_level *f
     return true;
 }
 
-/* The graph as an octree without absent children, laid out. bricks: taken by the layout, or NULL
- * for one that will share them. */
+/* Lays out the graph as an octree without absent children. bricks: taken by the layout, or NULL for
+ * a layout that will share them. */
 static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
                                uint64_t (*bricks)[8], struct umb__mapped *mapped,
                                struct umb_error *error)
@@ -305,7 +306,7 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
     return status == UMB_OK ? UMB_OK : no_memory(error);
 }
 
-/* An asset as queries see one; content and id stay the partial asset's. */
+/* Makes an asset for queries; content and id stay the partial asset's. */
 static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;
@@ -341,7 +342,7 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Drops the least useful pages, about an eighth of the bytes. */
+/* Drops the pages of the least benefit, about an eighth of the bytes. */
 static void shed(struct umb_partial *p)
 {
     const uint64_t goal = p->held_bytes - p->held_bytes / 8;
@@ -354,7 +355,7 @@ static void shed(struct umb_partial *p)
 enum umb_status umb_partial_build(struct umb_partial *p, struct umb_error *error)
 {
     enum umb_status status = try_build(p, error);
-    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* ends: each round drops a page */
+    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* Ends: each round drops a page */
         umb__partial_unbuild(p);
         shed(p);
         status = try_build(p, error);

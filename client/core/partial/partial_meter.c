@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* An allocator that keeps to a budget. Each block begins with its size, 16 bytes for alignment. */
+/* An allocator with a budget. Each block begins with its size, in 16 bytes for alignment. */
 #include <string.h>
 
 #include "base/memory.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_PARTIAL_PARTIAL_PARTS_H
 #define UMBRAGE_CORE_PARTIAL_PARTIAL_PARTS_H
-/* What a partial asset consists of; private to client/core/partial. */
+/* The parts of a partial asset; private to client/core/partial. */
 #include <stdbool.h>
 #include "format/asset_parts.h"
 #include "format/directory.h"
@@ -9,23 +9,25 @@
 
 #define UMB__LEVELS (UMB_LEVEL_MAX + 1)
 
-/* A child in the graph that stands in a page which is not here; the rest is the page's number. */
+/* Flag of a child of the graph in a missing page; the other bits are the page's number. */
 #define UMB__ABSENT 0x80000000U
 
-/* What is known of a page's nodes, level by level. */
+/* Facts about a page's nodes, level by level. */
 struct umb__links {
-    uint32_t count[UMB__LEVELS];  /* nodes in the page, if it is here */
-    uint32_t first[UMB__LEVELS];  /* number of its first node in the graph, if it was here then */
-    uint32_t needed[UMB__LEVELS]; /* one more than the highest position anybody referred to */
+    uint32_t count[UMB__LEVELS];  /* Number of nodes in the page, if it is held */
+    uint32_t first[UMB__LEVELS];  /* Number of its first node in the graph, if the page was held at
+                                     the last build */
+    uint32_t needed[UMB__LEVELS]; /* Number of nodes that references require: one more than the
+                                     highest position */
 };
 
 struct umb__held {
     uint8_t *stored;          /* NULL: the page is not here */
-    struct umb__links *links; /* NULL: the page is not here, and nobody referred to it */
-    double benefit;           /* of the views asked for; 0: none */
+    struct umb__links *links; /* NULL: the page is not held, and no page refers to it */
+    double benefit;           /* Sum of its benefits for the wanted views; 0: none */
 };
 
-/* Counts what is allocated and refuses what goes beyond a limit. */
+/* A meter: counts allocated bytes and refuses those beyond a limit. */
 struct umb__meter {
     const struct umb_alloc *inner;
     uint64_t used, peak, limit;
@@ -37,8 +39,8 @@ struct umb_partial {
     const struct umb_sha256 *sha256;
     void *zstd;           /* ZSTD_DCtx */
     uint8_t *head_bytes;  /* [head.head_length] */
-    uint8_t *entries;     /* [head.page_count * UMB__PAGE_ENTRY]; head.entries lead there */
-    bool *blocks;         /* [head.directory_count] which blocks of entries are here */
+    uint8_t *entries;     /* [head.page_count * UMB__PAGE_ENTRY]; head.entries point there */
+    bool *blocks;         /* [head.directory_count] True for each held block of entries */
     uint32_t block_count; /* of those */
     struct umb__head head;
     struct umb__canonical canonical;
@@ -52,7 +54,7 @@ struct umb_partial {
 
     /* The last build. */
     bool built;
-    struct umb_octree graph; /* without bricks; children may be UMB__ABSENT | page, as may roots */
+    struct umb_octree graph; /* Without bricks; children and roots may be UMB__ABSENT | page */
     uint32_t *order;         /* [order_count] pages in the graph, ascending */
     uint32_t order_count;
     float *seen[UMB__LEVELS];      /* Greatest benefit of a whole cube of each node; see mark() */
@@ -64,29 +66,30 @@ struct umb_partial {
 void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
                      struct umb_alloc *alloc);
 
-/* True if the block of a page's entry is here: umb__directory_load may be asked. */
+/* True if the block of a page's entry is held: umb__directory_load may then be called. */
 static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page)
 {
     return p->blocks[page / UMB__BLOCK_PAGES];
 }
 
-/* A page's links, made if need be; NULL: out of memory. */
+/* Returns a page's links, made at the first call; NULL: out of memory. */
 struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);
 
 /* Frees the last build. */
 void umb__partial_unbuild(struct umb_partial *p);
 
-/* The page here that matters least; of equal ones the last in the file. UINT32_MAX: none is here.
- * Cost: logarithmic, but for the first time after benefits have changed (heap_fresh = false). */
+/* Returns the held page of the least benefit, of equal ones the last in the file; UINT32_MAX: none
+ * is held. Cost: logarithmic, except the first call after benefits have changed (heap_fresh =
+ * false). */
 uint32_t umb__partial_worst(struct umb_partial *p);
 
 /* Adds a page that has arrived to the heap of umb__partial_worst. */
 void umb__partial_note_page(struct umb_partial *p, uint32_t page);
 
-/* The page a node of the graph stands in. */
+/* Returns the page that holds a node of the graph. */
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index);
 
-/* Nodes and bricks of the graph. */
+/* Returns the number of nodes and bricks of the graph. */
 uint64_t umb__partial_nodes(const struct umb_partial *p);
 
 /* Calls visit for each reference of a page into another: the referring level, page, position. */
@@ -95,14 +98,14 @@ typedef enum umb_status (*umb__link_fn)(void *user, uint32_t level, uint32_t pag
 UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit,
                                                    void *user);
 
-/* What a box of voxels of one frustum misses. */
+/* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
-    uint32_t level;   /* of the largest cube that is not there; 0: all is there */
-    double occupancy; /* of the node that has it, absent parts counted half */
+    uint32_t level;   /* Level of the largest missing cube; 0: none is missing */
+    double occupancy; /* Occupancy of the node that contains it, absent parts counted half */
 };
 
-/* Looks a box of voxels up in the graph, bounds inside the frustum and inclusive. want: what it
- * misses gets a benefit of 1. */
+/* Looks a box of voxels up in the graph; its bounds are inside the frustum and inclusive. want:
+ * gives the missing pages a benefit of 1. */
 struct umb__lack umb__partial_look(struct umb_partial *p, uint32_t frustum, const uint32_t low[3],
                                    const uint32_t high[3], bool want);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Both assets are asked; where they differ, the graph says how far the truth may be. */
+/* Queries both assets. Where their answers differ, the graph gives the bound of the error. */
 #include <math.h>
 #include <string.h>
 
@@ -27,7 +27,7 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Where point i is looked up, by the arithmetic of the kernels. Returns its frustum. */
+/* Finds the look-up of point i by the arithmetic of the kernels. Returns its frustum. */
 static uint32_t place_of(const struct umb__query *q, const struct umb_points *points, size_t i,
                          double voxel[3])
 {
@@ -46,7 +46,7 @@ static uint32_t place_of(const struct umb__query *q, const struct umb_points *po
     return q->frustum;
 }
 
-/* What point i misses: its window, looked up in the graph. */
+/* Finds what point i misses: its window, looked up in the graph. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
     static const struct umb_partial_view no_view;
@@ -62,7 +62,7 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
         high[axis] = clamp_voxel(floor(voxel[axis]) + reach, size);
     }
     const struct umb__lack lack = umb__partial_look(b->p, frustum, low, high, b->want);
-    /* All missing cubes are cut at one depth: the largest in voxels reaches furthest. */
+    /* All missing cubes are cut at one depth, so the largest in voxels has the widest edge. */
     umb__space_init(&space, &b->p->canonical.content, frustum, &no_view);
     *error_m = umb__space_edge(&space, lack.level, low[2] >> lack.level << lack.level);
     return lack;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Partial files (docs/reference/umb-format.md, section 7): the head as it is, then some of the
+/* Partial files (docs/reference/umb-format.md, section 7): the unchanged head, then some of the
  * pages. */
 #include <string.h>
 #include <xxhash.h>
@@ -14,12 +14,12 @@ enum {
     VERSION = 8,
     PAGES = 12,
     HEAD_LENGTH = 16,
-    CHECK = 24, /* XXH3-64 of what stands from BLOCKS up to the blocks: counts, head, numbers */
+    CHECK = 24, /* XXH3-64 of everything from BLOCKS up to the blocks: counts, head, numbers */
     BLOCKS = 32,
     FIXED = 40,
 };
 
-/* Numbers of the pages and blocks here, in that order. */
+/* Lists the numbers of the held pages and blocks, in that order. */
 static void write_numbers(const struct umb_partial *p, uint8_t *at)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {
@@ -74,12 +74,12 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
                : umb_fail(error, status, "partial asset: output: %s", umb_status_text(status));
 }
 
-/* A partial file taken apart. */
+/* A partial file, split into its parts. */
 struct saved {
     const uint8_t *head, *page_numbers, *block_numbers;
     uint64_t head_length;
     uint32_t pages, blocks;
-    const uint8_t *at, *end; /* what is left: blocks, then pages */
+    const uint8_t *at, *end; /* Bytes not read yet: blocks, then pages */
 };
 
 static enum umb_status add_blocks(struct umb_partial *p, struct saved *s, struct umb_error *error)

@@ -21,11 +21,10 @@ static bool normalize(double v[3])
     return true;
 }
 
-/* Sine of the angle up to which forward and up count as parallel: far above what rounding leaves.
- */
+/* Sine of the angle up to which forward and up count as parallel: far above rounding errors. */
 #define PARALLEL 1e-9
 
-/* The camera's four side planes; false if forward and up span nothing. */
+/* Makes the camera's four side planes; false if forward and up are parallel. */
 static bool make_planes(struct umb__sight *sight)
 {
     const struct umb_partial_view *view = sight->view;
@@ -110,7 +109,7 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
     return UMB_OK;
 }
 
-/* The linear part of a perspective frustum: X, Y and W as functions of the world, turned around. */
+/* Inverts the linear part of a perspective frustum: X, Y and W as functions of the world. */
 static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f,
                              const double apex[3])
 {
@@ -127,10 +126,10 @@ static void init_perspective(struct umb__space *s, const struct umb_frustum_info
 }
 
 /*
- * How far from a point its answer may be looked up: it moves by its bias, (taps (|n.ex| + |n.ey|) +
- * |n.ez|) / 2 along a normal or (2 taps + 1) / (2 sqrt(3)) voxels of depth without one (query.h),
- * and its window reaches half its width around it, a voxel more for the rounding down. Between the
- * faces of a perspective light it moves at most twice as far.
+ * Returns the largest distance of a point's look-up from the point. The bias moves it by (taps
+ * (|n.ex| + |n.ey|) + |n.ez|) / 2 along a normal, or by (2 taps + 1) / (2 sqrt(3)) voxels of depth
+ * without one (query.h). The window reaches half its width farther, and a voxel for the rounding
+ * down. Between the faces of a perspective light a point moves at most twice as far.
  */
 static double margin_of(const struct umb__space *s, double taps)
 {
@@ -181,8 +180,8 @@ static void corner(const struct umb__space *s, const double v[3], double world[3
     }
 }
 
-/* The world box around a cube of voxels. The last layer answers for all behind it: it reaches four
- * frusta further. */
+/* Returns the world box around a cube of voxels. The last layer answers for all space behind it, so
+ * it reaches four frusta farther. */
 static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_t at[3],
                        double low[3], double high[3])
 {
@@ -251,7 +250,7 @@ double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t 
 {
     const double count = (double)(1U << level), *edges = space->edges;
     double across = fmax(edges[0], edges[1]);
-    if (space->perspective) { /* edges are those at W where Z is the number of voxels */
+    if (space->perspective) { /* The edges hold at the W of the last voxels */
         const double size = (double)(1U << space->log2_size);
         across *=
             (space->w0 + space->w_step * ((double)z + count)) / (space->w0 + space->w_step * size);
@@ -276,7 +275,7 @@ struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
     cube.benefit = cube.edge_m * cube.edge_m;
     if (view->has_camera && !cube.out) {
         see_camera(sight, low, high, &cube);
-        const double near = 16 * longest; /* nearer than this nothing is more urgent */
+        const double near = 16 * longest; /* Distance below which no cube is more urgent */
         cube.benefit /= cube.distance_m * cube.distance_m + near * near;
     }
     return cube;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Which pages matter. A view is walked through the graph from the roots, cube by cube; where a
- * child is absent, its page gets the cube's benefit, and so does the page of every node on the
- * way, so that what is above is never worth less than what is below it. A node of which a whole
- * cube was seen is not walked again for one that is worth no more: everything below it was found.
+ * Finds the pages that matter. A walk follows the view through the graph from the roots, cube by
+ * cube. An absent child gives its page the cube's benefit. So does every node on the way, so that a
+ * page above is never worth less than one below it. If a whole cube of a node was visited, the node
+ * is not walked again for a smaller benefit, as everything below it was found.
  *
  * A graph represents a tree that may be larger by any factor, so the walk counts its cubes. Assets
  * of scenes take up to 11 cubes for each node held. At STEPS_A_NODE the walk stops and marks the
@@ -18,7 +18,7 @@
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 
-/* A node about to be looked into, or an absent one. */
+/* A node that is visited next, or an absent one. */
 struct cube {
     uint32_t level, x, y, z; /* first voxel */
     uint32_t child;          /* node of the graph, brick, or UMB__ABSENT | page */
@@ -115,7 +115,8 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     }
     const bool absent = (cube->child & UMB__ABSENT) != 0;
     if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
-        /* Where cells are cut by how they are seen, one seen larger may reveal more. */
+        /* Where the view's angle decides which cells are fine enough, a cube that appears larger
+         * may need more below it. */
         float *best = &p->seen[cube->level][cube->child];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {
@@ -146,7 +147,7 @@ uint64_t umb__partial_nodes(const struct umb_partial *p)
     return nodes;
 }
 
-/* Every root of the view's lights. */
+/* Walks every root of the view's lights. */
 static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
 {
     const struct umb_content *content = &p->canonical.content;
@@ -206,7 +207,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     return UMB_OK;
 }
 
-/* Worth of a missing page a byte; 0 for one that is here or does not matter. */
+/* Returns the benefit of a missing page a byte; 0 for a page that is held or does not matter. */
 static double worth(const struct umb_partial *p, uint32_t page)
 {
     const struct umb__held *held = &p->pages[page];
@@ -225,7 +226,7 @@ size_t umb_partial_missing(const struct umb_partial *p, uint32_t *list, size_t r
             continue;
         }
         size_t low = 0,
-               high = count; /* the first that is worth less; equal ones keep their order */
+               high = count; /* First page of less benefit; equal ones keep their order */
         while (low < high) {
             const size_t middle = low + (high - low) / 2;
             if (worth(p, list[middle]) < value) {
@@ -264,7 +265,7 @@ size_t umb_partial_missing_blocks(const struct umb_partial *p, int all, uint32_t
     return count;
 }
 
-/* A box of voxels on its way through the graph. */
+/* A box of voxels during its walk through the graph. */
 struct look {
     struct umb_partial *p;
     const uint32_t *low, *high;
@@ -278,7 +279,7 @@ static double occupancy_of(uint16_t mask)
     return (lit + 0.5 * umb_mask_mixed_count(mask)) / 8.0;
 }
 
-/* In: above: occupancy of the node that the cube is a child of. */
+/* In: above: occupancy of the cube's parent node. */
 static void look_cube(struct look *l, const struct cube *cube, double above)
 {
     const uint32_t at[3] = {cube->x, cube->y, cube->z}, last = (1U << cube->level) - 1;
@@ -291,7 +292,7 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
         if (cube->level > l->lack.level) {
             l->lack = (struct umb__lack){cube->level, above};
         }
-        if (l->want) { /* else other threads may be looking, too */
+        if (l->want) { /* Without `want`, other threads may read it, too */
             l->p->heap_fresh = false;
             l->p->pages[cube->child & ~UMB__ABSENT].benefit += 1;
         }

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_QUERY_VOXEL_TREE_H
 #define UMBRAGE_CORE_QUERY_VOXEL_TREE_H
 /*
- * One frustum of the mapped layout, read voxel by voxel: where a voxel lies, and how far its state
- * reaches. For questions that walk through space (segments, columns, boxes, explanations); the
- * kernels for points have their own descent. The layout itself is in format/view.h.
+ * One frustum of the mapped layout, read voxel by voxel: the place of a voxel, and the extent of
+ * its state. For volume queries and explanations; the kernels for points have their own descent.
+ * The layout is in format/view.h.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -19,26 +19,27 @@ struct umb__tree {
     uint32_t grid_log2;
 };
 
-/* The largest aligned cube around a voxel whose state is one, or the voxel's brick. */
+/* The largest aligned cube of one state around a voxel, or the voxel's brick. */
 struct umb__place {
     const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
-    uint32_t level;        /* the cube is 1 << level voxels wide; 3 for a brick */
+    uint32_t level;        /* Level of the cube, which is 1 << level voxels wide; 3 for a brick */
     bool lit;              /* if brick is NULL */
 };
 
-/* What lies below a cell or at a wide node's child: a uniform state, or a number to go on with. */
+/* Content of a cell, or of a wide node's child: a uniform state, or the number of a node or
+ * brick. */
 struct umb__link {
     bool mixed, lit;
-    uint32_t number; /* if mixed: word of a wide node, or brick */
+    uint32_t number; /* If mixed: word of a wide node, or number of a brick */
 };
 
-/* Level of the grid's cells. */
+/* Returns the level of the grid's cells. */
 static inline uint32_t umb__tree_cell_level(const struct umb__tree *tree)
 {
     return tree->log2_size - tree->grid_log2;
 }
 
-/* Cell (x, y, z) of the grid, in cells. */
+/* Reads cell (x, y, z) of the grid, in cells. */
 static inline struct umb__link umb__tree_cell(const struct umb__tree *tree, uint32_t x, uint32_t y,
                                               uint32_t z)
 {
@@ -50,7 +51,7 @@ static inline struct umb__link umb__tree_cell(const struct umb__tree *tree, uint
     return (struct umb__link){true, false, value - UMB__CELL_FIRST};
 }
 
-/* Child 0..63 of the wide node at word `number`: x + 4 * y + 16 * z. */
+/* Reads child 0..63 of the wide node at word `number`: x + 4 * y + 16 * z. */
 static inline struct umb__link umb__tree_child(const struct umb__tree *tree, uint32_t number,
                                                unsigned child)
 {
@@ -61,14 +62,14 @@ static inline struct umb__link umb__tree_child(const struct umb__tree *tree, uin
     return (struct umb__link){true, false, umb__wide_child(node, child)};
 }
 
-/* Child of a node of level `level + 2` that holds voxel (x, y, z). */
+/* Returns the child of a node of level `level + 2` that holds voxel (x, y, z). */
 static inline unsigned umb__child_at(uint32_t level, uint32_t x, uint32_t y, uint32_t z)
 {
     return (x >> level & 3) | (y >> level & 3) << 2 | (z >> level & 3) << 4;
 }
 
-/* Finds the place of a voxel inside the frustum. Ends since levels descend by two down to bricks.
- */
+/* Finds the cube or brick of a voxel inside the frustum. The descent ends: levels fall by two down
+ * to bricks. */
 static inline struct umb__place umb__tree_locate(const struct umb__tree *tree, uint32_t x,
                                                  uint32_t y, uint32_t z,
                                                  struct umb_volume_stats *stats)
@@ -85,7 +86,7 @@ static inline struct umb__place umb__tree_locate(const struct umb__tree *tree, u
     return (struct umb__place){link.mixed ? tree->bricks[link.number] : NULL, level, link.lit};
 }
 
-/* State of a voxel in its brick. */
+/* Returns the state of a voxel in its brick. */
 static inline bool umb__brick_voxel(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
 {
     return brick[z & 7] >> ((x & 7) + 8 * (y & 7)) & 1;

@@ -39,7 +39,7 @@ static inline struct cell descend(const struct umb__query *q, int32_t x, int32_t
     return (struct cell){true, false, number};
 }
 
-/* Bits of an 8x8 slice inside a rectangle given in voxels, clipped to the slice's corner. */
+/* Returns the bits of an 8x8 slice inside a rectangle given in voxels, clipped to the slice. */
 static inline uint64_t rectangle_mask(int32_t x0, int32_t x1, int32_t y0, int32_t y1)
 {
     uint64_t row = (0xffU >> (7 - (x1 - x0))) << x0;
@@ -57,7 +57,7 @@ static inline int32_t most(int32_t a, int32_t b)
     return a > b ? a : b;
 }
 
-/* Lit texels of the part of the window in the brick at (bx, by), in voxels. */
+/* Returns the lit texels of the window's part in the brick at (bx, by), in voxels. */
 static inline uint32_t count_brick(const struct umb__query *q, uint32_t number,
                                    const struct umb__window *w, int32_t bx, int32_t by,
                                    struct umb_query_stats *stats)
@@ -75,7 +75,7 @@ static inline uint32_t area(const struct umb__window *w, int32_t cx, int32_t cy,
     return (uint32_t)(width * height);
 }
 
-/* Lit texels of the part of the window in the level-5 node at (cx, cy). */
+/* Returns the lit texels of the window's part in the level-5 node at (cx, cy). */
 static inline uint32_t count_node(const struct umb__query *q, uint32_t number,
                                   const struct umb__window *w, int32_t cx, int32_t cy,
                                   struct umb_query_stats *stats)
