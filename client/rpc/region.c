@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See umbrage/region.h. An update goes in rounds: pages that are here tell which ones matter and
- * are missing; as many of them as a round may take are asked for at once; they are proven as they
- * come and laid out together. Rounds grow with what is here, so that laying out stays a small part.
+ * See umbrage/region.h. An update goes in rounds. The held pages show which missing pages matter,
+ * and a round requests as many of them as it may take at once. Pages are proven as they arrive and
+ * laid out together. Rounds grow with the pages held, so that layout stays a small part of the
+ * time.
  */
 #include "umbrage/region.h"
 
@@ -16,17 +17,17 @@ enum {
     FIRST_BYTES = 32 << 10,
     ROUND_BYTES_MIN = 512 << 10,
     ROUND_ITEMS_MAX = 4096,
-    BLOCK_BYTES = 4096, /* of the directory, at most */
+    BLOCK_BYTES = 4096, /* Most bytes of a directory block */
 };
 
 struct umb_region {
     struct umb_region_source source;
     struct umb_partial *partial;
-    bool resumed; /* and the source has not shown yet that it has the same asset */
+    bool resumed; /* True until the source has shown that it has the same asset */
     uint64_t received_bytes, requests, rounds, pages_received;
-    uint32_t items[ROUND_ITEMS_MAX]; /* numbers of blocks, then of pages */
+    uint32_t items[ROUND_ITEMS_MAX]; /* Numbers of blocks, then of pages */
     struct umb_range ranges[ROUND_ITEMS_MAX];
-    uint32_t first_item[ROUND_ITEMS_MAX]; /* of each range: items follow one another */
+    uint32_t first_item[ROUND_ITEMS_MAX]; /* First item of each range: items follow one another */
 };
 
 /* The front of the file. */
@@ -65,7 +66,7 @@ static enum umb_status read_front(struct umb_region *region, struct front *front
     return region->source.read(region->source.user, &range, 1, take_front, front, error);
 }
 
-/* Adds the pages that the first read brought along. Beyond the budget the rest stays missing. */
+/* Adds the pages in the first read's bytes. Pages beyond the budget stay missing. */
 static enum umb_status add_front_pages(struct umb_region *region, const struct front *front,
                                        struct umb_error *error)
 {
@@ -187,7 +188,7 @@ void umb_region_close(struct umb_region *region)
     }
 }
 
-/* Blocks of the directory and pages come in the same way. */
+/* Data of a round: blocks of the directory, and pages. */
 enum item_kind {
     ITEM_BLOCK,
     ITEM_PAGE,
@@ -206,14 +207,15 @@ static void locate(const struct umb_region *region, enum item_kind kind, uint32_
 /* A round under way. */
 struct round {
     struct umb_region *region;
-    size_t block_ranges; /* the first ranges are of blocks */
+    size_t block_ranges; /* Number of ranges of blocks, which come first */
     size_t ranges;
-    bool full;            /* the memory budget: what comes further is left out */
+    bool full;            /* True if the memory budget is full: further pages are discarded */
     size_t blocks, pages; /* that came */
     struct umb_error *error;
 };
 
-/* Adds ranges for items in ascending order; those that follow one another in the file go in one. */
+/* Adds ranges for items in ascending order; items that are neighbours in the file share one
+ * range. */
 static void join_items(struct round *round, enum item_kind kind, const uint32_t *items,
                        size_t count)
 {
@@ -290,8 +292,8 @@ static int by_number(const void *a, const void *b)
 }
 
 /*
- * Lists the blocks that a round takes: all that are missing where they are a small part of it, so
- * that no later round waits for one; else those that pages need now.
+ * Lists the blocks of a round: all missing ones if they are a small part of it, so that no later
+ * round waits for a block; else those that pages need now.
  */
 static size_t list_blocks(struct umb_region *region, uint64_t bytes)
 {
@@ -305,7 +307,7 @@ static size_t list_blocks(struct umb_region *region, uint64_t bytes)
                                                                  : ROUND_ITEMS_MAX / 2);
 }
 
-/* Asks for what matters most. Out: round. Nothing is asked for if nothing is missing. */
+/* Lists the items that matter most. Out: round: empty if no page is missing. */
 static enum umb_status run_round(struct umb_region *region, uint64_t bytes, struct round *round)
 {
     const size_t blocks = umb_partial_missing_blocks(region->partial, 0, region->items, 1) > 0 ||
@@ -320,8 +322,8 @@ static enum umb_status run_round(struct umb_region *region, uint64_t bytes, stru
     if (blocks + count == 0) {
         return UMB_OK;
     }
-    /* All of a round are needed before it is laid out, so that their order is free: neighbours go
-     * in one range. */
+    /* A round needs all its pages before the layout, so their order is free: neighbours go in one
+     * range. */
     qsort(pages, count, sizeof *pages, by_number);
     join_items(round, ITEM_BLOCK, region->items, blocks);
     round->block_ranges = round->ranges;
@@ -345,7 +347,7 @@ static enum umb_status want_views(struct umb_region *region,
     return UMB_OK;
 }
 
-/* Bytes that the next round may take; 0: the limit is reached. */
+/* Returns the bytes that the next round may take; 0: the limit is reached. */
 static uint64_t round_bytes(const struct umb_region *region,
                             const struct umb_region_request *request, uint64_t start)
 {
@@ -363,7 +365,7 @@ static uint64_t round_bytes(const struct umb_region *region,
     return bytes;
 }
 
-/* A saved part goes on from the asset it is of, or not at all. */
+/* Checks that a saved region continues with the source's asset. */
 static enum umb_status check_source(struct umb_region *region, struct umb_error *error)
 {
     struct front front = {0};
@@ -391,7 +393,7 @@ enum umb_status umb_region_update(struct umb_region *region,
             return status;
         }
     }
-    for (;;) { /* ends: each round adds a page or a block, or is the last */
+    for (;;) { /* Ends: each round adds a page or a block, or is the last */
         struct round round = {.region = region, .error = error};
         const uint64_t bytes = round_bytes(region, request, start);
         enum umb_status status = want_views(region, request, error);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * A daemon as a region's source: Regions.Stream calls, several at once over the client's one
- * connection, so that a round takes one round trip. Stretches are gathered into requests of at
- * most REQUEST_BYTES; answers go to their place in one block, which is handed over in order.
+ * connection, so that a round takes one round trip. Ranges are gathered into requests of at most
+ * REQUEST_BYTES. Replies are written to their places in one block, which is handed over in order.
  */
 #include <pthread.h>
 #include <stdbool.h>
@@ -14,14 +14,15 @@
 #include "wire/regions.h"
 
 enum {
-    REQUEST_BYTES = 256 << 10, /* so that the first pages of a round do not wait for the last */
-    AT_ONCE = 8,               /* calls under way: 2 MiB, more than a link holds */
+    REQUEST_BYTES = 256 << 10, /* Small, so that the first pages of a round do not wait for the
+                                  last */
+    AT_ONCE = 8,               /* Calls under way: 2 MiB, more than a link holds */
 };
 
 struct daemon_source {
     struct umb_client *client;
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    bool has_id; /* the asset's, once it has answered: a round is of one version */
+    bool has_id; /* True once the asset has answered, with its id: a round reads one version */
     uint8_t id[UMB_ID_BYTES];
     pthread_mutex_t lock;
     pthread_cond_t changed;
@@ -30,13 +31,13 @@ struct daemon_source {
 /* A read under way. */
 struct gathering {
     struct daemon_source *source;
-    uint8_t *bytes; /* of all ranges, one behind the other */
+    uint8_t *bytes; /* Bytes of all ranges, contiguous */
     size_t under_way;
     enum umb_status status; /* first failure */
     struct umb_error error;
 };
 
-/* A call, and where its answer goes. */
+/* A call, and the place of its answer. */
 struct gather_call {
     struct gathering *gathering;
     struct umbw_region_request request;
@@ -90,7 +91,7 @@ static void on_reply(void *user, enum umb_status status, const uint8_t *message,
     pthread_mutex_unlock(&g->source->lock);
 }
 
-/* Cuts the ranges into calls. Returns how many; out NULL: only counts. */
+/* Splits the ranges into calls. Returns their number; out NULL: only counts. */
 static size_t cut(const struct umb_range *ranges, size_t count, struct gathering *g,
                   struct gather_call *out)
 {
@@ -161,7 +162,7 @@ static enum umb_status wait_below(struct gathering *g, size_t most, struct umb_e
     return status;
 }
 
-/* Runs all calls; on failure too nothing is under way afterwards. */
+/* Runs all calls; none is under way when it returns, also on failure. */
 static enum umb_status run_calls(struct gathering *g, struct gather_call *calls, size_t count,
                                  struct umb_error *error)
 {
@@ -176,7 +177,7 @@ static enum umb_status run_calls(struct gathering *g, struct gather_call *calls,
     return status == UMB_OK ? rest : status;
 }
 
-/* Hands the ranges over; the last may be cut by the end of the file. */
+/* Hands the ranges over; the end of the file may cut the last one short. */
 static enum umb_status hand_over(const struct gathering *g, const struct umb_range *ranges,
                                  size_t count, const struct gather_call *calls, size_t call_count,
                                  umb_range_fn got, void *got_user)
@@ -198,7 +199,7 @@ static enum umb_status hand_over(const struct gathering *g, const struct umb_ran
     return status;
 }
 
-/* True if all calls that bytes are of have brought what they were asked for. */
+/* True if all calls that the bytes belong to have received all their bytes. */
 static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
                  size_t call_count)
 {
@@ -211,7 +212,8 @@ static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *
     return true;
 }
 
-/* After a failure: hands over the ranges that came whole, so that nobody asks for them again. */
+/* After a failure: hands over the complete ranges, so that the region does not request them
+ * again. */
 static void hand_over_rest(const struct gathering *g, const struct umb_range *ranges, size_t count,
                            const struct gather_call *calls, size_t call_count, umb_range_fn got,
                            void *got_user)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The simplest source: a local file. */
+/* The simplest source of a region: a local file. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -59,7 +59,7 @@ enum umb_status umb_region_file_open(const char *path, struct umb_region_source 
     if (!file) {
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
-    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
     *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*file < 0) {
         const int reason = errno;

@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum {
-    SLOWEST_BYTES_S = 1024, /* Least rate of a call that flows, after the stall time-out */
+    SLOWEST_BYTES_S = 1024, /* Least rate of a call with many messages, after the stall time-out */
 };
 
 static void list_remove(struct umb__call *call)
@@ -52,7 +52,7 @@ static void call_free(struct umb__call *call)
     free(call);
 }
 
-/* Takes a place and queues, or says why not. */
+/* Counts a call against the limits and queues it, or fails. */
 static enum umb_status enqueue(struct umb_client *client, struct umb__call *call, uint64_t *number,
                                struct umb_error *error)
 {
@@ -140,12 +140,12 @@ void umb__call_moved(const struct umb_client *client, struct umb__call *call, si
     call->deadline_ns = next_ns < pace_ns ? next_ns : pace_ns;
 }
 
-/* Takes a call out of everything that knows it. */
+/* Removes a call from every list and stream that refers to it. */
 static void leave(struct umb_client *client, struct umb__call *call)
 {
     list_remove(call);
     if (call->connection != NULL && call->connection->session != NULL) {
-        /* Fails harmlessly if the stream is gone. */
+        /* Harmless if the stream no longer exists. */
         (void)nghttp2_session_set_stream_user_data(call->connection->session, call->stream_id,
                                                    NULL);
     }
@@ -203,7 +203,7 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error)
 {
-    /* done may start new calls, but those go to the inbox, so that the list only shrinks. */
+    /* done may start new calls, but those go to the inbox, so this list only shrinks. */
     while (list->first != NULL) {
         umb__call_complete(client, list->first, error->status, error);
     }

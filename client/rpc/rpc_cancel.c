@@ -20,7 +20,7 @@ static bool mark_list(const struct umb__call_list *list, uint64_t number)
     return any;
 }
 
-/* Wherever a call may be once it was routed. */
+/* Finds a routed call in any of its possible lists. */
 static bool mark(const struct umb_client *client, uint64_t number)
 {
     bool any = mark_list(&client->resting, number);
@@ -57,7 +57,7 @@ enum umb_status umb_client_cancel(struct umb_client *client, uint64_t call, stru
     }
     cancel->number = call;
     pthread_mutex_lock(&client->lock);
-    bool closing = client->closing; /* then all are cancelled anyway */
+    bool closing = client->closing; /* A closing client cancels all calls anyway */
     if (!closing) {
         cancel->next = client->cancels;
         client->cancels = cancel;

@@ -2,8 +2,8 @@
 /*
  * The client object: its thread, its loop, deadlines, the pause between connection attempts.
  *
- * All signals are blocked in the loop thread: the host's handlers never run there, and a write to
- * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
+ * All signals are blocked in the loop thread, so the host's handlers never run there. A write to a
+ * closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
 #include "rpc_cancel.h"
 #include "rpc_connection.h"
@@ -39,7 +39,7 @@ void umb__client_log(struct umb_client *client, enum umb_log_level level, const 
     }
 }
 
-/* Earliest deadline of a list and what is known. */
+/* Returns the earlier of a list's earliest deadline and the one given. */
 static uint64_t earliest(const struct umb__call_list *list, uint64_t known)
 {
     for (const struct umb__call *call = list->first; call != NULL; call = call->next) {
@@ -48,7 +48,7 @@ static uint64_t earliest(const struct umb__call_list *list, uint64_t known)
     return known;
 }
 
-/* Ends the calls of a list whose time is over; true if there were any. */
+/* Ends the expired calls of a list; true if there were any. */
 static bool expire_list(struct umb_client *client, struct umb__call_list *list, uint64_t now)
 {
     bool any = false;
@@ -67,7 +67,7 @@ static bool expire_list(struct umb_client *client, struct umb__call_list *list, 
     return any;
 }
 
-/* Ends all calls whose time is over. */
+/* Ends all expired calls. */
 static void expire_all(struct umb_client *client)
 {
     uint64_t now = uv_hrtime();
@@ -111,7 +111,7 @@ static void set_deadline(struct umb_client *client, uint64_t deadline_ns)
     (void)uv_timer_start(&client->deadline_timer, on_deadline, wait_ms, 0);
 }
 
-/* Looks at all calls; runs only when the timer has fired. */
+/* Checks all calls; runs only when the timer has fired. */
 static void arm_deadline(struct umb_client *client)
 {
     uint64_t deadline_ns = earliest(&client->resting, UINT64_MAX);
@@ -150,7 +150,7 @@ static void stop_everything(struct umb_client *client)
         umb__calls_fail(client, &client->endpoints[i].waiting, &error);
     }
     while (client->connections != NULL) {
-        /* Sent calls are completed by the loss, and none is put back once stopped is set. */
+        /* The loss completes the sent calls; none is queued again once stopped is set. */
         umb__connection_lose(client->connections, &error);
     }
     uv_close((uv_handle_t *)&client->deadline_timer, NULL);
@@ -158,8 +158,8 @@ static void stop_everything(struct umb_client *client)
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
-/* What other threads have left: streams to know, streams to end (unlinked into *ended), calls, and
- * what of them and of earlier ones is to be cancelled. */
+/* Takes over the other threads' input: new streams, streams to end (unlinked into *ended), calls,
+ * and the numbers to cancel. */
 static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
                        struct umb_client_stream **ended, struct umb__cancel **cancels)
 {
@@ -186,7 +186,7 @@ static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
     }
 }
 
-/* Gives new calls to where they wait. Returns the earliest deadline of them. */
+/* Routes new calls to the lists where they wait. Returns their earliest deadline. */
 static uint64_t route(struct umb_client *client, struct umb__call_list *calls)
 {
     uint64_t deadline_ns = UINT64_MAX;
@@ -249,11 +249,11 @@ static void on_wake(uv_async_t *wake)
 static void *run_loop(void *user)
 {
     struct umb_client *client = user;
-    (void)uv_run(&client->loop, UV_RUN_DEFAULT); /* ends when stop_everything closed it all */
+    (void)uv_run(&client->loop, UV_RUN_DEFAULT); /* Ends when stop_everything has closed it all */
     return NULL;
 }
 
-/* Starts the thread with all signals blocked, so that it inherits that. */
+/* Starts the thread with all signals blocked, which it inherits. */
 static int start_thread(struct umb_client *client)
 {
     sigset_t all;
@@ -286,11 +286,11 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
         out->max_request_bytes == 0 ? MAX_REQUEST_BYTES : out->max_request_bytes;
     out->max_reply_bytes = out->max_reply_bytes == 0 ? MAX_REPLY_BYTES : out->max_reply_bytes;
     if (out->max_reply_bytes > UINT32_MAX) {
-        out->max_reply_bytes = UINT32_MAX; /* what a gRPC message can have */
+        out->max_reply_bytes = UINT32_MAX; /* Largest gRPC message */
     }
 }
 
-/* A system call that failed for want of something may work later; anything else is our bug. */
+/* A system call that failed for lack of a resource may work later; any other failure is our bug. */
 static enum umb_status lacks(int code)
 {
     return code == ENOMEM                                       ? UMB_E_NO_MEMORY
@@ -298,7 +298,7 @@ static enum umb_status lacks(int code)
                                                                 : UMB_E_INTERNAL;
 }
 
-/* Makes loop and handles; on failure nothing of them is left. */
+/* Makes loop and handles; a failure leaves none of them behind. */
 static int open_loop(struct umb_client *client)
 {
     int code = uv_loop_init(&client->loop);

@@ -4,20 +4,20 @@
 /*
  * The inside of a client: one loop thread, calls, connections.
  *
- * A call is made and encoded on the caller's thread, put into the inbox under the lock, and from
- * then on belongs to the loop thread until its `done` has run. It is in exactly one list: the
+ * A call is made and encoded on the caller's thread and put into the inbox under the lock. From
+ * then on it belongs to the loop thread until its `done` has run. It is in exactly one list: the
  * inbox, the waiting calls, or the active calls of one connection.
  *
  *     inbox -> waiting for a replica -> active on a connection -> done
  *                 ^---- resting <------------'  see rpc_endpoint.h
  *
- * A connection that ends before it took any call counts as such a try too, with a pause before the
- * next: a server that greets and hangs up is not asked without end.
+ * A connection that ends before it took any call counts as a try too, with a pause before the next,
+ * so that a server that accepts and hangs up is not tried without end.
  *
- * Threads: `lock` guards inbox, last_number, pending, cancels and closing; everything else is the
- *          loop thread's
- * alone once umb_client_open has returned. No lock is held while a caller's function runs. A
- * connection that got GOAWAY finishes its calls beside the next one.
+ * A connection that got GOAWAY finishes its calls beside the next one.
+ *
+ * Threads: `lock` guards inbox, last_number, pending, cancels and closing. Once umb_client_open has
+ * returned, only the loop thread uses the rest. No lock is held while a caller's function runs.
  */
 #include <netdb.h>
 #include <pthread.h>
@@ -31,16 +31,17 @@
 #include "umbrage/client.h"
 #include "wire/messages.h"
 
-#define UMB__RETRIES_MAX   2                   /* of a call the server did not process */
+#define UMB__RETRIES_MAX   2                   /* Tries of a call that the server did not process */
 #define UMB__ENDPOINTS_MAX 64                  /* bits of `tried` */
-#define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* read buffer of all connections */
-#define UMB__SEND_BYTES    ((size_t)1 << 20)   /* gathered before one write */
-#define UMB__FRAME_BYTES   (1 << 20)           /* largest DATA frame sent and accepted */
+#define UMB__RECEIVE_BYTES ((size_t)256 << 10) /* Size of the read buffer of all connections */
+#define UMB__SEND_BYTES    ((size_t)1 << 20)   /* Bytes gathered for one write */
+#define UMB__FRAME_BYTES   (1 << 20)           /* Largest DATA frame sent and accepted */
 
 struct umb__call;
 struct umb__connection;
 
-/* Status UMB_OK: message is the reply, borrowed during the call; else error is set. */
+/* Called at the end of a call. Status UMB_OK: message is the reply, borrowed during the call; else
+ * error is set. */
 typedef void (*umb__done_fn)(void *user, enum umb_status status, const uint8_t *message,
                              size_t size, const struct umb_error *error);
 
@@ -48,25 +49,27 @@ struct umb__call_list {
     struct umb__call *first, *last;
 };
 
-/* Appends the next request message to an empty body; leaves it empty at the end. A failure resets
- * the call. Loop thread. */
+/* Appends the next request message to an empty body; leaves it empty at the end of the requests. A
+ * failure resets the call. Loop thread. */
 typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 
-/* What a call asks and how. */
+/* Parameters of a call. */
 struct umb__call_plan {
-    const char *asset;   /* that it is about: decides which replica is asked; NULL = any */
-    uint64_t *number;    /* Out: by which it can be cancelled, see rpc_cancel.h; or NULL */
-    bool safe;           /* changes nothing: may be sent again once the server may have begun it */
+    const char *asset;   /* Asset of the call, which decides its replica; NULL = any replica */
+    uint64_t *number;    /* Out: number for cancelling it, see rpc_cancel.h; or NULL */
+    bool safe;           /* True if the call changes nothing: it may be sent again even if the
+                            server may have begun it */
     const char *path;    /* static */
     uint32_t timeout_ms; /* 0 = the client's */
     struct umb_client_stream
-        *stream; /* goes over this one, or NULL: a stream of HTTP/2 of its own */
-    /* Of calls with many requests or replies, else NULL. A call that was fed is not sent again. */
+        *stream; /* Stream that carries it; NULL: an HTTP/2 stream of its own */
+    /* For calls with many requests or replies, else NULL. A call that has sent from `feed` is not
+     * sent again. */
     umb__feed_fn feed;                                             /* after the first request */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
-    bool flows; /* True for a call of many messages, which ends when they stop: see umb__call_moved
-                 */
+    bool flows; /* True for a call of many messages, whose deadline moves with them: see
+                   umb__call_moved */
 };
 
 struct umb__call {
@@ -85,18 +88,20 @@ struct umb__call {
     uint64_t key;         /* Hash of its asset */
     uint64_t started_ns;  /* uv_hrtime's clock */
     uint64_t ready_ns;    /* while it rests */
-    uint64_t tried;       /* bits of the replicas that were no good */
+    uint64_t tried;       /* Bits of the replicas that failed it */
     bool safe;
-    uint64_t number;                /* see rpc_cancel.h; 0: of a carrier */
-    bool cancelled;                 /* and its deadline is over */
-    struct umb__endpoint *endpoint; /* it waits for or was sent to; NULL = not yet routed */
+    uint64_t number;                /* Number, see rpc_cancel.h; 0 for a carrier */
+    bool cancelled;                 /* True: its deadline counts as passed */
+    struct umb__endpoint *endpoint; /* Replica that it waits for or was sent to; NULL = not yet
+                                       routed */
     umb__done_fn done;
     void *user;
     struct umb__connection *connection; /* NULL while waiting */
     int32_t stream_id;
-    bool headers_sent;                 /* on the present connection */
-    struct umb_client_stream *stream;  /* that it goes over, or NULL */
-    struct umb_client_stream *carries; /* whose requests it carries, or NULL; see rpc_stream.h */
+    bool headers_sent;                 /* True if its headers were sent on the present connection */
+    struct umb_client_stream *stream;  /* Stream that carries it, or NULL */
+    struct umb_client_stream *carries; /* Stream whose requests it carries, or NULL; see
+                                          rpc_stream.h */
     unsigned retries;
     struct umb__reply reply;
     char asset[]; /* "" if it is about none */
@@ -107,17 +112,18 @@ struct umb__call {
  * their deadline. */
 void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes);
 
-/* A replica: where it is, and the one connection to it that takes new calls. */
+/* A replica: its address, and the one connection to it that takes new calls. */
 struct umb__endpoint {
     struct umb_client *client;
-    char text[320]; /* address as given, for messages */
+    char text[320]; /* Address as given, for messages */
     struct umbn_address address;
     char authority[UMBN_AUTHORITY_SIZE]; /* value of the header :authority */
     uint64_t key; /* of its address */
     struct umb__call_list waiting;
-    struct umb__connection *current; /* the one that takes new calls, or NULL */
-    uint64_t backoff_ms;             /* 0 = none; doubles with each failure */
-    uint64_t backoff_until_ns;       /* no connection is tried before */
+    struct umb__connection *current; /* Connection that takes new calls, or NULL */
+    uint64_t backoff_ms;             /* Pause before the next connection; 0 = none; doubles with
+                                        each failure */
+    uint64_t backoff_until_ns;       /* Time before which no connection is tried */
     bool known;                      /* was there once */
 };
 
@@ -126,28 +132,29 @@ struct umb_client {
     struct umb__endpoint *endpoints;   /* [endpoint_count] */
     size_t endpoint_count;
     bool any_tls;
-    SSL_CTX *tls_context; /* of tls: addresses, else NULL */
-    char *server_name;    /* that their certificate must have; NULL = the host's */
+    SSL_CTX *tls_context; /* TLS context of tls: addresses, else NULL */
+    char *server_name;    /* Name that the server's certificate must have; NULL = the host's */
     char *bearer;         /* value of the authorization header, or NULL */
     pthread_mutex_t lock;
     struct umb__call_list inbox;
     uint64_t last_number;   /* of the newest call */
-    uint32_t pending;       /* calls from start to done */
+    uint32_t pending;       /* Number of calls from start to done */
     uint64_t pending_bytes; /* of their requests */
     bool closing;
     pthread_t thread;
     uv_loop_t loop;
     uv_async_t wake;
     uv_timer_t deadline_timer;
-    uint64_t deadline_armed_ns; /* what the timer is set for; 0 = off */
+    uint64_t deadline_armed_ns; /* Time that the timer is set for; 0 = off */
     uv_timer_t rest_timer;
-    uint64_t rest_armed_ns; /* what it is set for; 0 = off */
-    bool stopped;           /* everything is closed or closing */
+    uint64_t rest_armed_ns; /* Time that it is set for; 0 = off */
+    bool stopped;           /* True if everything is closed or closing */
     struct umb__call_list resting;
     uint32_t tokens;                       /* budget of tries */
     uint64_t noise;                        /* state of random pauses */
-    struct umb__cancel *cancels;           /* under the lock: not looked at yet */
-    struct umb_client_stream *new_streams; /* under the lock: opened, not yet in streams */
+    struct umb__cancel *cancels;           /* Under the lock: cancels not handled yet */
+    struct umb_client_stream *new_streams; /* Under the lock: opened streams that are not yet in
+                                              streams */
     struct umb_client_stream *streams;
     struct umb__connection *connections; /* all that are not lost */
     uint8_t *receive_buffer;             /* [UMB__RECEIVE_BYTES] */
@@ -178,7 +185,8 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
                       size_t size);
 
-/* Ends a call because its time is over, or it was cancelled. was_sent: the server has had it. */
+/* Ends a call because its deadline has passed, or it was cancelled. was_sent: the server has
+ * received it. */
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
 /* Completes all calls of a list with one error. */
@@ -190,11 +198,11 @@ void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
 void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
     UMB_PRINTF(3, 4);
 
-/* Runs a call and waits; decode turns the reply into *out on the loop thread. */
+/* Runs a call and waits for it; decode turns the reply into *out on the loop thread. */
 typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,
                                           struct umb_error *error);
 
-/* Of calls whose replies went to `take`, or say nothing. */
+/* Decoder for calls whose replies went to `take`, or are empty. */
 enum umb_status umb__decode_nothing(void *out, const uint8_t *message, size_t size,
                                     struct umb_error *error);
 UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
@@ -202,15 +210,17 @@ UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
                                            struct umbw_buffer *body, umb__decode_fn decode,
                                            void *out, struct umb_error *error);
 
-/* Last word on a call's status, however it ended; frees what the context holds. */
+/* Called at the end of a call, successful or not: returns its final status, and frees what the
+ * context holds. */
 typedef enum umb_status (*umb__finish_fn)(void *context, enum umb_status status,
                                           struct umb_error *error);
 
-/* What comes after a call. The context is malloc's and freed behind `finish`. */
+/* Completion of a call. The context is from malloc and is freed after `finish`. */
 struct umb__ending {
     void *context;
     umb__decode_fn
-        decode; /* of the reply, with the context; umb__decode_nothing if it says nothing */
+        decode; /* Decoder of the reply, with the context; umb__decode_nothing if the reply is
+                   empty */
     umb__finish_fn finish; /* or NULL */
 };
 
@@ -226,11 +236,11 @@ UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client,
                                           const struct umb__ending *ending,
                                           struct umb_client_async *async, struct umb_error *error);
 
-/* The same for a call that could not be encoded: frees what it has. Returns status. */
+/* Completes a call that could not be encoded: frees its data. Returns status. */
 enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__ending *ending,
                                enum umb_status status, struct umb_error *error);
 
-/* A reply that cannot be decoded is the server's fault: E_ARGUMENT becomes E_PROTOCOL. */
+/* Decodes a reply. A malformed reply is the server's fault, so E_ARGUMENT becomes E_PROTOCOL. */
 enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,
                                  struct umb_error *error);
 

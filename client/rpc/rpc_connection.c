@@ -8,7 +8,7 @@
 #include "rpc_endpoint.h"
 #include "wire/wire_buffer.h"
 
-/* libuv's text of an error, without its allocation for unknown codes. */
+/* Returns libuv's text of an error, without its allocation for unknown codes. */
 static const char *uv_text(int code, char text[96])
 {
     return uv_strerror_r(code, text, 96);
@@ -49,7 +49,7 @@ static void unlink_connection(struct umb__connection *connection)
     }
 }
 
-/* Gives unsent calls back, fails the others. */
+/* Queues unsent calls again, and fails the others. */
 static void release_calls(struct umb__connection *connection, const struct umb_error *reason)
 {
     struct umb__call *next;
@@ -70,7 +70,7 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
     unlink_connection(connection);
     umb__client_log(client, UMB_LOG_INFO, "connection ended: %s", reason->message);
     if (connection->active.first != NULL) {
-        umb__client_spend(client); /* once, however many calls are lost with it */
+        umb__client_spend(client); /* Once, for any number of lost calls */
     }
     release_calls(connection, reason);
     nghttp2_session_del(connection->session);
@@ -82,7 +82,8 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         uv_close(&connection->socket.handle, on_handle_closed);
     }
     if (connection->resolving) {
-        (void)uv_cancel((uv_req_t *)&connection->resolve); /* may be too late: it then comes back */
+        (void)uv_cancel((uv_req_t *)&connection->resolve); /* May be too late: it then completes as
+                                                              usual */
     }
     if (opening && !client->stopped) {
         umb__endpoint_backoff(connection->endpoint, true);
@@ -92,7 +93,7 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         umb__endpoint_deserted(connection->endpoint, reason);
     }
     if (!client->stopped) {
-        (void)uv_async_send(&client->wake); /* waiting calls need another connection */
+        (void)uv_async_send(&client->wake); /* Waiting calls need another connection */
     }
 }
 
@@ -105,7 +106,7 @@ static void lose_uv(struct umb__connection *connection, int code, const char *wh
     umb__connection_lose(connection, &error);
 }
 
-/* Why a session ended, as well as it is known. */
+/* Returns the reason why a session ended, as exactly as it is known. */
 static void lose_session(struct umb__connection *connection, const char *what)
 {
     struct umb_error error;
@@ -122,7 +123,7 @@ static void lose_session(struct umb__connection *connection, const char *what)
     umb__connection_lose(connection, &error);
 }
 
-/* Collects frames until a good mouthful is there; false if the session is broken. */
+/* Gathers HTTP/2 frames up to SEND_BYTES; false if the session is broken. */
 static bool collect_frames(struct umb__connection *connection)
 {
     while (connection->out.size < UMB__SEND_BYTES) {
@@ -143,13 +144,13 @@ static bool collect_frames(struct umb__connection *connection)
     return true;
 }
 
-/* What is to be written next: frames, or with TLS the records that hold them. */
+/* Returns the buffer to write next: HTTP/2 frames, or with TLS the records that hold them. */
 static struct umbw_buffer *output_of(struct umb__connection *connection)
 {
     return connection->tls != NULL ? &connection->sealed : &connection->out;
 }
 
-/* Takes records of the TLS session until they can be written. */
+/* Stores records of the TLS session until they can be written. */
 static bool keep_records(void *user, const uint8_t *bytes, size_t count)
 {
     struct umbw_buffer *records = &((struct umb__connection *)user)->records;
@@ -161,7 +162,7 @@ static bool keep_records(void *user, const uint8_t *bytes, size_t count)
     return true;
 }
 
-/* Makes the records kept what is written next. */
+/* Makes the stored records the next write. */
 static void take_records(struct umb__connection *connection)
 {
     struct umbw_buffer written = connection->sealed;
@@ -200,7 +201,7 @@ static void on_written(uv_write_t *request, int code)
     umb__connection_flush(connection);
 }
 
-/* Writes out at once what the socket takes and leaves the rest to libuv. */
+/* Writes at once as much as the socket takes, and leaves the rest to libuv. */
 static int write_output(struct umb__connection *connection)
 {
     struct umbw_buffer *out = output_of(connection);
@@ -223,11 +224,11 @@ static int write_output(struct umb__connection *connection)
     return code;
 }
 
-/* True if nothing will come or go: a broken session, or the last call of a draining one. */
+/* True if no more bytes will come or go: a broken session, or the last call of a draining one. */
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
-        return false; /* also during a TLS handshake: the settings wait to be sent */
+        return false; /* Also during a TLS handshake: the settings wait to be sent */
     }
     return !nghttp2_session_want_read(connection->session) ||
            (connection->draining && connection->active.first == NULL);
@@ -263,7 +264,7 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
     buffer->len = UMB__RECEIVE_BYTES;
 }
 
-/* Draining: new calls go elsewhere, those that were never sent too. */
+/* Starts to drain: new and unsent calls go to another connection. */
 static void start_draining(struct umb__connection *connection)
 {
     struct umb_client *client = connection->client;
@@ -275,7 +276,7 @@ static void start_draining(struct umb__connection *connection)
     umb__session_give_back(connection);
 }
 
-/* Takes HTTP/2 from the peer; false if that lost the connection. */
+/* Feeds HTTP/2 bytes from the peer to the session; false if that lost the connection. */
 static int take_plain(void *user, const uint8_t *bytes, size_t count)
 {
     struct umb__connection *connection = user;
@@ -291,7 +292,7 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return 0;
 }
 
-/* TLS is over; tells the peer why, as far as the socket takes it at once. */
+/* Ends TLS; sends the peer the reason, as far as the socket takes it at once. */
 static void lose_tls(struct umb__connection *connection, const struct umb_error *detail)
 {
     struct umb_error error;
@@ -397,7 +398,7 @@ void umb__connection_probe(struct umb__connection *connection)
     (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
 }
 
-/* Makes the TLS session, if there is to be one; the hello goes out with the next flush. */
+/* Makes the TLS session of a tls: address; the hello goes out with the next flush. */
 static enum umb_status start_tls(struct umb__connection *connection, struct umb_error *error)
 {
     const struct umb_client *client = connection->client;
@@ -444,7 +445,7 @@ static void on_socket_retired(uv_handle_t *handle)
     }
 }
 
-/* One address did not answer: the next, or the end. */
+/* Handles an address that did not answer: tries the next, or fails. */
 static void connect_failed(struct umb__connection *connection, int code)
 {
     char text[96];
@@ -489,7 +490,7 @@ static void connect_tcp(struct umb__connection *connection, const struct sockadd
     }
 }
 
-/* Called again from on_socket_retired until the addresses are used up. */
+/* Called again from on_socket_retired until all addresses are tried. */
 static void try_next_address(struct umb__connection *connection)
 {
     struct addrinfo *entry = connection->next_address;
@@ -529,7 +530,7 @@ static void connect_unix(struct umb__connection *connection)
                     connection->endpoint->address.path, on_connected);
 }
 
-/* Numbers are connected to at once; only names cost a resolver thread. */
+/* Numeric addresses connect at once; only names need a resolver thread. */
 static void connect_host(struct umb__connection *connection)
 {
     const struct umbn_address *address = &connection->endpoint->address;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Regions.DeriveMap: the pieces of a file, put together. */
+/* Regions.DeriveMap: receives the pieces of a file and joins them. */
 #include "rpc_client.h"
 
 #include <stdlib.h>
@@ -11,10 +11,10 @@ struct gathered {
     uint8_t **out; /* where the bytes go */
     size_t *out_size;
     uint8_t *out_id;
-    struct umb_error error; /* of a message that is none */
+    struct umb_error error; /* Error of a malformed message */
     enum umb_status status; /* of the messages */
     uint64_t most;          /* bytes that are taken */
-    uint8_t *bytes;         /* [total], once the first piece came */
+    uint8_t *bytes;         /* [total], allocated with the first piece */
     uint64_t total, at;
     uint8_t asset_id[UMB_ID_BYTES];
 };

@@ -59,7 +59,7 @@ enum umb_status umb_client_list_assets(struct umb_client *client, struct umb_cli
     return status;
 }
 
-/* A description under way. */
+/* A description call under way. */
 struct describing {
     struct umbw_describe_reply reply;
     struct umb_client_description **out;
@@ -80,8 +80,8 @@ static void copy_curve(const struct umbw_curve *curve, struct umb_client_light *
     memcpy(light->coherent_ns, curve->coherent_ns, sizeof light->coherent_ns);
 }
 
-/* Copies a reply into one block, lights and texts behind the description. NULL if memory is short.
- * */
+/* Copies a reply into one block, lights and texts behind the description. NULL if memory is
+ * short. */
 static struct umb_client_description *make_description(const struct umbw_describe_reply *reply)
 {
     const size_t plan = strlen(reply->plan) + 1, settings = strlen(reply->settings) + 1;
@@ -154,7 +154,8 @@ enum umb_status umb_client_get_limits(struct umb_client *client, struct umb_clie
     struct umbw_buffer body = {NULL, 0, 0};
     struct umbw_limits told;
     memset(limits, 0, sizeof *limits);
-    enum umb_status status = umbw_encode_list_request(&body, error); /* as empty as LimitsRequest */
+    enum umb_status status = umbw_encode_list_request(&body, error); /* Empty, as LimitsRequest
+                                                                        is */
     if (status == UMB_OK) {
         status =
             umb__call_wait(client, &(struct umb__call_plan){.path = UMBW_PATH_LIMITS, .safe = true},

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Replicas and tries, see rpc_endpoint.h. */
+/* Replicas and retries, see rpc_endpoint.h. */
 #include "rpc_endpoint.h"
 
 #include <stdlib.h>
@@ -12,7 +12,7 @@
 #define TOKENS_FULL      100 /* tenths */
 #define TOKENS_FAILURE   10
 #define TOKENS_ANSWER    1
-#define REST_MAX_MS      60000 /* the longest that a server's wish is followed */
+#define REST_MAX_MS      60000 /* Longest retry pushback that the client follows */
 
 /* Source: the finalizer of "Fast splittable pseudorandom number generators", 2014. */
 static uint64_t mix(uint64_t z)
@@ -92,7 +92,7 @@ static uint64_t bit_of(const struct umb__endpoint *endpoint)
     return (uint64_t)1 << (endpoint - endpoint->client->endpoints);
 }
 
-/* The best replica of those not tried; prefers ones that are not known to be away. NULL if all were
+/* Returns the best untried replica, if possible one that is not known to be down. NULL if all were
  * tried. */
 static struct umb__endpoint *choose(struct umb_client *client, const struct umb__call *call)
 {
@@ -140,7 +140,7 @@ void umb__endpoint_backoff(struct umb__endpoint *endpoint, bool failed)
     endpoint->backoff_until_ns = uv_hrtime() + endpoint->backoff_ms * 1000000U;
 }
 
-/* Has the timer fire by then at the latest. */
+/* Sets the timer to fire at this time at the latest. */
 static void wake_by(struct umb_client *client, uint64_t at_ns);
 
 static void on_rest_over(uv_timer_t *timer)
@@ -192,7 +192,7 @@ static bool submit_waiting(struct umb__endpoint *endpoint, struct umb__connectio
 static void dispatch(struct umb__endpoint *endpoint)
 {
     struct umb_client *client = endpoint->client;
-    /* A connection that is full is replaced once; a new one takes at least one call. */
+    /* Replaces a full connection once; a new one takes at least one call. */
     while (endpoint->waiting.first != NULL && !client->stopped) {
         struct umb__connection *connection = endpoint->current;
         if (connection != NULL) {
@@ -217,7 +217,7 @@ void umb__client_dispatch(struct umb_client *client)
     }
 }
 
-/* Makes a call as it was before it was sent. */
+/* Resets a call to its state before it was sent. */
 static void start_over(struct umb_client *client, struct umb__call *call)
 {
     if (call->connection != NULL && call->connection->session != NULL) {
@@ -232,11 +232,11 @@ static void start_over(struct umb_client *client, struct umb__call *call)
     if (call->carries != NULL) {
         umb__stream_rewind(call->carries);
     }
-    /* Not every caller is followed by a dispatch. */
+    /* Wakes the loop, since not every caller is followed by a dispatch. */
     (void)uv_async_send(&client->wake);
 }
 
-/* A pause that doubles with each try, plus or minus a fifth. */
+/* Returns a pause that doubles with each try, plus or minus a fifth. */
 static uint64_t pause_ns(struct umb_client *client, unsigned tries)
 {
     client->noise = mix(client->noise);
@@ -259,7 +259,7 @@ static bool has_budget(const struct umb_client *client)
     return client->tokens > TOKENS_FULL / 2;
 }
 
-/* Lets a call rest and then go on; false if its time would be over. */
+/* Pauses a call before its retry; false if its deadline comes before. */
 static bool rest(struct umb_client *client, struct umb__call *call, uint64_t for_ns)
 {
     uint64_t ready_ns = uv_hrtime() + for_ns;
@@ -273,7 +273,7 @@ static bool rest(struct umb_client *client, struct umb__call *call, uint64_t for
     return true;
 }
 
-/* Another try of a call that the server may have acted on. */
+/* Retries a call that the server may have acted on. */
 static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_status status)
 {
     bool wished = call->reply.come_again;
@@ -281,9 +281,9 @@ static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_s
         return false;
     }
     if (call->reply.has_grpc_status) {
-        umb__client_spend(client); /* a lost connection was paid for as such */
+        umb__client_spend(client); /* A lost connection has paid for it already */
     }
-    /* What was fed or has given messages away cannot be done again. */
+    /* A call that has fed requests or delivered messages cannot be repeated. */
     if (!has_budget(client) || !call->safe || call->reply.stay_away || call->was_fed ||
         call->reply.take != NULL || call->retries >= client->options.max_retries) {
         return false;
@@ -323,7 +323,7 @@ void umb__call_conclude(struct umb_client *client, struct umb__call *call, enum 
     umb__call_complete(client, call, status, error);
 }
 
-/* May a call that nobody could be reached for wait until somebody is back? */
+/* Returns whether a call without a reachable replica may wait until one is back. */
 static bool may_wait(const struct umb_client *client, const struct umb__call *call)
 {
     uint64_t until_ns = call->started_ns + (uint64_t)client->options.connect_timeout_ms * 1000000U;

@@ -13,9 +13,10 @@
 #include "rpc_tls.h"
 
 #define TOKEN_MAX    4096  /* characters */
-#define PIPE_WAIT_MS 10000 /* for a program that writes the token */
+#define PIPE_WAIT_MS 10000 /* Wait for a program that writes the token */
 
-/* Reads up to `most` bytes. A pipe has PIPE_WAIT_MS for each piece. Returns how many, or -1. */
+/* Reads up to `most` bytes. A pipe has PIPE_WAIT_MS for each piece. Returns the number of bytes, or
+ * -1. */
 static ssize_t read_patiently(int fd, char *bytes, size_t most)
 {
     size_t count = 0;
@@ -38,7 +39,7 @@ static ssize_t read_patiently(int fd, char *bytes, size_t most)
     return (ssize_t)count;
 }
 
-/* Reads a token from a file or a pipe that holds nothing else. A pipe without a writer has no
+/* Reads a token from a file or pipe that holds nothing else. A pipe without a writer has no
  * token. */
 static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
                                   struct umb_error *error)
@@ -67,7 +68,7 @@ static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
     return UMB_OK;
 }
 
-/* What goes into the authorization header. Blanks and control characters have no place there. */
+/* Makes the value of the authorization header. Blanks and control characters are refused. */
 static enum umb_status make_bearer(const char *token, char **bearer, struct umb_error *error)
 {
     size_t length = strlen(token);
@@ -137,7 +138,7 @@ enum umb_status umb__identity_take(struct umb_client *client, struct umb_error *
             status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
         }
     }
-    /* All borrowed: gone when the caller wants. */
+    /* Borrowed strings, which the caller may free. */
     options->ca_file = options->certificate_file = options->key_file = NULL;
     options->server_name = options->token = options->token_file = NULL;
     return status;

@@ -52,7 +52,7 @@ static enum umb_status encode_job(const char *job, struct umbw_buffer *body,
 struct watch {
     umb_job_status_fn on_status;
     void *user;
-    struct umb_error error; /* of a message that is none; its status is UMB_OK otherwise */
+    struct umb_error error; /* Error of a malformed message; its status is UMB_OK otherwise */
     int stopped;
 };
 
@@ -197,7 +197,7 @@ struct fetch {
     void *user;
     uint64_t at, size;
     struct umb_error error;
-    enum umb_status status; /* of got, or of the messages */
+    enum umb_status status; /* Status of the callback, or of a malformed message */
 };
 
 static bool take_piece(void *user, const uint8_t *message, size_t size)

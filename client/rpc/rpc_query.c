@@ -6,16 +6,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What an asynchronous query remembers until its reply comes. */
+/* State of an asynchronous query until its reply. */
 struct query_call {
     umb_client_query_fn done;
     void *user;
-    size_t value_bytes; /* that the answers must have */
+    size_t value_bytes; /* Expected bytes of the answers */
     int pack;           /* they may come packed */
     uint8_t *base;      /* [value_bytes] owned; NULL: none */
 };
 
-/* Points of a request, or pixels. */
+/* Returns the number of points of a request, or of its picture's pixels. */
 static size_t point_count(const struct umb_client_query_request *request)
 {
     return request->picture ? (size_t)request->picture->width * request->picture->height
@@ -64,14 +64,15 @@ static enum umb_status encode(const struct umb_client_query_request *request,
     return status;
 }
 
-/* Where a reply's answers go. */
+/* Destination of a reply's answers. */
 struct answer_place {
     size_t value_bytes;  /* that they must have */
-    const uint8_t *base; /* [value_bytes] that they may be packed against; NULL: none */
-    void *values;        /* [value_bytes] for packed ones; NULL: they were not asked for */
+    const uint8_t *base; /* [value_bytes], base that they may be packed against; NULL: none */
+    void *values;        /* [value_bytes] for packed answers; NULL: the request did not ask for
+                            them */
 };
 
-/* Unpacks answers into their place. */
+/* Unpacks answers into their destination. */
 static enum umb_status unpack(const struct umbw_query_reply *wire, const struct answer_place *place,
                               struct umb_client_query_reply *reply, struct umb_error *error)
 {
@@ -93,7 +94,7 @@ static enum umb_status unpack(const struct umbw_query_reply *wire, const struct 
     return status;
 }
 
-/* Reads a reply and checks that it answers as many points as were asked. */
+/* Reads a reply and checks its number of answers. */
 static enum umb_status decode(const uint8_t *message, size_t size, const struct answer_place *place,
                               struct umb_client_query_reply *reply, struct umb_error *error)
 {
@@ -124,7 +125,7 @@ static enum umb_status decode(const uint8_t *message, size_t size, const struct 
     return UMB_OK;
 }
 
-/* How a query goes: on its own, or over its stream. */
+/* Starts a query as a call of its own, or over its stream. */
 static struct umb__call_plan plan_of(const struct umb_client_query_request *request)
 {
     return (struct umb__call_plan){
@@ -162,7 +163,7 @@ static void on_query_done(void *user, enum umb_status status, const uint8_t *mes
     free(call);
 }
 
-/* What is remembered until the reply comes. NULL: out of memory. */
+/* Makes the state of a query until its reply. NULL: out of memory. */
 static struct query_call *make_call(const struct umb_client_query_request *request,
                                     umb_client_query_fn done, void *user)
 {
@@ -210,7 +211,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
     return status;
 }
 
-/* Where a blocking query wants its reply. */
+/* Destination of a blocking query's reply. */
 struct query_target {
     void *values;
     struct answer_place place;

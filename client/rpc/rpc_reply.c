@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The state of one reply and its verdict, see rpc_reply.h. */
+/* The state of one reply, see rpc_reply.h. */
 #include "rpc_reply.h"
 
 #include <stdlib.h>
@@ -36,10 +36,10 @@ static bool is_name(const uint8_t *name, size_t size, const char *wanted)
     return size == strlen(wanted) && memcmp(name, wanted, size) == 0;
 }
 
-#define STATUS_DIGITS   3 /* of :status and grpc-status */
+#define STATUS_DIGITS   3 /* Digits of :status and grpc-status */
 #define PUSHBACK_DIGITS 9 /* eleven days in milliseconds */
 
-/* Value of 1 to max_digits digits, or -1. */
+/* Parses a number of 1 to max_digits digits, or returns -1. */
 static int small_number(const uint8_t *value, size_t size, size_t max_digits)
 {
     if (size == 0 || size > max_digits) {
@@ -67,7 +67,7 @@ static void take_content_type(struct umb__reply *reply, const uint8_t *value, si
 enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name, size_t name_size,
                                   const uint8_t *value, size_t value_size, struct umb_error *error)
 {
-    /* 32 bytes a header are HPACK's own way of counting (RFC 7541, section 4.1). */
+    /* HPACK counts 32 bytes a header, too (RFC 7541, section 4.1). */
     if (name_size > UMB__HEADER_BYTES_MAX || value_size > UMB__HEADER_BYTES_MAX ||
         name_size + value_size + 32 > UMB__HEADER_BYTES_MAX - reply->header_bytes) {
         return umb_fail(error, UMB_E_PROTOCOL, "reply: headers are over the limit of %d bytes",
@@ -96,7 +96,7 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     return UMB_OK;
 }
 
-/* Keeps the one message: takes the reader's block where there is one, else copies. */
+/* Stores the one message: takes over the reader's block if there is one, else copies. */
 static enum umb_status keep_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umb__reply *reply = user;
@@ -131,7 +131,7 @@ enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes, 
     if (!reply->is_grpc || reply->http_status != 200) {
         return UMB_OK;
     }
-    /* The call-back cannot fill an error, the reader always does. */
+    /* The callback cannot fill an error; the reader always does. */
     struct umb_error detail = {.status = UMB_OK};
     enum umb_status status =
         umbw_reader_feed(&reply->reader, bytes, count, keep_message, reply, &detail);

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_RPC_RPC_REPLY_H
 #define UMBRAGE_RPC_RPC_REPLY_H
 /*
- * What came back for one call so far: headers, one message (or each as it comes), trailers; and
- * the verdict.
+ * The reply of one call so far: headers, one message (or each as it arrives), trailers; and its
+ * final status.
  *
  *     umb__reply_init, then umb__reply_header and umb__reply_data as they come,
  *     umb__reply_verdict at the end of the stream, umb__reply_finish.
@@ -23,11 +23,11 @@
 
 struct umb__reply {
     unsigned http_status; /* 0 = none yet */
-    bool is_grpc;         /* content-type begins with application/grpc */
+    bool is_grpc;         /* True if content-type begins with application/grpc */
     bool has_grpc_status;
     int grpc_status; /* -1 = not a number */
-    bool stay_away;  /* the server said not to try again */
-    bool come_again; /* or after how many milliseconds: */
+    bool stay_away;  /* True if the server forbids a retry */
+    bool come_again; /* True if the server allows a retry after so many milliseconds: */
     uint32_t come_again_ms;
     char content_type[64];
     char grpc_message[1024]; /* still escaped */
@@ -38,8 +38,8 @@ struct umb__reply {
     size_t message_size;
     unsigned message_count;
     uint64_t taken_bytes; /* Bytes of the messages that were handed to take */
-    /* Of a call with many replies: gets each message, borrowed; false if it has no place. NULL: one
-     * message is kept. */
+    /* For a call with many replies: gets each message, borrowed; returns false if it cannot take
+     * it. NULL: one message is stored. */
     bool (*take)(void *user, const uint8_t *message, size_t size);
     void *take_user;
 };
@@ -47,7 +47,7 @@ struct umb__reply {
 void umb__reply_init(struct umb__reply *reply, size_t max_message);
 void umb__reply_finish(struct umb__reply *reply);
 
-/* Forgets what came, for another try. */
+/* Discards the reply so far, before a retry. */
 void umb__reply_restart(struct umb__reply *reply);
 
 /* Takes one header or trailer. Fails: E_PROTOCOL (too many header bytes). */
@@ -55,12 +55,13 @@ UMB_CHECKED enum umb_status umb__reply_header(struct umb__reply *reply, const ui
                                               size_t name_size, const uint8_t *value,
                                               size_t value_size, struct umb_error *error);
 
-/* Takes DATA bytes; those of a reply that is not gRPC are dropped. Fails: E_TOO_LARGE,
- * E_NO_MEMORY, E_PROTOCOL. */
+/* Takes DATA bytes; those of a reply that is not gRPC are dropped. Fails: E_TOO_LARGE, E_NO_MEMORY,
+ * E_PROTOCOL. */
 UMB_CHECKED enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes,
                                             size_t count, struct umb_error *error);
 
-/* Judges an ended stream: UMB_OK if message and message_size are the answer, else what failed. */
+/* Returns the status of an ended stream: UMB_OK if message and message_size are the answer, else
+ * the failure. */
 UMB_CHECKED enum umb_status umb__reply_verdict(const struct umb__reply *reply,
                                                struct umb_error *error);
 

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The HTTP/2 side of a connection: nghttp2's call-backs and what is submitted.
+ * The HTTP/2 side of a connection: nghttp2's callbacks and the submission of calls.
  *
- * A stream's user data is its call, or NULL once nobody waits. Call-backs only submit, never send,
- * receive or delete (nghttp2 is not re-entrant). A call ends when its stream's END_STREAM came, not
- * when the stream closes: a server may answer before it has read the request, and a proxy may turn
- * the reset that follows into CANCEL; the trailers that came before are what counts.
+ * A stream's user data is its call, or NULL once the call has ended on this side. Callbacks only
+ * submit, never send, receive or delete (nghttp2 is not re-entrant). A call ends with its stream's
+ * END_STREAM, not when the stream closes. A server may answer before it has read the request, and a
+ * proxy may turn the reset that follows into CANCEL; the trailers before it count.
  *
- * Source: reference measurements of gRPC on nghttp2: windows of 64 MiB, frames of 1 MiB.
+ * Windows are 64 MiB and HTTP/2 frames up to 1 MiB, by measurements of gRPC on nghttp2.
  */
 #include "rpc_connection.h"
 #include "rpc_endpoint.h"
@@ -22,7 +22,7 @@
 #endif
 
 #define WINDOW_BYTES   (64 << 20)
-#define HEADERS_ALWAYS 8 /* of a request, and some that depend */
+#define HEADERS_ALWAYS 8 /* Number of headers of every request; some others depend on the call */
 #define HEADERS_MAX    (HEADERS_ALWAYS + 3)
 
 static struct umb__call *stream_call(nghttp2_session *session, int32_t stream_id)
@@ -31,9 +31,9 @@ static struct umb__call *stream_call(nghttp2_session *session, int32_t stream_id
 }
 
 /*
- * Completes a call from inside a call-back and silences its stream if either side still talks.
+ * Completes a call from inside a callback, and resets its stream if either side is still open.
  *
- * In: remote_done: END_STREAM came; nghttp2 marks the stream only after the call-back.
+ * In: remote_done: END_STREAM came; nghttp2 marks the stream only after the callback.
  */
 static void end_call(struct umb__connection *connection, struct umb__call *call, bool remote_done,
                      enum umb_status status, const struct umb_error *error)
@@ -118,7 +118,7 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     return 0;
 }
 
-/* Source: "gRPC over HTTP2", Errors: which HTTP/2 code stands for which status. */
+/* Returns the status for an HTTP/2 error code. Source: "gRPC over HTTP2", Errors. */
 static enum umb_status status_of_reset(uint32_t code)
 {
     switch (code) {
@@ -142,7 +142,8 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
     if (call == NULL) {
         return 0;
     }
-    /* Refused, beyond the last stream of a GOAWAY, or never sent: the server did no work. */
+    /* True if the server did no work: the stream was refused, beyond the last stream of a GOAWAY,
+     * or never sent. */
     bool unprocessed = code == NGHTTP2_REFUSED_STREAM || !call->headers_sent;
     struct umb_error error;
     enum umb_status status =
@@ -177,8 +178,8 @@ static int on_error(nghttp2_session *session, int code, const char *message, siz
     return 0;
 }
 
-/* DATA frames as large as the peer and the windows allow: the default of 16 KiB costs a fifth more
- * a request (measured). */
+/* Length of DATA frames: as large as the peer and the windows allow. The default of 16 KiB costs a
+ * fifth more a request (measured). */
 static ssize_t frame_length(nghttp2_session *session, uint8_t frame_type, int32_t stream_id,
                             int32_t session_window, int32_t stream_window, uint32_t peer_max_frame,
                             void *user)
@@ -197,7 +198,7 @@ static ssize_t frame_length(nghttp2_session *session, uint8_t frame_type, int32_
 static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *buffer,
                          size_t length, uint32_t *flags, nghttp2_data_source *source, void *user)
 {
-    (void)source; /* may be gone; the stream knows */
+    (void)source; /* It may be freed already; the stream's user data is safe */
     struct umb__connection *connection = user;
     struct umb__call *call = stream_call(session, stream_id);
     if (call == NULL) {
@@ -273,7 +274,7 @@ static nghttp2_nv header(const char *name, const char *value)
     return pair;
 }
 
-/* Names of assets may be any UTF-8; those that a header cannot hold go without. */
+/* Names of assets may be any UTF-8; names that a header cannot hold are left out. */
 static bool is_header_value(const char *text)
 {
     for (const char *at = text; *at != '\0'; at++) {
@@ -284,7 +285,7 @@ static bool is_header_value(const char *text)
     return text[0] != '\0';
 }
 
-/* Never put into HPACK's table, where a proxy on the way could be made to compare it. */
+/* Never put into HPACK's table, against which a proxy could be made to compare guesses. */
 static nghttp2_nv secret_header(const char *name, const char *value)
 {
     nghttp2_nv pair = header(name, value);
@@ -296,7 +297,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
 {
     struct umb_client *client = connection->client;
     uint64_t now = uv_hrtime();
-    /* A call that flows sends no deadline to the server. */
+    /* A call of many messages sends no deadline to the server. */
     uint64_t left = call->flows               ? (uint64_t)call->timeout_ms * 1000000U
                     : call->deadline_ns > now ? call->deadline_ns - now
                                               : 0;

@@ -9,7 +9,7 @@
 
 static void make_carrier(struct umb_client_stream *stream);
 
-/* Has the queue sent: by the carrier, or by a new one. */
+/* Sends the queue: over the carrier, or over a new one. */
 static void push(struct umb_client_stream *stream)
 {
     if (stream->queue.first == NULL) {
@@ -61,7 +61,7 @@ void umb__stream_rewind(struct umb_client_stream *stream)
     stream->deferred = false;
 }
 
-/* A reply: it belongs to the oldest request that was sent. */
+/* Gives a reply to the oldest request that was sent. */
 static bool take_reply(void *user, const uint8_t *message, size_t size)
 {
     struct umb_client_stream *stream = user;
@@ -79,7 +79,7 @@ static void fail_all(struct umb_client_stream *stream, const struct umb_error *r
     umb__calls_fail(stream->client, &stream->queue, reason);
 }
 
-/* The server said what is wrong with one request: the oldest it has. */
+/* Fails the oldest sent request with the server's status: that one request ended the stream. */
 static void refuse_oldest(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *oldest = stream->sent.first;
@@ -93,7 +93,7 @@ static void refuse_oldest(struct umb_client_stream *stream, const struct umb_err
     push(stream);
 }
 
-/* The stream ended, and with it the answers to what was sent: safe to ask again, within bounds. */
+/* Handles the end of the stream: the unanswered requests are safe to send again, within limits. */
 static void go_on(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb_client *client = stream->client;
@@ -119,7 +119,8 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
         return; /* was given up by us */
     }
     bool told = stream->carrier->reply.has_grpc_status && status != UMB_E_UNAVAILABLE;
-    bool reached = stream->carrier->headers_sent; /* else nobody could be reached, and was tried */
+    bool reached = stream->carrier->headers_sent; /* false: no replica could be reached, which
+                                                     already counted as a try */
     stream->carrier = NULL;
     if (status == UMB_OK) {
         (void)umb_fail(&reason, UMB_E_UNAVAILABLE, "the server ended the stream");
@@ -138,7 +139,7 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
 static void make_carrier(struct umb_client_stream *stream)
 {
     struct umb_client *client = stream->client;
-    const char *asset = stream->queue.first->asset; /* mostly there is one for all */
+    const char *asset = stream->queue.first->asset; /* Usually all requests name one asset */
     size_t asset_size = strlen(asset) + 1;
     struct umb__call *carrier = calloc(1, sizeof *carrier + asset_size);
     if (carrier == NULL) {
@@ -148,7 +149,7 @@ static void make_carrier(struct umb_client_stream *stream)
         return;
     }
     carrier->path = UMBW_PATH_STREAM;
-    carrier->deadline_ns = UINT64_MAX; /* each request has its own */
+    carrier->deadline_ns = UINT64_MAX; /* Each request has its own deadline */
     carrier->carries = stream;
     carrier->done = on_carrier_done;
     carrier->user = stream;
@@ -156,7 +157,7 @@ static void make_carrier(struct umb_client_stream *stream)
     carrier->reply.take = take_reply;
     carrier->reply.take_user = stream;
     pthread_mutex_lock(&client->lock);
-    client->pending++; /* as every call; beyond the limit, which counts requests */
+    client->pending++; /* Counted as every call; the limit of calls counts requests only */
     pthread_mutex_unlock(&client->lock);
     stream->carrier = carrier;
     stream->deferred = false;
@@ -164,10 +165,10 @@ static void make_carrier(struct umb_client_stream *stream)
     carrier->key = stream->queue.first->key;
     memcpy(carrier->asset, asset, asset_size);
     umb__call_route(client, carrier);
-    (void)uv_async_send(&client->wake); /* not every caller is followed by a dispatch */
+    (void)uv_async_send(&client->wake); /* Not every caller is followed by a dispatch */
 }
 
-/* Ends the carrier without a word to the requests. */
+/* Ends the carrier; its requests stay. */
 static void drop_carrier(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *carrier = stream->carrier;
@@ -182,7 +183,7 @@ static void drop_carrier(struct umb_client_stream *stream, const struct umb_erro
     umb__call_complete(stream->client, carrier, reason->status, reason);
 }
 
-/* Earliest end first is not kept: lists are short. */
+/* Lists are short, so they are not sorted by deadline. */
 static bool any_expired(const struct umb__call_list *list, uint64_t now_ns, bool sent_only)
 {
     for (const struct umb__call *call = list->first; call != NULL; call = call->next) {
@@ -203,7 +204,8 @@ bool umb__stream_expire(struct umb_client_stream *stream, uint64_t now_ns)
     }
     (void)umb_fail(&error, UMB_E_DEADLINE, "a request on the stream before was not answered");
     if (was_sent) {
-        drop_carrier(stream, &error); /* what the server is at cannot be taken back otherwise */
+        drop_carrier(stream, &error); /* The only way to take back the request that the server works
+                                         on */
         umb__stream_rewind(stream);
     }
     struct umb__call *next;
@@ -248,7 +250,7 @@ void umb_client_stream_close(struct umb_client_stream *stream)
     }
     struct umb_client *client = stream->client;
     pthread_mutex_lock(&client->lock);
-    stream->closing = true; /* the loop thread may free it as soon as the lock is free */
+    stream->closing = true; /* The loop thread may free it as soon as the lock is free */
     (void)uv_async_send(&client->wake);
     pthread_mutex_unlock(&client->lock);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes.Submit: the files are hashed, then read again while they are sent, a message at a time, as
- * flow control asks for them. Reading blocks the client's thread for a piece at a time.
+ * Bakes.Submit: hashes the files, then reads them again while they are sent, a message at a time,
+ * as flow control asks for them. A read blocks the client's thread for one piece at a time.
  */
 #define OPENSSL_API_COMPAT 0x10100000L /* as sha256_openssl.c, for its reasons */
 #include <errno.h>
@@ -22,9 +22,9 @@ struct upload {
     struct umb_job_submitted *submitted;
     struct umbw_manifest manifest;
     uint8_t *piece; /* [PIECE_BYTES] */
-    int fd;         /* of the file that is being sent, -1 = none */
-    size_t next;    /* file to be sent after it */
-    uint64_t left;  /* of the file, as it was hashed */
+    int fd;         /* Descriptor of the file being sent, -1 = none */
+    size_t next;    /* Index of the next file to send */
+    uint64_t left;  /* Bytes of the file still to send, of those that were hashed */
     uint64_t sent, total;
     struct umb_error error;
 };
@@ -40,11 +40,11 @@ static enum umb_status read_piece(int fd, const char *path, uint8_t *piece, size
     return got >= 0 ? UMB_OK : umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
 }
 
-/* Opens a regular file. Out: size: its bytes; may be NULL. */
+/* Opens a regular file. Out: size: its length in bytes; may be NULL. */
 static enum umb_status open_file(const char *path, int *fd, uint64_t *size, struct umb_error *error)
 {
     struct stat info;
-    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
     *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
@@ -77,7 +77,7 @@ static enum umb_status hash_file(struct upload *upload, size_t index, struct umb
         status = read_piece(fd, source, upload->piece, PIECE_BYTES, &count, error);
         (void)SHA256_Update(&hash, upload->piece, count);
         file->size += count;
-        if (status == UMB_OK && file->size > most) { /* a file that grows may have no end */
+        if (status == UMB_OK && file->size > most) { /* A growing file may have no end */
             status = umb_fail(error, UMB_E_IO, "'%.200s' grew while it was read", source);
         }
     }
@@ -113,7 +113,7 @@ static enum umb_status make_manifest(struct upload *upload, struct umb_error *er
     return status;
 }
 
-/* Opens the next file that has bytes; fd stays -1 at the end. */
+/* Opens the next file that is not empty; fd stays -1 at the end. */
 static enum umb_status next_file(struct upload *upload)
 {
     enum umb_status status = UMB_OK;
@@ -132,7 +132,7 @@ static enum umb_status next_file(struct upload *upload)
     return status;
 }
 
-/* Appends the next message; nothing at the end. */
+/* Appends the next message; appends nothing at the end. */
 static enum umb_status feed(void *user, struct umbw_buffer *body)
 {
     struct upload *upload = user;

@@ -25,7 +25,7 @@ static enum umb_status load_files(SSL_CTX *context, const struct umb_client_opti
             return umbn_tls_refuse_file(&files[0], error);
         }
     } else if (SSL_CTX_set_default_verify_paths(context) != 1) {
-        ERR_clear_error(); /* without authorities every server is refused, with its reason */
+        ERR_clear_error(); /* Without authorities every server is refused, with that reason */
     }
     if (options->certificate_file != NULL) {
         return umbn_tls_load_pair(context, &files[1], &files[2], error);
@@ -56,7 +56,7 @@ enum umb_status umb__tls_context_create(const struct umb_client_options *options
     return status;
 }
 
-/* What the certificate must be for: an address, or a name (which the server is told, too). */
+/* Sets the name of the certificate: an address, or a host name (which the server is told, too). */
 static bool expect_name(SSL *session, const char *name)
 {
     unsigned char number[sizeof(struct in6_addr)];
@@ -88,7 +88,7 @@ enum umb_status umb__tls_create(SSL_CTX *context, const char *name, umbn_records
                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for TLS");
 }
 
-/* Says why a handshake or a read failed for good. */
+/* Returns the reason of a failed handshake or read. */
 static enum umb_status explain(const struct umbn_tls *tls, struct umb_error *error)
 {
     char reason[160];

@@ -21,8 +21,8 @@ UMB_CHECKED enum umb_status umb__tls_context_create(const struct umb_client_opti
 /*
  * Makes a session. Free it with umbn_tls_destroy.
  *
- * In:    name: that the certificate must have: a host's name, or an IP address.
- *        sink, user: take the records to be sent.
+ * In:    name: host name or IP address that the certificate must have. sink, user: take the records
+ *        to be sent.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a name that no certificate can have).
  */
 UMB_CHECKED enum umb_status umb__tls_create(SSL_CTX *context, const char *name,
@@ -30,12 +30,11 @@ UMB_CHECKED enum umb_status umb__tls_create(SSL_CTX *context, const char *name,
                                             struct umb_error *error);
 
 /*
- * Takes what came from the server, as umbn_tls_open; a value that `take` returns to stop is no
- * failure.
+ * Takes bytes from the server, as umbn_tls_open; a value with which `take` stops is no failure.
  *
  * Fails: E_UNAUTHENTICATED (a certificate that is not trusted, or the server refuses ours),
- *        E_UNAVAILABLE (the server said goodbye, or speaks no TLS), E_PROTOCOL (no HTTP/2, broken
- *        records).
+ *        E_UNAVAILABLE (the server closed the session, or does not use TLS), E_PROTOCOL (no HTTP/2,
+ *        broken records).
  */
 UMB_CHECKED enum umb_status umb__tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count,
                                           umbn_plain_fn take, void *user, struct umb_error *error);

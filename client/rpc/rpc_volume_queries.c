@@ -8,24 +8,24 @@
 #include "rpc_client.h"
 #include "wire/volume_queries.h"
 
-/* A call, and where its answers go: one of the three. */
+/* A call, and the destination of its answers: one of the three. */
 struct asked {
     struct umbw_volume_query_request request;
     struct umb_segment_answers *segments;
     struct umb_column_answers *columns;
     struct umb_box_answers *boxes;
-    uint64_t told;                        /* intervals, by their counts */
+    uint64_t told;                        /* Number of intervals, by their counts */
     struct umb_volume_query_reply *reply; /* may be NULL */
 };
 
-/* Answer i of an array in the message, however it is aligned. */
+/* Reads answer i of an array in the message, at any alignment. */
 static void load(const struct umbw_volume_query_reply *wire, size_t field, size_t i, void *value)
 {
     const size_t bytes = umbw_answer_sizes[wire->volume_query][field];
     memcpy(value, wire->fields[field] + i * bytes, bytes);
 }
 
-/* Stretches lie one behind the other on the wire, and in places of their own here. */
+/* Copies intervals to their places: contiguous on the wire, interval_max a segment here. */
 static enum umb_status take_segments(const struct umbw_volume_query_reply *wire,
                                      struct asked *asked, struct umb_error *error)
 {
@@ -104,7 +104,7 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
     return UMB_OK;
 }
 
-/* Asks; what is asked is copied. */
+/* Starts the call; its input is copied. */
 static enum umb_status ask(struct umb_client *client, const struct umb_volume_query *volume_query,
                            const char *path, const struct asked *asked,
                            struct umb_client_async *async, struct umb_error *error)
@@ -136,7 +136,7 @@ static enum umb_status ask(struct umb_client *client, const struct umb_volume_qu
                             : umb__call_drop(&body, &ending, status, error);
 }
 
-/* A request of pairs of points. */
+/* Makes a request of pairs of points. */
 static struct umbw_volume_query_request pairs_request(enum umbw_volume_query volume_query,
                                                       const struct umb_segments *pairs)
 {

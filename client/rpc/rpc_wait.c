@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of calls: waited for with a condition variable, or handed to a callback. */
+/* The ends of calls: waits with a condition variable, or calls a callback. */
 #include "rpc_client.h"
 
 #include <stdlib.h>
@@ -9,7 +9,7 @@ struct waiter {
     pthread_cond_t changed;
     bool finished;
     enum umb_status status;
-    struct umb_error *error; /* the caller's, may be NULL */
+    struct umb_error *error; /* The caller's; may be NULL */
     umb__decode_fn decode;
     void *out;
 };
@@ -44,8 +44,8 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
     } else if (waiter->error != NULL) {
         *waiter->error = *error;
     }
-    /* The waiter's memory is gone as soon as it sees `finished`, and it can only see it once the
-     * lock is free: the signal therefore comes before. */
+    /* The signal comes before the unlock: the waiter's memory is gone as soon as it sees
+     * `finished`, which it can see only once the lock is free. */
     pthread_mutex_lock(&waiter->lock);
     waiter->status = status;
     waiter->finished = true;
@@ -91,7 +91,7 @@ end_lock:
     return status;
 }
 
-/* Lets the ending have its word, and frees its context. */
+/* Runs the ending's `finish`, and frees its context. */
 static enum umb_status end(const struct umb__ending *ending, enum umb_status status,
                            struct umb_error *error)
 {
@@ -109,7 +109,7 @@ enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__endin
     return end(ending, status, error);
 }
 
-/* A call that nothing waits for. */
+/* A call without a waiting thread. */
 struct running {
     struct umb__ending ending;
     umb_client_done_fn done;

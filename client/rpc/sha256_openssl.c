@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * SHA-256 through OpenSSL's low-level functions: they allocate nothing and cannot fail. The EVP
- * interface sets itself up at the first digest and, if memory is short just then, fails for ever
+ * SHA-256 through OpenSSL's low-level functions, which allocate nothing and cannot fail. The EVP
+ * interface initialises itself at the first digest. If memory is short then, it fails for ever
  * after or crashes (OpenSSL 3.0; found by tests/fault).
  */
 #define OPENSSL_API_COMPAT 0x10100000L

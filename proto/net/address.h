@@ -27,7 +27,7 @@ struct umbn_address {
 
 /*
  * Parses an address. A host has letters, digits, '.', '-' and '_' only, or is an IPv6 number in
- * brackets, so that it may stand in a header.
+ * brackets, so that it is valid in a header.
  *
  * In:    field: name of the option or field, for messages ("--listen").
  * Fails: E_ARGUMENT, naming the field, the text and what it must be.
@@ -36,12 +36,12 @@ UMB_CHECKED enum umb_status umbn_address_parse(const char *field, const char *te
                                                struct umbn_address *address,
                                                struct umb_error *error);
 
-/* Parses HOST:PORT alone into a TCP address. Fails: E_ARGUMENT, likewise. */
+/* Parses HOST:PORT alone into a TCP address. Fails: E_ARGUMENT, as umbn_address_parse. */
 UMB_CHECKED enum umb_status umbn_address_parse_host(const char *field, const char *text,
                                                     struct umbn_address *address,
                                                     struct umb_error *error);
 
-/* Writes what stands for the address in :authority: HOST:PORT, or "localhost" for unix:. */
+/* Writes the value of :authority for an address: HOST:PORT, or "localhost" for unix:. */
 void umbn_address_authority(const struct umbn_address *address, char text[UMBN_AUTHORITY_SIZE]);
 
 #endif

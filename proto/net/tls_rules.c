@@ -9,8 +9,8 @@
 
 #define TLS12_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
 
-/* Refuses keys under a password: OpenSSL would ask for it on the terminal, and a daemon that
- * reloads its files would wait for the answer. */
+/* Refuses keys with a password: OpenSSL would ask for it on the terminal, and a daemon that reloads
+ * its files would hang. */
 static int no_password(char *password, int size, int writing, void *unused)
 {
     (void)password;

@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_NET_TLS_RULES_H
 #define UMBRAGE_NET_TLS_RULES_H
 /*
- * What every TLS context of umbrage has in common: TLS 1.2 or 1.3, of 1.2 only suites with forward
- * secrecy and authenticated encryption; no renegotiation, no compression, no resumed sessions; keys
- * without a password. Certificate files must be regular files: OpenSSL would wait for the writer of
- * a pipe.
+ * Rules of every TLS context of umbrage: TLS 1.2 or 1.3; for 1.2 only suites with forward secrecy
+ * and authenticated encryption; no renegotiation, no compression, no session resumption; keys
+ * without a password. Certificate files must be regular files, since OpenSSL would wait for the
+ * writer of a pipe.
  *
  * Threads: all functions from any thread; a context has one owner while it is made.
  */
@@ -32,7 +32,7 @@ UMB_CHECKED enum umb_status umbn_tls_load_pair(SSL_CTX *context,
                                                const struct umbn_tls_file *key,
                                                struct umb_error *error);
 
-/* Fails with what OpenSSL says of a file, and empties its queue: E_NO_INPUT if the file cannot be
+/* Fails with OpenSSL's reason for a file, and empties its queue: E_NO_INPUT if the file cannot be
  * read, else E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbn_tls_refuse_file(const struct umbn_tls_file *file,
                                                  struct umb_error *error);

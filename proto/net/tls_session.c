@@ -3,8 +3,8 @@
  * TLS sessions over a BIO of our own: it reads from the bytes at hand and writes into the owner's
  * sink.
  *
- * Why reading ends: each turn takes a record from the bytes at hand or wants more, and then none
- * are left, because the library keeps a record that is not whole itself.
+ * Why the read loop ends: each turn takes a record from the input or asks for more. Then no input
+ * is left, because OpenSSL stores an incomplete record itself.
  */
 #include "net/tls_session.h"
 
@@ -51,10 +51,10 @@ static long bio_control(BIO *bio, int command, long number, void *pointer)
     (void)bio;
     (void)number;
     (void)pointer;
-    return command == BIO_CTRL_FLUSH; /* nothing is held back here */
+    return command == BIO_CTRL_FLUSH; /* No bytes are held back here */
 }
 
-/* One method for the process; made once, kept for ever. */
+/* One method for the process, made once and never freed. */
 static BIO_METHOD *bio_method;
 
 static void make_method(void)
@@ -86,7 +86,7 @@ enum umb_status umbn_tls_create(SSL *session, umbn_records_fn sink, void *user,
     *tls = (struct umbn_tls){.session = session, .sink = sink, .user = user};
     BIO_set_data(bio, tls);
     BIO_set_init(bio, 1);
-    SSL_set_bio(session, bio, bio); /* takes the one reference that stands for both */
+    SSL_set_bio(session, bio, bio); /* Takes the one reference for both directions */
     return UMB_OK;
 }
 
@@ -108,7 +108,7 @@ bool umbn_tls_ready(const struct umbn_tls *tls)
     return tls->ready;
 }
 
-/* Goes on with the handshake. Returns 0 while it waits or when it is over. */
+/* Continues the handshake. Returns 0 while it waits or when it is over. */
 static int shake_hands(struct umbn_tls *tls)
 {
     const unsigned char *protocol = NULL;
@@ -117,7 +117,7 @@ static int shake_hands(struct umbn_tls *tls)
     if (code != 1) {
         return SSL_get_error(tls->session, code) == SSL_ERROR_WANT_READ ? 0 : UMBN_TLS_BROKEN;
     }
-    /* OpenSSL lets a peer through that offers no protocol at all. */
+    /* OpenSSL accepts a peer that offers no protocol at all. */
     SSL_get0_alpn_selected(tls->session, &protocol, &size);
     tls->ready = size == 2 && memcmp(protocol, "h2", 2) == 0;
     return tls->ready ? 0 : UMBN_TLS_NO_H2;

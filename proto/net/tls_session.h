@@ -21,7 +21,7 @@
 
 struct umbn_tls; /* opaque */
 
-/* Takes plain bytes; returns 0, or another value to stop the reading. */
+/* Takes plain bytes; returns 0, or another value to stop reading. */
 typedef int (*umbn_plain_fn)(void *user, const uint8_t *bytes, size_t count);
 
 /* Takes records to be sent; false (no room, no memory) ends the session. */
@@ -30,8 +30,8 @@ typedef bool (*umbn_records_fn)(void *user, const uint8_t *bytes, size_t count);
 /*
  * Makes a session.
  *
- * In:    session: set up for its side (connect or accept); NULL is E_NO_MEMORY.
- *        sink, user: must live as long as the session.
+ * In:    session: set up to connect or accept; NULL is E_NO_MEMORY. sink, user: must live as long
+ *        as the session.
  * Owns:  takes the session, also on failure.
  * Fails: E_NO_MEMORY.
  */
@@ -39,24 +39,24 @@ UMB_CHECKED enum umb_status umbn_tls_create(SSL *session, umbn_records_fn sink, 
                                             struct umbn_tls **tls);
 void umbn_tls_destroy(struct umbn_tls *tls); /* NULL is allowed */
 
-/* Returns OpenSSL's session, borrowed: for certificates and verdicts. */
+/* Returns OpenSSL's session, borrowed, to read certificates and results. */
 SSL *umbn_tls_ssl(const struct umbn_tls *tls);
 
-/* True once the handshake is over: then plain bytes may be sealed. */
+/* True once the handshake is complete: plain bytes may then be sealed. */
 bool umbn_tls_ready(const struct umbn_tls *tls);
 
-/* Results of umbn_tls_open besides 0 and what `take` returned. */
+/* Results of umbn_tls_open besides 0 and values that `take` returns. */
 enum umbn_tls_end {
-    UMBN_TLS_BROKEN = -100000, /* no TLS, no trust, or an alert: OpenSSL's queue has the reason */
+    UMBN_TLS_BROKEN = -100000, /* No TLS, no trust, or an alert: OpenSSL's queue has the reason */
     UMBN_TLS_OVER = -100001,   /* the peer said goodbye */
     UMBN_TLS_NO_H2 = -100002,  /* the peers did not agree on HTTP/2 (ALPN) */
 };
 
 /*
- * Takes what came from the peer, goes on with the handshake and gives plain bytes to `take`. After
- * a failure there may be an alert in the sink, which should be sent.
+ * Takes bytes from the peer, continues the handshake and gives plain bytes to `take`. After a
+ * failure the sink may hold an alert, which should be sent.
  *
- * Returns 0, what take returned to stop, or a value of enum umbn_tls_end.
+ * Returns 0, the value with which `take` stopped, or a value of enum umbn_tls_end.
  */
 int umbn_tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count, umbn_plain_fn take,
                   void *user);
@@ -64,7 +64,7 @@ int umbn_tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count, umbn
 /* Seals bytes into the sink. False if the sink refused, or the session is broken. */
 bool umbn_tls_seal(struct umbn_tls *tls, const uint8_t *bytes, size_t count);
 
-/* Says goodbye, once the handshake is over; the record goes to the sink. */
+/* Sends close_notify to the sink, if the handshake is complete. */
 void umbn_tls_bye(struct umbn_tls *tls);
 
 #endif

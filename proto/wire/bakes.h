@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_WIRE_BAKES_H
 #define UMBRAGE_WIRE_BAKES_H
 /*
- * The messages of umbrage.v1.Bakes as plain structs, and their codecs; what messages.h says holds
- * here too. Values are those of proto/umbrage/v1/bakes.proto; states and failures are numbers that
+ * The messages of umbrage.v1.Bakes as plain structs, and their codecs; the rules of messages.h hold
+ * here too. Values are those of proto/umbrage/v1/bakes.proto. States and failures are numbers that
  * the job service and the protocol share.
  */
 #include "wire/messages.h"
@@ -16,7 +16,8 @@
 #define UMBW_PATH_BAKES_DELETE "/umbrage.v1.Bakes/Delete"
 
 #define UMBW_JOB_MAX      32    /* bytes of a job's id */
-#define UMBW_MANIFEST_MAX 65536 /* files and settings in one message: more is refused unread */
+#define UMBW_MANIFEST_MAX 65536 /* Most bytes of files and settings in one message: longer ones are
+                                   refused unread */
 #define UMBW_JOBS_MAX     1000  /* of one list */
 
 struct umbw_bundle_file {
@@ -36,16 +37,16 @@ struct umbw_manifest {
     struct umbw_bake_setting *settings;
     size_t setting_count;
     int priority;
-    void *owned; /* decoder: what the texts lie in */
+    void *owned; /* Decoder: memory that holds the texts */
 };
 
-/* Frees what a decoder made. */
+/* Frees the memory of a decoded manifest. */
 void umbw_manifest_finish(struct umbw_manifest *manifest);
 
 /* One message of Submit: a manifest, or data. */
 struct umbw_submit_request {
     int has_manifest;
-    struct umbw_manifest manifest; /* to be finished, if there is one */
+    struct umbw_manifest manifest; /* Finish it, if there is one */
     const uint8_t *data;           /* into the message */
     size_t data_size;
 };
@@ -86,7 +87,7 @@ struct umbw_fetch_request {
 
 struct umbw_fetch_reply {
     uint64_t size, offset;
-    const uint8_t *data; /* decoder: into the message */
+    const uint8_t *data; /* Decoder: points into the message */
     size_t data_size;
 };
 

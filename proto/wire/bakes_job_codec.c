@@ -8,7 +8,7 @@
 #include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
 
-/* A message whose field 1 is a text, and that has no other that is needed here. */
+/* A message whose field 1 is a text; its other fields are ignored. */
 static enum umb_status decode_word(const uint8_t *message, size_t size, const char *name,
                                    size_t most, char *out, struct umb_error *error)
 {

@@ -17,7 +17,7 @@ void umbw_manifest_finish(struct umbw_manifest *manifest)
     memset(manifest, 0, sizeof *manifest);
 }
 
-/* protobuf-c checks neither UTF-8 nor NULs; a NUL has already ended the text for us. */
+/* Checks UTF-8 and NULs, which protobuf-c does not; a NUL would cut a text short. */
 static enum umb_status check_text(const char *name, const char *text, struct umb_error *error)
 {
     if (!umb__utf8_valid((const uint8_t *)text, strlen(text))) {
@@ -74,7 +74,7 @@ static enum umb_status take_settings(const Umbrage__V1__Manifest *message,
     return UMB_OK;
 }
 
-/* Counts the parts before anything is allocated for them. */
+/* Counts the parts before memory is allocated for them. */
 static enum umb_status decode_manifest(const uint8_t *bytes, size_t size,
                                        struct umbw_manifest *manifest, struct umb_error *error)
 {
@@ -138,7 +138,7 @@ enum umb_status umbw_decode_submit_request(const uint8_t *message, size_t size,
                : UMB_OK;
 }
 
-/* What protobuf-c wants as arrays of pointers; one allocation a kind. */
+/* The arrays of pointers that protobuf-c needs; one allocation each. */
 struct manifest_parts {
     Umbrage__V1__BundleFile *files;
     Umbrage__V1__BundleFile **file_pointers;

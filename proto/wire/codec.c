@@ -9,13 +9,13 @@
 #include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
 
-#define EXPANSION_FACTOR 16 /* a Light of 150 bytes takes about 450 */
+#define EXPANSION_FACTOR 16 /* Largest growth: a Light of 150 bytes takes about 450 */
 #define EXPANSION_BASE   ((size_t)1 << 20)
 
 /* Counts what protobuf-c allocates during one unpack. */
 struct budget {
     size_t left;
-    bool exceeded, refused; /* by the budget, by malloc */
+    bool exceeded, refused; /* By the budget; by malloc */
 };
 
 static void *budget_alloc(void *user, size_t size)
@@ -38,7 +38,7 @@ static void budget_free(void *user, void *block)
 }
 
 /*
- * Counts the fields that the descriptor does not know, in sub-messages too. protobuf-c allocates
+ * Counts the fields that the descriptor does not have, in sub-messages too. protobuf-c allocates
  * memory for each, so two bytes of a message become a hundred bytes of memory.
  */
 static enum umb_status count_unknown(const ProtobufCMessageDescriptor *descriptor,
@@ -77,7 +77,7 @@ enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor
     struct budget budget = {.left = EXPANSION_BASE};
     size_t unknown = 0;
     *out = NULL;
-    if (size > UMBW_SCRATCH_MAX) { /* fewer bytes hold too few fields to matter */
+    if (size > UMBW_SCRATCH_MAX) { /* Fewer bytes hold too few fields to matter */
         enum umb_status status = count_unknown(descriptor, bytes, size, &unknown, error);
         if (status != UMB_OK) {
             return status;

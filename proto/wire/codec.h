@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_WIRE_CODEC_H
 #define UMBRAGE_WIRE_CODEC_H
-/* What the codecs of single messages share: guarded protobuf-c calls and checks of fields. */
+/* Helpers that the codecs share: guarded protobuf-c calls and checks of fields. */
 #include <stddef.h>
 #include <stdint.h>
 #include <protobuf-c/protobuf-c.h>
@@ -14,9 +14,9 @@
  *
  * In:    descriptor: of the message type.
  * Out:   out: freed by the caller with umbw_message_free; NULL on failure.
- * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE (more than UMBW_FIELDS_MAX fields in it and
- *        its sub-messages that the type does not have, or it would expand to more than 1 MiB and 16
- *        times its size: hostile nesting of empty fields), E_NO_MEMORY.
+ * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE (more than UMBW_FIELDS_MAX unknown fields in
+ *        it and its sub-messages; or it would expand to more than 1 MiB and 16 times its size, by
+ *        hostile nesting of empty fields), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor,
                                                 const uint8_t *bytes, size_t size,

@@ -8,7 +8,7 @@
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
 
-/* By their numbers on the wire. */
+/* Values in the order of their numbers on the wire. */
 static const enum umb_map_technique TECHNIQUES[] = {UMB_MAP_PCF, UMB_MAP_VSM, UMB_MAP_ESM,
                                                     UMB_MAP_EVSM, UMB_MAP_MSM};
 static const enum umb_map_format FORMATS[] = {UMB_MAP_F32, UMB_MAP_F16, UMB_MAP_U16};
@@ -132,7 +132,7 @@ enum umb_status umbw_decode_derive_request(const uint8_t *message, size_t size,
     return status;
 }
 
-/* The number on the wire of a value; past the end if it has none. */
+/* Returns the wire number of a value; past the end if it has none. */
 static size_t wire_technique(enum umb_map_technique technique)
 {
     size_t i = 0;
@@ -151,7 +151,7 @@ static size_t wire_format(enum umb_map_format format)
     return i;
 }
 
-/* Borrows from the request, which the encoder only reads. */
+/* The message borrows from the request, which the encoder only reads. */
 static void put_view(const struct umbw_derive_request *request, Umbrage__V1__CascadeView *view)
 {
     struct umb__map_view *camera = (struct umb__map_view *)(uintptr_t)&request->view;

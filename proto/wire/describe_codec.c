@@ -96,7 +96,7 @@ static enum umb_status take_light(const Umbrage__V1__Light *message, struct umbw
                                   light->voxel_m, error);
     }
     if (status == UMB_OK) {
-        light->info.kind = (enum umb_light_kind)kind; /* same numbers on the wire */
+        light->info.kind = (enum umb_light_kind)kind; /* The wire has the same numbers */
         light->info.extent = message->extent;
         light->resolution = message->resolution;
         light->closed = message->closed != 0;
@@ -194,7 +194,7 @@ enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
     return status;
 }
 
-/* One light with the storage its message points to. */
+/* One light, with the storage that its message points to. */
 struct light_parts {
     struct umbw_light light; /* protobuf-c has no const arrays */
     Umbrage__V1__Light message;

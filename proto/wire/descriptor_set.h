@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_WIRE_DESCRIPTOR_SET_H
 #define UMBRAGE_WIRE_DESCRIPTOR_SET_H
-/* The descriptors of our .proto files, made by the build: a google.protobuf.FileDescriptorSet. */
+/* The descriptors of the .proto files, made by the build: a google.protobuf.FileDescriptorSet. */
 #include <stddef.h>
 #include <stdint.h>
 

@@ -24,7 +24,7 @@ enum umbw_grpc_code {
     UMBW_GRPC_UNAUTHENTICATED = 16,
 };
 
-/* Name of a code ("NOT_FOUND"), never NULL. */
+/* Returns the name of a code ("NOT_FOUND"), never NULL. */
 const char *umbw_grpc_name(int code);
 
 /*
@@ -43,19 +43,20 @@ size_t umbw_timeout_format(int64_t nanoseconds, char text[16]);
  */
 size_t umbw_message_escape(const char *message, char *text, size_t capacity);
 
-/* The reverse; bad escapes are kept as they are. */
+/* Decodes an escaped status message; bad escapes stay as they are. */
 size_t umbw_message_unescape(const char *text, size_t size, char *message, size_t capacity);
 
 /*
- * Collects the messages of one direction of one call from DATA bytes, however they were cut.
- * Life: umbw_reader_init, umbw_reader_feed with the bytes as they come, umbw_reader_finish.
+ * Collects the messages of one direction of one call from DATA bytes, split at any place. Life:
+ * umbw_reader_init, umbw_reader_feed with the bytes as they come, umbw_reader_finish.
  */
 struct umbw_reader {
     uint8_t prefix[5];
     unsigned prefix_bytes;
     int compressed;        /* flag of the current message */
-    uint32_t message_size; /* of the current message, valid once prefix_bytes == 5 */
-    uint8_t *message;      /* grows as bytes arrive, never sized from the declared length alone */
+    uint32_t message_size; /* Length of the current message, valid once prefix_bytes == 5 */
+    uint8_t *message;      /* Grows with the bytes received, never sized by the declared length
+                              alone */
     size_t received, capacity;
     size_t max_message;
 };
@@ -75,8 +76,8 @@ UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const u
                                              struct umb_error *error);
 
 /*
- * Gives the place where the next bytes of the message under way belong, so that they can be read
- * right there; fed from there, they are not copied.
+ * Returns the place of the next bytes of the current message, so that a read can write them there.
+ * Bytes fed from there are not copied.
  *
  * In:  most: bytes at most. Out: place: valid until the reader is fed or finished. Returns how many
  *      bytes may be put there: at most the rest of the message; 0 between messages, near a
@@ -84,7 +85,7 @@ UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const u
  */
 size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place);
 
-/* 1 if the stream may end here, 0 inside a message. */
+/* Returns 1 if the stream may end here, 0 inside a message. */
 int umbw_reader_at_boundary(const struct umbw_reader *reader);
 void umbw_reader_finish(struct umbw_reader *reader);
 

@@ -3,10 +3,10 @@
  * The reader of length-prefixed gRPC messages, see grpc.h.
  *
  * Invariants: prefix_bytes < 5 between messages and while a prefix is incomplete; once it is 5,
- * message_size <= max_message and received < message_size. Memory grows with the bytes that came,
- * at most doubling, or to 1 MiB for the 16 KiB that came, never from the declared length alone, so
- * that a liar pays for what it takes.
- * A message that lies whole in one piece of input is handed out from there without a copy.
+ * message_size <= max_message and received < message_size. Memory grows with the bytes received: it
+ * at most doubles, or grows to 1 MiB after 16 KiB. It never follows the declared length alone, so a
+ * false length gains a peer nothing. A message that is complete in one piece of input is passed on
+ * without a copy.
  */
 #include "wire/grpc.h"
 
@@ -14,7 +14,8 @@
 #include <string.h>
 
 #define FIRST_CAPACITY 4096       /* bytes of the first allocation */
-#define AHEAD_FROM     (16 << 10) /* who has sent so much gets room for a usual message at once */
+#define AHEAD_FROM     (16 << 10) /* Bytes received before room for a usual message is allocated at
+                                     once */
 #define AHEAD_CAPACITY (1 << 20)
 
 void umbw_reader_init(struct umbw_reader *reader, size_t max_message)
@@ -76,14 +77,14 @@ static enum umb_status reserve(struct umbw_reader *reader, size_t needed, struct
     return UMB_OK;
 }
 
-/* Starts over with the next prefix; keeps the memory for the next message. */
+/* Starts with the next prefix; keeps the memory for the next message. */
 static void next_message(struct umbw_reader *reader)
 {
     reader->prefix_bytes = 0;
     reader->received = 0;
 }
 
-/* Takes body bytes; *taken says how many, also when the call-back stops the feed. */
+/* Takes body bytes. Out: *taken: their number, also when the callback stops the feed. */
 static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *bytes, size_t count,
                                  size_t *taken, umbw_message_fn on_message, void *user,
                                  struct umb_error *error)
@@ -98,7 +99,7 @@ static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *byte
     if (status != UMB_OK) {
         return status;
     }
-    if (bytes != reader->message + reader->received) { /* else read in place: umbw_reader_room */
+    if (bytes != reader->message + reader->received) { /* Else read in place: umbw_reader_room */
         memcpy(reader->message + reader->received, bytes, *taken);
     }
     reader->received += *taken;
@@ -146,7 +147,7 @@ size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place
     }
     size_t missing = reader->message_size - reader->received;
     size_t room = missing < most ? missing : most;
-    /* What came already says how far one may go. */
+    /* The bytes received so far limit the room. */
     size_t ahead = reader->received > AHEAD_CAPACITY ? reader->received : AHEAD_CAPACITY;
     room = room < ahead ? room : ahead;
     if (reserve(reader, reader->received + room, NULL) != UMB_OK) {

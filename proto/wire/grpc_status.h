@@ -4,13 +4,13 @@
 /* Statuses as gRPC status codes (0..16), which travel in the `grpc-status` trailer. Pure. */
 #include "umbrage/status.h"
 
-/* Returns the code that stands for a status. */
+/* Returns the gRPC code of a status. */
 int umbw_grpc_code(enum umb_status status);
 
 /*
- * Returns the status that stands for a code that a server sent; E_PROTOCOL beyond 0..16.
- * RESOURCE_EXHAUSTED alone is E_TOO_LARGE: asking the same again does not help. A reply with
- * grpc-retry-pushback-ms beside it means E_BUSY; libumbrage looks at that.
+ * Returns the status of a code that a server sent; E_PROTOCOL beyond 0..16. RESOURCE_EXHAUSTED
+ * alone is E_TOO_LARGE: a retry would not help. With grpc-retry-pushback-ms it means E_BUSY, which
+ * libumbrage handles.
  */
 enum umb_status umbw_grpc_status(int code);
 

@@ -102,7 +102,7 @@ size_t umbw_timeout_format(int64_t nanoseconds, char text[16])
     }
     size_t unit = 0;
     int64_t value = nanoseconds;
-    /* INT64_MAX ns are 2562048 hours, so that the last unit always fits. */
+    /* INT64_MAX ns are 2562048 hours, so the last unit always fits. */
     while (value > TIMEOUT_VALUE_MAX && unit + 1 < TIMEOUT_UNIT_COUNT) {
         unit++;
         int64_t step = TIMEOUT_UNITS[unit].nanoseconds;
@@ -157,8 +157,8 @@ size_t umbw_message_escape(const char *message, char *text, size_t capacity)
     return written;
 }
 
-/* Value of the escape at text, or -1 if it is none. An escaped NUL would end the text early and is
- * treated as a bad escape. */
+/* Returns the value of the escape at text, or -1 if it is none. An escaped NUL would end the text
+ * early and counts as a bad escape. */
 static int escape_value(const char *text, size_t size)
 {
     if (size < 3 || text[0] != '%') {
@@ -185,7 +185,7 @@ size_t umbw_message_unescape(const char *text, size_t size, char *message, size_
         at += value < 0 ? 1 : 3;
     }
     if (at < size) {
-        /* Cut: drop the beginning of a character whose end did not fit. */
+        /* Drops the beginning of a character that was cut off. */
         size_t back = 0;
         while (back < 3 && back < written &&
                ((uint8_t)message[written - 1 - back] & 0xc0) == 0x80) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Inflating of single messages, by zlib, within a limit. */
+/* Decompression of single messages by zlib, within a limit. */
 #include "wire/gunzip.h"
 
 #include <stdlib.h>
@@ -9,8 +9,7 @@
 #define GZIP_ONLY      (15 + 16) /* windowBits of zlib: the largest window, gzip framing */
 #define FIRST_CAPACITY 4096
 
-/* Grows the output block, never beyond one byte more than the limit: that byte proves the excess.
- */
+/* Grows the output block, at most to one byte more than the limit: that byte proves the excess. */
 static enum umb_status grow(uint8_t **block, size_t *capacity, size_t limit,
                             struct umb_error *error)
 {
@@ -45,7 +44,7 @@ static enum umb_status inflate_all(z_stream *stream, uint8_t **block, size_t *us
         code = inflate(stream, Z_NO_FLUSH);
         *used = capacity - stream->avail_out;
         if (code == Z_OK && stream->avail_out > 0) {
-            code = Z_BUF_ERROR; /* the input is over before the stream is */
+            code = Z_BUF_ERROR; /* The input ended before the stream */
         }
     }
     if (code == Z_MEM_ERROR) {

@@ -6,8 +6,8 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* The most that a message may grow to: a server inflates it between other work, at some 200 MB a
- * second, and points hardly compress; who has more to send does it without. */
+/* Largest decompressed message. A server decompresses between other work, at some 200 MB a second,
+ * and points hardly compress. Clients with more data send it uncompressed. */
 #define UMBW_GUNZIP_MAX ((size_t)4 << 20)
 
 /*

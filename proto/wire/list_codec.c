@@ -8,7 +8,7 @@
 #include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
 
-#define LIST_MAX 65536 /* assets in one reply: a store of more needs paging, not memory */
+#define LIST_MAX 65536 /* Most assets in one reply: a larger store needs paging, not memory */
 
 enum umb_status umbw_summary_take(const Umbrage__V1__AssetSummary *message,
                                   struct umbw_asset_summary *summary, struct umb_error *error)
@@ -96,7 +96,7 @@ enum umb_status umbw_encode_list_request(struct umbw_buffer *buffer, struct umb_
     return umbw_buffer_begin_message(buffer, 0, 0, error);
 }
 
-/* The parts of a reply that protobuf-c wants as arrays; one allocation. */
+/* The arrays of a reply that protobuf-c needs; one allocation. */
 struct list_parts {
     struct umbw_asset_summary summary; /* protobuf-c has no const text */
     Umbrage__V1__AssetSummary message;

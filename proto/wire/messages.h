@@ -6,8 +6,8 @@
  * protobuf-c.
  *
  * Reading in place: the large byte fields (points, normals, visibility) are never copied. Decoding
- * scans the top level of the message, takes pointers to them into the caller's buffer, and gives
- * only the small rest to protobuf-c. The caller keeps the buffer alive as long as the struct.
+ * scans the top level of the message, stores pointers to these fields in the caller's buffer, and
+ * gives only the small rest to protobuf-c. The buffer must live as long as the struct.
  *
  * Encoding: writes into a caller's umbw_buffer (growing, one allocation), after room reserved for
  * the 5-byte gRPC prefix if asked.
@@ -42,16 +42,16 @@ struct umbw_query_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
-    int has_picture; /* then the points are its pixels: positions is NULL when encoding, and its
-                        depth when decoded */
+    int has_picture; /* 1: the points are the pixels of a picture; positions is NULL when encoding,
+                        and the picture's depth when decoded */
     struct umb_picture picture;
     int pack;
-    uint64_t base_mark; /* of answers the client has; 0 = none */
+    uint64_t base_mark; /* Mark of answers that the client has; 0 = none */
     int want_stats;
-    struct umb_dial dial; /* if it wants anything, taps and level are 0 */
-    /* Decoded only: targets that stand for asset and light, then empty and 0. */
+    struct umb_dial dial; /* Dial; if it requires anything, taps and level are 0 */
+    /* Decoded only: targets instead of asset and light, which are then empty and 0. */
     size_t target_count;
-    const uint8_t *targets_at, *targets_end; /* where umbw_query_target_next goes on */
+    const uint8_t *targets_at, *targets_end; /* Place where umbw_query_target_next continues */
 };
 
 /* One light of one asset. */
@@ -70,13 +70,13 @@ enum umbw_packing {
 struct umbw_query_reply {
     const uint8_t *visibility; /* into the message */
     size_t visibility_bytes;
-    uint8_t asset_id[UMB_ID_BYTES]; /* with targets: of the first */
+    uint8_t asset_id[UMB_ID_BYTES]; /* With targets: the first one's */
     const uint8_t *asset_ids; /* encoder: uint8[asset_id_count * UMB_ID_BYTES], with targets */
     size_t asset_id_count;    /* 0 = no targets */
     struct umb_query_stats stats;
     uint64_t nanoseconds;
     double voxel_m;
-    /* What answered, as in the message; with stats. */
+    /* The settings that answered, as in the message; with stats. */
     uint32_t level, taps;
     double bound_m, visibility_error, lines, expected_ns;
     int has_stats;
@@ -89,10 +89,10 @@ struct umbw_limits {
     uint32_t max_targets, max_taps, max_streams, queue;
     char version[32];
     int takes_gzip; /* beside identity */
-    /* Of jobs; 0 = none are taken. */
+    /* Limits of jobs; 0 = the server takes none. */
     uint64_t max_bundle_bytes;
     uint32_t max_bundle_files, max_owner_jobs;
-    /* Of volume queries (volume_queries.h); 0 = none are taken. */
+    /* Limits of volume queries (volume_queries.h); 0 = the server takes none. */
     uint64_t max_segments, max_columns, max_boxes, max_box_steps;
 };
 
@@ -103,7 +103,7 @@ struct umbw_asset_summary {
     uint32_t light_count;
 };
 
-/* A light's accuracy curve, and what its rows cost on the server; 0 where that is not known. */
+/* A light's accuracy curve, and the costs of its rows on the server; 0 where unknown. */
 struct umbw_curve {
     size_t count;
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -145,8 +145,8 @@ UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, si
                                                       struct umbw_query_request *request,
                                                       struct umb_error *error);
 
-/* Takes the next target of a decoded request; call it target_count times, the message still there.
- * Fails: E_ARGUMENT, naming the field. Cost: all calls together look at the message once. */
+/* Takes the next target of a decoded request. Call it target_count times, while the message still
+ * exists. Fails: E_ARGUMENT, naming the field. Cost: all calls together read the message once. */
 UMB_CHECKED enum umb_status umbw_query_target_next(struct umbw_query_request *request,
                                                    struct umbw_query_target *target,
                                                    struct umb_error *error);
@@ -180,15 +180,16 @@ UMB_CHECKED enum umb_status umbw_decode_health_reply(const uint8_t *message, siz
 UMB_CHECKED enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
                                                       struct umbw_buffer *buffer,
                                                       struct umb_error *error);
-/* Writes all of the reply but the `visibility_bytes` bytes that must follow. */
+/* Writes the reply without the `visibility_bytes` bytes that must follow. */
 UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
-/* The same into uint8[room]; room: at least umbw_query_reply_room(reply). Returns the bytes. */
+/* Writes the same into uint8[room]; room: at least umbw_query_reply_room(reply). Returns the
+ * bytes. */
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes);
 
-/* Bytes that the head of a reply takes: exactly, or with stats at most. Only the sizes, counts and
- * has_stats of the reply are looked at. */
+/* Returns the bytes of a reply's head: exactly, or with stats at most. Reads only the sizes, counts
+ * and has_stats of the reply. */
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
 UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset, int want_curves,
                                                          struct umbw_buffer *buffer,

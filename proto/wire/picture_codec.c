@@ -7,10 +7,10 @@
 #include "wire/codec.h"
 
 enum {
-    PICTURE_BYTES_MAX = 512 /* of the message: four times what its fields take */
+    PICTURE_BYTES_MAX = 512 /* Largest message: four times the bytes of its fields */
 };
 
-/* What both directions check. */
+/* Checks of both directions. */
 static enum umb_status check(const struct umbw_query_request *request, struct umb_error *error)
 {
     const struct umb_picture *picture = &request->picture;
@@ -30,7 +30,7 @@ static enum umb_status check(const struct umbw_query_request *request, struct um
     return UMB_OK;
 }
 
-/* Footprints that nothing else says are those of the picture's pixels. */
+/* Footprints that the request does not set are those of the picture's pixels. */
 static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
 {
     if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&

@@ -6,14 +6,14 @@
 #include "wire/messages.h"
 #include "wire/proto_scan.h"
 
-/* A message, and what it points to. */
+/* A message, and the storage it points to. */
 struct umbw_picture_message {
     Umbrage__V1__Picture message;
     double vectors[3][3];
 };
 
 /*
- * Takes a picture, if there is one, whose depths are request->points: as many as it has pixels.
+ * Reads a picture, if there is one, whose depths are request->points: as many as it has pixels.
  * Out: request->picture and has_picture. Fails: E_ARGUMENT, naming the field; E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_take_picture(const struct umbw_field_found *field,
@@ -21,7 +21,7 @@ UMB_CHECKED enum umb_status umbw_take_picture(const struct umbw_field_found *fie
                                               struct umbw_query_request *request,
                                               struct umb_error *error);
 
-/* The way there, with the same checks. */
+/* Fills the message of a picture, with the same checks. */
 UMB_CHECKED enum umb_status umbw_put_picture(const struct umbw_query_request *request,
                                              struct umbw_picture_message *out,
                                              struct umb_error *error);

@@ -100,7 +100,7 @@ static enum umb_status keep_item(const struct umbw_item *item, const struct umbw
     }
     if (item->type == UMBW_WIRE_VARINT) {
         const uint8_t *at = item->payload;
-        (void)read_varint(&at, item_end, &found->number); /* read before, so it is one */
+        (void)read_varint(&at, item_end, &found->number); /* Checked before, so it is a varint */
     } else if (item->type == UMBW_WIRE_FIXED64) {
         found->number = 0;
         for (unsigned i = 0; i < 8; i++) {

@@ -20,8 +20,10 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
-#define UMBW_FIELDS_MAX  65536 /* in one message, unknown ones too: a millisecond of looking */
-#define UMBW_SCRATCH_MAX 4096  /* bytes of small fields in one message; a full request needs 400 */
+#define UMBW_FIELDS_MAX  65536 /* Most fields in one message, unknown ones too: a millisecond of
+                                  scanning */
+#define UMBW_SCRATCH_MAX 4096  /* Most bytes of small fields in one message; a full request needs
+                                  400 */
 
 enum umbw_wire_type {
     UMBW_WIRE_VARINT = 0,
@@ -31,25 +33,25 @@ enum umbw_wire_type {
 };
 
 enum umbw_field_kind {
-    UMBW_FIELD_SCALAR,   /* goes to the scratch; wire type must be `type` */
-    UMBW_FIELD_PACKED,   /* repeated number: `type` or packed; goes to the scratch */
-    UMBW_FIELD_MESSAGE,  /* sub-message: goes to the scratch, counted */
-    UMBW_FIELD_IN_PLACE, /* bytes, string or sub-message: left in the message */
+    UMBW_FIELD_SCALAR,   /* To the scratch; the wire type must be `type` */
+    UMBW_FIELD_PACKED,   /* Repeated number, `type` or packed: to the scratch */
+    UMBW_FIELD_MESSAGE,  /* Sub-message: to the scratch, counted */
+    UMBW_FIELD_IN_PLACE, /* Bytes, string or sub-message: left in place in the message */
 };
 
 struct umbw_field {
     uint32_t number;
     enum umbw_field_kind kind;
     enum umbw_wire_type type; /* of one element */
-    const char *name;         /* as in the .proto file, for errors */
+    const char *name;         /* Name as in the .proto file, for errors */
 };
 
-/* What the scan found for the field at the same place of the table. */
+/* Result of the scan for the field at the same place of the table. */
 struct umbw_field_found {
-    const uint8_t *bytes; /* in place: the last occurrence, NULL if absent */
+    const uint8_t *bytes; /* In place: the last occurrence; NULL if absent */
     size_t size;
     size_t count;    /* occurrences */
-    uint64_t number; /* of a varint or fixed64: the last one */
+    uint64_t number; /* Last value of a varint or fixed64 */
 };
 
 /* Fixed storage for the fields that protobuf-c decodes. */
@@ -72,17 +74,17 @@ UMB_CHECKED enum umb_status umbw_proto_scan(const uint8_t *message, size_t size,
                                             struct umbw_field_found *found,
                                             struct umbw_scratch *scratch, struct umb_error *error);
 
-/* One field as it lies in a message. */
+/* One field in a message. */
 struct umbw_item {
     uint32_t number;
     uint32_t type;          /* enum umbw_wire_type */
     const uint8_t *start;   /* of its tag */
-    const uint8_t *payload; /* of its value, behind the length of bytes */
+    const uint8_t *payload; /* Payload, behind the length of bytes */
     size_t payload_size;
 };
 
 /*
- * Reads the field at *at and moves *at behind it; for messages whose repeated fields are wanted one
+ * Reads the field at *at and moves *at behind it, for messages whose repeated fields are read one
  * by one. In: end: of the message; *at < end. Fails: E_ARGUMENT (not a protobuf message).
  */
 UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at,
@@ -92,8 +94,8 @@ UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t
 /* Writes a varint (at most 10 bytes) and returns its length. */
 size_t umbw_varint_write(uint64_t value, uint8_t out[10]);
 
-/* Collects a repeated double of three, packed or not; few messages have one, so it is a walk of its
- * own. Fails: E_ARGUMENT, naming the field. */
+/* Collects a repeated double of three, packed or not. Few messages have one, so it has a walk of
+ * its own. Fails: E_ARGUMENT, naming the field. */
 UMB_CHECKED enum umb_status umbw_scan_vector(const uint8_t *message, size_t size,
                                              const struct umbw_field *field, double vector[3],
                                              struct umb_error *error);

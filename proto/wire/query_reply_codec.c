@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbrage.v1.QueryReply between its bytes and struct umbw_query_reply. The answers are the last
- * field on the wire: the encoder stops before them and the caller sends them from where they lie.
+ * field on the wire: the encoder stops before them, and the caller sends them from their own
+ * memory.
  */
 #include "wire/messages.h"
 
@@ -53,7 +54,8 @@ static void take_stats(const Umbrage__V1__QueryStats *stats, struct umbw_query_r
     reply->expected_ns = stats->expected_ns;
 }
 
-/* One id, or with targets one of each: then the first can only be found by its last occurrence. */
+/* Checks the ids: one, or with targets one of each; the first of several is found by its last
+ * occurrence only. */
 static enum umb_status take_ids(const struct umbw_field_found found[FIELD_COUNT],
                                 struct umbw_query_reply *reply, struct umb_error *error)
 {
@@ -96,8 +98,8 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 }
 
 /*
- * The encoder. A reply is made for every call, so its few fields are written by hand, in the order
- * of their numbers but for the answers, which protobuf allows anywhere.
+ * The encoder. A reply is made for every call, so its few fields are hand-written, in the order of
+ * their numbers except the answers, which protobuf allows anywhere.
  */
 #define TAG_VISIBILITY       0x0a /* field 1, bytes */
 #define TAG_ASSET_ID         0x12 /* field 2, bytes */
@@ -113,7 +115,8 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define TAG_EXPECTED_NS      0x79 /* stats, field 15, fixed64 */
 #define TAG_UNDEFINED        0x80 /* stats, field 16, varint: two bytes */
 #define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
-/* Varints of 64 bits, one of them with a longer tag, and of 32 bits, doubles; with their tags. */
+/* Most bytes with tags: varints of 64 bits, one of them with a longer tag, and of 32 bits,
+ * doubles. */
 #define STATS_MAX            (8 * 11 + 12 + 2 * 6 + 5 * 9)
 #define VARINT_MAX           10
 
@@ -176,7 +179,7 @@ static size_t write_stats(const struct umbw_query_reply *reply, uint8_t out[STAT
     return size;
 }
 
-/* Bytes of the message before the answers, their tag and length included. */
+/* Returns the bytes of the message before the answers, with their tag and length. */
 static size_t head_size(const struct umbw_query_reply *reply, size_t stats_size)
 {
     size_t ids = reply->asset_id_count > 0 ? reply->asset_id_count : 1;

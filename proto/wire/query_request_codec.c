@@ -2,10 +2,9 @@
 /*
  * umbrage.v1.QueryRequest between its bytes and struct umbw_query_request.
  *
- * The points and normals stay where they are in the message; the few numbers are read by the scan
- * itself, without an allocation, since a frame loop asks many times for few points. Both directions
- * apply the same checks, so that a client says what is wrong before it sends, in the words the
- * server would use.
+ * The points and normals stay in place in the message. The scan itself reads the few numbers,
+ * without an allocation, since a frame loop sends many requests of few points. Both directions
+ * apply the same checks, so that a client reports an error before it sends, in the server's words.
  */
 #include "wire/messages.h"
 
@@ -136,7 +135,8 @@ static double double_of(uint64_t bits)
     return value;
 }
 
-/* Numbers as protobuf has them: the last of a field counts, and no more bits than its type has. */
+/* Reads numbers as protobuf defines them: the last one of a field counts, cut to the bits of its
+ * type. */
 static enum umb_status take_settings(const struct umbw_field_found found[FIELD_COUNT],
                                      const uint8_t *message, size_t size,
                                      struct umbw_query_request *request, struct umb_error *error)
@@ -191,7 +191,7 @@ static enum umb_status take_settings(const struct umbw_field_found found[FIELD_C
     return status == UMB_OK ? umbw_query_check_origin(request->points.origin, error) : status;
 }
 
-/* Asset and light, or targets. */
+/* Reads asset and light, or targets. */
 static enum umb_status take_names(const struct umbw_field_found found[FIELD_COUNT],
                                   const uint8_t *message, size_t size,
                                   struct umbw_query_request *request, struct umb_error *error)
@@ -325,7 +325,7 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
     return status == UMB_OK ? umbw_query_check_has_footprint(request, error) : status;
 }
 
-/* Settings as the wire has them; the checks are the decoder's. */
+/* Writes settings with their wire numbers; the decoder's checks apply. */
 static enum umb_status put_settings(const struct umbw_query_request *request,
                                     Umbrage__V1__QueryRequest *message, struct umb_error *error)
 {
@@ -409,7 +409,7 @@ static enum umb_status put_points(const struct umb_points *points,
     }
     bool wide = points->format == UMB_POINT_F64;
     size_t point_bytes = 3 * (wide ? sizeof(double) : sizeof(float));
-    if (points->count > UINT32_MAX / 24) { /* the most a point takes, in bytes */
+    if (points->count > UINT32_MAX / 24) { /* Most bytes of a point */
         return umb_fail(error, UMB_E_TOO_LARGE, "points: %zu is over the limit of %zu points",
                         points->count, (size_t)(UINT32_MAX / 24));
     }

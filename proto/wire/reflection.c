@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Server reflection on the descriptors that the build embeds. None of our files imports another, so
- * the file that holds a symbol is all that a client needs.
+ * Server reflection on the descriptors that the build embeds. None of the .proto files imports
+ * another, so a client needs only the file that holds a symbol.
  *
  * Source: descriptor.proto of Protocol Buffers for the field numbers; the gRPC server reflection
  * protocol for the answers.
@@ -16,7 +16,7 @@
 #include "wire/proto_scan.h"
 
 #define SERVICES_MAX     16
-#define SERVICE_NAME_MAX 128 /* of a service, with its package */
+#define SERVICE_NAME_MAX 128 /* Longest name of a service, with its package */
 
 #define FILE_NAME    1
 #define FILE_PACKAGE 2
@@ -31,10 +31,10 @@ struct span {
     size_t size;
 };
 
-/* What kinds of named things a descriptor holds, by field number; 0 ends the list. */
+/* Kinds of named things in a descriptor, by field number; 0 ends the list. */
 struct children {
     uint32_t number;
-    const struct children *of; /* what such a child may hold itself */
+    const struct children *of; /* Kinds that such a child may hold */
 };
 
 static const struct children method_children[] = {{2, NULL}, {0, NULL}};
@@ -43,7 +43,8 @@ static const struct children message_children[] = {{3, nested_children}, {4, NUL
 static const struct children file_children[] = {
     {4, message_children}, {5, NULL}, {FILE_SERVICE, method_children}, {0, NULL}};
 
-/* Moves to the next field of a descriptor; 0 at its end. Our own bytes: never broken. */
+/* Moves to the next field of a descriptor; returns 0 at its end. The bytes are our own and never
+ * malformed. */
 static int next_item(struct span *rest, struct umbw_item *item)
 {
     const uint8_t *at = rest->bytes;
@@ -55,7 +56,7 @@ static int next_item(struct span *rest, struct umbw_item *item)
     return 1;
 }
 
-/* The first field of that number; empty if there is none. */
+/* Returns the first field of that number; empty if there is none. */
 static struct span field_of(struct span descriptor, uint32_t number)
 {
     struct umbw_item item;
@@ -67,7 +68,7 @@ static struct span field_of(struct span descriptor, uint32_t number)
     return (struct span){NULL, 0};
 }
 
-/* If name starts with `part` as a whole word, returns what follows the dot ("" at the end). */
+/* Returns what follows the dot if name starts with `part` as a whole word ("" at the end). */
 static const char *after(const char *name, struct span part)
 {
     if (part.size == 0 || strncmp(name, (const char *)part.bytes, part.size) != 0) {
@@ -77,7 +78,7 @@ static const char *after(const char *name, struct span part)
     return name[0] == '.' ? name + 1 : name[0] == '\0' ? name : NULL;
 }
 
-/* 1 if the descriptor holds what `name` names, at whatever depth. */
+/* Returns 1 if the descriptor holds the thing that `name` names, at any depth. */
 static int holds(struct span descriptor, const struct children *kinds, const char *name)
 {
     struct umbw_item item;
@@ -106,7 +107,7 @@ static int has_name(struct span file, const char *name)
     return own.size == strlen(name) && memcmp(own.bytes, name, own.size) == 0;
 }
 
-/* The file for which `matches` is true; empty if there is none. */
+/* Returns the file for which `matches` is true; empty if there is none. */
 static struct span find_file(int (*matches)(struct span file, const char *name), const char *name)
 {
     struct span set = {umbw__descriptor_set, umbw__descriptor_set_bytes};
@@ -152,7 +153,7 @@ static enum umb_status send_file(response_message *response, struct span file,
     return umbw_message_append(&response->base, buffer, error);
 }
 
-/* Nobody extends our messages, which proto3 would not allow anyway. */
+/* The messages have no extensions, which proto3 does not allow. */
 static enum umb_status send_no_extensions(response_message *response, char *type,
                                           struct umbw_buffer *buffer, struct umb_error *error)
 {

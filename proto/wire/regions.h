@@ -24,17 +24,17 @@ struct umbw_region_request {
 struct umbw_region_reply {
     uint8_t asset_id[UMB_ID_BYTES];
     uint64_t file_bytes;
-    const uint8_t *data; /* decoder: into the message */
+    const uint8_t *data; /* Decoder: points into the message */
     size_t data_size;
 };
 
 struct umbw_derive_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     struct umb_derive_settings settings; /* camera: NULL */
-    struct umb__map_view view;           /* Of cascades, if settings.cascades.count > 0 */
+    struct umb__map_view view;           /* View of cascades, if settings.cascades.count > 0 */
 };
 
-/* Enums and lengths of vectors are checked, the rest by umb_derive. Fails and trust as below. */
+/* Checks enums and lengths of vectors; umb_derive checks the rest. Fails and trust as below. */
 UMB_CHECKED enum umb_status umbw_decode_derive_request(const uint8_t *message, size_t size,
                                                        struct umbw_derive_request *request,
                                                        struct umb_error *error);

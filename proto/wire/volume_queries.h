@@ -3,7 +3,7 @@
 #define UMBRAGE_WIRE_VOLUME_QUERIES_H
 /*
  * The messages of umbrage.v1.Questions as plain structs. The three volume queries are alike on the
- * wire: fields of one number mean the same in each, so that there is one codec.
+ * wire: fields of one number have the same meaning in each, so one codec serves all.
  *
  * Records and answers stay in the message when it is decoded, as in messages.h.
  * Trust: decoders are safe on hostile bytes.
@@ -24,8 +24,8 @@ enum umbw_volume_query {
 /* Answers as a reply has them: an array for each field, in the order of the .proto file. */
 #define UMBW_ANSWER_FIELDS 4
 
-/* Bytes of one record's answer in each field; 0: the question has no such field. That of intervals
- * is of one interval. */
+/* Bytes of one record's answer in each field; 0: the query has no such field. For intervals, the
+ * bytes of one interval. */
 extern const size_t umbw_answer_sizes[UMBW_VOLUME_QUERY_COUNT][UMBW_ANSWER_FIELDS];
 
 #define UMBW_FIELD_INTERVALS 3 /* of segments */
@@ -50,10 +50,11 @@ struct umbw_volume_query_reply {
     uint64_t nodes, bricks, nanoseconds;
     size_t count;                              /* of records */
     const uint8_t *fields[UMBW_ANSWER_FIELDS]; /* little-endian, any alignment */
-    size_t interval_count;                     /* in the last field of segments */
+    size_t interval_count;                     /* Number of intervals, in the last field of
+                                                  segments */
 };
 
-/* Points that one record of a request counts as. */
+/* Returns the points that one record of a request counts as. */
 uint64_t umbw_volume_query_points(enum umbw_volume_query volume_query, uint32_t max_intervals);
 
 /*
@@ -67,8 +68,8 @@ UMB_CHECKED enum umb_status umbw_decode_volume_query_request(
     enum umbw_volume_query volume_query, const uint8_t *message, size_t size, uint64_t max_points,
     struct umbw_volume_query_request *request, struct umb_error *error);
 
-/* Decodes a reply to a request of `count` records. Fails: E_ARGUMENT (not the message, or not so
- * many answers). */
+/* Decodes a reply to a request of `count` records. Fails: E_ARGUMENT (not the message, or another
+ * number of answers). */
 UMB_CHECKED enum umb_status umbw_decode_volume_query_reply(enum umbw_volume_query volume_query,
                                                            const uint8_t *message, size_t size,
                                                            size_t count,

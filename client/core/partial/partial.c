@@ -12,7 +12,8 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Most references of a page into one other page; beyond it adding fails. */
+/* Bytes for the links of a page and of the pages that it is the first to refer to; beyond it adding
+ * fails. */
 enum {
     ROOM_FOR_LINKS = 4096
 };
