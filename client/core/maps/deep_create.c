@@ -104,7 +104,7 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* Returns the memory that truncation saved; if the allocator refuses to shrink, nothing
+    /* Frees the memory that truncation saved; if the allocator refuses to shrink, nothing
      * changes. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
