@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# libumbrage-core (pure), libumbrage (rpc) and the umbrage command.
-INC_client = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+# libumbrage-core (pure), libumbrage (rpc), the programs' toolbox and the umbrage command.
+INC_client = -Iclient -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
 
 CORE_SRC := $(wildcard client/core/*/*.c)
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
@@ -22,6 +22,10 @@ RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
+# What all programs share, not installed: it links with the core alone.
+TOOL_LIB := $(BUILD)/libumbrage-tool.a
+$(TOOL_LIB): $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
+
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
@@ -35,7 +39,7 @@ $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(TOOL_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 

@@ -24,7 +24,8 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
 {
     memset(answers, 0, sizeof *answers);
     answers->options = options;
-    enum umb_status status = umbc_output_begin(options->out, &answers->output, error);
+    enum umb_status status =
+        umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &answers->output, error);
     if (status == UMB_OK && options->json && !is_raw(answers)) {
         answers->json.file = answers->output.file;
         umbc_json_begin(&answers->json, NULL, '{');
@@ -328,7 +329,7 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
         umbc_json_end(&answers->json, ']');
         end_json(answers, total);
     }
-    enum umb_status status = umbc_output_commit(&answers->output, error);
+    enum umb_status status = umbu_output_commit(&answers->output, error);
     if (status == UMB_OK && json && is_raw(answers)) {
         answers->json.file = stdout;
         umbc_json_begin(&answers->json, NULL, '{');
@@ -340,5 +341,5 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
 void umbc_answers_abandon(struct umbc_answers *answers)
 {
     umbc_json_abandon(&answers->json);
-    umbc_output_abandon(&answers->output);
+    umbu_output_abandon(&answers->output);
 }

@@ -6,7 +6,7 @@
  * until umbc_answers_end looks.
  */
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_query_options.h"
 
 /* What a whole query added up to. */
@@ -30,7 +30,7 @@ double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {
     const struct umbc_query_options *options;
-    struct umbc_output output;
+    struct umbu_output output;
     struct umbc_json json;
     uint8_t begun;       /* bits of a byte that batches share, the first one lowest ... */
     unsigned begun_bits; /* ... and how many there are */

@@ -5,7 +5,7 @@
 #include <string.h>
 #include "cli_derive_options.h"
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_progress.h"
 #include "cli_session.h"
 
@@ -51,23 +51,6 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
     return status;
 }
 
-static enum umb_status write_file(const char *path, const struct made *made,
-                                  struct umb_error *error)
-{
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(path, &output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (fwrite(made->bytes, 1, made->size, output.file) != made->size) {
-        status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", path);
-    } else {
-        status = umbc_output_commit(&output, error);
-    }
-    umbc_output_abandon(&output);
-    return status;
-}
-
 static void tell(const struct umbc_derive_options *options, const struct made *made, double seconds)
 {
     const struct umb_derive_settings *settings = &options->settings;
@@ -110,7 +93,8 @@ int umbc_derive(int argc, char **argv)
                                  : derive_there(&options, &settings, &made, &error);
     const double seconds = umbc_clock_s() - from;
     if (status == UMB_OK) {
-        status = write_file(options.output, &made, &error);
+        status =
+            umbu_output_replace(options.output, UMBU_OUTPUT_COMMAND, made.bytes, made.size, &error);
     }
     if (made.derived != NULL) {
         umb_derived_free(made.derived, made.bytes);

@@ -16,7 +16,7 @@
 #include <unistd.h>
 #include "base/bytes.h"
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_progress.h"
 #include "cli_session.h"
 #include "format/content.h"
@@ -213,7 +213,7 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     if (fsync(fetch->fd) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", fetch->part);
     }
-    return umbc_output_rename(fetch->part, output, error);
+    return umbu_output_rename(fetch->part, output, error);
 }
 
 /* All of it: fetched, proven, named. A part that is of something else is thrown away once. */

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <time.h>
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_session.h"
 #include "cli_stream_options.h"
 #include "cli_stream_view.h"
@@ -71,7 +71,7 @@ struct frames {
     float *depth;       /* a frame's */
     uint8_t *values[2]; /* of this frame and the one before */
     size_t value_bytes;
-    struct umbc_output output;
+    struct umbu_output output;
     struct umbc_json json;
     uint64_t received, plain; /* bytes of answers, as they came and unpacked */
 };
@@ -170,7 +170,7 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
         status = umb_client_stream_open(f->client, &f->request.stream, error);
     }
     return status == UMB_OK && v[OPTION_OUTPUT]
-               ? umbc_output_begin(v[OPTION_OUTPUT], &f->output, error)
+               ? umbu_output_begin(v[OPTION_OUTPUT], UMBU_OUTPUT_COMMAND, &f->output, error)
                : status;
 }
 
@@ -248,7 +248,7 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
         umbc_json_end(&f->json, '}');
         (void)putchar('\n');
     }
-    return status == UMB_OK && f->output.file ? umbc_output_commit(&f->output, error) : status;
+    return status == UMB_OK && f->output.file ? umbu_output_commit(&f->output, error) : status;
 }
 
 int umbc_frames(int argc, char **argv)
@@ -265,7 +265,7 @@ int umbc_frames(int argc, char **argv)
     if (status == UMB_OK) {
         status = run_frames(&f, &error);
     }
-    umbc_output_abandon(&f.output);
+    umbu_output_abandon(&f.output);
     umb_client_stream_close(f.request.stream);
     umb_client_close(f.client);
     umbc_views_finish(&f.views);

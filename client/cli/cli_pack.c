@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_repack.h"
 
 enum pack_option {
@@ -45,26 +45,20 @@ static const struct umbc_command UNPACK = {
 static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,
                                   struct umb_error *error)
 {
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(path, &output, error);
+    struct umbu_output output;
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
     if (status != UMB_OK) {
         return status;
     }
     error->message[0] = '\0';
-    struct umb_sink sink = umbc_output_sink(&output);
+    struct umb_sink sink = umbu_output_sink(&output);
     status = packed ? umbc_repack(asset, &sink, error) : umb_mapped_write(asset, &sink, error);
-    if (status != UMB_OK) {
-        if (output.system_error != 0) { /* the core knows only that a write failed, not why */
-            status =
-                umb_fail_errno(error, UMB_E_IO, output.system_error, "cannot write '%.200s'", path);
-        } else if (error->message[0] == '\0') {
-            (void)umb_fail(error, status, "cannot write '%.200s': %s", path,
-                           umb_status_text(status));
-        }
-        umbc_output_abandon(&output);
-        return status;
+    if (status == UMB_OK) {
+        return umbu_output_commit(&output, error);
     }
-    return umbc_output_commit(&output, error);
+    status = umbu_output_explain(&output, status, error);
+    umbu_output_abandon(&output);
+    return status;
 }
 
 static void report(const struct umbc_parsed *parsed, const struct umb_asset *asset,

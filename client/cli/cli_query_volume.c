@@ -8,7 +8,7 @@
 #include <string.h>
 #include "cli_json.h"
 #include "cli_long_segments.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_volume_asset.h"
 
 struct job {
@@ -17,7 +17,7 @@ struct job {
     struct umbc_points source;
     struct umbc_record_progress progress;
     struct umbc_batch batch;
-    struct umbc_output output;
+    struct umbu_output output;
     struct umbc_json json;
     struct umb_segment_answers segments;
     struct umb_column_answers columns;
@@ -259,7 +259,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
                                   "translucent ones (--opaque-only says that you know)\n");
         }
     }
-    return umbc_output_commit(&job->output, error);
+    return umbu_output_commit(&job->output, error);
 }
 
 static enum umb_status run_job(struct job *job, struct umb_error *error)
@@ -274,7 +274,7 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
         status = open_answers(job, error);
     }
     if (status == UMB_OK) {
-        status = umbc_output_begin(options->out, &job->output, error);
+        status = umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &job->output, error);
     }
     return status == UMB_OK ? ask_all(job, error) : status;
 }
@@ -282,7 +282,7 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
 static void close_job(struct job *job)
 {
     umbc_json_abandon(&job->json);
-    umbc_output_abandon(&job->output);
+    umbu_output_abandon(&job->output);
     umbc_points_close(&job->source);
     umbc_batch_finish(&job->batch);
     free(job->segments.segments);

@@ -14,7 +14,7 @@
 
 #include "cli_http.h"
 #include "cli_json.h"
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_session.h"
 #include "cli_progress.h"
 #include "cli_stream_options.h"
@@ -257,17 +257,19 @@ static void print_json(const struct stream *s)
 
 static enum umb_status save(struct stream *s, struct umb_error *error)
 {
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(s->o.output, &output, error);
+    struct umbu_output output;
+    enum umb_status status = umbu_output_begin(s->o.output, UMBU_OUTPUT_COMMAND, &output, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_sink sink = umbc_output_sink(&output);
+    const struct umb_sink sink = umbu_output_sink(&output);
+    error->message[0] = '\0';
     status = umb_partial_save(umb_region_partial(s->region), &sink, error);
     if (status == UMB_OK) {
-        return umbc_output_commit(&output, error);
+        return umbu_output_commit(&output, error);
     }
-    umbc_output_abandon(&output);
+    status = umbu_output_explain(&output, status, error);
+    umbu_output_abandon(&output);
     return status;
 }
 

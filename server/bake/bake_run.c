@@ -25,7 +25,7 @@
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/scene_file.h"
 #include "format/near.h"
 
@@ -73,7 +73,7 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
     }
     return options->plan || options->task == UMBB_TASK_TILE
                ? UMB_OK
-               : umbs_file_check(options->output, error);
+               : umbu_output_check(options->output, 0, error);
 }
 
 static enum umb_status import(struct run *run, struct umb_error *error)

@@ -15,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/sha256.h"
 #include "format/head.h"
 
@@ -137,12 +137,12 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path,
                                    struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
-    struct umbs_file file = {.fd = -1};
-    enum umb_status status = umbs_file_begin_private(path, &file, error);
+    struct umbu_output file = {.fd = -1};
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error);
     if (status != UMB_OK) {
         return status;
     }
-    struct hashing hashing = {.to = umbs_file_sink(&file)};
+    struct hashing hashing = {.to = umbu_output_sink(&file)};
     umbs_sha256_begin(&hashing.run);
     status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
@@ -152,12 +152,12 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path,
     umb_asset_close(asset);
     umbs_sha256_end(&hashing.run, digest);
     if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
+        return umbu_output_commit(&file, error);
     }
     if (file.system_error != 0) {
         status = umb_fail_errno(error, UMB_E_IO, file.system_error, "cannot write '%.200s'", path);
     }
-    umbs_file_abandon(&file);
+    umbu_output_abandon(&file);
     return status;
 }
 

@@ -97,7 +97,7 @@ static void end_report(struct umbj_request *request)
 {
     struct report_request *message = (struct report_request *)request;
     if (request->skipped) {
-        umbs_file_abandon(&message->report.staged);
+        umbu_output_abandon(&message->report.staged);
     }
     free(message);
 }
@@ -108,8 +108,8 @@ static void on_report(void *user, const struct umbj_report *report)
 {
     struct report_request *message = malloc(sizeof *message);
     if (message == NULL) {
-        struct umbs_file staged = report->staged;
-        umbs_file_abandon(&staged);
+        struct umbu_output staged = report->staged;
+        umbu_output_abandon(&staged);
         return;
     }
     message->request = (struct umbj_request){.run = run_report, .done = end_report};

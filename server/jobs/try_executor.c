@@ -115,7 +115,7 @@ static void *run_try(void *user)
     memcpy(ended.text, try.cause, sizeof ended.text);
     const int closing = atomic_load(&slot->owner->closing);
     if (closing) {
-        umbs_file_abandon(&ended.staged);
+        umbu_output_abandon(&ended.staged);
     }
     atomic_store(&slot->ended, 1); /* before the report: who gets it may start the next at once */
     if (!closing) {

@@ -13,7 +13,7 @@
 #include <string.h>
 #include "common/json_text.h"
 #include "study/gbuffer.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/picture.h"
 #include "study/shading.h"
@@ -123,7 +123,7 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
                             "--way: '%.60s' is none of uniform, slice, scene, lispsm", a->way);
         }
     }
-    return umbt_output_check_json(a->output, a->json, error);
+    return umbu_output_check_json(a->output, a->json, error);
 }
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])
@@ -407,7 +407,7 @@ int umbt_aliasing_command(int argc, char **argv)
     } else if (status == UMB_OK && a->json) {
         report_json(a);
     } else if (status == UMB_OK && !a->quiet) {
-        report_text(umbt_output_talk(a->output), a);
+        report_text(umbu_output_talk(a->output), a);
     } else if (status != UMB_OK) {
         fprintf(stderr, "umbrage aliasing: %s\n", error.message);
     }

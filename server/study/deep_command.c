@@ -14,7 +14,7 @@
 #include "common/json_text.h"
 #include "study/light_hits.h"
 #include "study/moment_rows.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/study_vec.h"
@@ -108,7 +108,7 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
     if (d->taps % 2 == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", d->taps);
     }
-    status = umbt_output_check_json(d->output, d->json, error);
+    status = umbu_output_check_json(d->output, d->json, error);
     if (status == UMB_OK) {
         status = share_parse("--alpha", d->alpha_text, &d->alpha, error);
     }
@@ -476,7 +476,7 @@ int umbt_deep_command(int argc, char **argv)
     if (status == UMB_OK && d.json) {
         print_json(&d, &findings);
     } else if (status == UMB_OK && !d.quiet) {
-        print_text(umbt_output_talk(d.output), &d, &findings);
+        print_text(umbu_output_talk(d.output), &d, &findings);
     }
     umbt_light_hits_finish(&d.hits);
     free(d.values);

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
@@ -207,7 +207,7 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
     if (run->file.path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
     }
-    status = umbt_output_check_json(run->file.path, run->json, error);
+    status = umbu_output_check_json(run->file.path, run->json, error);
     return status == UMB_OK ? raw_convert(&raw, run, error) : status;
 }
 
@@ -299,7 +299,7 @@ static void report(const struct points_run *run)
                run->file.origin[0], run->file.origin[1], run->file.origin[2], run->bytes,
                run->scene.count, run->load_s, run->sample_s);
     } else if (!run->quiet) {
-        fprintf(umbt_output_talk(run->file.path),
+        fprintf(umbu_output_talk(run->file.path),
                 "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
                 "points %.2f s\n",
                 run->file.path, run->set.count, kind_names[run->kind], run->set.candidates,
@@ -311,7 +311,7 @@ static void report(const struct points_run *run)
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
     const double start = umbt_now_s();
-    enum umb_status status = umbt_output_check(run->file.path, error);
+    enum umb_status status = umbu_output_check(run->file.path, UMBU_OUTPUT_COMMAND, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&run->scene, run->scene_path, error);
     }

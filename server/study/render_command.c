@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "common/json_text.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/render_options.h"
 #include "study/study_frame.h"
 #include "study/study_vec.h"
@@ -40,7 +40,8 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
     const char *const paths[] = {options->output, options->reference, options->difference};
     enum umb_status status = UMB_OK;
     for (size_t i = 0; i < sizeof paths / sizeof paths[0] && status == UMB_OK; i++) {
-        status = paths[i] != NULL ? umbt_output_check(paths[i], error) : UMB_OK;
+        status =
+            paths[i] != NULL ? umbu_output_check(paths[i], UMBU_OUTPUT_COMMAND, error) : UMB_OK;
     }
     return status;
 }

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 #include <string.h>
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/shadow_source.h"
 #include "study/study_args.h"
@@ -187,9 +187,9 @@ static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_opt
 /* Only one thing goes to stdout. */
 static enum umb_status stdout_check(struct umbt_render_options *options, struct umb_error *error)
 {
-    const int pictures = umbt_output_is_stdout(options->output) +
-                         umbt_output_is_stdout(options->reference) +
-                         umbt_output_is_stdout(options->difference);
+    const int pictures = umbu_output_is_stdout(options->output) +
+                         umbu_output_is_stdout(options->reference) +
+                         umbu_output_is_stdout(options->difference);
     options->to_stdout = pictures > 0;
     return pictures > 0 && pictures + options->json > 1
                ? umb_fail(error, UMB_E_ARGUMENT,

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "common/json_text.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/technique_dag.h"
@@ -117,7 +117,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     if (status != UMB_OK || study->help) {
         return status;
     }
-    const enum umb_status checked = umbt_output_check_json(study->output, study->json, error);
+    const enum umb_status checked = umbu_output_check_json(study->output, study->json, error);
     return checked == UMB_OK ? options_check(study, error) : checked;
 }
 
@@ -264,7 +264,7 @@ int umbt_techniques_command(int argc, char **argv)
     if (status == UMB_OK && study.json) {
         report_json(&study);
     } else if (status == UMB_OK && !study.quiet) {
-        report_text(umbt_output_talk(study.output), &study);
+        report_text(umbu_output_talk(study.output), &study);
     }
     free(study.values);
     free(study.results);

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/study_command.h"
@@ -61,7 +61,7 @@ static void name_folder(struct umbt_trade_options *options)
 static enum umb_status options_check(struct umbt_trade_options *options, struct umb_error *error)
 {
     int z_up;
-    if (umbt_output_is_stdout(options->folder)) {
+    if (umbu_output_is_stdout(options->folder)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "-o: '-' is not a folder's name (a report has many files: it cannot go to "
                         "stdout; name a folder, ./- for one of that name)");

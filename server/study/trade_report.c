@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "common/json_text.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/trade_techniques.h"
 
 #define PATH_BYTES 4096
@@ -21,7 +21,7 @@ enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *nam
     if (snprintf(path, sizeof path, "%s/%s", trade->options.folder, name) >= (int)sizeof path) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
     }
-    return umbt_output_replace(path, bytes, size, error);
+    return umbu_output_replace(path, UMBU_OUTPUT_COMMAND, bytes, size, error);
 }
 
 /* JSON has no infinities. */

@@ -27,7 +27,7 @@
  * does: in signal handlers, between fork and exec, with any lock held. File calls are made as bare
  * system calls and memory calls by glibc's own second names, so that no look-up at run time can
  * allocate. Limits: glibc on Linux; calls that the C library makes inside itself are not seen, but
- * for malloc and for streams made by fdopen (cli_output.c), which become streams whose writes are.
+ * for malloc and for streams made by fdopen (tool/output.c), which become streams whose writes are.
  * Sources: ld.so(8), proc(5), fopencookie(3), glibc manual "Replacing malloc".
  */
 #define _GNU_SOURCE /* O_CLOEXEC and AT_FDCWD on old headers, O_TMPFILE */

@@ -3,7 +3,7 @@
 # Proves the include rules of docs/ARCHITECTURE.md: who may include whom, and who may see which library.
 #
 # core <- wire <- {rpc, daemon};  {core, common} <- {daemon, jobs, bake, rays, study};  jobs <- daemon;  rays <- {bake, study};
-# rpc <- {cli, study}. Nothing under client/ or proto/ includes server/.
+# rpc <- {cli, study};  core <- tool <- all programs. Nothing under client/ or proto/ includes server/.
 set -eu
 cd "$(dirname "$0")/../.."
 failures=0
@@ -34,10 +34,11 @@ PROTOBUF='(pb-c\.h$|^protobuf-c/)'
 SERVER='^(common|daemon|jobs|bake|rays|study|depth|build|analysis|import)/'
 
 forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/' "is public and sees only itself"
-forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
-forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
+forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^tool/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
+forbid client/rpc "$EMBREE|^tool/|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
+forbid client/tool "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|^curl/|^(rpc|cli)|$SERVER" "uses the core alone"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
-forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
+forbid proto/wire "$EMBREE|^tool/|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
 forbid server/common "^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
 forbid server/jobs "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
 forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"

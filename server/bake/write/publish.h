@@ -10,13 +10,13 @@
  * &check, &error); umbb_publish_commit(&publish, &error); umbb_publish_abandon(&publish); harmless
  * after commit
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 
 struct umbb_publish {
-    struct umbs_file file;
+    struct umbu_output file;
     unsigned threads; /* that write may use: 1 after begin, the caller's to raise */
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;                     /* of the file */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the command line writes: JSON that is JSON, text that commands no terminal, whole files. */
+/* What the command line writes: JSON that is JSON, text that commands no terminal. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "../../../client/cli/cli_answers.h"
@@ -156,42 +155,6 @@ static void several_lights_stand_side_by_side(void **state)
     }
 }
 
-static void outputs_appear_whole_or_not_at_all(void **state)
-{
-    char folder[] = "umbrage-output-XXXXXX", path[64], content[32] = "";
-    struct umbc_output output;
-    struct umb_error error;
-    (void)state;
-    assert_non_null(mkdtemp(folder));
-    (void)snprintf(path, sizeof path, "%s/file", folder);
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    struct umb_sink sink = umbc_output_sink(&output);
-    assert_int_equal(sink.write(sink.user, "old", 3), UMB_OK);
-    assert_int_equal(access(path, F_OK), -1);
-    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
-    assert_int_equal(chmod(path, 0640), 0);
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    assert_int_equal(sink.write(sink.user, "half", 4), UMB_OK);
-    umbc_output_abandon(&output);
-    umbc_output_abandon(&output);
-    FILE *file = fopen(path, "r");
-    assert_non_null(file);
-    assert_non_null(fgets(content, sizeof content, file));
-    assert_string_equal(content, "old");
-    (void)fclose(file);
-    struct stat info;
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
-    assert_int_equal(stat(path, &info), 0);
-    assert_int_equal(info.st_mode & 0777, 0640); /* of the file it replaced */
-    assert_int_equal(info.st_size, 0);
-    assert_int_equal(umbc_output_begin(folder, &output, &error), UMB_E_CANNOT_CREATE);
-    assert_int_equal(umbc_output_begin("no/such/folder/file", &output, &error),
-                     UMB_E_CANNOT_CREATE);
-    (void)unlink(path);
-    assert_int_equal(rmdir(folder), 0); /* no temporary is left */
-}
-
 static void words_mean_files_or_assets(void **state)
 {
     (void)state;
@@ -236,7 +199,6 @@ int main(void)
         cmocka_unit_test(text_from_strangers_commands_no_terminal),
         cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
         cmocka_unit_test(several_lights_stand_side_by_side),
-        cmocka_unit_test(outputs_appear_whole_or_not_at_all),
         cmocka_unit_test(words_mean_files_or_assets),
         cmocka_unit_test(errors_name_the_options_that_people_type),
     };
