@@ -5,6 +5,7 @@
 #include <string.h>
 #include "cli_derive_options.h"
 #include "cli_json.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_progress.h"
 #include "cli_session.h"
@@ -87,11 +88,11 @@ int umbc_derive(int argc, char **argv)
     }
     struct umb_derive_settings settings = options.settings;
     settings.camera = settings.cascades.count > 0 ? &options.camera : NULL;
-    const double from = umbc_clock_s();
+    const double from = umbu_clock_s();
     enum umb_status status = umbc_is_file(options.target)
                                  ? derive_here(&options, &settings, &made, &error)
                                  : derive_there(&options, &settings, &made, &error);
-    const double seconds = umbc_clock_s() - from;
+    const double seconds = umbu_clock_s() - from;
     if (status == UMB_OK) {
         status =
             umbu_output_replace(options.output, UMBU_OUTPUT_COMMAND, made.bytes, made.size, &error);

@@ -9,8 +9,8 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include "cli_json.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
 #include "cli_stream_options.h"
@@ -75,13 +75,6 @@ struct frames {
     struct umbc_json json;
     uint64_t received, plain; /* bytes of answers, as they came and unpacked */
 };
-
-static double seconds(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static bool parse_format(const char *text, enum umb_answer_format *format)
 {
@@ -217,12 +210,12 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
     f->picture.fov_y = view->fov_y;
     f->request.base = f->request.pack && frame > 0 ? f->values[(frame + 1) % 2] : NULL;
     uint8_t *values = f->values[frame % 2];
-    const double start = seconds();
+    const double start = umbu_clock_s();
     enum umb_status status = umb_client_query(f->client, &f->request, values, &reply, error);
     if (status != UMB_OK) {
         return status;
     }
-    report(f, frame, &reply, seconds() - start);
+    report(f, frame, &reply, umbu_clock_s() - start);
     if (f->output.file && fwrite(values, 1, f->value_bytes, f->output.file) != f->value_bytes) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot write the answers");
     }

@@ -8,6 +8,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "cli_progress.h"
+#include "tool/clock.h"
 
 #define BAR_WIDTH    30
 #define PAUSE_MS     250
@@ -111,7 +112,7 @@ static int on_status(void *user, const struct umb_job_status *status)
     }
     view->status = *status;
     view->status.plan = view->status.notices = NULL;
-    view->told_s = umbc_clock_s();
+    view->told_s = umbu_clock_s();
     draw(view, NULL);
     return 1;
 }
@@ -131,7 +132,7 @@ static bool may_pass(enum umb_status status)
 enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool quiet,
                                struct umb_job_status *status, char **plan, struct umb_error *error)
 {
-    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .told_s = umbc_clock_s()};
+    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .told_s = umbu_clock_s()};
     long pause_ms = PAUSE_MS;
     enum umb_status result = UMB_OK;
     do {
@@ -144,7 +145,7 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
         pause_ms = pause_ms < PAUSE_MAX_MS ? pause_ms : PAUSE_MAX_MS;
         draw(&view, "the daemon does not answer, trying again");
         (void)nanosleep(&(struct timespec){pause_ms / 1000, pause_ms % 1000 * 1000000}, NULL);
-    } while (umbc_clock_s() - view.told_s < UMBC_WATCH_PATIENCE_S);
+    } while (umbu_clock_s() - view.told_s < UMBC_WATCH_PATIENCE_S);
     if (view.drawn) {
         (void)fputs("\r\033[K", stderr);
     }

@@ -5,33 +5,26 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-#include <time.h>
 #include <unistd.h>
+#include "tool/clock.h"
 
 #define FIRST_AFTER_S 1.0
 #define REDRAW_S      0.2
 #define BAR_WIDTH     30
-
-double umbc_clock_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
-}
 
 void umbc_progress_begin(struct umbc_progress *progress, bool quiet)
 {
     progress->wanted = !quiet && isatty(STDERR_FILENO) == 1;
     progress->drawn = false;
     progress->unit = "points";
-    progress->started_s = umbc_clock_s();
+    progress->started_s = umbu_clock_s();
     progress->drawn_s = 0;
 }
 
 /* 1 if it is time to draw again; *elapsed is then the time since the begin. */
 static bool is_due(struct umbc_progress *progress, double *elapsed)
 {
-    const double now = umbc_clock_s();
+    const double now = umbu_clock_s();
     *elapsed = now - progress->started_s;
     if (!progress->wanted || *elapsed < FIRST_AFTER_S || now - progress->drawn_s < REDRAW_S) {
         return false;

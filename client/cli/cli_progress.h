@@ -12,9 +12,6 @@ struct umbc_progress {
     const char *unit; /* of what is counted; begin says points */
 };
 
-/* Seconds on a clock that only moves forward. */
-double umbc_clock_s(void);
-
 void umbc_progress_begin(struct umbc_progress *progress, bool quiet);
 
 /* Redraws at most five times a second. fraction: 0..1, or negative if not known. */

@@ -19,6 +19,7 @@
 #include "cli_progress.h"
 #include "cli_query_dial.h"
 #include "cli_query_volume.h"
+#include "tool/clock.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
 
@@ -65,10 +66,10 @@ static void answer_here(struct job *job, struct slot *slot)
     struct umb_light_answers answers = {.values = slot->values, .stats = slot->stats};
     slot->error.status = umb_points_check(&slot->points, &slot->error);
     if (slot->error.status == UMB_OK) {
-        const double start = umbc_cpu_s();
+        const double start = umbu_thread_cpu_s();
         umb_query_run_lights(job->queries, job->light_count, &slot->points, 0, slot->points.count,
                              &answers);
-        job->total.here_s += umbc_cpu_s() - start;
+        job->total.here_s += umbu_thread_cpu_s() - start;
     } else {
         slot->error.status = UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
@@ -379,7 +380,7 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     if (status == UMB_OK && job->total.points == 0 && job->client != NULL) {
         status = ask_nothing(job, error);
     }
-    job->total.seconds = umbc_clock_s() - job->progress.started_s;
+    job->total.seconds = umbu_clock_s() - job->progress.started_s;
     umbc_progress_end(&job->progress);
     return status == UMB_OK ? umbc_answers_end(&job->answers, &job->total, error) : status;
 }

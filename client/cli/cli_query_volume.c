@@ -8,6 +8,7 @@
 #include <string.h>
 #include "cli_json.h"
 #include "cli_long_segments.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_volume_asset.h"
 
@@ -241,7 +242,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
         /* Nothing was sent; an empty question still refuses a wrong asset or light. */
         status = ask_batch(job, error);
     }
-    const double seconds = umbc_clock_s() - job->progress.line.started_s;
+    const double seconds = umbu_clock_s() - job->progress.line.started_s;
     umbc_records_end(&job->progress);
     if (status != UMB_OK) {
         return status;

@@ -14,6 +14,7 @@
 
 #include "cli_http.h"
 #include "cli_json.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
 #include "cli_progress.h"
@@ -51,7 +52,7 @@ static int open_source(struct stream *s)
     if (s->o.url) {
         status = umbc_http_open(s->o.url, &s->source, &error);
         if (status == UMB_OK && s->o.timeout_s > 0) {
-            umbc_http_stop_at(&s->source, umbc_clock_s() + s->o.timeout_s);
+            umbc_http_stop_at(&s->source, umbu_clock_s() + s->o.timeout_s);
         }
     } else if (s->o.file) {
         status = umb_region_file_open(s->o.file, &s->source, &error);
@@ -101,7 +102,7 @@ static enum umb_status draw_step(struct stream *s, struct umb_error *error)
 static enum umb_status on_progress(void *user, struct umb_region *region)
 {
     struct stream *s = user;
-    const double now = umbc_clock_s();
+    const double now = umbu_clock_s();
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
     enum umb_status status = UMB_OK;
     umb_region_get_stats(region, &step.stats);
@@ -130,7 +131,7 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
         status =
             umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", s->o.timeout_s);
     }
-    s->aside_s += umbc_clock_s() - now;
+    s->aside_s += umbu_clock_s() - now;
     return status;
 }
 
@@ -281,7 +282,7 @@ static int run(struct stream *s)
                              s->o.frames);
         return umbc_complain(&error);
     }
-    s->started_s = umbc_clock_s();
+    s->started_s = umbu_clock_s();
     enum umb_status status = open_region(s, &error);
     if (status == UMB_OK) {
         status = fetch(s, &error);

@@ -17,8 +17,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
+#include "tool/clock.h"
 
 #define NAME_KEPT 180 /* bytes of the target's name in the temporary's; NAME_MAX is 255 */
 #define TRIES     64  /* names tried before begin fails */
@@ -148,10 +148,9 @@ static char *temporary_name(const char *path)
     const size_t capacity = folder + kept + 80;
     char *text = malloc(capacity);
     if (text != NULL) {
-        struct timespec now;
-        clock_gettime(CLOCK_REALTIME, &now);
         snprintf(text, capacity, "%.*s.tmp.%.*s.%ld.%u.%lx", (int)folder, path, (int)kept, name,
-                 (long)getpid(), atomic_fetch_add(&next_number, 1U), (unsigned long)now.tv_nsec);
+                 (long)getpid(), atomic_fetch_add(&next_number, 1U),
+                 (unsigned long)umbu_clock_ns());
     }
     return text;
 }

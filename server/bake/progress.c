@@ -3,19 +3,13 @@
 #include "bake/progress.h"
 
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
+
+#include "tool/clock.h"
 
 #define SILENT_S   1.0
 #define INTERVAL_S 0.2
 #define BAR_CELLS  24
-
-double umbb_clock_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static int told = -1; /* descriptor of a supervisor */
 
@@ -53,7 +47,7 @@ void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found)
 {
     static uint64_t told_done, told_total;
     static double told_s;
-    const double now = told >= 0 ? umbb_clock_s() : 0;
+    const double now = told >= 0 ? umbu_clock_s() : 0;
     const int is_new = done != told_done || total != told_total;
     if (told < 0 || !is_new || (0 < done && done < total && now - told_s < INTERVAL_S)) {
         return;
@@ -72,7 +66,7 @@ void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, co
 {
     *progress = (struct umbb_progress){
         .to = !quiet && isatty(fileno(to)) ? to : NULL,
-        .start_s = umbb_clock_s(),
+        .start_s = umbu_clock_s(),
         .total = total,
         .unit = unit,
     };
@@ -116,7 +110,7 @@ void umbb_progress_update(void *user, uint64_t done)
     if (progress->to == NULL && told < 0) {
         return;
     }
-    const double now = umbb_clock_s();
+    const double now = umbu_clock_s();
     tell_progress(progress, done, now);
     if (progress->to == NULL) {
         return;

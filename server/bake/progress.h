@@ -48,7 +48,4 @@ void umbb_progress_phase(const char *phase);
 void umbb_progress_plan(const char *plan);
 void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found);
 
-/* Seconds of the monotonic clock. */
-double umbb_clock_s(void);
-
 #endif

@@ -23,7 +23,7 @@
 #include <unistd.h>
 
 #include "common/child_process.h"
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "common/scene_broker.h"
 #include "common/scene_contract.h"
 #include "common/scene_text.h"
@@ -103,10 +103,10 @@ static int watch(pid_t child, struct lines *lines, const struct umbs_process *pr
                  struct umbs_process_end *end)
 {
     char talk[UMBS_PROCESS_TALK_BYTES];
-    int64_t deadline_ms = umbs_now_ms() + (int64_t)process->timeout_s * 1000;
+    int64_t deadline_ms = umbu_clock_ms() + (int64_t)process->timeout_s * 1000;
     size_t used = 0;
     while (!umbs_child_has_ended(child)) {
-        int64_t left_ms = deadline_ms - umbs_now_ms();
+        int64_t left_ms = deadline_ms - umbu_clock_ms();
         if (left_ms <= 0) {
             end->timed_out = 1;
             (void)kill(child, SIGKILL); /* it may have no group yet */

@@ -15,6 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "common/sha256.h"
 #include "format/head.h"
@@ -354,13 +355,13 @@ static void log_loaded(struct umbs_entry *entry, const char *how, uint64_t from_
                    "asset=%s id=%s bytes=%llu memory=%llu how=%s dur_ms=%llu", entry->item.name, id,
                    (unsigned long long)entry->item.packed_bytes,
                    (unsigned long long)entry->item.memory_bytes, how,
-                   (unsigned long long)(umbs__now_ms() - from_ms));
+                   (unsigned long long)((uint64_t)umbu_clock_ms() - from_ms));
 }
 
 struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
                                     int rebuild)
 {
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     char *path = umbs__packed_path(store, name);
     struct umbs_entry *entry = path != NULL ? entry_create(store, name) : NULL;
     if (entry == NULL) {
@@ -368,7 +369,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
         return NULL;
     }
     entry->item.status = load(store, entry, path, rebuild, &entry->error);
-    entry->checked_ms = umbs__now_ms();
+    entry->checked_ms = (uint64_t)umbu_clock_ms();
     free(path);
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
@@ -388,7 +389,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed)
 {
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     struct umbs_cache *cache = store->folders[name->folder].cache;
     struct umbs_record known;
     struct umbs_entry *entry =
@@ -411,7 +412,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     entry->asset = umbs_asset_map_asset(entry->map);
     /* A mapped file that changed since was checked whole by the opening, as a copy is. */
     if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
-        entry->checked_ms = umbs__now_ms();
+        entry->checked_ms = (uint64_t)umbu_clock_ms();
     }
     describe(entry);
     log_loaded(entry, "known", from_ms);

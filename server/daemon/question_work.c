@@ -7,9 +7,9 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "common/store.h"
+#include "tool/clock.h"
 
 #define CHUNK 64
 
@@ -23,20 +23,14 @@ struct slice {
     struct umb_volume_stats stats;
 };
 
-static uint64_t cpu_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
-
 /* Whether nobody waits any more: the status that says why, or UMB_OK. */
 static enum umb_status stopped(const struct umbd_batch *batch)
 {
     if (atomic_load_explicit(&batch->given_up, memory_order_relaxed)) {
         return UMB_E_CANCELLED;
     }
-    return batch->deadline_ns != 0 && umbd_now_ns() >= batch->deadline_ns ? UMB_E_DEADLINE : UMB_OK;
+    return batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns ? UMB_E_DEADLINE
+                                                                            : UMB_OK;
 }
 
 struct umb_segments umbd_question_pairs(const struct umbw_question_request *request)
@@ -195,7 +189,7 @@ enum umb_status umbd_question_run(const struct umbd_batch *batch, size_t first, 
     struct umbd_question *question = batch->work_user;
     struct slice slice = {
         .batch = batch, .question = question, .first = first, .count = count, .error = error};
-    const uint64_t from = cpu_ns();
+    const uint64_t from = umbu_thread_cpu_ns();
     enum umb_status status = check(&question->request, first, count, error);
     if (status == UMB_OK) {
         status = umbs_entry_read(question->entry, run_slice, &slice, error);
@@ -210,7 +204,8 @@ enum umb_status umbd_question_run(const struct umbd_batch *batch, size_t first, 
     }
     atomic_fetch_add_explicit(&question->nodes, slice.stats.nodes, memory_order_relaxed);
     atomic_fetch_add_explicit(&question->bricks, slice.stats.bricks, memory_order_relaxed);
-    atomic_fetch_add_explicit(&question->nanoseconds, cpu_ns() - from, memory_order_relaxed);
+    atomic_fetch_add_explicit(&question->nanoseconds, umbu_thread_cpu_ns() - from,
+                              memory_order_relaxed);
     return status;
 }
 

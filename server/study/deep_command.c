@@ -10,10 +10,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include "common/json_text.h"
 #include "study/light_hits.h"
 #include "study/moment_rows.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/study_args.h"
@@ -168,13 +168,6 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
                                  &d->hits, error);
 }
 
-static double cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
 /* The points, without normals: a hair's own strands shadow it by their depth alone. */
 static struct umb_points points_of(const struct deep *d)
 {
@@ -210,9 +203,10 @@ static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_setting
     status = umb_map_prepare(map, &filter, &query, error);
     result->query_ns = INFINITY;
     for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
-        const double start = cpu_s();
+        const double start = umbu_thread_cpu_s();
         umb_map_run(&query, &points, 0, points.count, values);
-        result->query_ns = fmin(result->query_ns, 1e9 * (cpu_s() - start) / (double)points.count);
+        result->query_ns =
+            fmin(result->query_ns, 1e9 * (umbu_thread_cpu_s() - start) / (double)points.count);
     }
     umb_map_get_info(map, &result->info);
     umb_map_destroy(map);

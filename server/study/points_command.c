@@ -12,6 +12,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "study/parallel_for.h"
 #include "study/point_file.h"
@@ -310,16 +311,16 @@ static void report(const struct points_run *run)
 
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     enum umb_status status = umbu_output_check(run->file.path, UMBU_OUTPUT_COMMAND, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&run->scene, run->scene_path, error);
     }
-    const double loaded = umbt_now_s();
+    const double loaded = umbu_clock_s();
     run->load_s = loaded - start;
     if (status == UMB_OK) {
         status = run->kind == KIND_GBUFFER ? view_sample(run, error) : random_sample(run, error);
-        run->sample_s = umbt_now_s() - loaded;
+        run->sample_s = umbu_clock_s() - loaded;
     }
     if (status == UMB_OK) {
         status = floats_judge(run, error);

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "common/json_text.h"
+#include "tool/clock.h"
 #include "tool/output.h"
 #include "study/render_options.h"
 #include "study/study_frame.h"
@@ -49,7 +50,7 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
 static enum umb_status inputs_open(struct render *render, struct umb_error *error)
 {
     struct umbt_render_options *options = &render->options;
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     options->settings.opaque_only = options->compare; /* rays are stopped or not */
     enum umb_status status = umbt_source_init(&render->source, options->asset, &options->daemon,
                                               &options->settings, error);
@@ -61,7 +62,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     if (status == UMB_OK && !options->force) {
         status = umbt_scene_match(&render->scene, options->asset, render->source.scene_hash, error);
     }
-    render->load_s = umbt_now_s() - start;
+    render->load_s = umbu_clock_s() - start;
     return status;
 }
 

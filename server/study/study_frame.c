@@ -9,6 +9,7 @@
 #include "study/parallel_for.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
+#include "tool/clock.h"
 
 #define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
 #define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves while rays are traced */
@@ -284,10 +285,10 @@ static enum umb_status block_shade(void *user, size_t first, size_t count, struc
 static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbt_block_fn fn,
                                  double *seconds, struct umb_error *error)
 {
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     const enum umb_status status =
         umbt_parallel_for(frame->request->threads, count, block, fn, frame, error);
-    *seconds += umbt_now_s() - start;
+    *seconds += umbu_clock_s() - start;
     return status;
 }
 
@@ -296,11 +297,11 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
 {
     const struct umbt_frame_request *request = frame->request;
     struct umbt_frame_result *result = frame->result;
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     enum umb_status status =
         umbt_gbuffer_fill(&frame->buffer, request->scene, request->camera, frame->height, first_row,
                           row_count, request->threads, error);
-    result->gbuffer_s += umbt_now_s() - start;
+    result->gbuffer_s += umbu_clock_s() - start;
     const size_t receivers = frame->buffer.receiver_count;
     if (status == UMB_OK && request->source != NULL) {
         status = stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error);

@@ -3,27 +3,14 @@
 #include "study/study_progress.h"
 
 #include <stdio.h>
-#include <time.h>
 #include <unistd.h>
 
-double umbt_cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
-double umbt_now_s(void)
-{
-    struct timespec now = {0};
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
+#include "tool/clock.h"
 
 void umbt_progress_start(struct umbt_progress *progress, const char *unit, int quiet)
 {
     progress->unit = unit;
-    progress->start_s = umbt_now_s();
+    progress->start_s = umbu_clock_s();
     progress->shown_s = progress->start_s;
     progress->enabled = !quiet && isatty(STDERR_FILENO);
     progress->visible = 0;
@@ -31,7 +18,7 @@ void umbt_progress_start(struct umbt_progress *progress, const char *unit, int q
 
 void umbt_progress_show(struct umbt_progress *progress, double done, double total)
 {
-    const double now = umbt_now_s(), spent = now - progress->start_s;
+    const double now = umbu_clock_s(), spent = now - progress->start_s;
     if (!progress->enabled || spent < 1.0 || now - progress->shown_s < 0.1 || !(done > 0.0)) {
         return;
     }

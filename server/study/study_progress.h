@@ -12,12 +12,6 @@ struct umbt_progress {
     int enabled, visible;
 };
 
-/* Seconds of a monotonic clock. */
-double umbt_now_s(void);
-
-/* CPU time of the calling thread, seconds. */
-double umbt_cpu_s(void);
-
 void umbt_progress_start(struct umbt_progress *progress, const char *unit, int quiet);
 void umbt_progress_show(struct umbt_progress *progress, double done, double total);
 void umbt_progress_end(struct umbt_progress *progress); /* wipes the line */

@@ -11,6 +11,7 @@
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/technique_cascades.h"
+#include "tool/clock.h"
 
 #define DISC_RAYS  64U
 #define AREA_RAYS  11U  /* a side */
@@ -264,12 +265,12 @@ enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
     const struct umb_map_filter filter = umbt_technique_filter(view, row);
     struct umb_map *map;
     struct umb_map_query query;
-    const double start = umbt_cpu_s();
+    const double start = umbu_thread_cpu_s();
     enum umb_status status = umb_map_build(&view->frustum, &layer, &settings, NULL, &map, error);
     if (status != UMB_OK) {
         return status;
     }
-    result->build_s = umbt_cpu_s() - start;
+    result->build_s = umbu_thread_cpu_s() - start;
     status = umb_map_prepare(map, &filter, &query, error);
     if (status == UMB_OK) {
         struct asking asking = {.query = &query,

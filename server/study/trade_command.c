@@ -12,6 +12,7 @@
 #include "study/trade_pictures.h"
 #include "study/trade_report.h"
 #include "study/trade_techniques.h"
+#include "tool/clock.h"
 
 #define RESOLUTION_QUICK 4096
 #define RESOLUTION_FULL  16384
@@ -155,7 +156,7 @@ static enum umb_status study_run(struct umbt_trade *trade, struct umb_error *err
     if (status == UMB_OK) {
         status = heat_draw(trade, error);
     }
-    trade->seconds = umbt_now_s() - trade->started_s;
+    trade->seconds = umbu_clock_s() - trade->started_s;
     return status == UMB_OK ? umbt_trade_report(trade, error) : status;
 }
 
@@ -175,7 +176,7 @@ int umbt_trade_command(int argc, char **argv)
     static struct umbt_trade trade; /* large: not on the stack */
     struct umb_error error = {0};
     memset(&trade, 0, sizeof trade);
-    trade.started_s = umbt_now_s();
+    trade.started_s = umbu_clock_s();
     enum umb_status status = options_parse(argc, argv, &trade.options, &error);
     if (status == UMB_OK && trade.options.help) {
         fputs(help, stdout);

@@ -11,6 +11,7 @@
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
+#include "tool/clock.h"
 #include "umbrage/volume.h"
 
 #define MAP_LOG2_MAX    13 /* 8192 texels a side: 128 MiB */
@@ -299,10 +300,10 @@ static enum umb_status derived_add(const struct umbt_trade *trade, struct umbt_p
                     .blur = rows[i].technique == UMB_MAP_PCF ? 0 : UMBT_PEER_DERIVED_TAPS},
         };
         struct umb_map_info info;
-        const double start = umbt_cpu_s();
+        const double start = umbu_thread_cpu_s();
         status = umb_derive(trade->bakes[bake].asset, &settings, NULL, &peer->derived, error);
         if (status == UMB_OK) {
-            peer->build_s = umbt_cpu_s() - start;
+            peer->build_s = umbu_thread_cpu_s() - start;
             umb_map_get_info(peer->derived->maps[0], &info);
             peer->bytes = info.bytes;
             peers->count++;

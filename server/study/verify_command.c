@@ -18,6 +18,7 @@
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_scene.h"
+#include "tool/clock.h"
 
 static const char help[] =
     "usage: umbrage verify FILE --scene SCENE [options]\n"
@@ -178,7 +179,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         return umb_fail(error, UMB_E_NO_MEMORY, "%u results do not fit in memory",
                         verify->light_count);
     }
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
     enum umb_status status = UMB_OK;
     umbt_progress_start(&compared.progress, "Mpoints", verify->quiet);
@@ -199,7 +200,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         compared.before += 1e-6 * (double)verify->points;
     }
     umbt_progress_end(&compared.progress);
-    verify->seconds = umbt_now_s() - start;
+    verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         if (verify->results[i].points == 0) { /* silence must not pass for agreement */
             status = umb_fail(error, UMB_E_BAD_SCENE,

@@ -10,13 +10,13 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "base/page_alloc.h"
 #include "bake/build/columns.h"
 #include "bake/build/job_pool.h"
 #include "bake/build/tile_front.h"
 #include "bake/build/tile_squares.h"
+#include "tool/clock.h"
 
 /* What part of the memory that is nobody's yet the squares of a tile may take together. */
 #define SQUARES_SHARE 8U
@@ -42,13 +42,6 @@ struct loop {
     uint32_t square_jobs; /* of the tile that is built meanwhile */
     struct umbb_bake_figures figures;
 };
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static int is_cancelled(const struct loop *loop)
 {
@@ -355,10 +348,10 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         umbb_jobs_start(loop->jobs, run_job, loop, blocks);
     }
     while (number < end && status == UMB_OK) {
-        const double start = now_s();
+        const double start = umbu_clock_s();
         umbb_jobs_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
-        const double depth_done = now_s();
+        const double depth_done = umbu_clock_s();
         loop->figures.seconds_depth += depth_done - start;
         if (is_cancelled(loop)) {
             return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
@@ -372,7 +365,7 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         }
         number = next;
         slot = 1 - slot;
-        loop->figures.seconds_build += now_s() - depth_done;
+        loop->figures.seconds_build += umbu_clock_s() - depth_done;
     }
     atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
     return status;
@@ -470,9 +463,9 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
         status = all_tiles(&loop, error);
     }
     if (status == UMB_OK && !loop.only) {
-        const double start = now_s();
+        const double start = umbu_clock_s();
         status = build_root(&loop, root, error);
-        loop.figures.seconds_build += now_s() - start;
+        loop.figures.seconds_build += umbu_clock_s() - start;
     }
     loop.figures.texels = atomic_load(&loop.texels_done);
     if (figures != NULL) {
