@@ -7,7 +7,6 @@
 #include "cli_json.h"
 #include "tool/clock.h"
 #include "tool/output.h"
-#include "cli_progress.h"
 #include "cli_session.h"
 
 /* The file that was made, wherever. */

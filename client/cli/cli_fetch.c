@@ -17,7 +17,7 @@
 #include "base/bytes.h"
 #include "cli_json.h"
 #include "tool/output.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "cli_session.h"
 #include "format/content.h"
 #include "format/file_map.h"
@@ -66,7 +66,7 @@ struct fetch {
     uint64_t max_bytes; /* --max-bytes */
     uint64_t size;      /* Size of the whole file, as the server first announced it; 0: unknown */
     bool head_checked;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umb_error error;
 };
 
@@ -140,7 +140,8 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
         count -= (size_t)written;
         fetch->at += (uint64_t)written;
     }
-    umbc_progress_show_bytes(&fetch->progress, fetch->at, size);
+    umbu_progress_show(&fetch->progress, 1e-6 * (double)fetch->at,
+                       size > 0 ? (double)fetch->at / (double)size : 1);
     return check_head(fetch);
 }
 
@@ -295,10 +296,10 @@ int umbc_fetch(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    umbc_progress_begin(&fetch.progress,
+    umbu_progress_begin(&fetch.progress, "MB",
                         parsed.values[OPTION_QUIET] != NULL || parsed.values[OPTION_JSON] != NULL);
     enum umb_status status = fetch_file(client, &fetch, output, &error);
-    umbc_progress_end(&fetch.progress);
+    umbu_progress_end(&fetch.progress);
     if (fetch.fd >= 0) {
         (void)close(fetch.fd);
         if (status != UMB_OK && fetch.at == 0) {

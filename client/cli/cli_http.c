@@ -7,7 +7,6 @@
 #include "cli_http.h"
 
 #include "cli_common.h"
-#include "cli_progress.h"
 #include "tool/clock.h"
 
 #include <curl/curl.h>

@@ -7,7 +7,6 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "cli_progress.h"
 #include "tool/clock.h"
 
 #define BAR_WIDTH    30

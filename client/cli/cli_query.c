@@ -16,7 +16,7 @@
 #include <string.h>
 #include "cli_answers.h"
 #include "cli_call_size.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "cli_query_dial.h"
 #include "cli_query_volume.h"
 #include "tool/clock.h"
@@ -52,7 +52,7 @@ struct job {
     struct umbc_points source;
     FILE *footprints; /* of the points; NULL: none of their own */
     struct umbc_answers answers;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umbc_query_total total;
     struct slot slots[SLOTS];
     size_t slot_count; /* in use: a file needs one */
@@ -181,7 +181,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
                                  slot->batch.count)) {
         return umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
-    umbc_progress_show(&job->progress, (double)job->total.points, fraction_read(&job->source));
+    umbu_progress_show(&job->progress, (double)job->total.points, fraction_read(&job->source));
     return UMB_OK;
 }
 
@@ -375,13 +375,13 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    umbc_progress_begin(&job->progress, options->quiet);
+    umbu_progress_begin(&job->progress, "points", options->quiet);
     status = run_ring(job, error);
     if (status == UMB_OK && job->total.points == 0 && job->client != NULL) {
         status = ask_nothing(job, error);
     }
     job->total.seconds = umbu_clock_s() - job->progress.started_s;
-    umbc_progress_end(&job->progress);
+    umbu_progress_end(&job->progress);
     return status == UMB_OK ? umbc_answers_end(&job->answers, &job->total, error) : status;
 }
 

@@ -17,7 +17,6 @@
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
-#include "cli_progress.h"
 #include "cli_stream_options.h"
 #include "format/content.h"
 #include "format/file_map.h"

@@ -6,7 +6,7 @@
 #include <string.h>
 #include "cli_bundle.h"
 #include "cli_job_view.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "cli_session.h"
 
 #define SETTINGS_MAX 512
@@ -114,8 +114,8 @@ static int take_settings(int argc, char **argv, struct settings *settings)
 
 static void on_sent(void *user, uint64_t done, uint64_t total)
 {
-    struct umbc_progress *progress = user;
-    umbc_progress_show_bytes(progress, done, total);
+    struct umbu_progress *progress = user;
+    umbu_progress_show(progress, 1e-6 * (double)done, total > 0 ? (double)done / (double)total : 1);
 }
 
 static int report_submitted(const struct umb_job_submitted *submitted, bool as_json, bool quiet)
@@ -166,7 +166,7 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
     struct umb_error error = {.status = UMB_OK};
     struct umb_job_submitted submitted;
     struct umbc_bundle bundle;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umb_client *client;
     if (umbc_bundle_gather(parsed->words[0], quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
@@ -185,9 +185,9 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
                                                   .priority = priority,
                                                   .sent = on_sent,
                                                   .user = &progress};
-    umbc_progress_begin(&progress, quiet || as_json);
+    umbu_progress_begin(&progress, "MB", quiet || as_json);
     enum umb_status status = submit(client, &submission, &submitted, &error);
-    umbc_progress_end(&progress);
+    umbu_progress_end(&progress);
     umbc_bundle_finish(&bundle);
     if (status != UMB_OK) {
         code = umbc_complain(&error);

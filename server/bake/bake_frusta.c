@@ -245,7 +245,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     series.tiles_total = tiles;
     series.texels_total = tiles << (2 * job->memory->tile_log2);
     umbb_progress_tiles(0, tiles, 0);
-    umbb_progress_start(&series.progress, stderr, options->quiet, "Mtexel", series.texels_total);
+    umbb_progress_start(&series.progress, options->quiet, "Mtexel", series.texels_total);
     enum umb_status status =
         roots != NULL && levels != NULL
             ? UMB_OK

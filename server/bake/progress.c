@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing the line; the rate is the mean since the start. */
+/* The supervisor's lines, see progress.h. */
 #include "bake/progress.h"
 
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "tool/clock.h"
 
-#define SILENT_S   1.0
 #define INTERVAL_S 0.2
-#define BAR_CELLS  24
 
 static int told = -1; /* descriptor of a supervisor */
 
@@ -61,78 +60,35 @@ void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found)
                           (unsigned long long)total, (unsigned long long)found));
 }
 
-void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
+void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total)
 {
-    *progress = (struct umbb_progress){
-        .to = !quiet && isatty(fileno(to)) ? to : NULL,
-        .start_s = umbu_clock_s(),
-        .total = total,
-        .unit = unit,
-    };
-}
-
-void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done, uint64_t total,
-                        double seconds)
-{
-    const double share = total == 0 ? 1.0 : (double)done / (double)total;
-    const double rate = seconds > 0.0 ? (double)done / seconds : 0.0;
-    char bar[BAR_CELLS + 1];
-    for (int i = 0; i < BAR_CELLS; i++) {
-        bar[i] = (double)i < share * BAR_CELLS ? '#' : '.';
-    }
-    bar[BAR_CELLS] = '\0';
-    if (done == 0) {
-        snprintf(text, size, "[%s]   0 %%", bar);
-        return;
-    }
-    const double left_s = (double)(total - done) / rate;
-    snprintf(text, size, "[%s] %3.0f %%  %.3g %s/s  %.0f:%02.0f left", bar, 100.0 * share,
-             1e-6 * rate, unit, (double)(int64_t)(left_s / 60.0),
-             left_s - 60.0 * (double)(int64_t)(left_s / 60.0));
+    *progress = (struct umbb_progress){.total = total};
+    umbu_progress_begin(&progress->line, unit, quiet);
 }
 
 /* Tells a supervisor, if it is time. */
-static void tell_progress(struct umbb_progress *progress, uint64_t done, double now)
+static void tell_progress(struct umbb_progress *progress, uint64_t done)
 {
+    const double now = told >= 0 ? umbu_clock_s() : 0;
     if (told >= 0 && now - progress->told_s >= INTERVAL_S) {
         char line[96];
         progress->told_s = now;
         tell(line, (size_t)snprintf(line, sizeof line, "progress %llu %llu %.31s\n",
                                     (unsigned long long)done, (unsigned long long)progress->total,
-                                    progress->unit + 1)); /* without the M of a million */
+                                    progress->line.unit + 1)); /* without the M of a million */
     }
 }
 
 void umbb_progress_update(void *user, uint64_t done)
 {
     struct umbb_progress *progress = user;
-    if (progress->to == NULL && told < 0) {
-        return;
-    }
-    const double now = umbu_clock_s();
-    tell_progress(progress, done, now);
-    if (progress->to == NULL) {
-        return;
-    }
-    const double since =
-        progress->shown_s > 0.0 ? now - progress->shown_s : now - progress->start_s;
-    if (since < (progress->shown_s > 0.0 ? INTERVAL_S : SILENT_S)) {
-        return;
-    }
-    char text[160];
-    umbb_progress_text(text, sizeof text, progress->unit, done, progress->total,
-                       now - progress->start_s);
-    fprintf(progress->to, "\r%s\033[K", text);
-    fflush(progress->to);
-    progress->shown_s = now;
+    tell_progress(progress, done);
+    umbu_progress_show(&progress->line, 1e-6 * (double)done,
+                       progress->total > 0 ? (double)done / (double)progress->total : 1);
 }
 
 void umbb_progress_end(struct umbb_progress *progress)
 {
-    if (progress->to != NULL && progress->shown_s > 0.0) {
-        fputs("\r\033[K", progress->to);
-        fflush(progress->to);
-    }
-    progress->to = NULL;
+    umbu_progress_end(&progress->line);
 }

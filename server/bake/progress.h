@@ -2,45 +2,37 @@
 #ifndef UMBRAGE_SERVER_BAKE_PROGRESS_H
 #define UMBRAGE_SERVER_BAKE_PROGRESS_H
 /*
- * One line on a terminal: share done, rate, time left. Silent for the first second, and always when
- * the stream is no terminal.
+ * How far a bake is: on a terminal (tool/progress.h), and for a supervisor.
  */
 #include <stdint.h>
-#include <stdio.h>
+#include "tool/progress.h"
 
 struct umbb_progress {
-    FILE *to;       /* NULL = silent */
-    double start_s; /* monotonic */
-    double shown_s; /* when last drawn; 0 = never */
-    double told_s;  /* when last told (umbb_progress_tell_to); 0 = never */
-    uint64_t total;
-    const char *unit; /* of a million: "Mtexel" */
+    struct umbu_progress line;
+    double told_s;  /* Time of the last line to the supervisor, umbu_clock_s; 0 = none yet. */
+    uint64_t total; /* Number of what is counted. */
 };
 
 /* Starts. In: quiet: 1 = never draw; unit: borrowed, the name of a million of what is counted. */
-void umbb_progress_start(struct umbb_progress *progress, FILE *to, int quiet, const char *unit,
+void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total);
 
-/* Draws at most five times a second. In: user: the struct umbb_progress; done: of its total. */
+/* Draws and tells. In: user: the struct umbb_progress; done: of its total. */
 void umbb_progress_update(void *user, uint64_t done);
 
 /* Removes the line. */
 void umbb_progress_end(struct umbb_progress *progress);
 
-/* Writes the line's text for a state, without a newline: a pure function (tests). */
-void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done, uint64_t total,
-                        double seconds);
-
 /*
- * Whoever supervises the bake is told on a descriptor, besides the line and whatever --quiet says:
+ * A supervisor reads these lines from a descriptor, with --quiet too:
  *
  *     phase import | analysis | bake | write | verify
  *     plan ...                                     each line of the plan
  *     progress DONE TOTAL UNIT                     of the phase, at most five a second
  *     tiles DONE TOTAL FOUND                       FOUND: of DONE, in the folder of tiles already
  *
- * _tell_to: sets the descriptor, -1 = nobody (tests). _phase, _plan: write those lines; _tiles if
- * they are more, at most five a second and at the end. A reader who went away is not told any more.
+ * _tell_to: sets the descriptor, -1 = none (tests). _phase, _plan: write those lines; _tiles if
+ * they are more, at most five a second and at the end. After a failed write no more are written.
  * Threads: as umbb_progress_update; one bake a process.
  */
 void umbb_progress_tell_to(int fd);

@@ -18,7 +18,6 @@
 #include "study/point_file.h"
 #include "study/study_args.h"
 #include "common/json_text.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */

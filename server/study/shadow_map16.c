@@ -7,7 +7,6 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "study/study_progress.h"
 #include "tool/clock.h"
 
 #define TUNE_POINTS 65536U

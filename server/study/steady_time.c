@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "study/study_progress.h"
 #include "tool/clock.h"
 
 #define RUNS     5

@@ -10,6 +10,7 @@
 #include "study/shading.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
+#include "tool/progress.h"
 
 #define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
 #define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves while rays are traced */
@@ -31,7 +32,7 @@ struct frame {
     uint32_t height; /* of the picture */
     float *answers;  /* [capacity] of the asset */
     float *truths;   /* [capacity] of the rays */
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     pthread_mutex_t mutex; /* guards result->stats, sum and picture_sum while blocks run */
     uint64_t picture_sum;  /* of |asset - traced| over 8-bit channels */
     struct differences sum;
@@ -386,14 +387,14 @@ enum umb_status umbt_frame_render(const struct umbt_frame_request *request,
         return umb_fail(error, UMB_E_NO_MEMORY, "a mutex could not be made");
     }
     enum umb_status status = frame_init(&frame, width, rows, error);
-    umbt_progress_start(&frame.progress, "Msamples", request->quiet);
+    umbu_progress_begin(&frame.progress, "Msamples", request->quiet);
     for (uint32_t row = 0; row < height && status == UMB_OK; row += rows) {
         status = band_render(&frame, row, height - row < rows ? height - row : rows, error);
         result->samples += row_samples * frame.buffer.row_count;
-        umbt_progress_show(&frame.progress, 1e-6 * (double)result->samples,
-                           1e-6 * (double)(row_samples * height));
+        umbu_progress_show(&frame.progress, 1e-6 * (double)result->samples,
+                           (double)result->samples / (double)(row_samples * height));
     }
-    umbt_progress_end(&frame.progress);
+    umbu_progress_end(&frame.progress);
     if (status == UMB_OK) {
         result_finish(&frame);
     }

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "study/parallel_for.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 
 #define BLOCK    512

@@ -8,7 +8,6 @@
 #include "maps/map_poisson.h"
 #include "study/parallel_for.h"
 #include "study/shading.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/technique_cascades.h"
 #include "tool/clock.h"

@@ -7,7 +7,6 @@
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "study/study_command.h"
-#include "study/study_progress.h"
 #include "study/trade.h"
 #include "study/trade_pictures.h"
 #include "study/trade_report.h"

@@ -21,7 +21,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
 

@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/progress.h"
 #include "study/trade_errors.h"
 #include "study/trade_probe.h"
 #include "study/trade_truth.h"
@@ -190,10 +190,10 @@ static enum umb_status probes_run(struct umbt_trade *trade, struct umbt_probe *p
                                   struct judging *judging, struct umb_error *error)
 {
     const struct umbt_peer *peer_of[UMBT_TRADE_SETTINGS_MAX];
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     enum umb_status status = UMB_OK;
     list_settings(trade, &judging->peers, peer_of);
-    umbt_progress_start(&progress, "settings", trade->options.quiet);
+    umbu_progress_begin(&progress, "settings", trade->options.quiet);
     for (uint32_t i = 0; status == UMB_OK && i < trade->result_count; i++) {
         probes[i] = (struct umbt_probe){.trade = trade,
                                         .result = &trade->results[i],
@@ -203,9 +203,9 @@ static enum umb_status probes_run(struct umbt_trade *trade, struct umbt_probe *p
         if (status == UMB_OK) {
             status = errors_find(judging, &probes[i], error);
         }
-        umbt_progress_show(&progress, i + 1, trade->result_count);
+        umbu_progress_show(&progress, i + 1, (i + 1.0) / trade->result_count);
     }
-    umbt_progress_end(&progress);
+    umbu_progress_end(&progress);
     return status == UMB_OK ? umbt_trade_times(trade, probes, error) : status;
 }
 

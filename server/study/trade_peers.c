@@ -8,7 +8,6 @@
 #include <string.h>
 
 #include "study/parallel_for.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
 #include "tool/clock.h"

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/study_progress.h"
+#include "tool/progress.h"
 #include "study/technique_dag.h"
 #include "study/technique_view.h"
 #include "study/trade_pictures.h"
@@ -78,15 +78,16 @@ static enum umb_status all_measure(struct umbt_trade *trade, const struct umbt_t
                                    float *values, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    struct umbt_progress progress;
-    umbt_progress_start(&progress, "techniques", trade->options.quiet);
+    struct umbu_progress progress;
+    umbu_progress_begin(&progress, "techniques", trade->options.quiet);
     for (size_t i = 0; status == UMB_OK && i < umbt_technique_row_count &&
                        trade->technique_count < UMBT_TRADE_TECHNIQUES_MAX;
          i++) {
         status = row_measure(trade, view, &umbt_technique_rows[i], values, error);
-        umbt_progress_show(&progress, (double)(i + 1), (double)umbt_technique_row_count);
+        const double done = (double)(i + 1);
+        umbu_progress_show(&progress, done, done / (double)umbt_technique_row_count);
     }
-    umbt_progress_end(&progress);
+    umbu_progress_end(&progress);
     for (uint32_t i = 0; status == UMB_OK && i < trade->bake_count; i++) {
         if (trade->bakes[i].asset != NULL && trade->technique_count < UMBT_TRADE_TECHNIQUES_MAX) {
             status = dag_measure(trade, &trade->bakes[i], view, values, error);

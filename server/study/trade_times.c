@@ -10,7 +10,6 @@
 #include <stdlib.h>
 
 #include "study/parallel_for.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
 

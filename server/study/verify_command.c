@@ -16,7 +16,7 @@
 #include "study/parallel_for.h"
 #include "study/study_args.h"
 #include "common/json_text.h"
-#include "study/study_progress.h"
+#include "tool/progress.h"
 #include "study/study_scene.h"
 #include "tool/clock.h"
 
@@ -160,15 +160,15 @@ static int light_is_closed(const struct umb_asset *asset, uint32_t light)
 
 /* Progress over all lights, in millions of points. */
 struct compared {
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     double before, total;
 };
 
 static void show_compared(void *user, uint64_t points)
 {
     struct compared *compared = user;
-    umbt_progress_show(&compared->progress, compared->before + 1e-6 * (double)points,
-                       compared->total);
+    const double done = compared->before + 1e-6 * (double)points;
+    umbu_progress_show(&compared->progress, done, done / compared->total);
 }
 
 static enum umb_status lights_verify(struct verify *verify, struct umb_error *error)
@@ -182,7 +182,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
     const double start = umbu_clock_s();
     struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
     enum umb_status status = UMB_OK;
-    umbt_progress_start(&compared.progress, "Mpoints", verify->quiet);
+    umbu_progress_begin(&compared.progress, "Mpoints", verify->quiet);
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
@@ -199,7 +199,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         verify->outside_band += verify->results[i].outside_band;
         compared.before += 1e-6 * (double)verify->points;
     }
-    umbt_progress_end(&compared.progress);
+    umbu_progress_end(&compared.progress);
     verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         if (verify->results[i].points == 0) { /* silence must not pass for agreement */

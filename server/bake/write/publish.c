@@ -132,7 +132,7 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     }
     const uint64_t points = points_a_light(check, publish->info.light_count);
     struct compared compared = {.before = 0};
-    umbb_progress_start(&compared.progress, stderr, check->quiet, "Mpoint",
+    umbb_progress_start(&compared.progress, check->quiet, "Mpoint",
                         points * publish->info.light_count);
     const struct umbr_verify_options options = {
         .points = points,
