@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# libumbrage-core (pure), libumbrage (rpc), the programs' toolbox and the umbrage command.
-INC_client = -Iclient -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+# libumbrage-core (pure), libumbrage (rpc), the toolbox of the programs, and the umbrage command.
+INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 CORE_SRC := $(wildcard client/core/*/*.c)
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
@@ -22,9 +22,9 @@ RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
-# What all programs share, not installed: it links with the core alone.
+# What the four programs share; sees the public headers and base only.
+TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
 TOOL_LIB := $(BUILD)/libumbrage-tool.a
-$(TOOL_LIB): $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 
@@ -37,9 +37,10 @@ $(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/
 
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
+$(TOOL_LIB): $(TOOL_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(TOOL_LIB) $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
-INC_tests = -Iclient -Iclient/include -Iclient/core -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
+INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
@@ -9,13 +9,13 @@ TEST_LIBS_maps   = $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_cli    = $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)

@@ -3,7 +3,7 @@
 # Proves the include rules of docs/ARCHITECTURE.md: who may include whom, and who may see which library.
 #
 # core <- wire <- {rpc, daemon};  {core, common} <- {daemon, jobs, bake, rays, study};  jobs <- daemon;  rays <- {bake, study};
-# rpc <- {cli, study};  core <- tool <- all programs. Nothing under client/ or proto/ includes server/.
+# rpc <- {cli, study}. Nothing under client/ or proto/ includes server/.
 set -eu
 cd "$(dirname "$0")/../.."
 failures=0
@@ -31,20 +31,21 @@ ASSIMP='^assimp/'
 LIBUV='^uv\.h'
 HTTP2='^nghttp2/'
 PROTOBUF='(pb-c\.h$|^protobuf-c/)'
+CLIENT='^(cli|rpc|load)/'
 SERVER='^(common|daemon|jobs|bake|rays|study|depth|build|analysis|import)/'
 
 forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/' "is public and sees only itself"
 forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^tool/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
 forbid client/rpc "$EMBREE|^tool/|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
-forbid client/tool "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|^curl/|^(rpc|cli)|$SERVER" "uses the core alone"
+forbid client/tool "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^openssl/|^curl/|^(wire|cli|rpc|query|curve|maps|deep|partial)/|$SERVER" "uses the public headers and base"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
 forbid proto/wire "$EMBREE|^tool/|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
-forbid server/common "^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
-forbid server/jobs "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
-forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
-forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"
-forbid server/bake "^sqlite3\.h|^jobs/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
-forbid server/study "$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
+forbid server/common "$CLIENT|^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
+forbid server/jobs "$CLIENT|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
+forbid server/daemon "$CLIENT|$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
+forbid server/rays "$CLIENT|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"
+forbid server/bake "$CLIENT|^sqlite3\.h|^jobs/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
+forbid server/study "$CLIENT|$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
 
 # libcurl: ranges over HTTP for the command alone.
 others=$(grep -rlE '# *include <curl/' server client proto --include='*.c' --include='*.h' |
