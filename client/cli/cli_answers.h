@@ -5,7 +5,7 @@
  * Writes answers in order: text, raw bytes, JSON or explanations. Write errors stay in the stream
  * until umbc_answers_end looks.
  */
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/output.h"
 #include "cli_query_options.h"
 
@@ -31,7 +31,7 @@ double umbc_query_ns(const struct umbc_query_total *total);
 struct umbc_answers {
     const struct umbc_query_options *options;
     struct umbu_output output;
-    struct umbc_json json;
+    struct umbu_json json;
     uint8_t begun;       /* bits of a byte that batches share, the first one lowest ... */
     unsigned begun_bits; /* ... and how many there are */
 };

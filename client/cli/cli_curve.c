@@ -29,24 +29,24 @@ void umbc_curve_print(const struct umb_curve_row *rows, const double *const ns[U
     }
 }
 
-void umbc_curve_json(struct umbc_json *json, const struct umb_curve_row *rows,
+void umbc_curve_json(struct umbu_json *json, const struct umb_curve_row *rows,
                      const double *const ns[UMBC_CURVE_COSTS], size_t count)
 {
-    umbc_json_begin(json, "curve", '[');
+    umbu_json_begin(json, "curve", '[');
     for (size_t i = 0; i < count; i++) {
-        umbc_json_begin(json, NULL, '{');
-        umbc_json_integer(json, "level", rows[i].level);
-        umbc_json_integer(json, "taps", rows[i].taps);
-        umbc_json_number(json, "bound_m", rows[i].bound_m);
-        umbc_json_number(json, "visibility_error", rows[i].visibility_error);
-        umbc_json_number(json, "nodes", rows[i].nodes);
-        umbc_json_number(json, "lines", rows[i].lines);
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "level", rows[i].level);
+        umbu_json_integer(json, "taps", rows[i].taps);
+        umbu_json_number(json, "bound_m", rows[i].bound_m);
+        umbu_json_number(json, "visibility_error", rows[i].visibility_error);
+        umbu_json_number(json, "nodes", rows[i].nodes);
+        umbu_json_number(json, "lines", rows[i].lines);
         for (int k = 0; k < UMBC_CURVE_COSTS && ns != NULL; k++) {
             if (ns[k] != NULL) {
-                umbc_json_number(json, k == 0 ? "scattered_ns" : "coherent_ns", ns[k][i]);
+                umbu_json_number(json, k == 0 ? "scattered_ns" : "coherent_ns", ns[k][i]);
             }
         }
-        umbc_json_end(json, '}');
+        umbu_json_end(json, '}');
     }
-    umbc_json_end(json, ']');
+    umbu_json_end(json, ']');
 }

@@ -3,7 +3,7 @@
 #define UMBRAGE_CLI_CURVE_H
 /* Accuracy curves as people and programs read them. */
 #include <stddef.h>
-#include "cli_json.h"
+#include "tool/json.h"
 #include "umbrage/curve.h"
 
 /* Kinds of costs: nanoseconds a point for points all over the scene, and next to each other. */
@@ -15,7 +15,7 @@ void umbc_curve_print(const struct umb_curve_row *rows, const double *const ns[U
                       size_t count);
 
 /* The same under "curve", an array of objects; empty without rows. */
-void umbc_curve_json(struct umbc_json *json, const struct umb_curve_row *rows,
+void umbc_curve_json(struct umbu_json *json, const struct umb_curve_row *rows,
                      const double *const ns[UMBC_CURVE_COSTS], size_t count);
 
 #endif

@@ -4,7 +4,7 @@
 
 #include <string.h>
 #include "cli_derive_options.h"
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
@@ -58,17 +58,16 @@ static void tell(const struct umbc_derive_options *options, const struct made *m
     char id[UMB_ID_TEXT_SIZE], size[32];
     umb_id_to_text(made->asset, id);
     if (options->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_integer(&json, "light", settings->light);
-        umbc_json_integer(&json, "maps", maps);
-        umbc_json_integer(&json, "width", settings->width);
-        umbc_json_integer(&json, "height", settings->height);
-        umbc_json_integer(&json, "bytes", made->size);
-        umbc_json_number(&json, "seconds", seconds);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_integer(&json, "light", settings->light);
+        umbu_json_integer(&json, "maps", maps);
+        umbu_json_integer(&json, "width", settings->width);
+        umbu_json_integer(&json, "height", settings->height);
+        umbu_json_integer(&json, "bytes", made->size);
+        umbu_json_number(&json, "seconds", seconds);
+        umbu_json_close(&json);
     } else if (!options->quiet) {
         umbc_format_bytes(made->size, size);
         (void)fprintf(stderr, "%u map%s of %u x %u texels, %s, in %.3f s\n", maps,

@@ -15,7 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "base/bytes.h"
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/output.h"
 #include "tool/progress.h"
 #include "cli_session.h"
@@ -244,13 +244,12 @@ static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch
 static int report(const struct umbc_parsed *parsed, const char *output, uint64_t bytes)
 {
     if (parsed->values[OPTION_JSON] != NULL) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", parsed->words[0]);
-        umbc_json_text(&json, "output", output);
-        umbc_json_integer(&json, "bytes", bytes);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", parsed->words[0]);
+        umbu_json_text(&json, "output", output);
+        umbu_json_integer(&json, "bytes", bytes);
+        umbu_json_close(&json);
     } else if (parsed->values[OPTION_QUIET] == NULL) {
         char text[32];
         umbc_format_bytes(bytes, text);

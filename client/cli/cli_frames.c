@@ -9,7 +9,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
@@ -72,7 +72,7 @@ struct frames {
     uint8_t *values[2]; /* of this frame and the one before */
     size_t value_bytes;
     struct umbu_output output;
-    struct umbc_json json;
+    struct umbu_json json;
     uint64_t received, plain; /* bytes of answers, as they came and unpacked */
 };
 
@@ -175,12 +175,12 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
     f->received += bytes;
     f->plain += reply->value_bytes;
     if (f->parsed->values[OPTION_JSON]) {
-        umbc_json_begin(&f->json, NULL, '{');
-        umbc_json_integer(&f->json, "bytes", bytes);
-        umbc_json_bool(&f->json, "changes_only", reply->changes_only != 0);
-        umbc_json_number(&f->json, "ms", took * 1e3);
-        umbc_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
-        umbc_json_end(&f->json, '}');
+        umbu_json_begin(&f->json, NULL, '{');
+        umbu_json_integer(&f->json, "bytes", bytes);
+        umbu_json_bool(&f->json, "changes_only", reply->changes_only != 0);
+        umbu_json_number(&f->json, "ms", took * 1e3);
+        umbu_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
+        umbu_json_end(&f->json, '}');
     } else if (!f->parsed->values[OPTION_QUIET]) {
         (void)fprintf(f->output.file == stdout ? stderr : stdout,
                       "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
@@ -227,19 +227,18 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
     const bool json = f->parsed->values[OPTION_JSON] != NULL;
     enum umb_status status = UMB_OK;
     if (json) {
-        umbc_json_begin(&f->json, NULL, '{');
-        umbc_json_begin(&f->json, "frames", '[');
+        umbu_json_begin(&f->json, NULL, '{');
+        umbu_json_begin(&f->json, "frames", '[');
     }
     for (size_t frame = 0; frame < f->views.count && status == UMB_OK; frame++) {
         status = run_frame(f, frame, error);
     }
     if (json) {
-        umbc_json_end(&f->json, ']');
-        umbc_json_integer(&f->json, "request_bytes_a_frame", f->size[0] * f->size[1] * 4);
-        umbc_json_integer(&f->json, "bytes", f->received);
-        umbc_json_integer(&f->json, "unpacked_bytes", f->plain);
-        umbc_json_end(&f->json, '}');
-        (void)putchar('\n');
+        umbu_json_end(&f->json, ']');
+        umbu_json_integer(&f->json, "request_bytes_a_frame", f->size[0] * f->size[1] * 4);
+        umbu_json_integer(&f->json, "bytes", f->received);
+        umbu_json_integer(&f->json, "unpacked_bytes", f->plain);
+        umbu_json_close(&f->json);
     }
     return status == UMB_OK && f->output.file ? umbu_output_commit(&f->output, error) : status;
 }

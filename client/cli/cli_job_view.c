@@ -156,28 +156,28 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
     return result;
 }
 
-void umbc_job_json(struct umbc_json *json, const struct umb_job_status *status)
+void umbc_job_json(struct umbu_json *json, const struct umb_job_status *status)
 {
     char id[UMB_ID_TEXT_SIZE];
-    umbc_json_text(json, "job", status->job);
-    umbc_json_text(json, "state", umbc_job_state(status->state));
-    umbc_json_text(json, "failure", umbc_job_failure(status->failure));
-    umbc_json_text(json, "cause", status->cause);
+    umbu_json_text(json, "job", status->job);
+    umbu_json_text(json, "state", umbc_job_state(status->state));
+    umbu_json_text(json, "failure", umbc_job_failure(status->failure));
+    umbu_json_text(json, "cause", status->cause);
     if (status->has_asset) {
         umb_id_to_text(status->asset, id);
-        umbc_json_text(json, "asset", id);
+        umbu_json_text(json, "asset", id);
     }
-    umbc_json_text(json, "owner", status->owner);
-    umbc_json_signed(json, "priority", status->priority);
-    umbc_json_integer(json, "epoch", status->epoch);
-    umbc_json_integer(json, "bundle_bytes", status->bundle_bytes);
-    umbc_json_signed(json, "submitted_ms", status->submitted_ms);
-    umbc_json_signed(json, "started_ms", status->started_ms);
-    umbc_json_signed(json, "ended_ms", status->ended_ms);
+    umbu_json_text(json, "owner", status->owner);
+    umbu_json_signed(json, "priority", status->priority);
+    umbu_json_integer(json, "epoch", status->epoch);
+    umbu_json_integer(json, "bundle_bytes", status->bundle_bytes);
+    umbu_json_signed(json, "submitted_ms", status->submitted_ms);
+    umbu_json_signed(json, "started_ms", status->started_ms);
+    umbu_json_signed(json, "ended_ms", status->ended_ms);
     if (status->tiles_total > 0) {
-        umbc_json_integer(json, "tiles", status->tiles_total);
-        umbc_json_integer(json, "tiles_done", status->tiles_done);
-        umbc_json_integer(json, "tiles_found", status->tiles_found);
+        umbu_json_integer(json, "tiles", status->tiles_total);
+        umbu_json_integer(json, "tiles_done", status->tiles_done);
+        umbu_json_integer(json, "tiles_found", status->tiles_found);
     }
 }
 
@@ -186,12 +186,11 @@ int umbc_job_report(const struct umb_job_status *status, const char *plan, bool 
     char id[UMB_ID_TEXT_SIZE];
     const int code = umbc_job_exit(status);
     if (as_json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
         umbc_job_json(&json, status);
-        umbc_json_text(&json, "plan", plan != NULL ? plan : "");
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_text(&json, "plan", plan != NULL ? plan : "");
+        umbu_json_close(&json);
     } else if (status->has_asset) {
         umb_id_to_text(status->asset, id);
         (void)printf(quiet ? "%s\n" : "asset       %s\n", id);

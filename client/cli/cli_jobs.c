@@ -105,16 +105,16 @@ static void print_job(const struct umb_job_status *job)
 
 static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_json, bool quiet)
 {
-    struct umbc_json json = {.file = stdout};
+    struct umbu_json json = {.file = stdout};
     if (as_json) {
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_begin(&json, "jobs", '[');
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_begin(&json, "jobs", '[');
     }
     for (size_t i = 0; i < count; i++) {
         if (as_json) {
-            umbc_json_begin(&json, NULL, '{');
+            umbu_json_begin(&json, NULL, '{');
             umbc_job_json(&json, &jobs[i]);
-            umbc_json_end(&json, '}');
+            umbu_json_end(&json, '}');
         } else if (quiet) {
             (void)puts(jobs[i].job);
         } else {
@@ -122,9 +122,7 @@ static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_
         }
     }
     if (as_json) {
-        umbc_json_end(&json, ']');
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_close(&json);
     }
 }
 
@@ -185,11 +183,10 @@ int umbc_cancel(int argc, char **argv)
         code = umbc_complain(&error);
     } else {
         if (parsed.values[OPTION_JSON] != NULL) {
-            struct umbc_json json = {.file = stdout};
-            umbc_json_begin(&json, NULL, '{');
+            struct umbu_json json = {.file = stdout};
+            umbu_json_begin(&json, NULL, '{');
             umbc_job_json(&json, &status);
-            umbc_json_end(&json, '}');
-            (void)putchar('\n');
+            umbu_json_close(&json);
         } else if (parsed.values[OPTION_QUIET] == NULL) {
             (void)printf("job         %s: %s\n", status.job, umbc_job_state(status.state));
         }
@@ -232,11 +229,10 @@ int umbc_rm(int argc, char **argv)
     code = umb_client_delete_asset(client, asset, &error) == UMB_OK ? 0 : umbc_complain(&error);
     umb_client_close(client);
     if (code == 0 && parsed.values[OPTION_JSON] != NULL) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", parsed.words[0]);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", parsed.words[0]);
+        umbu_json_close(&json);
     }
     return code == 0 ? umbc_finish_stdout(0) : code;
 }

@@ -6,7 +6,7 @@
 #include "cli_common.h"
 
 #include <stdio.h>
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/output.h"
 #include "cli_repack.h"
 
@@ -69,12 +69,11 @@ static void report(const struct umbc_parsed *parsed, const struct umb_asset *ass
     umb_asset_get_info(asset, &info);
     umb_id_to_text(info.id, id);
     if (parsed->values[OPTION_JSON] != NULL) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "output", path);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_text(&json, "output", path);
+        umbu_json_close(&json);
     } else if (parsed->values[OPTION_QUIET] == NULL) {
         (void)fprintf(stderr, "%s: asset %s\n", path, id);
     }

@@ -13,7 +13,7 @@
 #include <sys/stat.h>
 
 #include "cli_http.h"
-#include "cli_json.h"
+#include "tool/json.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_session.h"
@@ -209,50 +209,48 @@ static enum umb_status fetch(struct stream *s, struct umb_error *error)
     return status;
 }
 
-static void print_step_json(struct umbc_json *json, const struct step *step, size_t points)
+static void print_step_json(struct umbu_json *json, const struct step *step, size_t points)
 {
-    umbc_json_begin(json, NULL, '{');
-    umbc_json_number(json, "seconds", step->seconds);
-    umbc_json_integer(json, "view", step->view);
-    umbc_json_integer(json, "bytes", step->stats.received_bytes);
-    umbc_json_integer(json, "pages", step->stats.pages_received);
-    umbc_json_integer(json, "requests", step->stats.requests);
-    umbc_json_integer(json, "rounds", step->stats.rounds);
-    umbc_json_integer(json, "memory_bytes", step->stats.partial.memory_bytes);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_number(json, "seconds", step->seconds);
+    umbu_json_integer(json, "view", step->view);
+    umbu_json_integer(json, "bytes", step->stats.received_bytes);
+    umbu_json_integer(json, "pages", step->stats.pages_received);
+    umbu_json_integer(json, "requests", step->stats.requests);
+    umbu_json_integer(json, "rounds", step->stats.rounds);
+    umbu_json_integer(json, "memory_bytes", step->stats.partial.memory_bytes);
     if (points > 0) {
-        umbc_json_integer(json, "exact", step->figures.exact);
-        umbc_json_integer(json, "within_1m", step->figures.within_1m);
-        umbc_json_integer(json, "within_10cm", step->figures.within_10cm);
-        umbc_json_number(json, "worst_m", step->figures.worst_m);
+        umbu_json_integer(json, "exact", step->figures.exact);
+        umbu_json_integer(json, "within_1m", step->figures.within_1m);
+        umbu_json_integer(json, "within_10cm", step->figures.within_10cm);
+        umbu_json_number(json, "worst_m", step->figures.worst_m);
     }
-    umbc_json_end(json, '}');
+    umbu_json_end(json, '}');
 }
 
 static void print_json(const struct stream *s)
 {
-    struct umbc_json json = {.file = stdout};
+    struct umbu_json json = {.file = stdout};
     struct umb_asset_info info;
     struct umb_region_stats stats;
     char id[UMB_ID_TEXT_SIZE];
     umb_region_get_stats(s->region, &stats);
     umb_asset_get_info(umb_partial_lower(umb_region_partial(s->region)), &info);
     umb_id_to_text(info.id, id);
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_text(&json, "asset", id);
-    umbc_json_integer(&json, "asset_bytes", stats.partial.asset_bytes);
-    umbc_json_integer(&json, "head_bytes", stats.partial.head_bytes);
-    umbc_json_integer(&json, "page_count", stats.partial.page_count);
-    umbc_json_integer(&json, "pages_held", stats.partial.pages_held);
-    umbc_json_integer(&json, "pages_dropped", stats.partial.pages_dropped);
-    umbc_json_integer(&json, "memory_peak_bytes", stats.partial.memory_peak_bytes);
-    umbc_json_integer(&json, "points", s->o.points.count);
-    umbc_json_begin(&json, "steps", '[');
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_integer(&json, "asset_bytes", stats.partial.asset_bytes);
+    umbu_json_integer(&json, "head_bytes", stats.partial.head_bytes);
+    umbu_json_integer(&json, "page_count", stats.partial.page_count);
+    umbu_json_integer(&json, "pages_held", stats.partial.pages_held);
+    umbu_json_integer(&json, "pages_dropped", stats.partial.pages_dropped);
+    umbu_json_integer(&json, "memory_peak_bytes", stats.partial.memory_peak_bytes);
+    umbu_json_integer(&json, "points", s->o.points.count);
+    umbu_json_begin(&json, "steps", '[');
     for (size_t i = 0; i < s->step_count; i++) {
         print_step_json(&json, &s->steps[i], s->o.points.count);
     }
-    umbc_json_end(&json, ']');
-    umbc_json_end(&json, '}');
-    (void)fputc('\n', stdout);
+    umbu_json_close(&json);
 }
 
 static enum umb_status save(struct stream *s, struct umb_error *error)

@@ -121,12 +121,11 @@ static void on_sent(void *user, uint64_t done, uint64_t total)
 static int report_submitted(const struct umb_job_submitted *submitted, bool as_json, bool quiet)
 {
     if (as_json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "job", submitted->job);
-        umbc_json_bool(&json, "existing", submitted->existing != 0);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "job", submitted->job);
+        umbu_json_bool(&json, "existing", submitted->existing != 0);
+        umbu_json_close(&json);
     } else {
         (void)printf(quiet ? "%s\n" : "job         %s%s\n", submitted->job,
                      submitted->existing ? " (submitted before)" : "");

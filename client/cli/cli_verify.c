@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "../rpc/rpc_sha256.h"
-#include "cli_json.h"
+#include "tool/json.h"
 #include "cli_repack.h"
 #include "format/file_map.h"
 
@@ -43,17 +43,16 @@ static void report(const struct umbc_parsed *parsed, const struct umb_asset_info
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(info->id, id);
     if (parsed->values[OPTION_JSON] != NULL) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "encoding",
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_text(&json, "encoding",
                        info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
-        umbc_json_bool(&json, "good", error->status == UMB_OK);
+        umbu_json_bool(&json, "good", error->status == UMB_OK);
         if (error->status != UMB_OK) {
-            umbc_json_text(&json, "error", error->message);
+            umbu_json_text(&json, "error", error->message);
         }
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_close(&json);
     } else if (parsed->values[OPTION_QUIET] == NULL && error->status == UMB_OK) {
         (void)printf("%s: good, asset %s\n", parsed->words[0], id);
     }
@@ -63,12 +62,11 @@ static void report(const struct umbc_parsed *parsed, const struct umb_asset_info
 static int fail_open(const struct umbc_parsed *parsed, const struct umb_error *error)
 {
     if (parsed->values[OPTION_JSON] != NULL) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_bool(&json, "good", false);
-        umbc_json_text(&json, "error", error->message);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_bool(&json, "good", false);
+        umbu_json_text(&json, "error", error->message);
+        umbu_json_close(&json);
     }
     return umbc_complain_file(parsed->words[0], error);
 }

@@ -475,9 +475,13 @@ static enum umb_status save_scene(struct run *run, struct umb_error *error)
         uint8_t hash[UMB_ID_BYTES];
         umbs_scene_hash(&run->scene->view, hash);
         umb_id_to_text(hash, id);
-        fprintf(stdout, "{\"scene\":\"%s\",\"bytes\":%zu,\"triangles\":%llu,\"lights\":%u}\n", id,
-                run->scene->map_bytes, (unsigned long long)run->scene->view.world_triangle_count,
-                run->scene->view.light_count);
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "scene", id);
+        umbu_json_integer(&json, "bytes", run->scene->map_bytes);
+        umbu_json_integer(&json, "triangles", run->scene->view.world_triangle_count);
+        umbu_json_integer(&json, "lights", run->scene->view.light_count);
+        umbu_json_close(&json);
     }
     return status;
 }

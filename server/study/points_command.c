@@ -17,7 +17,7 @@
 #include "study/parallel_for.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
-#include "common/json_text.h"
+#include "tool/json.h"
 #include "study/study_vec.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */
@@ -287,17 +287,22 @@ static enum umb_status floats_judge(const struct points_run *run, struct umb_err
 static void report(const struct points_run *run)
 {
     if (run->json) {
-        printf("{\"scene\":");
-        umbs_json_text(stdout, run->scene_path);
-        printf(",\"points_file\":");
-        umbs_json_text(stdout, run->file.path);
-        printf(",\"kind\":\"%s\",\"points\":%zu,\"candidates\":%" PRIu64 ",\"seed\":%" PRIu64
-               ",\"format\":\"%s\",\"normals\":%s,\"origin\":[%.17g,%.17g,%.17g],\"bytes\":%" PRIu64
-               ",\"triangles\":%zu,\"load_s\":%.4f,\"sample_s\":%.4f}\n",
-               kind_names[run->kind], run->set.count, run->set.candidates, run->seed,
-               format_names[run->file.format], run->file.normals ? "true" : "false",
-               run->file.origin[0], run->file.origin[1], run->file.origin[2], run->bytes,
-               run->scene.count, run->load_s, run->sample_s);
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "scene", run->scene_path);
+        umbu_json_text(&json, "points_file", run->file.path);
+        umbu_json_text(&json, "kind", kind_names[run->kind]);
+        umbu_json_integer(&json, "points", run->set.count);
+        umbu_json_integer(&json, "candidates", run->set.candidates);
+        umbu_json_integer(&json, "seed", run->seed);
+        umbu_json_text(&json, "format", format_names[run->file.format]);
+        umbu_json_bool(&json, "normals", run->file.normals);
+        umbu_json_vector(&json, "origin", run->file.origin);
+        umbu_json_integer(&json, "bytes", run->bytes);
+        umbu_json_integer(&json, "triangles", run->scene.count);
+        umbu_json_rounded(&json, "load_s", run->load_s, 6);
+        umbu_json_rounded(&json, "sample_s", run->sample_s, 6);
+        umbu_json_close(&json);
     } else if (!run->quiet) {
         fprintf(umbu_output_talk(run->file.path),
                 "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/json_text.h"
+#include "tool/json.h"
 #include "tool/output.h"
 #include "study/trade_techniques.h"
 
@@ -24,28 +24,24 @@ enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *nam
     return umbu_output_replace(path, UMBU_OUTPUT_COMMAND, bytes, size, error);
 }
 
-/* JSON has no infinities. */
-static void number(FILE *to, const char *name, double value)
-{
-    fprintf(to, isfinite(value) ? ",\"%s\":%.6g" : ",\"%s\":null", name, value);
-}
-
-static void json_bake(FILE *to, const struct umbt_trade_bake *bake)
+static void json_bake(struct umbu_json *json, const struct umbt_trade_bake *bake)
 {
     char id[UMB_ID_TEXT_SIZE] = "";
     if (bake->asset != NULL) {
         umb_id_to_text(bake->info.id, id);
     }
-    fprintf(to, "{\"name\":\"%s\",\"asset\":\"%s\",\"resolution\":%u,\"closed\":%s,\"reason\":",
-            bake->name, id, bake->resolution,
-            bake->asset != NULL && bake->frustum.closed ? "true" : "false");
-    umbs_json_text(to, bake->reason);
-    fprintf(to, ",\"packed_bytes\":%" PRIu64 ",\"memory_bytes\":%" PRIu64, bake->packed_bytes,
-            bake->info.memory_bytes);
-    number(to, "voxel_m", bake->voxel_m);
-    number(to, "bake_s", bake->wall_s);
-    number(to, "bake_cpu_s", bake->cpu_s);
-    fputs("}", to);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_text(json, "name", bake->name);
+    umbu_json_text(json, "asset", id);
+    umbu_json_integer(json, "resolution", bake->resolution);
+    umbu_json_bool(json, "closed", bake->asset != NULL && bake->frustum.closed);
+    umbu_json_text(json, "reason", bake->reason);
+    umbu_json_integer(json, "packed_bytes", bake->packed_bytes);
+    umbu_json_integer(json, "memory_bytes", bake->info.memory_bytes);
+    umbu_json_rounded(json, "voxel_m", bake->voxel_m, 6);
+    umbu_json_rounded(json, "bake_s", bake->wall_s, 6);
+    umbu_json_rounded(json, "bake_cpu_s", bake->cpu_s, 6);
+    umbu_json_end(json, '}');
 }
 
 /* The numbers of a result by name, in the order of the columns. */
@@ -93,73 +89,84 @@ static void columns_of(const struct umbt_trade_result *r, struct column columns[
     memcpy(columns, all, sizeof all);
 }
 
-static void json_result(FILE *to, const struct umbt_trade_result *result)
+static void json_result(struct umbu_json *json, const struct umbt_trade_result *result)
 {
     struct column columns[COLUMNS];
     columns_of(result, columns);
-    fprintf(to,
-            "{\"method\":\"%s\",\"bake\":%u,\"taps\":%u,\"level\":%u,\"judged\":%" PRIu64
-            ",\"memory_bytes\":%" PRIu64,
-            result->name, result->bake, result->taps, result->level, result->judged, result->bytes);
-    number(to, "build_s", result->build_s);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_text(json, "method", result->name);
+    umbu_json_integer(json, "bake", result->bake);
+    umbu_json_integer(json, "taps", result->taps);
+    umbu_json_integer(json, "level", result->level);
+    umbu_json_integer(json, "judged", result->judged);
+    umbu_json_integer(json, "memory_bytes", result->bytes);
+    umbu_json_rounded(json, "build_s", result->build_s, 6);
     for (int i = 0; i < COLUMNS; i++) {
-        number(to, columns[i].name, columns[i].value);
+        umbu_json_rounded(json, columns[i].name, columns[i].value, 6);
     }
-    fputs("}", to);
+    umbu_json_end(json, '}');
 }
 
-static void json_head(FILE *to, const struct umbt_trade *trade)
+static void json_head(struct umbu_json *json, const struct umbt_trade *trade)
 {
     const struct umbt_trade_points *points = &trade->points;
-    const double *light = trade->bakes[0].light.direction;
-    fputs("{\"scene\":", to);
-    umbs_json_text(to, trade->options.scene);
-    fprintf(to, ",\"version\":\"%s\",\"triangles\":%zu,\"seed\":%" PRIu64 ",\"threads\":%" PRIu64,
-            UMB_VERSION, trade->scene.count, trade->options.seed, trade->options.threads);
-    fprintf(to, ",\"light\":[%.9g,%.9g,%.9g]", light[0], light[1], light[2]);
-    number(to, "diagonal_m", trade->scene.diagonal_m);
-    number(to, "reach_m", points->reach_m);
-    number(to, "study_s", trade->seconds);
-    fprintf(to, ",\"truth_rays\":%" PRIu64 ",\"runs\":%d,\"samples\":{",
-            trade->options.truth_side * trade->options.truth_side, UMBT_TRADE_RUNS);
+    umbu_json_text(json, "scene", trade->options.scene);
+    umbu_json_text(json, "version", UMB_VERSION);
+    umbu_json_integer(json, "triangles", trade->scene.count);
+    umbu_json_integer(json, "seed", trade->options.seed);
+    umbu_json_integer(json, "threads", trade->options.threads);
+    umbu_json_vector(json, "light", trade->bakes[0].light.direction);
+    umbu_json_rounded(json, "diagonal_m", trade->scene.diagonal_m, 6);
+    umbu_json_rounded(json, "reach_m", points->reach_m, 6);
+    umbu_json_rounded(json, "study_s", trade->seconds, 6);
+    umbu_json_integer(json, "truth_rays", trade->options.truth_side * trade->options.truth_side);
+    umbu_json_integer(json, "runs", UMBT_TRADE_RUNS);
+    umbu_json_begin(json, "samples", '{');
     for (int s = 0; s < UMBT_TRADE_SET_COUNT; s++) {
-        fprintf(to, "%s\"%s\":%zu", s > 0 ? "," : "", umbt_trade_set_names[s],
-                points->first[s + 1] - points->first[s]);
+        umbu_json_integer(json, umbt_trade_set_names[s], points->first[s + 1] - points->first[s]);
     }
-    fputs("}", to);
+    umbu_json_end(json, '}');
+    umbu_json_text(json, "plan", trade->bakes[0].info.plan);
+}
+
+static void json_rays(struct umbu_json *json, const struct umbt_trade *trade)
+{
+    const double spread = trade->rays.spread;
+    umbu_json_integer(json, "rays", 1);
+    umbu_json_rounded(json, "ns_view", told(trade->rays.ns_view, spread), 6);
+    umbu_json_rounded(json, "ns_view8", told(trade->rays.ns_view8, spread), 6);
+    umbu_json_rounded(json, "ns_free", told(trade->rays.ns_free, spread), 6);
+    umbu_json_rounded(json, "ns_area81", told(trade->rays.ns_area, spread), 6);
+    umbu_json_rounded(json, "ns_area81_8", told(trade->rays.ns_area8, spread), 6);
+    umbu_json_rounded(json, "spread", spread, 6);
 }
 
 void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
 {
     char verdict[4096];
-    json_head(to, trade);
-    fputs(",\"plan\":", to);
-    umbs_json_text(to, trade->bakes[0].info.plan);
-    fputs(",\"rays\":{\"rays\":1", to);
-    number(to, "ns_view", told(trade->rays.ns_view, trade->rays.spread));
-    number(to, "ns_view8", told(trade->rays.ns_view8, trade->rays.spread));
-    number(to, "ns_free", told(trade->rays.ns_free, trade->rays.spread));
-    number(to, "ns_area81", told(trade->rays.ns_area, trade->rays.spread));
-    number(to, "ns_area81_8", told(trade->rays.ns_area8, trade->rays.spread));
-    number(to, "spread", trade->rays.spread);
-    fputs("},\"techniques\":", to);
-    umbt_trade_techniques_json(to, trade);
-    fputs(",\"bakes\":[", to);
+    struct umbu_json json = {.file = to};
+    umbu_json_begin(&json, NULL, '{');
+    json_head(&json, trade);
+    umbu_json_begin(&json, "rays", '{');
+    json_rays(&json, trade);
+    umbu_json_end(&json, '}');
+    umbu_json_begin(&json, "techniques", '{');
+    umbt_trade_techniques_json(&json, trade);
+    umbu_json_end(&json, '}');
+    umbu_json_begin(&json, "bakes", '[');
     for (uint32_t i = 0; i < trade->bake_count; i++) {
-        fputs(i > 0 ? "," : "", to);
-        json_bake(to, &trade->bakes[i]);
+        json_bake(&json, &trade->bakes[i]);
     }
-    fputs("],\"results\":[", to);
+    umbu_json_end(&json, ']');
+    umbu_json_begin(&json, "results", '[');
     for (uint32_t i = 0; i < trade->result_count; i++) {
-        fputs(i > 0 ? "," : "", to);
-        json_result(to, &trade->results[i]);
+        json_result(&json, &trade->results[i]);
     }
+    umbu_json_end(&json, ']');
     umbt_trade_verdict(trade, verdict, sizeof verdict);
-    fputs("],\"verdict\":", to);
-    umbs_json_text(to, verdict);
-    fputs(",\"missing\":", to);
-    umbs_json_text(to, trade->missing);
-    fputs("}\n", to);
+    umbu_json_text(&json, "verdict", verdict);
+    umbu_json_text(&json, "missing", trade->missing);
+    umbu_json_close(&json);
 }
 
 static void csv(FILE *to, const struct umbt_trade *trade)

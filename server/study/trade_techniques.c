@@ -2,7 +2,6 @@
 /* See trade_techniques.h. */
 #include "study/trade_techniques.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -138,19 +137,27 @@ enum umb_status umbt_trade_techniques(struct umbt_trade *trade, struct umb_error
     return status;
 }
 
-void umbt_trade_techniques_json(FILE *to, const struct umbt_trade *trade)
+void umbt_trade_techniques_json(struct umbu_json *json, const struct umbt_trade *trade)
 {
-    fprintf(to, "{\"resolution\":%u,\"taps\":%d,\"points\":%zu,\"rows\":[",
-            trade->technique_resolution, TAPS, trade->technique_points);
+    umbu_json_integer(json, "resolution", trade->technique_resolution);
+    umbu_json_integer(json, "taps", TAPS);
+    umbu_json_integer(json, "points", trade->technique_points);
+    umbu_json_begin(json, "rows", '[');
     for (uint32_t i = 0; i < trade->technique_count; i++) {
         const struct umbt_trade_technique *t = &trade->techniques[i];
-        fprintf(to,
-                "%s{\"name\":\"%s\",\"truth\":\"%s\",\"dag\":%s,\"mean\":%.6g,\"lighter\":%.6g,"
-                "\"darker\":%.6g,\"over_half\":%.6g,\"bytes\":%" PRIu64
-                ",\"build_s\":%.6g,\"spread\":%.6g",
-                i > 0 ? "," : "", t->name, t->truth, t->is_dag ? "true" : "false", t->mean,
-                t->lighter, t->darker, t->over_half, t->bytes, t->build_s, t->spread);
-        fprintf(to, t->spread > UMBT_TRADE_SPREAD_MAX ? ",\"ns\":null}" : ",\"ns\":%.6g}", t->ns);
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", t->name);
+        umbu_json_text(json, "truth", t->truth);
+        umbu_json_bool(json, "dag", t->is_dag);
+        umbu_json_rounded(json, "mean", t->mean, 6);
+        umbu_json_rounded(json, "lighter", t->lighter, 6);
+        umbu_json_rounded(json, "darker", t->darker, 6);
+        umbu_json_rounded(json, "over_half", t->over_half, 6);
+        umbu_json_integer(json, "bytes", t->bytes);
+        umbu_json_rounded(json, "build_s", t->build_s, 6);
+        umbu_json_rounded(json, "spread", t->spread, 6);
+        umbu_json_rounded(json, "ns", t->spread > UMBT_TRADE_SPREAD_MAX ? (double)NAN : t->ns, 6);
+        umbu_json_end(json, '}');
     }
-    fputs("]}", to);
+    umbu_json_end(json, ']');
 }
