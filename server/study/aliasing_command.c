@@ -14,7 +14,7 @@
 #include "tool/json.h"
 #include "study/gbuffer.h"
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/picture.h"
 #include "study/shading.h"
 #include "study/study_args.h"
@@ -102,7 +102,7 @@ static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
     a->resolution = 1024;
     a->cascades = 4;
     a->weight = 0.7;
-    a->threads = umbt_processor_count();
+    a->threads = umbu_processor_count();
     a->options = (struct umbt_view_options){.width = 1280, .height = 720, .size_max = 4096};
     const enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);

@@ -15,7 +15,7 @@
 #include "study/moment_rows.h"
 #include "tool/clock.h"
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_args.h"
 #include "study/study_vec.h"
 #include "study/technique_view.h"
@@ -98,7 +98,7 @@ static enum umb_status options_parse(int argc, char **argv, struct deep *d, stru
     d->taps = 7;
     d->alpha = 0.5;
     d->epsilon = 0.001;
-    d->threads = umbt_processor_count();
+    d->threads = umbu_processor_count();
     d->options = (struct umbt_view_options){.width = 320, .height = 200, .size_max = 2048};
     enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
@@ -351,8 +351,8 @@ static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_e
     struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
     enum umb_status status = scene_open(d, error);
     if (status == UMB_OK) {
-        status = umbt_parallel_for((unsigned)d->threads, d->buffer.receiver_count, 1024,
-                                   truth_block, d, error);
+        status = umbu_range_run((unsigned)d->threads, d->buffer.receiver_count, 1024, truth_block,
+                                d, error);
     }
     if (status == UMB_OK) {
         status = sheet_begin(d, error);

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "study/gbuffer.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "tool/progress.h"
 #include "study/study_vec.h"
 
@@ -206,7 +206,7 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
         const size_t tried =
             missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK : ROUND;
         sampling->first = set->candidates;
-        status = umbt_parallel_for(request->threads, tried, BLOCK, block_make, sampling, error);
+        status = umbu_range_run(request->threads, tried, BLOCK, block_make, sampling, error);
         for (size_t i = 0; i < tried && set->count < request->count; i++) {
             if (sampling->candidates[i].good) {
                 point_add(set, sampling->candidates[i].position, sampling->candidates[i].normal);

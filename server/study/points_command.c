@@ -14,7 +14,7 @@
 #include <string.h>
 #include "tool/clock.h"
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/point_file.h"
 #include "study/study_args.h"
 #include "tool/json.h"
@@ -198,7 +198,7 @@ static enum umb_status options_parse(int argc, char **argv, struct points_run *r
         {"--help", UMBT_FLAG, &run->help, 0, 0},
     };
     run->seed = 1;
-    run->threads = umbt_processor_count();
+    run->threads = umbu_processor_count();
     enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     if (status != UMB_OK || run->help) {

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/shadow_source.h"
 #include "study/study_args.h"
 
@@ -158,7 +158,7 @@ static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_opt
     options->settings.format = UMB_ANSWER_F32;
     options->width = 1280;
     options->height = 720;
-    options->threads = raw->threads > 0 ? (unsigned)raw->threads : umbt_processor_count();
+    options->threads = raw->threads > 0 ? (unsigned)raw->threads : umbu_processor_count();
     if (status == UMB_OK && raw->camera != NULL) {
         status = umbt_camera_parse(raw->camera, &options->camera, error);
     }

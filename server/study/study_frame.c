@@ -6,7 +6,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
@@ -283,12 +283,12 @@ static enum umb_status block_shade(void *user, size_t first, size_t count, struc
 }
 
 /* Runs one stage and adds its wall time. */
-static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbt_block_fn fn,
+static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbu_block_fn fn,
                                  double *seconds, struct umb_error *error)
 {
     const double start = umbu_clock_s();
     const enum umb_status status =
-        umbt_parallel_for(frame->request->threads, count, block, fn, frame, error);
+        umbu_range_run(frame->request->threads, count, block, fn, frame, error);
     *seconds += umbu_clock_s() - start;
     return status;
 }

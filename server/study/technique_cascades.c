@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
 
@@ -128,7 +128,7 @@ static enum umb_status answer(struct cascades *c, const struct umbt_technique_ro
     const float *truth = view->truth[row->truth];
     if (row->truth == UMBT_BOX) {
         const enum umb_status status =
-            umbt_parallel_for(view->threads, points.count, BLOCK, traced_block, c, error);
+            umbu_range_run(view->threads, points.count, BLOCK, traced_block, c, error);
         if (status != UMB_OK) {
             return status;
         }

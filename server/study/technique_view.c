@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "maps/map_poisson.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
 #include "study/technique_cascades.h"
@@ -52,8 +52,8 @@ enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
                                      struct umb_error *error)
 {
     struct layer layer = {view->scene->rays, frustum, depth};
-    return umbt_parallel_for(view->threads, (size_t)frustum->width * frustum->height, 4096,
-                             layer_block, &layer, error);
+    return umbu_range_run(view->threads, (size_t)frustum->width * frustum->height, 4096,
+                          layer_block, &layer, error);
 }
 
 /* The map's texels as voxels of one depth step each, for the traced references. */
@@ -170,7 +170,7 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
         }
     }
     return status == UMB_OK
-               ? umbt_parallel_for(view->threads, receivers, 512, truth_block, view, error)
+               ? umbu_range_run(view->threads, receivers, 512, truth_block, view, error)
                : status;
 }
 

@@ -11,7 +11,7 @@
 #include <string.h>
 #include "tool/json.h"
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_args.h"
 #include "study/technique_dag.h"
 #include "study/view_options.h"
@@ -110,7 +110,7 @@ static enum umb_status options_parse(int argc, char **argv, struct study *study,
     };
     study->resolution = 1024;
     study->taps = 9;
-    study->threads = umbt_processor_count();
+    study->threads = umbu_processor_count();
     study->options = (struct umbt_view_options){.width = 256, .height = 160, .size_max = 2048};
     const enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);

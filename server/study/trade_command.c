@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "tool/output.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_args.h"
 #include "study/study_command.h"
 #include "study/trade.h"
@@ -102,7 +102,7 @@ static enum umb_status options_parse(int argc, char **argv, struct umbt_trade_op
         {"--help", UMBT_FLAG, &options->help, 0, 0},
     };
     options->seed = 1;
-    options->threads = umbt_processor_count();
+    options->threads = umbu_processor_count();
     const enum umb_status status =
         umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
     return status != UMB_OK || options->help ? status : options_check(options, error);

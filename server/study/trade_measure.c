@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "tool/progress.h"
 #include "study/trade_errors.h"
 #include "study/trade_probe.h"
@@ -78,8 +78,8 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
     if (status == UMB_OK) {
         judging->probe = probe;
         judging->area = truth->values;
-        status = umbt_parallel_for((unsigned)probe->trade->options.threads, surface, BLOCK,
-                                   undefined_block, judging, error);
+        status = umbu_range_run((unsigned)probe->trade->options.threads, surface, BLOCK,
+                                undefined_block, judging, error);
     }
     if (status == UMB_OK) {
         const struct umbt_judged judged = {surface,     judging->answers,   judging->area,

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
 #include "tool/clock.h"
@@ -141,10 +141,9 @@ static enum umb_status map_fill(const struct umbt_trade *trade, const struct umb
     if (status == UMB_OK) {
         status = umb_columns_check(&columns.volume, error);
     }
-    return status == UMB_OK
-               ? umbt_parallel_for((unsigned)trade->options.threads, (size_t)map->size / 8, 4,
-                                   rows_fill, &columns, error)
-               : status;
+    return status == UMB_OK ? umbu_range_run((unsigned)trade->options.threads,
+                                             (size_t)map->size / 8, 4, rows_fill, &columns, error)
+                            : status;
 }
 
 /* Takes the layout that is quicker for windows, and gives the other back. */

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
 
@@ -86,7 +86,7 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
     const size_t passes = all_passes(view, times->view[run]);
     start = umbu_clock_s();
-    const enum umb_status status = umbt_parallel_for(
+    const enum umb_status status = umbu_range_run(
         (unsigned)probe->trade->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
     times->all[run] = 1e9 * (umbu_clock_s() - start) / (double)(passes * view);
     return status;

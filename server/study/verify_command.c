@@ -13,7 +13,7 @@
 #include <string.h>
 #include "rays/verify.h"
 #include "study/bound_check.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_args.h"
 #include "tool/json.h"
 #include "tool/progress.h"
@@ -191,7 +191,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
             .question = verify->question,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
-            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
             .progress = show_compared,
             .progress_user = &compared,
         };
@@ -310,7 +310,7 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
         .points = points,
         .settings = {.light = light, .taps = row->taps, .level = row->level},
         .bound_m = row->bound_m,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
     };
     const enum umb_status status = umbt_bound_check(&job, &result, error);
     if (status != UMB_OK) {
@@ -341,7 +341,7 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         .kind = UMBT_POINT_SURFACE,
         .count = (size_t)verify->points,
         .seed = verify->seed,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
         .quiet = verify->quiet,
     };
     struct umbt_point_set points = {0};

@@ -13,7 +13,7 @@
 
 #include "base/page_alloc.h"
 #include "bake/build/columns.h"
-#include "bake/build/job_pool.h"
+#include "tool/threads.h"
 #include "bake/build/tile_front.h"
 #include "bake/build/tile_squares.h"
 #include "tool/clock.h"
@@ -25,7 +25,7 @@ struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
     struct umb_pool *pool; /* shared by all frusta */
-    struct umbb_jobs *jobs;
+    struct umbu_threads *jobs;
     struct umbb_tile tiles[2];
     struct umbb_squares *squares;
     struct umbb_runs runs;       /* working stack */
@@ -63,7 +63,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     loop->pool->max_bytes = o->octree_max_bytes;
-    enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
+    enum umb_status status = umbu_threads_create(o->threads, &loop->jobs, error);
     if (status == UMB_OK) {
         status = umbb_squares_create(o->tile_log2, &loop->squares, error);
     }
@@ -91,7 +91,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 
 static void loop_finish(struct loop *loop)
 {
-    umbb_jobs_destroy(loop->jobs);
+    umbu_threads_destroy(loop->jobs);
     umbb_squares_destroy(loop->squares);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
@@ -300,8 +300,8 @@ static int static_bands(struct loop *loop, int slot)
     struct umbb_tile *tile = &loop->tiles[slot];
     umbb_static_begin(loop->options->rule, tile);
     loop->ruled_slot = slot;
-    umbb_jobs_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
-    umbb_jobs_wait(loop->jobs, NULL, NULL);
+    umbu_threads_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
+    umbu_threads_wait(loop->jobs, NULL, NULL);
     return !atomic_load_explicit(&loop->failed, memory_order_relaxed);
 }
 
@@ -329,7 +329,7 @@ static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t ne
     umbb_tile_pyramid(&loop->tiles[slot]);
     umbb_squares_begin(loop->squares, &loop->tiles[slot]);
     loop->square_jobs = UMBB_SQUARE_COUNT;
-    umbb_jobs_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
+    umbu_threads_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
     return tile_build(loop, number, slot, error);
 }
 
@@ -345,11 +345,11 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         status = depth_begin(loop, number, slot, &blocks, error);
     }
     if (status == UMB_OK) {
-        umbb_jobs_start(loop->jobs, run_job, loop, blocks);
+        umbu_threads_start(loop->jobs, run_job, loop, blocks);
     }
     while (number < end && status == UMB_OK) {
         const double start = umbu_clock_s();
-        umbb_jobs_wait(loop->jobs, show_progress, loop);
+        umbu_threads_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
         const double depth_done = umbu_clock_s();
         loop->figures.seconds_depth += depth_done - start;
@@ -383,8 +383,8 @@ static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
         }
         status = depth_begin(loop, number, 0, &blocks, error);
         if (status == UMB_OK) {
-            umbb_jobs_start(loop->jobs, run_job, loop, blocks);
-            umbb_jobs_wait(loop->jobs, NULL, NULL);
+            umbu_threads_start(loop->jobs, run_job, loop, blocks);
+            umbu_threads_wait(loop->jobs, NULL, NULL);
             umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
                                loop->options->cancelled);
         }

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/page_alloc.h"
-#include "bake/build/job_pool.h"
+#include "tool/threads.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
 #include "common/sha256.h"
@@ -47,12 +47,12 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     if (error != NULL) {
         error->message[0] = '\0';
     }
-    struct umbb_jobs *jobs;
-    enum umb_status status = umbb_jobs_create(publish->threads, &jobs, error);
+    struct umbu_threads *jobs;
+    enum umb_status status = umbu_threads_create(publish->threads, &jobs, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb_pack_job job = {.content = content,
                                      .octree = octree,
                                      .sha256 = &umbs_sha256,
@@ -60,7 +60,7 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                      .workers = &workers,
                                      .cancelled = umbb_interrupted};
     status = umb_pack_run(&job, publish->id, error);
-    umbb_jobs_destroy(jobs);
+    umbu_threads_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");
