@@ -23,9 +23,7 @@ static const struct unit {
                   {"", 1}},
   TIME_UNITS[] = {{"m", 60000}, {"s", 1000}, {"ms", 1}, {"", 1000}};
 
-/* Decimal digits at text; moves it behind them. False if there is none, or the number is too large.
- */
-static bool read_count(const char **text, uint64_t *value)
+bool umbu_read_count(const char **text, uint64_t *value)
 {
     const char *at = *text;
     uint64_t number = 0;
@@ -124,8 +122,8 @@ static bool put_numbers(const struct umbu_option *option, const char *text, void
 static bool put_count(const struct umbu_option *option, const char *text, void *field)
 {
     uint64_t value;
-    if (!read_count(&text, &value) || *text != '\0' || value < option->min || value > option->max ||
-        (option->kind == UMBU_KIND_ODD && value % 2 == 0) ||
+    if (!umbu_read_count(&text, &value) || *text != '\0' || value < option->min ||
+        value > option->max || (option->kind == UMBU_KIND_ODD && value % 2 == 0) ||
         (option->kind == UMBU_KIND_POWER && (value == 0 || (value & (value - 1)) != 0))) {
         return false;
     }
@@ -136,7 +134,7 @@ static bool put_bytes(const struct umbu_option *option, const char *text, void *
 {
     uint64_t value;
     const struct unit *unit = BYTE_UNITS;
-    if (!read_count(&text, &value)) {
+    if (!umbu_read_count(&text, &value)) {
         return false;
     }
     while (strcmp(text, unit->name) != 0) {
@@ -200,7 +198,7 @@ static bool put_choice(const struct umbu_option *option, const char *text, void 
 static bool put_sides(const struct umbu_option *option, const char *text, void *field)
 {
     uint64_t width, height;
-    if (!read_count(&text, &width) || *text++ != 'x' || !read_count(&text, &height) ||
+    if (!umbu_read_count(&text, &width) || *text++ != 'x' || !umbu_read_count(&text, &height) ||
         *text != '\0' || width < 1 || height < 1 || width > option->max || height > option->max) {
         return false;
     }
@@ -278,7 +276,9 @@ enum umb_status umbu_read_value(const struct umbu_option *option, const char *te
         return option->read(option, text, field, error);
     }
     if (option->kind == UMBU_KIND_LIST) {
-        return put_in_list(option, text, field, error);
+        const enum umb_status status =
+            option->read != NULL ? option->read(option, text, NULL, error) : UMB_OK;
+        return status == UMB_OK ? put_in_list(option, text, field, error) : status;
     }
     return put(option, text, field) ? UMB_OK : umbu_refuse(option, text, error);
 }

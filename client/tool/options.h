@@ -51,7 +51,7 @@ enum umbu_kind {
     UMBU_KIND_CHOICE,  /* a word of `choices`; the field gets its index */
     UMBU_KIND_SIDES,   /* WxH, each 1 to max */
     UMBU_KIND_MODE,    /* octal permissions that hold all bits of min */
-    UMBU_KIND_LIST,    /* texts, at most max, one for each time the option is given */
+    UMBU_KIND_LIST,    /* texts, at most max, one each time; `read` checks one if it is there */
     UMBU_KIND_READ,    /* by `read` */
 };
 
@@ -198,6 +198,9 @@ bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 /* Fails with E_ARGUMENT: option, value, and what to give instead. For readers. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
+
+/* Reads decimal digits at *text and moves *text behind them; false for none, or too many. */
+bool umbu_read_count(const char **text, uint64_t *value);
 
 /* Reads a finite decimal number at *text and moves *text behind it; false if there is none. */
 bool umbu_read_number(const char **text, double *value);
