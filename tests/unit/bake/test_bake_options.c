@@ -211,7 +211,7 @@ static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
         {"tile s", "-o", "no output"},
         {"import s", "-o", "no output"},
         {"import s --plan", "--plan", "import"},
-        {"merge s -o o", "--from", "no folder"},
+        {"merge s -o o", "--from", "is needed"},
         {"s --scene-buffer b -o o", "SCENE", "'b'"},
         {"--scene-buffer b s -o o", "SCENE", "'s'"},
         {"--scene-buffer b --scene-buffer c -o o", "SCENE", "'c'"},
@@ -286,10 +286,10 @@ static void effects_are_overruled_by_name(void **state)
     static const struct {
         const char *line, *value;
     } cases[] = {
-        {"s -o o --effect closed", "'closed' is not NAME=on or NAME=off"},
-        {"s -o o --effect closed=auto", "'closed=auto' is not NAME=on or NAME=off"},
-        {"s -o o --effect =on", "'=on' is not an effect"},
-        {"s -o o --effect close=on", "'close=on' is not an effect"},
+        {"s -o o --effect closed", "'closed' is not valid; give NAME=on or NAME=off"},
+        {"s -o o --effect closed=auto", "'closed=auto' is not valid; give NAME=on"},
+        {"s -o o --effect =on", "'=on' is not valid; give NAME=on or NAME=off"},
+        {"s -o o --effect close=on", "'close=on' is not valid; give NAME=on or NAME=off"},
         {"s -o o --effect suns=off", "'suns=off': the effect follows from the lights"},
         {"s -o o --effect mraa=on", "this version does not have the effect"},
         {"s -o o --effect voaa=on", "this version does not have the effect"},
@@ -346,7 +346,7 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --effect static=on --effect penumbra=on", "penumbra=on", "static"},
         {"s -o o -x", "option", "-x"},
         {"s -o o -o=y", "option", "-o=y"},
-        {"s -o o second", "SCENE", "second"},
+        {"s -o o second", "argument", "second"},
         {"s -o o --sun-path 52,5,2024-06-21", "--sun-path", "52,5,2024-06-21"},
         {"s -o o --sun-path 52,5,2024-6-21,10", "--sun-path", "2024-6-21"},
         {"s -o o --sun-path 52,5,2023-02-29,10", "--sun-path", "2023-02-29"},
