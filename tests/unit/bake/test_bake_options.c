@@ -365,7 +365,7 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --light-size 3", "--light-size", "'3'"},
         {"s -o o --light-size -3m", "--light-size", "'-3m'"},
         {"s -o o --light-size 91deg", "--light-size", "'91deg'"},
-        {"- -o o", "SCENE", "'-' (standard input)"},
+        {"- -o o", "SCENE", "'-' is not valid"},
         {"s -o -", "-o", "'-'"},
         {"s --output=-", "--output", "'-'"},
         {"s -o o --tile", "--tile", "value"},
