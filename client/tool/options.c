@@ -310,6 +310,10 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
                char **argv, void *settings)
 {
     struct umb_error error;
+    if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        umbu_print_rows(command, stdout);
+        return fflush(stdout) != 0 || ferror(stdout) ? umb_status_exit(UMB_E_IO) : 0;
+    }
     const enum umb_status status = umbu_parse(parsed, command, argc, argv, settings, &error);
     if (status != UMB_OK) {
         (void)fprintf(stderr, "%s: %s\n", command->name, error.message);

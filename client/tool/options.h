@@ -32,7 +32,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
-#include "umbrage/status.h"
+#include "umbrage/query.h"
 
 #define UMBU_OPTIONS_MAX  128 /* rows of a command, all sections together */
 #define UMBU_SECTIONS_MAX 6
@@ -119,16 +119,15 @@ struct umbu_option {
         const char **: UMBU_TYPE_TEXTS,                                                            \
         default: UMBU_TYPE_OTHER)
 
-#define UMBU_FLAG                .kind = UMBU_KIND_FLAG
-#define UMBU_TEXT                .kind = UMBU_KIND_TEXT
-#define UMBU_COUNT(low_, high_)  .kind = UMBU_KIND_COUNT, .min = (low_), .max = (high_)
-#define UMBU_ODD(low_, high_)    .kind = UMBU_KIND_ODD, .min = (low_), .max = (high_)
-#define UMBU_POWER(low_, high_)  .kind = UMBU_KIND_POWER, .min = (low_), .max = (high_)
-#define UMBU_LOG2(low_, high_)   UMBU_POWER(low_, high_), .as_log2 = true
-#define UMBU_NUMBER(low_, high_) .kind = UMBU_KIND_NUMBER, .low = (low_), .high = (high_)
-#define UMBU_ABOVE(low_, high_)  UMBU_NUMBER(low_, high_), .above = true
-#define UMBU_NUMBERS(count_, limit_)                                                               \
-    .kind = UMBU_KIND_NUMBERS, .count = (count_), .low = -(limit_), .high = (limit_)
+#define UMBU_FLAG                  .kind = UMBU_KIND_FLAG
+#define UMBU_TEXT                  .kind = UMBU_KIND_TEXT
+#define UMBU_COUNT(low_, high_)    .kind = UMBU_KIND_COUNT, .min = (low_), .max = (high_)
+#define UMBU_ODD(low_, high_)      .kind = UMBU_KIND_ODD, .min = (low_), .max = (high_)
+#define UMBU_POWER(low_, high_)    .kind = UMBU_KIND_POWER, .min = (low_), .max = (high_)
+#define UMBU_LOG2(low_, high_)     UMBU_POWER(low_, high_), .as_log2 = true
+#define UMBU_NUMBER(low_, high_)   .kind = UMBU_KIND_NUMBER, .low = (low_), .high = (high_)
+#define UMBU_ABOVE(low_, high_)    UMBU_NUMBER(low_, high_), .above = true
+#define UMBU_NUMBERS(count_)       .kind = UMBU_KIND_NUMBERS, .count = (count_)
 #define UMBU_BYTES(low_, high_)    .kind = UMBU_KIND_BYTES, .min = (low_), .max = (high_)
 #define UMBU_TIME(low_ms, high_ms) .kind = UMBU_KIND_TIME, .min = (low_ms), .max = (high_ms)
 #define UMBU_CHOICE(words)         .kind = UMBU_KIND_CHOICE, .choices = (words)
@@ -187,8 +186,8 @@ UMB_CHECKED enum umb_status umbu_parse(struct umbu_parsed *parsed,
                                        const struct umbu_command *command, int argc, char **argv,
                                        void *settings, struct umb_error *error);
 
-/* The same for a command: prints the help on stdout, or "NAME: message" on stderr. Returns -1 to go
- * on, else the exit code. */
+/* The same for a command: prints the help or, with `--print-options` alone, the rows on stdout, and
+ * "NAME: message" of a failure on stderr. Returns -1 to go on, else the exit code. */
 int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, int argc,
                char **argv, void *settings);
 
@@ -198,6 +197,12 @@ bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 /* Fails with E_ARGUMENT: option, value, and what to give instead. For readers. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
+
+/* A reader: "auto", "none", "1.5vox" or "0.02m" into a struct umb_query_settings. */
+enum umb_status umbu_read_bias(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error);
+#define UMBU_BIAS                                                                                  \
+    UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
 
 /* Reads decimal digits at *text and moves *text behind them; false for none, or too many. */
 bool umbu_read_count(const char **text, uint64_t *value);
